@@ -1,0 +1,22 @@
+"""GTSAM factors from numpy arrays: plane observations, floors, rooms, the BIM frame and its anchors.
+
+Imports gtsam and numpy only, so that it serves in anybody's graph.
+"""
+
+from factors.bim import anchor_plane, anchor_room, storey_plane
+from factors.noise import noise_of_plane, noise_of_pose
+from factors.planes import observe_own_plane, observe_plane, plane_from_wall
+from factors.rooms import fit_room, wall_of_room
+
+__all__ = [
+    "anchor_plane",
+    "anchor_room",
+    "fit_room",
+    "noise_of_plane",
+    "noise_of_pose",
+    "observe_own_plane",
+    "observe_plane",
+    "plane_from_wall",
+    "storey_plane",
+    "wall_of_room",
+]

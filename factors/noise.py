@@ -1,0 +1,30 @@
+"""Noise models that refuse what GTSAM would let through."""
+
+import gtsam
+import numpy as np
+
+
+def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float | None) -> gtsam.noiseModel.Base:
+    """Noise of a plane's residual (two angles of the normal in radians, the offset in metres).
+
+    `huber` is the threshold of the whitened residual; None leaves it Gaussian. Raises ValueError for sigmas that are
+    not positive and finite (GTSAM accepts them and answers with NaN).
+    """
+    return _robust(_diagonal([sigma_normal, sigma_normal, sigma_offset]), huber)
+
+
+def noise_of_pose(sigma_rotation: float, sigma_translation: float, huber: float | None = None) -> gtsam.noiseModel.Base:
+    """Noise of a Pose3 residual, rotation first (radians), then translation (metres)."""
+    return _robust(_diagonal([sigma_rotation] * 3 + [sigma_translation] * 3), huber)
+
+
+def _diagonal(sigmas: list[float]) -> gtsam.noiseModel.Diagonal:
+    if not (np.all(np.isfinite(sigmas)) and min(sigmas) > 0):
+        raise ValueError(f"sigmas must be positive and finite, not {sigmas}")
+    return gtsam.noiseModel.Diagonal.Sigmas(np.asarray(sigmas, dtype=float))
+
+
+def _robust(noise: gtsam.noiseModel.Diagonal, huber: float | None) -> gtsam.noiseModel.Base:
+    if huber is None:
+        return noise
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber), noise)

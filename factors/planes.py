@@ -1,0 +1,47 @@
+"""Planes seen from poses. A plane is (nx, ny, nz, d) with n.x + d = 0, a unit normal on the side that was seen.
+
+A plane variable is kept in the frame of an anchor pose near it (`LocalOrientedPlane3Factor`), because the offset of a
+plane far from its frame's origin is coupled with its normal by the lever arm.
+"""
+
+import gtsam
+import gtsam_unstable
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def observe_plane(
+    plane_in_pose: ArrayLike, pose: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base
+) -> gtsam.NonlinearFactor:
+    """A plane (4,) seen in the frame of the pose variable `pose`; the plane variable lives in the frame of `anchor`.
+
+    Residual (3): the difference of the normals in the tangent plane of the predicted one (rad), and of the offsets
+    (m); three variables. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen 2012). The normal's residual is
+    0 again at 180 degrees: gate below 60 degrees before adding. Raises ValueError for a plane that is not finite or
+    whose normal is not a unit vector.
+    """
+    return gtsam_unstable.LocalOrientedPlane3Factor(_checked(plane_in_pose), noise, pose, anchor, plane)
+
+
+def observe_own_plane(
+    plane_in_anchor: ArrayLike, identity: int, plane: int, noise: gtsam.noiseModel.Gaussian
+) -> gtsam.NonlinearFactor:
+    """The plane (4,) as its own anchor saw it: a prior on the plane variable.
+
+    GTSAM wraps no prior for planes; `identity` is a pose variable that a tight prior holds at the identity. Takes
+    Gaussian noise only. Residual as in `observe_plane`.
+    """
+    return gtsam.OrientedPlane3Factor(_checked(plane_in_anchor), noise, identity, plane)
+
+
+def plane_from_wall(normal: ArrayLike, point: ArrayLike) -> NDArray[np.float64]:
+    """(4,) the upright plane through `point` (2,) with the horizontal unit `normal` (2,)."""
+    n, p = np.asarray(normal, dtype=float), np.asarray(point, dtype=float)
+    return np.array([n[0], n[1], 0.0, -float(n @ p)])
+
+
+def _checked(plane: ArrayLike) -> NDArray[np.float64]:
+    value = np.asarray(plane, dtype=float)
+    if value.shape != (4,) or not np.all(np.isfinite(value)) or abs(np.linalg.norm(value[:3]) - 1) > 1e-6:
+        raise ValueError(f"a plane is four finite numbers with a unit normal, not {value}")
+    return value

@@ -1,0 +1,95 @@
+"""Every setting of a run, with its reason; pydantic checks types and bounds."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class OdometrySettings(_Settings):
+    """KISS-ICP, set for indoors: its default voxel of 1 m is for streets."""
+
+    voxel_size: float = Field(0.5, gt=0, description="m; smaller is more exact and slower")
+    max_range: float = Field(60.0, gt=0, description="m")
+    min_range: float = Field(0.3, ge=0, description="m")
+    sigma_rotation: float = Field(0.01, gt=0, description="rad, a step between keyframes")
+    sigma_translation: float = Field(0.04, gt=0, description="m, a step between keyframes")
+
+
+class KeyframeSettings(_Settings):
+    """A keyframe is taken when any of these is reached, and at the last scan."""
+
+    distance: float = Field(0.5, gt=0, description="m")
+    angle: float = Field(0.45, gt=0, description="rad")
+    scans: int = Field(6, ge=1, description="scans while moving: odometry that slips shows no distance")
+    standing: int = Field(50, ge=1, description="scans while standing still")
+
+
+class SurfaceSettings(_Settings):
+    """Wall surfaces seen in one scan, and their association across keyframes."""
+
+    columns: int = Field(900, ge=90, description="of the virtual 2D scan")
+    high_band: tuple[float, float] = Field((0.9, 2.55), description="m above the floor: over furniture, under ceilings")
+    low_band: tuple[float, float] = Field((0.12, 0.88), description="m above the floor: parapets")
+    split: float = Field(0.06, gt=0, description="m from the chord at which a chain of points is split")
+    min_columns: int = Field(5, ge=3)
+    min_length: float = Field(0.35, gt=0, description="m")
+    merge_gap: float = Field(0.5, ge=0, description="m between collinear pieces of one scan")
+    max_tilt: float = Field(0.09, gt=0, description="rad from the vertical")
+    associate_angle: float = Field(0.14, gt=0, description="rad")
+    associate_offset: float = Field(0.12, gt=0, description="m across")
+    associate_gap: float = Field(1.0, ge=0, description="m along")
+    min_observations: int = Field(3, ge=1, description="keyframes that must have seen a surface")
+
+
+class RoomSettings(_Settings):
+    """Rooms from free space: walls and lintels are barriers, doors are necks."""
+
+    cell: float = Field(0.05, gt=0, description="m")
+    seed_clearance: float = Field(0.62, gt=0, description="m to the next barrier where a room may begin")
+    neck: float = Field(1.35, gt=0, description="m; wider openings do not part rooms")
+    min_area: float = Field(1.5, gt=0, description="m2")
+    lintel_band: tuple[float, float] = Field((2.05, 2.6), description="m above the floor")
+
+
+class BackendSettings(_Settings):
+    """Noise of the factors and the schedule of the optimisation."""
+
+    every_keyframes: int = Field(15, ge=1, description="keyframes between two optimisations, at the least")
+    growth: float = Field(0.05, ge=0, description="and this share of all keyframes")
+    sigma_normal: float = Field(0.004, gt=0, description="rad, floor of a wall observation's normal")
+    sigma_offset: float = Field(0.008, gt=0, description="m, floor of a wall observation's offset")
+    sigma_floor_offset: float = Field(0.01, gt=0, description="m")
+    sigma_floor_normal: float = Field(0.006, gt=0, description="rad")
+    huber: float = Field(1.345, gt=0, description="of whitened residuals")
+
+
+class AnchorSettings(_Settings):
+    """Anchors to the BIM: how well the building keeps to its plan."""
+
+    sigma_offset: float = Field(0.006, gt=0, description="m, a wall's offset as built")
+    sigma_normal: float = Field(0.004, gt=0, description="rad, a wall's normal as built")
+    sigma_room: float = Field(0.03, gt=0, description="m, a room's place as built")
+    gate_offset: float = Field(0.15, gt=0, description="m; a matched wall further off is not anchored")
+    gate_angle: float = Field(0.07, gt=0, description="rad")
+    sigma_floor: float = Field(0.01, gt=0, description="m, a storey's elevation as built")
+
+
+class MatchingSettings(_Settings):
+    """When and how the S-graph is matched."""
+
+    method: str = "voting"
+    min_rooms: int = Field(2, ge=1, description="rooms seen before the first try")
+
+
+class Config(_Settings):
+    """All settings of a run."""
+
+    odometry: OdometrySettings = OdometrySettings()
+    keyframes: KeyframeSettings = KeyframeSettings()
+    surfaces: SurfaceSettings = SurfaceSettings()
+    rooms: RoomSettings = RoomSettings()
+    backend: BackendSettings = BackendSettings()
+    anchors: AnchorSettings = AnchorSettings()
+    matching: MatchingSettings = MatchingSettings()

@@ -1,0 +1,84 @@
+"""A levelled scan sorted into azimuth columns: which points stand on upright and which on level surfaces, and the
+virtual 2D scan, one point for each column."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+_RING_STEP = 0.014  # rad; points of one column that are closer in elevation are of one ring
+_LAGS = 4  # neighbours within a column that are asked
+
+
+@dataclass(frozen=True)
+class ColumnScan:
+    """Points sorted by azimuth column, low elevations first within a column."""
+
+    points: Floats  # (N, 3)
+    column: NDArray[np.int64]  # (N,)
+    columns: int
+    upright: NDArray[np.bool_]  # (N,) a neighbour above or below lies at the same distance
+    level: NDArray[np.bool_]  # (N,) a neighbour nearer or further lies at the same height
+
+
+def sort_into_columns(points: Floats, columns: int) -> ColumnScan:
+    """Sorts (N, 3) roughly levelled points by azimuth; judges each by its neighbours in its own column."""
+    distance = np.hypot(points[:, 0], points[:, 1])
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    column = np.minimum(((azimuth + np.pi) * (columns / (2 * np.pi))).astype(np.int64), columns - 1)
+    elevation = np.arctan2(points[:, 2], distance)
+    order = np.argsort(column + (elevation + np.pi) / (2 * np.pi + 1e-6))
+    points, column, distance, elevation = points[order], column[order], distance[order], elevation[order]
+    upright, level = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    for lag in range(1, min(_LAGS, len(points) - 1) + 1):
+        step = elevation[lag:] - elevation[:-lag]
+        pair = (column[lag:] == column[:-lag]) & (step > _RING_STEP) & (step < 8 * _RING_STEP)
+        away = np.abs(distance[lag:] - distance[:-lag])
+        rise = np.abs(points[lag:, 2] - points[:-lag, 2])
+        for flag, holds in ((upright, away < 0.06 + 0.1 * rise), (level, (rise < 0.15 * away) & (away > 0.1))):
+            flag[lag:] |= pair & holds
+            flag[:-lag] |= pair & holds
+    return ColumnScan(points, column, columns, upright, level & ~upright)
+
+
+def contour(scan: ColumnScan, band: tuple[float, float]) -> tuple[NDArray[np.int64], Floats]:
+    """The columns that hold upright points between the heights of `band`, and (M, 2) the x y of each one's point
+    of median distance."""
+    z = scan.points[:, 2]
+    chosen = scan.upright & (z > band[0]) & (z < band[1])
+    xy, column = scan.points[chosen, :2], scan.column[chosen]
+    distance = np.hypot(xy[:, 0], xy[:, 1])
+    order = np.argsort(column + distance / (distance.max(initial=0.0) + 1.0))
+    count = np.bincount(column, minlength=scan.columns)
+    start = np.cumsum(count) - count
+    filled = np.flatnonzero(count)
+    return filled, xy[order[start[filled] + count[filled] // 2]]
+
+
+def split_chains(xy: Floats, column: NDArray[np.int64], step_angle: float, tolerance: float) -> list[tuple[int, int]]:
+    """Splits an ordered contour (M, 2) into straight pieces [first, last], by jumps, then by distance to the chord.
+
+    `step_angle` is the angle between two columns. (Split of split-and-merge; Pavlidis and Horowitz 1974.)
+    """
+    step = np.hypot(*np.diff(xy, axis=0).T)
+    distance = np.hypot(xy[:, 0], xy[:, 1])
+    # neighbouring beams on a wall met at 8 degrees are this far apart; beyond it the contour is broken
+    reach = 0.10 + np.minimum(distance[:-1], distance[1:]) * np.diff(column) * step_angle * 7.0
+    breaks = np.flatnonzero((step > reach) | (np.diff(column) > 6)) + 1
+    bounds = np.concatenate([[0], breaks, [len(xy)]])
+    pending = [(int(a), int(b) - 1) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    pieces = []
+    while pending:
+        first, last = pending.pop()
+        if last - first < 2:
+            continue
+        chord = xy[last] - xy[first]
+        inner = xy[first : last + 1] - xy[first]
+        away = np.abs(inner[:, 0] * chord[1] - inner[:, 1] * chord[0]) / (np.hypot(*chord) + 1e-9)
+        worst = int(np.argmax(away))
+        if away[worst] <= tolerance:
+            pieces.append((first, last))
+        else:
+            pending += [(first, first + worst), (first + worst, last)]
+    return sorted(pieces)
