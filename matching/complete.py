@@ -1,0 +1,118 @@
+"""Rooms and wall surfaces matched under a placement."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from matching import se2
+from matching.hypotheses import Placement
+from matching.se2 import Array
+
+LEAST_QUALITY = 0.1
+OTHER_ROOM = 0.3  # what a wall pair is worth whose rooms were not matched to each other
+LEAST_SHARE = 0.3  # of an S room's walls that its A room explains
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Indices into S and A with a confidence in [0, 1], given that the placement is right."""
+
+    rooms: tuple[tuple[int, int, float], ...]
+    surfaces: tuple[tuple[int, int, float], ...]
+
+
+def complete(placement: Placement) -> Pairs:
+    """Rooms by the walls that they share, one to one, parts of a room aside; then surfaces.
+
+    A surface pair's confidence is q / (q + q' + 0.1) with its quality q, exp(-residual^2 / 2 sigma^2) times
+    the share of its length beside the A wall, q' the next best A wall's, and 0.1 for a wall of no plan. A
+    room pair's is the same with the shares of the S room's walls that the A rooms explain.
+    """
+    pairing = placement.pairing
+    s, a = pairing.s, pairing.a
+    quality = np.zeros((len(s), len(a)))
+    quality[pairing.i, pairing.j] = placement.fit.quality[0]
+    rooms = _rooms(placement, quality)
+    partner = np.full(len(s.rooms) + 1, -2)
+    for r, q, _ in rooms:
+        partner[r] = q
+    told = (partner[s.room] >= -1)[:, None] & (a.room >= 0)[None, :]
+    quality = np.where(told & (partner[s.room][:, None] != a.room[None, :]), OTHER_ROOM * quality, quality)
+    return Pairs(rooms, _surfaces(placement, quality))
+
+
+def _confidence(value: Array, chosen: int, doubt: float) -> float:
+    others = np.delete(value, chosen)
+    return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + doubt))
+
+
+def _rooms(placement: Placement, quality: Array) -> tuple[tuple[int, int, float], ...]:
+    from scipy.optimize import linear_sum_assignment  # slow to import
+
+    s, a = placement.pairing.s, placement.pairing.a
+    if not s.rooms or not a.rooms:
+        return ()
+    share = np.zeros((len(s.rooms), len(a.rooms)))
+    for r in range(len(s.rooms)):
+        mine = np.nonzero(s.room == r)[0]
+        for q in range(len(a.rooms)):
+            theirs = a.room == q
+            if theirs.any():
+                share[r, q] = s.weight[mine] @ quality[np.ix_(mine, theirs)].max(axis=1) / s.weight[mine].sum()
+    inside = _inside(placement)
+    merit = share + np.where(inside, 0.2, 0.0)
+    size = np.bincount(s.room[s.room >= 0], s.weight[s.room >= 0], len(s.rooms))
+    one_to_one = zip(*linear_sum_assignment(-merit * size[:, None]), strict=True)
+    chosen = [(r, q) for r, q in one_to_one if _accepted(share, inside, r, q)]
+    taken = {r for r, _ in chosen}
+    for r in range(len(s.rooms)):  # the parts of a room that the map has cut
+        q = int(np.argmax(merit[r]))
+        if r not in taken and inside[r, q] and share[r, q] > 2 * LEAST_SHARE:
+            chosen.append((r, q))
+    return tuple((int(r), int(q), _confidence(merit[r], q, 0.1)) for r, q in sorted(chosen))
+
+
+def _accepted(share: Array, inside: Array, r: int, q: int) -> bool:
+    return bool(share[r, q] > LEAST_SHARE * (0.6 if inside[r, q] else 1.0))
+
+
+def _inside(placement: Placement) -> Array:
+    """(S rooms, A rooms) whether the S room's centroid lies in the A room's footprint, under the placement."""
+    import shapely  # slow to import
+
+    pairing = placement.pairing
+    s, a = pairing.s, pairing.a
+    motions = pairing.motions(placement.state)[0]
+    group = np.array([pairing.group[np.nonzero(s.room == r)[0][0]] for r in range(len(s.rooms))])
+    own = se2.apply(se2.inverse(s.T_graph_own), np.array([r.centroid for r in s.rooms]))
+    placed = se2.apply(a.T_graph_own, se2.apply(motions[group], own))
+    inside = np.zeros((len(s.rooms), len(a.rooms)), dtype=bool)
+    for q, room in enumerate(a.rooms):
+        if room.polygon is not None and len(room.polygon) > 2:
+            inside[:, q] = shapely.contains_xy(shapely.Polygon(room.polygon), placed[:, 0], placed[:, 1])
+    return inside
+
+
+def _surfaces(placement: Placement, quality: Array) -> tuple[tuple[int, int, float], ...]:
+    from scipy.optimize import linear_sum_assignment
+
+    s = placement.pairing.s
+    chosen = [
+        (int(i), int(j))
+        for i, j in zip(*linear_sum_assignment(-quality), strict=True)
+        if quality[i, j] > LEAST_QUALITY
+    ]
+    span = np.zeros((*quality.shape, 2))
+    along = placement.fit.along[0]
+    half = s.half[placement.pairing.i]
+    span[placement.pairing.i, placement.pairing.j] = np.stack((along - half, along + half), axis=-1)
+    matched = dict(chosen)
+    for i in np.argsort(-s.half, kind="stable"):  # further pieces of a wall, where they lie beside its others
+        if int(i) in matched:
+            continue
+        j = int(np.argmax(quality[i]))
+        others = [span[k, j] for k, q in matched.items() if q == j]
+        common = max((min(span[i, j, 1], o[1]) - max(span[i, j, 0], o[0]) for o in others), default=0.0)
+        if quality[i, j] > LEAST_QUALITY and common < 0.5 * 2 * s.half[i]:
+            matched[int(i)] = j
+    return tuple((i, j, _confidence(quality[i], j, 0.1)) for i, j in sorted(matched.items()))

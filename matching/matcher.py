@@ -1,0 +1,110 @@
+"""`Matcher`: an S-graph laid into an A-graph by one of the named methods."""
+
+import time
+from typing import Protocol
+
+import numpy as np
+
+from data.errors import UserError
+from data.scene_graph import SceneGraph
+from matching import se2
+from matching.complete import complete
+from matching.hypotheses import Placement, search
+from matching.result import Hypothesis, MatchResult
+from matching.verification import verify
+from matching.walls import arrays, storeys
+
+START_M, START_RAD = 3.0, np.radians(60)
+LISTED = 10  # hypotheses in the answer
+Start = tuple[float, float, float]
+
+
+class Method(Protocol):
+    """What every matcher offers."""
+
+    def match(
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
+        """As `Matcher.match`."""
+
+
+class VotingMatcher:
+    """Wall corners vote for motions; each is scored wall by wall, storey by storey, and verified."""
+
+    def match(
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
+        """As `Matcher.match`."""
+        began = time.perf_counter()
+        candidates = [w for w in storeys(a) if floor is None or w.floor == floor]
+        for what, empty in (("S-graph", not s.wall_surfaces), ("A-graph", not candidates)):
+            if empty:
+                return MatchResult("none", f"the {what} has no wall surface")
+        walls = arrays(s, None, list(s.wall_surfaces))
+        found = [p for p in search(walls, candidates) if start is None or _near(p.T_a_s(), start)]
+        if not found:
+            return MatchResult("none", "no wall corner of the map has its like in the plan", seconds=_since(began))
+        return _answer(found, began)
+
+
+class Matcher:
+    """Finds where an S-graph lies in an A-graph. `Matcher.load(method)` gives one."""
+
+    def __init__(self, method: Method) -> None:
+        self._method = method
+
+    @staticmethod
+    def load(method: str = "voting") -> "Matcher":
+        """A matcher by name; raises UserError for a name that does not exist."""
+        methods = {"voting": VotingMatcher}
+        if method not in methods:
+            raise UserError(f"no matching method '{method}'; there are: {', '.join(methods)}")
+        return Matcher(methods[method]())
+
+    def match(
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
+        """Matches an S-graph (of one storey) with an A-graph of any number of storeys.
+
+        `floor` restricts the search to that A floor. `start` is a rough (x, y, yaw) of the map's origin in
+        the BIM frame, metres and radians: placements further than 3 m or 60 degrees from it are dropped.
+        """
+        return self._method.match(s, a, floor=floor, start=start)
+
+
+def _answer(found: list[Placement], began: float) -> MatchResult:
+    best = found[0]
+    s, a = best.pairing.s, best.storey
+    pairs = [complete(p) for p in found[:LISTED]]
+    verdict = verify(found, pairs[0])
+    hypotheses = tuple(
+        Hypothesis(
+            p.score, _triple(p), p.storey.floor,
+            tuple((s.rooms[r].id, p.storey.rooms[q].id) for r, q, _ in of.rooms),
+        )  # fmt: skip
+        for p, of in zip(found, pairs, strict=False)
+    )
+    return MatchResult(
+        verdict.status,
+        verdict.reason,
+        tuple((s.rooms[r].id, a.rooms[q].id, c * verdict.probability) for r, q, c in pairs[0].rooms),
+        tuple((s.ids[i], a.ids[j], c * verdict.probability) for i, j, c in pairs[0].surfaces),
+        None if verdict.status == "none" else _triple(best),
+        a.floor,
+        hypotheses,
+        _since(began),
+    )
+
+
+def _triple(placement: Placement) -> tuple[float, float, float]:
+    yaw, x, y = placement.T_a_s().tolist()
+    return yaw, x, y
+
+
+def _near(T_a_s: np.ndarray[tuple[int], np.dtype[np.float64]], start: Start) -> bool:
+    turn = abs(se2.wrap(T_a_s[:1] - start[2])[0])
+    return bool(np.hypot(T_a_s[1] - start[0], T_a_s[2] - start[1]) <= START_M and turn <= START_RAD)
+
+
+def _since(began: float) -> float:
+    return time.perf_counter() - began

@@ -1,0 +1,106 @@
+"""A scene graph's wall surfaces as arrays, storey by storey, in a frame that follows the walls."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scene_graph import Room, SceneGraph, WallSurface
+from matching import se2
+from matching.se2 import Array
+
+Index = NDArray[np.int64]
+UNKNOWN_HALF_LENGTH = 1.0  # metres, where neither the graph nor the room's other walls tell
+
+
+@dataclass(frozen=True)
+class Walls:
+    """N wall surfaces of one storey, in their own frame `own`: origin at their mean, x along most walls.
+
+    The own frame makes every later step independent of where and how the graph's frame lies.
+    """
+
+    ids: tuple[str, ...]
+    floor: str | None
+    centre: Array  # (N, 2)
+    heading: Array  # (N,) angle of the inward normal
+    half: Array  # (N,) half the length
+    known: NDArray[np.bool_]  # (N,) whether the length was given
+    room: Index  # (N,) index into `rooms`, -1 where not known
+    rooms: tuple[Room, ...]
+    T_graph_own: Array  # (3,) yaw, x, y
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    @property
+    def normal(self) -> Array:
+        """(N, 2) inward normals."""
+        return np.stack((np.cos(self.heading), np.sin(self.heading)), axis=-1)
+
+    @property
+    def tangent(self) -> Array:
+        """(N, 2) the normals turned left."""
+        return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
+
+    @property
+    def weight(self) -> Array:
+        """(N,) what a surface counts: grows with its length, but a long one is still one observation."""
+        return np.sqrt(np.clip(2 * self.half, 0.35, 6.0))
+
+
+def storeys(graph: SceneGraph) -> list[Walls]:
+    """The graph's storeys that have wall surfaces, in the order of `floors`, then of appearance."""
+    floor_of = {r.id: r.floor for r in graph.rooms}
+
+    def floor(surface: WallSurface) -> str | None:
+        return surface.floor if surface.floor is not None or surface.room is None else floor_of[surface.room]
+
+    by_floor: dict[str | None, list[WallSurface]] = {f.id: [] for f in graph.floors}
+    for surface in graph.wall_surfaces:
+        by_floor.setdefault(floor(surface), []).append(surface)
+    return [arrays(graph, f, surfaces) for f, surfaces in by_floor.items() if surfaces]
+
+
+def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) -> Walls:
+    """The arrays of some wall surfaces (at least one) of a graph, taken as one storey."""
+    rooms = [r for r in graph.rooms if r.id in {w.room for w in surfaces}]
+    index = {r.id: k for k, r in enumerate(rooms)}
+    centre = np.array([w.centroid for w in surfaces], dtype=float)
+    normal = np.array([w.normal for w in surfaces], dtype=float)
+    heading = np.arctan2(normal[:, 1], normal[:, 0])
+    known = np.array([w.length is not None for w in surfaces])
+    half = np.array([(w.length or 0.0) / 2 for w in surfaces])
+    room = np.array([index[w.room] if w.room is not None else -1 for w in surfaces], dtype=np.int64)
+    # Walls of a building stand at right angles mostly: the fourth harmonic has the direction of the grid.
+    grid = np.angle(np.sum(np.where(known, half, 0.5) * np.exp(4j * heading))) / 4
+    T_graph_own = np.array([grid, *centre.mean(axis=0)])
+    own = se2.rotate(-grid, centre - centre.mean(axis=0))
+    heading = se2.wrap(heading - grid)
+    half = np.where(known, half, _half_from_room(own, heading, room))
+    return Walls(
+        tuple(w.id for w in surfaces), floor, own, heading, half, known, room, tuple(rooms), T_graph_own
+    )
+
+
+def crossings(centre: Array, heading: Array) -> tuple[Array, Array]:
+    """Where the lines of surfaces i and j cross, for all pairs.
+
+    Returns (N, N) `along`: the crossing's place on i, from i's centre along its tangent (infinite for
+    parallel lines); and (N, N) `turn`: the angle from normal i to normal j.
+    """
+    turn = se2.wrap(heading[None, :] - heading[:, None])
+    normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+    offset = np.einsum("ijk,jk->ij", centre[None, :] - centre[:, None], normal)
+    # The tangent of i has the component sin(turn) along the normal of j.
+    slope = np.sin(turn)
+    parallel = np.abs(slope) < np.sin(np.radians(30))
+    return np.where(parallel, np.inf, offset / np.where(parallel, 1.0, slope)), turn
+
+
+def _half_from_room(centre: Array, heading: Array, room: Index) -> Array:
+    """(N,) half length such that the surface reaches the nearest wall of its room that it would meet."""
+    along, _ = crossings(centre, heading)
+    same = (room[:, None] == room[None, :]) & (room >= 0)[:, None]
+    reach = np.min(np.where(same & (np.abs(along) > 0.1), np.abs(along), np.inf), axis=1, initial=np.inf)
+    return np.where(np.isfinite(reach), np.clip(reach, 0.2, 5.0), UNKNOWN_HALF_LENGTH)
