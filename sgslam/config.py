@@ -10,11 +10,23 @@ class _Settings(BaseModel):
 class OdometrySettings(_Settings):
     """KISS-ICP, set for indoors: its default voxel of 1 m is for streets."""
 
-    voxel_size: float = Field(0.5, gt=0, description="m; smaller is more exact and slower")
+    voxel_size: float = Field(0.7, gt=0, description="m; smaller is more exact and slower")
     max_range: float = Field(60.0, gt=0, description="m")
     min_range: float = Field(0.3, ge=0, description="m")
     sigma_rotation: float = Field(0.01, gt=0, description="rad, a step between keyframes")
     sigma_translation: float = Field(0.04, gt=0, description="m, a step between keyframes")
+
+
+class TrackingSettings(_Settings):
+    """Each scan against the walls known so far."""
+
+    points: int = Field(200, ge=20, description="of the floor that are used, and twice as many of walls")
+    gates: tuple[float, ...] = Field((0.3, 0.2, 0.12, 0.12), description="m from a wall, one for each step")
+    sigma_point: float = Field(0.15, gt=0, description="m; neighbouring points share their errors")
+    huber: float = Field(0.03, gt=0, description="m")
+    sigma_height: float = Field(0.03, gt=0, description="m by which the sensor's height above the floor changes")
+    sigma_translation: float = Field(0.05, gt=0, description="m, of the odometry's word for one scan")
+    sigma_rotation: float = Field(0.02, gt=0, description="rad, likewise")
 
 
 class KeyframeSettings(_Settings):
@@ -32,6 +44,7 @@ class SurfaceSettings(_Settings):
     columns: int = Field(900, ge=90, description="of the virtual 2D scan")
     high_band: tuple[float, float] = Field((0.9, 2.55), description="m above the floor: over furniture, under ceilings")
     low_band: tuple[float, float] = Field((0.12, 0.88), description="m above the floor: parapets")
+    guessed_height: float = Field(1.0, gt=0, description="m of the sensor above the floor until the floor is seen")
     split: float = Field(0.06, gt=0, description="m from the chord at which a chain of points is split")
     min_columns: int = Field(5, ge=3)
     min_length: float = Field(0.35, gt=0, description="m")
@@ -40,6 +53,8 @@ class SurfaceSettings(_Settings):
     associate_angle: float = Field(0.14, gt=0, description="rad")
     associate_offset: float = Field(0.12, gt=0, description="m across")
     associate_gap: float = Field(1.0, ge=0, description="m along")
+    join_angle: float = Field(0.1, gt=0, description="rad between two walls that turn out to be one")
+    join_offset: float = Field(0.1, gt=0, description="m across, likewise")
     min_observations: int = Field(3, ge=1, description="keyframes that must have seen a surface")
 
 
@@ -87,6 +102,7 @@ class Config(_Settings):
     """All settings of a run."""
 
     odometry: OdometrySettings = OdometrySettings()
+    tracking: TrackingSettings = TrackingSettings()
     keyframes: KeyframeSettings = KeyframeSettings()
     surfaces: SurfaceSettings = SurfaceSettings()
     rooms: RoomSettings = RoomSettings()

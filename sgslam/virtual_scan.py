@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-_RING_STEP = 0.014  # rad; points of one column that are closer in elevation are of one ring
+_RING_STEP = 0.014  # of z over distance; points of one column that are closer are of one ring
 _LAGS = 4  # neighbours within a column that are asked
 
 
@@ -24,21 +24,27 @@ class ColumnScan:
 
 def sort_into_columns(points: Floats, columns: int) -> ColumnScan:
     """Sorts (N, 3) roughly levelled points by azimuth; judges each by its neighbours in its own column."""
-    distance = np.hypot(points[:, 0], points[:, 1])
+    distance = np.hypot(points[:, 0], points[:, 1]) + 1e-9
     azimuth = np.arctan2(points[:, 1], points[:, 0])
-    column = np.minimum(((azimuth + np.pi) * (columns / (2 * np.pi))).astype(np.int64), columns - 1)
-    elevation = np.arctan2(points[:, 2], distance)
-    order = np.argsort(column + (elevation + np.pi) / (2 * np.pi + 1e-6))
-    points, column, distance, elevation = points[order], column[order], distance[order], elevation[order]
+    column = np.minimum((azimuth + np.pi) * (columns / (2 * np.pi)), columns - 1).astype(np.uint16)
+    slope = points[:, 2] / distance
+    # numpy sorts 16 bits stably by radix, several times faster than one comparison sort of both keys
+    rank = (np.clip(slope + 2.0, 0.0, 4.0) * 16000).astype(np.uint16)
+    order = np.argsort(rank, kind="stable")
+    order = order[np.argsort(column[order], kind="stable")]
+    points, column, distance, slope = points[order], column[order].astype(np.int64), distance[order], slope[order]
     upright, level = np.zeros(len(points), bool), np.zeros(len(points), bool)
     for lag in range(1, min(_LAGS, len(points) - 1) + 1):
-        step = elevation[lag:] - elevation[:-lag]
+        step = slope[lag:] - slope[:-lag]
         pair = (column[lag:] == column[:-lag]) & (step > _RING_STEP) & (step < 8 * _RING_STEP)
+        if not pair.any():
+            continue
         away = np.abs(distance[lag:] - distance[:-lag])
         rise = np.abs(points[lag:, 2] - points[:-lag, 2])
         for flag, holds in ((upright, away < 0.06 + 0.1 * rise), (level, (rise < 0.15 * away) & (away > 0.1))):
-            flag[lag:] |= pair & holds
-            flag[:-lag] |= pair & holds
+            holds &= pair
+            flag[lag:] |= holds
+            flag[:-lag] |= holds
     return ColumnScan(points, column, columns, upright, level & ~upright)
 
 

@@ -1,0 +1,58 @@
+"""Small helpers for frames: levelling, yaw, planes under a motion, poses as arrays."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Floats = NDArray[np.float64]
+
+
+def levelling(up: Floats) -> Floats:
+    """(3, 3) the smallest rotation that turns the unit vector `up` (3,) to +z."""
+    axis = np.cross(up, [0.0, 0.0, 1.0])
+    sine, cosine = float(np.linalg.norm(axis)), float(up[2])
+    if sine < 1e-12:
+        return np.eye(3)
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine)).as_matrix()
+
+
+def inverse(T: Floats) -> Floats:
+    """The inverse of a rigid motion (..., 4, 4)."""
+    result = np.zeros_like(T)
+    R = np.swapaxes(T[..., :3, :3], -1, -2)
+    result[..., :3, :3] = R
+    result[..., :3, 3] = -np.einsum("...ij,...j->...i", R, T[..., :3, 3])
+    result[..., 3, 3] = 1.0
+    return result
+
+
+def transform_planes(T_a_b: Floats, planes_in_b: Floats) -> Floats:
+    """(..., 4) planes in frame a, of planes (..., 4) in frame b: n_a = R n_b, d_a = d_b - n_a . t."""
+    normal = np.einsum("...ij,...j->...i", T_a_b[..., :3, :3], planes_in_b[..., :3])
+    offset = planes_in_b[..., 3] - np.sum(normal * T_a_b[..., :3, 3], axis=-1)
+    return np.concatenate([normal, offset[..., None]], axis=-1)
+
+
+def transform_points(T_a_b: Floats, points_in_b: Floats) -> Floats:
+    """(..., 3) points in frame a, of points (..., 3) in frame b."""
+    return np.einsum("...ij,...j->...i", T_a_b[..., :3, :3], points_in_b) + T_a_b[..., :3, 3]
+
+
+def se2_to_se3(yaw: float, x: float, y: float, z: float = 0.0) -> Floats:
+    """(4, 4) the motion of the plane as one of space."""
+    T = np.eye(4)
+    T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    T[:3, 3] = (x, y, z)
+    return T
+
+
+def level_map(floor_in_map: Floats | None, height: float) -> Floats:
+    """(4, 4) T_level_map: z up and the floor at z = 0; without a floor plane (4,) the sensor began upright, `height`
+    above it."""
+    T = np.eye(4)
+    if floor_in_map is None:
+        T[2, 3] = height
+    else:
+        T[:3, :3] = levelling(floor_in_map[:3])
+        T[2, 3] = floor_in_map[3]
+    return T

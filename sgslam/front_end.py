@@ -1,0 +1,100 @@
+"""From a scan to where it is, and from a keyframe's scan to the walls and the floor seen in it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import Config
+from sgslam.floor_extraction import FloorObservation, extract_floor
+from sgslam.frames import inverse, levelling, transform_planes
+from sgslam.tracking import track
+from sgslam.virtual_scan import ColumnScan, contour, sort_into_columns
+from sgslam.wall_extraction import WallObservation, extract_walls
+from sgslam.wall_map import Lines
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class KeyframeScan:
+    """What a keyframe's scan shows. Planes (4,) and points (.., 3) in the sensor frame."""
+
+    walls: list[tuple[WallObservation, Floats, Floats]]  # the observation, its plane, its ends (2, 3)
+    floor: FloorObservation | None
+    contour: Floats  # (M, 3) nearest upright thing of the high band in each column
+    lintels: Floats  # (L, 3) upright points at the height of lintels
+
+
+def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
+    """(3, 3) R_level_sensor: turns the sensor's axes so that z is up, and leaves the heading."""
+    return levelling(T_map_sensor[:3, :3].T @ up_in_map)
+
+
+def align(
+    scan: ColumnScan, walls: Lines, T_map_sensor: Floats, T_level_map: Floats, height: float, config: Config
+) -> tuple[Floats, float]:
+    """Corrects a predicted T_map_sensor by the walls and the floor; returns it and the share of points on walls.
+
+    In the levelled map the floor is z = 0.
+    """
+    surfaces = config.surfaces
+    bands = (surfaces.low_band[0], surfaces.high_band[1])
+    tracked = track(scan, walls, T_level_map @ T_map_sensor, height, bands, config.tracking)
+    return inverse(T_level_map) @ tracked.T, tracked.share
+
+
+class FrontEnd:
+    """Knows the sensor's height above the floor, as far as it has been seen."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self.sensor_height: float | None = None
+
+    def columns(self, points: Floats) -> ColumnScan:
+        """Sorts a scan (N, 3), sensor frame."""
+        return sort_into_columns(points, self._config.surfaces.columns)
+
+    @property
+    def height(self) -> float:
+        """The sensor's height above the floor; a guess until the floor has been seen."""
+        return self.sensor_height if self.sensor_height is not None else self._config.surfaces.guessed_height
+
+    def look(self, points: Floats, R_level_sensor: Floats, height: float | None) -> KeyframeScan:
+        """Extracts walls and floor of a keyframe's scan (N, 3); `height` of the sensor above the floor, if known."""
+        settings = self._config.surfaces
+        scan = sort_into_columns(points @ R_level_sensor.T, settings.columns)
+        T_sensor_level = np.eye(4)
+        T_sensor_level[:3, :3] = R_level_sensor.T
+        floor = self._floor(scan, T_sensor_level, height)
+        if height is None:
+            height = self.height
+        above = ColumnScan(scan.points + [0.0, 0.0, height], scan.column, scan.columns, scan.upright, scan.level)
+        T_sensor_above = T_sensor_level.copy()
+        T_sensor_above[:3, 3] = -R_level_sensor.T[:, 2] * height
+        walls = []
+        for observation in extract_walls(above, settings):
+            z = np.full((2, 1), np.mean(observation.heights))
+            ends = np.hstack([observation.ends, z]) @ T_sensor_above[:3, :3].T + T_sensor_above[:3, 3]
+            walls.append((observation, transform_planes(T_sensor_above, observation.plane), ends))
+        _, xy = contour(above, settings.high_band)
+        outline = np.column_stack([xy, np.zeros(len(xy))]) @ R_level_sensor
+        low, high = self._config.rooms.lintel_band
+        z = above.points[:, 2]
+        lintels = scan.points[above.upright & (z > low) & (z < high)] @ R_level_sensor
+        return KeyframeScan(walls, floor, outline, lintels)
+
+    def _floor(self, scan: ColumnScan, T_sensor_level: Floats, height: float | None) -> FloorObservation | None:
+        expected = -height if height is not None else None
+        floor = extract_floor(scan.points[scan.level], expected)
+        if floor is None:
+            return None
+        seen = float(floor.plane[3])
+        self.sensor_height = seen if self.sensor_height is None else 0.9 * self.sensor_height + 0.1 * seen
+        plane = transform_planes(T_sensor_level, floor.plane)
+        return FloorObservation(plane, floor.sigma_normal, floor.sigma_offset, floor.points)
+
+
+def predict(last_map: Floats, last_odom: Floats, now_odom: Floats) -> Floats:
+    """T_map_sensor of now, by the odometry since a pose that is known in the map."""
+    return last_map @ inverse(last_odom) @ now_odom

@@ -1,0 +1,49 @@
+"""Keyframes: when one is taken, and what it remembers."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import KeyframeSettings
+from sgslam.floor_extraction import FloorObservation
+from sgslam.frames import inverse
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class KeyframeNode:
+    """One keyframe of the S-graph; the back end moves `T_map_sensor`, the rest stays."""
+
+    scan: int
+    stamp_ns: int
+    T_odom_sensor: Floats
+    T_map_sensor: Floats
+    floor: FloorObservation | None = None
+    free_polygon: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
+    lintels: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
+    contour: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
+
+
+class KeyframeRule:
+    """Takes a keyframe by distance, angle, or number of scans."""
+
+    def __init__(self, settings: KeyframeSettings) -> None:
+        self._settings = settings
+        self._last: Floats | None = None
+        self._scans = 0
+
+    def wants(self, T_odom_sensor: Floats) -> bool:
+        """Whether the scan at this pose is to be a keyframe; the first always is."""
+        self._scans += 1
+        if self._last is not None:
+            step = inverse(self._last) @ T_odom_sensor
+            distance = float(np.linalg.norm(step[:3, 3]))
+            angle = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
+            still = distance < 0.05 and angle < 0.05
+            limit = self._settings.standing if still else self._settings.scans
+            if distance < self._settings.distance and angle < self._settings.angle and self._scans < limit:
+                return False
+        self._last, self._scans = T_odom_sensor, 0
+        return True

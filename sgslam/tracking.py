@@ -1,0 +1,88 @@
+"""Each scan against the walls and the floor that are known already: KISS-ICP drags along its own scan rings indoors
+(centimetres a scan) and leans; upright walls and a level floor do not."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sgslam.config import TrackingSettings
+from sgslam.virtual_scan import ColumnScan
+from sgslam.wall_map import Lines
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """`T` (4, 4) of the sensor in the levelled map; `share` of the upright points that lie on walls."""
+
+    T: Floats
+    share: float
+
+
+def track(
+    scan: ColumnScan, walls: Lines, predicted: Floats, height: float, bands: tuple[float, float],
+    settings: TrackingSettings,
+) -> Tracked:  # fmt: skip
+    """Moves a scan (sensor frame) onto the walls and the floor z = 0 of the levelled map, from a predicted pose.
+
+    Point-to-plane Gauss-Newton with Huber weights over all six degrees of freedom. The prediction is a measurement
+    too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, the
+    `height` of the sensor above the floor. Points between the heights `bands` above the floor stand for walls.
+    """
+    upright = _spread(scan.points[scan.upright], 2 * settings.points)
+    z = upright @ predicted[2, :3] + predicted[2, 3]
+    upright = upright[(z > bands[0]) & (z < bands[1])]
+    level = _spread(scan.points[scan.level], settings.points)
+    if not len(walls.ids) or len(upright) < 20:
+        return Tracked(predicted, 0.0)
+    T, share = predicted.copy(), 0.0
+    prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
+    for gate in settings.gates:
+        p = upright @ T[:3, :3].T
+        normal, off = _nearest_walls(p + T[:3, 3], walls, T[:2, 3])
+        near = np.abs(off) < gate
+        share = float(near.mean())
+        if near.sum() < 10:
+            break
+        rows = [_rows(p[near], normal[near], off[near], settings.sigma_point, settings.huber)]
+        q = level @ T[:3, :3].T
+        floor = q[:, 2] + T[2, 3]
+        on_floor = np.abs(floor) < gate
+        up = np.broadcast_to([0.0, 0.0, 1.0], (int(on_floor.sum()), 3))
+        rows.append(_rows(q[on_floor], up, floor[on_floor], settings.sigma_point, settings.huber))
+        H, g = (sum(part) for part in zip(*rows, strict=True))
+        H[5, 5] += 1 / settings.sigma_height**2
+        g[5] += (T[2, 3] - height) / settings.sigma_height**2
+        gone = np.concatenate([Rotation.from_matrix(T[:3, :3] @ predicted[:3, :3].T).as_rotvec(), T[:3, 3] - predicted[:3, 3]])
+        step = -np.linalg.solve(H + prior, g + prior @ gone)
+        T[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix() @ T[:3, :3]
+        T[:3, 3] += step[3:]
+    return Tracked(T, share)
+
+
+def _spread(points: Floats, count: int) -> Floats:
+    """About `count` of the points, evenly over the scan."""
+    return points[:: max(1, len(points) // count)]
+
+
+def _nearest_walls(points: Floats, walls: Lines, sensor: Floats) -> tuple[Floats, Floats]:
+    """For points (N, 3) of the levelled map the normal (N, 3) of the nearest wall that turns its free side to the
+    sensor (2,), and the signed distance from it (N,)."""
+    across = walls.across(points[:, :2])
+    along = walls.along(points[:, :2])
+    cost = np.abs(across) + 10.0 * ((along < walls.low - 0.2) | (along > walls.high + 0.2))
+    cost += 10.0 * (walls.across(sensor[None]) < 0)
+    nearest = np.argmin(cost, axis=1)
+    every = np.arange(len(points))
+    off = np.where(cost[every, nearest] < 5.0, across[every, nearest], np.inf)
+    return np.column_stack([walls.normal[nearest], np.zeros(len(points))]), off
+
+
+def _rows(turned: Floats, normal: Floats, off: Floats, sigma: float, huber: float) -> tuple[Floats, Floats]:
+    """Normal equations of point-to-plane residuals; `turned` (N, 3) are the points from the sensor, map axes."""
+    J = np.hstack([np.cross(turned, normal), normal])
+    weighted = J * (np.minimum(1.0, huber / np.maximum(np.abs(off), 1e-9)) / sigma**2)[:, None]
+    return weighted.T @ J, weighted.T @ off

@@ -1,0 +1,164 @@
+"""Wall surfaces across keyframes: which observation is of which wall, joined when two turn out to be one.
+
+A wall here is an upright plane with a side; the S-graph's wall surfaces are its parts, one for each room it faces.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import SurfaceSettings
+from sgslam.frames import transform_planes, transform_points
+from sgslam.wall_extraction import WallObservation
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class SeenWall:
+    """One wall piece as one keyframe saw it, in the sensor frame; `wall` is relabelled when walls are joined."""
+
+    keyframe: int
+    wall: int
+    plane: Floats  # (4,)
+    ends: Floats  # (2, 3)
+    heights: tuple[float, float]  # above the floor
+    sigma_normal: float
+    sigma_offset: float
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Upright planes seen from above, in the levelled map: n.p + d = 0, from `low` to `high` along the tangent."""
+
+    ids: NDArray[np.int64]
+    normal: Floats  # (M, 2)
+    offset: Floats  # (M,)
+    low: Floats
+    high: Floats
+    count: NDArray[np.int64]  # keyframes that saw it
+
+    def along(self, points: Floats) -> Floats:
+        """(K, M) the place of points (K, 2) along each line's tangent."""
+        return points @ np.column_stack([-self.normal[:, 1], self.normal[:, 0]]).T
+
+    def across(self, points: Floats) -> Floats:
+        """(K, M) the signed distance of points (K, 2) from each line."""
+        return points @ self.normal.T + self.offset
+
+
+class WallMap:
+    """All wall observations of a run and the walls that they are thought to be of."""
+
+    def __init__(self, settings: SurfaceSettings) -> None:
+        self._settings = settings
+        self.seen: list[SeenWall] = []
+        self._walls = 0
+        self.planes_in_map: dict[int, Floats] = {}  # the back end's estimates
+        self.T_level_map: Floats = np.eye(4)  # levelled: z up, the floor at z = 0
+        self._extent: dict[int, list[float]] = {}  # low, high, keyframes
+
+    def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
+        """Adds what a keyframe saw: (observation, plane (4,) and ends (2, 3) in the sensor frame) each."""
+        lines = self.lines_of_estimates()
+        for observation, plane, ends in pieces:
+            wall = self._associate(lines, T_map_sensor, plane, ends)
+            self.seen.append(
+                SeenWall(keyframe, wall, plane, ends, observation.heights, observation.sigma_normal, observation.sigma_offset)
+            )
+            if wall not in self.planes_in_map:
+                self.planes_in_map[wall] = transform_planes(T_map_sensor, plane)
+            self._extend(wall, T_map_sensor, ends)
+
+    def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
+        """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes (4,)."""
+        self.T_level_map = T_level_map
+        self.planes_in_map = dict(planes_in_map)
+        self._extent = {}
+        if not self.seen:
+            return
+        T = poses[[s.keyframe for s in self.seen]]
+        ends = transform_points((T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
+        for s, pair in zip(self.seen, ends, strict=True):
+            if s.wall not in self.planes_in_map:  # seen once so far
+                self.planes_in_map[s.wall] = transform_planes(poses[s.keyframe], s.plane)
+            self._widen(s.wall, pair[:, :2])
+
+    def lines_of_estimates(self) -> Lines:
+        """The walls as lines in the levelled map, from the present estimates."""
+        ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
+        if not len(ids):
+            return Lines(ids, np.empty((0, 2)), *(np.empty(0) for _ in range(3)), ids)
+        normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
+        extent = np.array([self._extent[i] for i in ids])
+        return Lines(ids, normal, offset, extent[:, 0], extent[:, 1], extent[:, 2].astype(np.int64))
+
+    def join_duplicates(self) -> int:
+        """Relabels walls that have come to lie on one another; returns how many were given up."""
+        joined = 0
+        while True:
+            lines = self.lines_of_estimates()
+            pair = _closest_duplicate(lines, self._settings)
+            if pair is None:
+                return joined
+            kept, gone = pair if lines.count[pair[0]] >= lines.count[pair[1]] else pair[::-1]
+            self._relabel(int(lines.ids[gone]), int(lines.ids[kept]))
+            joined += 1
+
+    def _relabel(self, gone: int, kept: int) -> None:
+        for s in self.seen:
+            if s.wall == gone:
+                s.wall = kept
+        low, high, count = self._extent.pop(gone)
+        mine = self._extent[kept]
+        self._extent[kept] = [min(mine[0], low), max(mine[1], high), mine[2] + count]
+        del self.planes_in_map[gone]
+
+    def _as_lines(self, planes: Floats) -> tuple[Floats, Floats]:
+        level = transform_planes(self.T_level_map, planes)
+        scale = np.hypot(level[:, 0], level[:, 1])
+        return level[:, :2] / scale[:, None], level[:, 3] / scale
+
+    def _associate(self, lines: Lines, T_map_sensor: Floats, plane: Floats, ends: Floats) -> int:
+        """The wall nearest across among those that face the same way and are near along; else a new one."""
+        normal, _ = self._as_lines(transform_planes(T_map_sensor, plane)[None])
+        points = transform_points(self.T_level_map @ T_map_sensor, ends)[:, :2]
+        if len(lines.ids):
+            facing = lines.normal @ normal[0] > np.cos(self._settings.associate_angle)
+            across = np.abs(lines.across(points.mean(axis=0)[None])[0])
+            along = np.sort(lines.along(points), axis=0)
+            gap = np.maximum(along[0] - lines.high, lines.low - along[1])
+            # a far end that leaves the line says more than the angle of a short piece
+            ends_across = np.abs(lines.across(points)).max(axis=0)
+            fits = facing & (across < self._settings.associate_offset) & (gap < self._settings.associate_gap)
+            fits &= ends_across < 2 * self._settings.associate_offset
+            if fits.any():
+                return int(lines.ids[np.argmin(np.where(fits, across + 0.1 * np.maximum(gap, 0.0), np.inf))])
+        self._walls += 1
+        return self._walls - 1
+
+    def _extend(self, wall: int, T_map_sensor: Floats, ends: Floats) -> None:
+        self._widen(wall, transform_points(self.T_level_map @ T_map_sensor, ends)[:, :2])
+
+    def _widen(self, wall: int, ends: Floats) -> None:
+        normal, _ = self._as_lines(self.planes_in_map[wall][None])
+        place = ends @ np.array([-normal[0, 1], normal[0, 0]])
+        old = self._extent.get(wall, [np.inf, -np.inf, 0])
+        self._extent[wall] = [min(old[0], *place), max(old[1], *place), old[2] + 1]
+
+
+def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, int] | None:
+    """Two walls that face the same way, overlap, and lie within `join_offset` of one another."""
+    if len(lines.ids) < 2:
+        return None
+    tangent = np.column_stack([-lines.normal[:, 1], lines.normal[:, 0]])
+    middle = (lines.low + lines.high)[:, None] / 2 * tangent - lines.offset[:, None] * lines.normal
+    across = np.abs(lines.across(middle))
+    across = np.maximum(across, across.T)
+    parallel = lines.normal @ lines.normal.T > np.cos(settings.join_angle)
+    overlap = np.minimum(lines.high[:, None], lines.high) - np.maximum(lines.low[:, None], lines.low)
+    cost = np.where(parallel & (across < settings.join_offset) & (overlap > -0.2), across, np.inf)
+    np.fill_diagonal(cost, np.inf)
+    first, second = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    return (int(first), int(second)) if np.isfinite(cost[first, second]) else None
