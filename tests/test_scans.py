@@ -111,7 +111,7 @@ def test_a_binary_file_cut_anywhere_is_unreadable(name: str, files: dict[str, by
 
 
 @pytest.mark.parametrize("name", ["ascii.ply", "ascii.pcd"])
-def test_an_ascii_file_short_of_rows_is_unreadable(name: str, files: dict[str, bytes], tmp_path: Path) -> None:
+def test_an_ascii_file_cut_short_is_unreadable(name: str, files: dict[str, bytes], tmp_path: Path) -> None:
     for rows in (1, 20, len(POINTS)):
         (tmp_path / name).write_bytes(b"\n".join(files[name].splitlines()[:-rows]))
         with pytest.raises(UnreadableScanError):
