@@ -1,0 +1,24 @@
+"""Rays against triangles (Embree), in coordinates that may lie kilometres from zero."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class TriangleScene:
+    """Triangles (M, 3, 3) in metres, kept about a local origin because Embree counts in float32."""
+
+    def __init__(self, triangles: NDArray[np.float64]) -> None:
+        from embreex import rtcore_scene
+        from embreex.mesh_construction import TriangleMesh
+
+        corners = triangles.reshape(-1, 3)
+        self._origin = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        self._scene = rtcore_scene.EmbreeScene()
+        self._mesh = TriangleMesh(self._scene, (triangles - self._origin).astype(np.float32))  # kept alive
+
+    def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) metres along unit `directions` (N, 3) from `origins`, (3,) or (N, 3); inf where nothing is."""
+        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
+        rays = np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
+        hits = self._scene.run(*rays, query="DISTANCE")
+        return np.where(hits < 1e30, hits, np.inf).astype(np.float64)

@@ -1,0 +1,204 @@
+"""Simulates a robot that drives a building with a spinning LiDAR: an IFC file in, scans and the truth out.
+
+    python -m data.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M]
+
+DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
+frame) and `run.json` (what was driven). Each scan is a snapshot of one instant, without motion distortion.
+All doors stand open (their leaves are left out), furniture is included, window panes are opaque.
+"""
+
+import argparse
+import shutil
+import sys
+import tempfile
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.drive import Robot, drive
+from data.errors import UserError
+from data.files import write_atomically, write_json
+from data.scan_writers import SCAN_WRITERS
+from data.sensor import SpinningSensor
+from data.stamps import ns_to_seconds
+from data.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from data.occupancy import Grid
+    from data.raycast import TriangleScene
+
+Settings = dict[str, object]  # for run.json
+
+SENSOR = SpinningSensor()
+ROBOT = Robot()
+ROBOT_TOP = 1.6  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
+SENSOR_TOP = 0.1  # m: half a sensor's height
+
+
+@dataclass(frozen=True)
+class VisitedRoom:
+    """A room (GlobalId, Name and LongName of its IfcSpace) and when the robot entered it, in seconds."""
+
+    id: str
+    name: str
+    long_name: str
+    entered_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRun:
+    """What was driven: `rooms` as they were entered, the start's first; `truth` is T_bim_sensor of each scan.
+
+    Metres, seconds, radians; `start_yaw` is in the BIM frame.
+    """
+
+    out_dir: Path
+    storey: str
+    seed: int
+    length: float
+    start_yaw: float
+    rooms: tuple[VisitedRoom, ...]
+    truth: Trajectory
+
+    @property
+    def rooms_entered(self) -> int:
+        """How many different rooms were entered."""
+        return len({room.id for room in self.rooms})
+
+
+def simulate(
+    ifc: Path | str,
+    storey: str,
+    out_dir: Path | str,
+    seed: int = 0,
+    min_rooms: int = 8,
+    min_length: float = 120.0,
+    sensor: SpinningSensor = SENSOR,
+    robot: Robot = ROBOT,
+    sensor_height: float = 0.8,
+    scan_format: str = "bin",
+) -> SimulatedRun:
+    """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
+
+    The robot enters `min_rooms` rooms (all, where fewer can be reached), drives `min_length` metres at least,
+    and returns. The level sensor stands `sensor_height` metres above the storey's floor. The same seed gives
+    the same bytes. Raises UserError for an unreadable IFC file, an unknown storey, one on which the robot
+    cannot move, an `out_dir` that is not empty, and settings that cannot be.
+    """
+    from data.occupancy import build_grid
+    from data.raycast import TriangleScene
+    from data.route import curve_length, plan_tour
+    from data.storey_model import load_storey
+
+    out = Path(out_dir)
+    _check(out, scan_format, sensor_height, seed)
+    model = load_storey(ifc, storey)
+    scene = TriangleScene(model.solid)
+    grid = build_grid(model, scene, max(ROBOT_TOP, sensor_height + SENSOR_TOP))
+    rng = np.random.default_rng(seed)
+    start_yaw = float(rng.uniform(-np.pi, np.pi))
+    legs = plan_tour(grid, robot.radius, min_rooms, min_length, rng)
+    stamps, poses = drive(legs, start_yaw, robot, sensor.rate)
+    T_bim_sensor = _sensor_poses(poses, model.level + sensor_height)
+    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
+    length = sum(curve_length(leg) for leg in legs)
+    run = SimulatedRun(out, model.name, seed, length, start_yaw, _visited(grid, stamps, poses), truth)
+    settings = {"bim": Path(ifc).name, "sensor": asdict(sensor), "robot": asdict(robot)}
+    _write(run, scene, sensor, scan_format, {**settings, "sensor_height_m": sensor_height})
+    return run
+
+
+def _check(out: Path, scan_format: str, sensor_height: float, seed: int) -> None:
+    if scan_format not in SCAN_WRITERS:
+        raise UserError(f"scan format '{scan_format}' is not known; take one of {', '.join(SCAN_WRITERS)}")
+    if not 0 < sensor_height < 10:
+        raise UserError(f"a sensor height of {sensor_height} m cannot be; give metres above the floor")
+    if seed < 0:
+        raise UserError(f"the seed {seed} is negative; give 0 or more")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise UserError(f"{out}: exists already and is not an empty folder; give another one")
+
+
+def _sensor_poses(poses: NDArray[np.float64], z: float) -> NDArray[np.float64]:
+    """(N, 4, 4) T_bim_sensor of a level sensor at x y yaw (N, 3)."""
+    T = np.tile(np.eye(4), (len(poses), 1, 1))
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
+    T[:, :2, 3], T[:, 2, 3] = poses[:, :2], z
+    return T
+
+
+def _visited(
+    grid: "Grid", stamps: NDArray[np.float64], poses: NDArray[np.float64]
+) -> tuple[VisitedRoom, ...]:
+    visited: list[VisitedRoom] = []
+    for stamp, k in zip(stamps, grid.room_at(poses[:, :2]), strict=True):
+        if k >= 0 and (not visited or visited[-1].id != grid.rooms[k].id):
+            room = grid.rooms[k]
+            visited.append(VisitedRoom(room.id, room.name, room.long_name, float(stamp)))
+    return tuple(visited)
+
+
+def _write(
+    run: SimulatedRun, scene: "TriangleScene", sensor: SpinningSensor, scan_format: str, settings: Settings
+) -> None:
+    """Casts the rays and writes into a folder beside, which then takes the final name: all or nothing."""
+    run.out_dir.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
+    try:
+        (scans := unfinished / "scans").mkdir()
+        for i, T_bim_sensor in enumerate(run.truth.poses):
+            points = sensor.scan(scene, T_bim_sensor, np.random.default_rng([run.seed, i]))
+            SCAN_WRITERS[scan_format](scans / f"{i:06d}.{scan_format}", points)
+        stamps = run.truth.stamps_ns.tolist()
+        write_atomically(scans / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
+        run.truth.write_tum(unfinished / "truth.tum")
+        write_json(unfinished / "run.json", {
+            "storey": run.storey, "seed": run.seed, "scans": len(run.truth), "length_m": run.length,
+            "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
+            "rooms": [asdict(room) for room in run.rooms], **settings,
+        })  # fmt: skip
+        unfinished.chmod(0o755)
+        unfinished.replace(run.out_dir)
+    except BaseException:
+        shutil.rmtree(unfinished)
+        raise
+
+
+def _parser() -> argparse.ArgumentParser:
+    about = "Simulates a robot that drives a building with a spinning LiDAR: IFC in, scans and truth out."
+    parser = argparse.ArgumentParser(prog="python -m data.simulate", description=about)
+    add = parser.add_argument
+    add("--bim", required=True, metavar="FILE", help="IFC file")
+    add("--storey", required=True, metavar="NAME", help="name or GlobalId of the storey to drive")
+    add("--out", required=True, metavar="DIR", help="new folder for scans and truth")
+    add("--seed", type=int, default=0, help="same seed, same bytes (default 0)")
+    add("--min-rooms", type=int, default=8, metavar="N", help="rooms to enter (default 8; all, where fewer)")
+    add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
+    add("--speed", type=float, default=ROBOT.speed, help="metres a second (default 0.8)")
+    add("--sensor-height", type=float, default=0.8, help="metres above the floor (default 0.8)")
+    add("--format", default="bin", choices=SCAN_WRITERS, help="of the scans (default bin)")
+    return parser
+
+
+def main() -> int:
+    """The command line; returns the exit code, 2 for a mistake of the user's."""
+    args = _parser().parse_args()
+    try:
+        run = simulate(
+            args.bim, args.storey, args.out, args.seed, args.min_rooms, args.min_length,
+            robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
+        )  # fmt: skip
+    except UserError as error:
+        print(error, file=sys.stderr)
+        return 2
+    driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of '{run.storey}'"
+    print(f"{run.out_dir}: {len(run.truth)} scans, {driven}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

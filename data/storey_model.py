@@ -1,0 +1,183 @@
+"""One storey of an IFC model as a robot meets it: what is solid, its rooms, its level; doors stand open."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import ifcopenshell
+import ifcopenshell.util.placement
+import ifcopenshell.util.unit
+import numpy as np
+from numpy.typing import NDArray
+
+from data.errors import UserError
+from data.ifc_products import IfcProduct, open_ifc, products
+from data.raycast import TriangleScene
+
+Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
+Xy = NDArray[np.float64]  # (2,)
+NOT_SOLID = ("IfcFeatureElement", "IfcDoor", "IfcVirtualElement", "IfcGeographicElement")
+STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
+FLOOR_SEARCH = 0.6  # m: a floor or ceiling lies this close to the lower or upper face of its space
+
+
+@dataclass(frozen=True)
+class RoomLabel:
+    """GlobalId, Name and LongName of an IfcSpace."""
+
+    id: str
+    name: str = ""
+    long_name: str = ""
+
+
+@dataclass(frozen=True)
+class Space:
+    """A room: its lower and upper faces, in the BIM frame."""
+
+    label: RoomLabel
+    bottom: Triangles
+    top: Triangles
+
+
+@dataclass(frozen=True)
+class StoreyModel:
+    """`solid` is the whole building's; all else is the storey's. Metres, BIM frame.
+
+    `level` is the z of the finished floor, `extent` are the lowest and the highest x y, (2,) each.
+    """
+
+    id: str
+    name: str
+    level: float
+    spaces: tuple[Space, ...]
+    solid: Triangles
+    doors: tuple[Triangles, ...]
+    extent: tuple[Xy, Xy]
+
+
+def load_storey(ifc: Path | str, storey: str) -> StoreyModel:
+    """Reads the model; `storey` is a name, long name or GlobalId.
+
+    Spaces that have hardly a floor or ceiling in the model lend their lower and upper faces as such. Raises
+    UserError for an unreadable file, an unknown storey, or a storey with nothing on it.
+    """
+    model = open_ifc(ifc)
+    entity = _find_storey(model, storey, ifc)
+    classes = sorted({e.is_a() for e in model.by_type("IfcElement") if not _is_any(e, NOT_SOLID)})
+    solid = [p for p in products(model, tuple(classes)) if not _is_any(model.by_guid(p.global_id), NOT_SOLID)]
+    own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
+    rooms = [p for p in products(model, ("IfcSpace",)) if p.storey == entity.GlobalId]
+    spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
+    if not solid or not (spaces or own):
+        raise UserError(f"{ifc}: storey '{storey}' has no geometry to drive in; take another storey")
+    doors = tuple(_triangles(p) for p in products(model, ("IfcDoor",)) if p.storey == entity.GlobalId)
+    corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
+    triangles = np.concatenate([_triangles(p) for p in solid])
+    stairs = [_triangles(p) for p in solid if p.ifc_class in STAIRS]
+    level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
+    floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
+    if floors:
+        floors += [_threshold(p, level) for p in products(model, ("IfcOpeningElement",))]
+    solid_triangles = np.concatenate([triangles, *floors, *ceilings])
+    extent = (corners.min(axis=0), corners.max(axis=0))
+    level = _measured_floor(TriangleScene(solid_triangles), level, extent)
+    return StoreyModel(entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent)
+
+
+def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifcopenshell.entity_instance:
+    storeys = model.by_type("IfcBuildingStorey")
+    for key in (str, str.casefold):
+        for s in storeys:
+            if key(storey) in {key(n) for n in (s.GlobalId, s.Name, s.LongName) if n}:
+                return s
+    names = ", ".join(f"'{s.Name or s.GlobalId}'" for s in storeys) or "none"
+    raise UserError(f"{ifc}: no storey '{storey}'; it has: {names}")
+
+
+def _is_any(entity: ifcopenshell.entity_instance, classes: tuple[str, ...]) -> bool:
+    return any(entity.is_a(c) for c in classes)
+
+
+def _triangles(product: IfcProduct) -> Triangles:
+    return product.vertices[product.faces]
+
+
+def _area_normals(triangles: Triangles) -> NDArray[np.float64]:
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+
+
+def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
+    triangles = _triangles(product)
+    normals = _area_normals(triangles)
+    level = np.abs(normals[:, 2]) > 0.5 * np.linalg.norm(normals, axis=1)
+    middle = (product.vertices[:, 2].min() + product.vertices[:, 2].max()) / 2
+    low = triangles[:, :, 2].mean(axis=1) < middle
+    label = RoomLabel(product.global_id, product.name, entity.LongName or "")
+    return Space(label, triangles[level & low], triangles[level & ~low])
+
+
+def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
+    """The median of the lower faces' z, weighted by area: some spaces lie deeper (shafts) or higher."""
+    faces = np.concatenate([s.bottom for s in spaces])
+    z, area = faces[:, :, 2].mean(axis=1), np.abs(_area_normals(faces)[:, 2])
+    order = np.argsort(z)
+    total = np.cumsum(area[order])
+    return float(z[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def _elevation(model: ifcopenshell.file, storey: ifcopenshell.entity_instance) -> float:
+    placement = ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)
+    return float(placement[2, 3]) * float(ifcopenshell.util.unit.calculate_unit_scale(model))
+
+
+def _measured_floor(scene: TriangleScene, level: float, extent: tuple[Xy, Xy]) -> float:
+    """The z at which most rays from FLOOR_SEARCH above the level hit something; the level if hardly any do."""
+    xy = np.random.default_rng(0).uniform(*extent, (5000, 2))
+    origins = np.column_stack([xy, np.full(len(xy), level + FLOOR_SEARCH)])
+    z = level + FLOOR_SEARCH - scene.distances(origins, np.tile([0.0, 0.0, -1.0], (len(xy), 1)))
+    z = z[np.abs(z - level) < FLOOR_SEARCH - 0.01]  # origins inside of things see these things' lower faces
+    if len(z) < 0.1 * len(xy):
+        return level
+    counts, edges = np.histogram(z, np.arange(z.min(), z.max() + 0.04, 0.02))
+    most = edges[np.argmax(counts)] + 0.01
+    return round(float(np.median(z[np.abs(z - most) <= 0.02])), 4)  # rays count in float32
+
+
+def _missing_faces(
+    solid: Triangles, spaces: tuple[Space, ...], stairs: list[Triangles], sign: float
+) -> list[Triangles]:
+    """Lower (sign -1) or upper (+1) faces of the spaces that have hardly a floor or ceiling in the model.
+
+    Where a stair leads through the face, it is left open.
+    """
+    scene = TriangleScene(solid)
+    faces = [s.bottom if sign < 0 else s.top for s in spaces]
+    return [f for f in faces if len(f) and _covered(scene, f, sign) < 0.5 and not _stair_crosses(f, stairs)]
+
+
+def _covered(scene: TriangleScene, faces: Triangles, sign: float) -> float:
+    """The share of points on the faces that have a surface within FLOOR_SEARCH behind them."""
+    area = np.abs(_area_normals(faces)[:, 2])
+    rng = np.random.default_rng(0)
+    chosen = faces[rng.choice(len(faces), 200, p=area / area.sum())]
+    weights = rng.dirichlet(np.ones(3), 200)
+    points = np.einsum("nk,nkd->nd", weights, chosen) - [0, 0, sign * 0.3]
+    return float(np.mean(scene.distances(points, np.tile([0.0, 0.0, sign], (200, 1))) < 0.3 + FLOOR_SEARCH))
+
+
+def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
+    corners = faces.reshape(-1, 3)
+    z = corners[:, 2].mean()
+    low, high = corners[:, :2].min(axis=0) + 0.1, corners[:, :2].max(axis=0) - 0.1
+    for stair in stairs:
+        points = stair.reshape(-1, 3)
+        apart = np.any(points[:, :2].max(axis=0) < low) or np.any(points[:, :2].min(axis=0) > high)
+        if not apart and points[:, 2].min() < z - 0.5 and points[:, 2].max() > z - 0.3:
+            return True
+    return False
+
+
+def _threshold(opening: IfcProduct, level: float) -> Triangles:
+    """The lower faces of an opening that stands on the floor: the floor in a doorway, between two spaces."""
+    triangles = _triangles(opening)
+    near = np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05
+    return triangles[near]
