@@ -30,8 +30,7 @@ def complete(placement: Placement) -> Pairs:
     """
     pairing = placement.pairing
     s, a = pairing.s, pairing.a
-    quality = np.zeros((len(s), len(a)))
-    quality[pairing.i, pairing.j] = placement.fit.quality[0]
+    quality = _table(placement, placement.fit.quality)
     rooms = _rooms(placement, quality)
     partner = np.full(len(s.rooms) + 1, -2)
     for r, q, _ in rooms:
@@ -39,6 +38,15 @@ def complete(placement: Placement) -> Pairs:
     told = (partner[s.room] >= -1)[:, None] & (a.room >= 0)[None, :]
     quality = np.where(told & (partner[s.room][:, None] != a.room[None, :]), OTHER_ROOM * quality, quality)
     return Pairs(rooms, _surfaces(placement, quality))
+
+
+def _table(placement: Placement, values: Array) -> Array:
+    """(Ns, Na) from the values (Ns, 1, P) of the pairs; zero elsewhere."""
+    pairing = placement.pairing
+    table = np.zeros((len(pairing.s), len(pairing.a)))
+    n, p = np.nonzero(np.isfinite(pairing.half))
+    table[n, pairing.partner[n, p]] = values[n, 0, p]
+    return table
 
 
 def _confidence(value: Array, chosen: int, doubt: float) -> float:
@@ -52,16 +60,14 @@ def _rooms(placement: Placement, quality: Array) -> tuple[tuple[int, int, float]
     s, a = placement.pairing.s, placement.pairing.a
     if not s.rooms or not a.rooms:
         return ()
+    housed = s.room >= 0
+    size = np.bincount(s.room[housed], s.weight[housed], len(s.rooms))
     share = np.zeros((len(s.rooms), len(a.rooms)))
-    for r in range(len(s.rooms)):
-        mine = np.nonzero(s.room == r)[0]
-        for q in range(len(a.rooms)):
-            theirs = a.room == q
-            if theirs.any():
-                share[r, q] = s.weight[mine] @ quality[np.ix_(mine, theirs)].max(axis=1) / s.weight[mine].sum()
+    for q in range(len(a.rooms)):
+        best = quality[:, a.room == q].max(axis=1)
+        share[:, q] = np.bincount(s.room[housed], (s.weight * best)[housed], len(s.rooms)) / size
     inside = _inside(placement)
     merit = share + np.where(inside, 0.2, 0.0)
-    size = np.bincount(s.room[s.room >= 0], s.weight[s.room >= 0], len(s.rooms))
     one_to_one = zip(*linear_sum_assignment(-merit * size[:, None]), strict=True)
     chosen = [(r, q) for r, q in one_to_one if _accepted(share, inside, r, q)]
     taken = {r for r, _ in chosen}
@@ -102,10 +108,8 @@ def _surfaces(placement: Placement, quality: Array) -> tuple[tuple[int, int, flo
         for i, j in zip(*linear_sum_assignment(-quality), strict=True)
         if quality[i, j] > LEAST_QUALITY
     ]
-    span = np.zeros((*quality.shape, 2))
-    along = placement.fit.along[0]
-    half = s.half[placement.pairing.i]
-    span[placement.pairing.i, placement.pairing.j] = np.stack((along - half, along + half), axis=-1)
+    along = _table(placement, placement.fit.along)
+    span = np.stack((along - s.half[:, None], along + s.half[:, None]), axis=-1)
     matched = dict(chosen)
     for i in np.argsort(-s.half, kind="stable"):  # further pieces of a wall, where they lie beside its others
         if int(i) in matched:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching import se2
-from matching.scoring import BEND, Fit, Pairing, bend, best_of_surface, fit, refine_rigid
+from matching.scoring import BEND, Fit, Pairing, bend, explained, fit, refine_rigid
 from matching.se2 import Array
 from matching.voting import FEW_CORNERS, marks, vote
 from matching.walls import Walls
@@ -47,7 +47,7 @@ def search(s: Walls, storeys: list[Walls]) -> list[Placement]:
     """Distinct placements, best first; empty where no corner of S has its like."""
     found: list[tuple[float, Walls, Array]] = []
     for a in storeys:
-        found += sorted(_rigid(s, a), key=lambda x: -x[0])[: 4 * KEPT]
+        found += _rigid(s, a)
     found.sort(key=lambda x: -x[0])
     distinct = _distinct([(a, motion) for _, a, motion in found])
     rank: dict[str | None, int] = {}
@@ -67,21 +67,20 @@ def _rigid(s: Walls, a: Walls) -> list[tuple[float, Walls, Array]]:
     if len(s_marks.point) < FEW_CORNERS or not len(a_marks.point):
         s_marks, a_marks = marks(s, scarce=True), marks(a, scarce=True)
     most = int(np.clip(1600 / len(s), 15, 150))
-    found = []
+    rough = []
     for candidates in vote(s_marks, a_marks, most):
         pairing = Pairing.near(s, a, candidates.yaw)
-        if not len(pairing.i):
-            continue
-        rough = _explained_weight(pairing, candidates.motions, 0.3)
-        best = np.argsort(-rough, kind="stable")[: 2 * KEPT]
-        motions = refine_rigid(pairing, candidates.motions[best], SIGMAS_RIGID)
-        found += list(zip(_explained_weight(pairing, motions, 0.2), [a] * len(best), motions, strict=True))
+        worth = explained(pairing, candidates.motions, 0.3)
+        rough += [(float(w), pairing, motion) for w, motion in zip(worth, candidates.motions, strict=True)]
+    rough.sort(key=lambda r: -r[0])
+    by_mode: dict[float, tuple[Pairing, list[Array]]] = {}
+    for _, pairing, motion in rough[: 2 * KEPT]:
+        by_mode.setdefault(pairing.yaw, (pairing, []))[1].append(motion)
+    found = []
+    for pairing, motions in by_mode.values():
+        refined = refine_rigid(pairing, np.array(motions), SIGMAS_RIGID)
+        found += list(zip(explained(pairing, refined, 0.2).tolist(), [a] * len(motions), refined, strict=True))
     return found
-
-
-def _explained_weight(pairing: Pairing, motions: Array, sigma: float) -> Array:
-    quality = fit(pairing, pairing.state(motions), sigma).quality
-    return np.asarray(best_of_surface(pairing, quality) @ pairing.s.weight)
 
 
 def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
@@ -89,11 +88,11 @@ def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
     pairing = Pairing.near(s, a, float(motion[0]), group)
     state, expected = bend(pairing, motion[None], SIGMAS_BENT)
     judged = fit(pairing, state, SIGMA_SCORE)
-    explained = best_of_surface(pairing, judged.quality)[0]
+    seen = judged.quality.max(axis=2)[:, 0]
     size = np.bincount(group, s.weight)
     cost = np.sum((((state - expected)[0] / BEND) ** 2).sum(axis=1).clip(max=9.0) * size)
-    score = (s.weight @ explained - BENDING_COST * 0.5 * cost) / s.weight.mean()
-    return Placement(a, motion, pairing, state, judged, explained, float(score))
+    score = (s.weight @ seen - BENDING_COST * 0.5 * cost) / s.weight.mean()
+    return Placement(a, motion, pairing, state, judged, seen, float(score))
 
 
 def groups_of(s: Walls) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

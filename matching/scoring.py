@@ -21,24 +21,40 @@ BEND_REACH = 4.0  # metres
 
 @dataclass(frozen=True)
 class Pairing:
-    """The M pairs of like oriented surfaces (i of S, j of A, ordered by i) near one yaw; groups of the S walls."""
+    """The A surfaces that each S surface could be, near one yaw, P at most; and the groups of the S walls.
+
+    The (Ns, P) tables are padded with A walls of no extent.
+    """
 
     s: Walls
     a: Walls
-    i: Index
-    j: Index
+    yaw: float
+    partner: Index  # (Ns, P) into A
+    turned: Array  # (Ns, P) heading of S, turned by `yaw`, less that of A
+    half: Array  # (Ns, P) of A, -inf where padded
+    normal: Array  # (Ns, 2, P) of A
+    tangent: Array  # (Ns, 2, P)
+    offset: Array  # (Ns, 2, P) A's centre along its own normal and tangent
     group: Index  # (Ns,)
-    centre: Array  # (G, 2) in S
+    centre: Array  # (G, 2) of the groups, in S
 
     @staticmethod
     def near(s: Walls, a: Walls, yaw: float, group: Index | None = None) -> "Pairing":
         """The pairs for motions whose yaw is near this one; all S walls in one group unless told."""
         group = np.zeros(len(s), dtype=np.int64) if group is None else group
         turned = se2.wrap(s.heading[:, None] + yaw - a.heading[None, :])
-        i, j = np.nonzero(np.abs(turned) < SAME_DIRECTION)
+        like = np.abs(turned) < SAME_DIRECTION
+        most = max(1, int(like.sum(axis=1).max()))
+        partner = np.argsort(~like, axis=1, kind="stable")[:, :most]
+        real = np.take_along_axis(like, partner, axis=1)
         size = np.bincount(group)
         centre = np.stack([np.bincount(group, s.centre[:, k]) / size for k in (0, 1)], axis=-1)
-        return Pairing(s, a, i, j, group, centre)
+        offset = np.stack([np.sum(a.centre * axis, axis=-1) for axis in (a.normal, a.tangent)])
+        return Pairing(
+            s, a, yaw, partner, np.take_along_axis(turned, partner, axis=1),
+            np.where(real, a.half[partner], -np.inf), a.normal.T[:, partner].transpose(1, 0, 2),
+            a.tangent.T[:, partner].transpose(1, 0, 2), offset[:, partner].transpose(1, 0, 2), group, centre,
+        )  # fmt: skip
 
     def state(self, motions: Array) -> Array:
         """(K, G, 3) state of the groups under rigid (K, 3) motions."""
@@ -53,37 +69,32 @@ class Pairing:
 
 @dataclass(frozen=True)
 class Fit:
-    """(K, M) per pair: quality in [0, 1], residual across (from A's line, metres), along, and S centres in A."""
+    """Per S surface, motion and pair: quality in [0, 1], and S's mid point in A, from A's, along A's wall."""
 
-    quality: Array
-    across: Array
-    along: Array
-    placed: Array  # (K, M, 2)
+    quality: Array  # (Ns, K, P)
+    along: Array  # (Ns, K, P)
+    placed: Array  # (Ns, K, 2) S's mid points in A
 
 
 def fit(pairing: Pairing, state: Array, sigma: float) -> Fit:
     """Judges every pair: near A's line (sigma, metres), of its direction, and beside its extent."""
-    s, a, i, j = pairing.s, pairing.a, pairing.i, pairing.j
-    placed = se2.apply(pairing.motions(state)[:, pairing.group], s.centre[None])[:, i]
-    from_a = placed - a.centre[j]
-    across = np.einsum("kmd,md->km", from_a, a.normal[j])
-    along = np.einsum("kmd,md->km", from_a, a.tangent[j])
-    turned = se2.wrap(state[:, pairing.group[i], 0] + s.heading[i] - a.heading[j])
-    hs, ha = s.half[i], a.half[j]
-    common = np.minimum(along + hs, ha) - np.maximum(along - hs, -ha)
+    motions = pairing.motions(state)[:, pairing.group].transpose(1, 0, 2)
+    placed = se2.apply(motions, pairing.s.centre[:, None])
+    across = placed @ pairing.normal - pairing.offset[:, None, 0]
+    along = placed @ pairing.tangent - pairing.offset[:, None, 1]
+    turned = pairing.turned[:, None] + se2.wrap(motions[..., :1] - pairing.yaw)
+    hs, ha = pairing.s.half[:, None, None], pairing.half[:, None]
+    common = np.minimum(hs + ha - np.abs(along), 2 * np.minimum(hs, ha))
     # A fifth of a wall may stand out: its ends slide.
     beside = np.clip(common / (1.6 * np.minimum(hs, 4.0)), 0.0, 1.0)
-    quality = beside * np.exp(-0.5 * ((across / sigma) ** 2 + (turned / SIGMA_HEADING) ** 2))
-    return Fit(quality, across, along, placed)
+    quality = beside * np.exp((-0.5 / sigma**2) * across**2 - (0.5 / SIGMA_HEADING**2) * turned**2)
+    return Fit(quality, along, placed)
 
 
-def best_of_surface(pairing: Pairing, quality: Array) -> Array:
-    """(K, Ns) the best quality of each S surface."""
-    best = np.zeros((len(quality), len(pairing.s)))
-    rows, starts = np.unique(pairing.i, return_index=True)
-    if len(rows):
-        best[:, rows] = np.maximum.reduceat(quality, starts, axis=1)
-    return best
+def explained(pairing: Pairing, motions: Array, sigma: float) -> Array:
+    """(K,) the weight of the S walls that rigid motions explain."""
+    quality = fit(pairing, pairing.state(motions), sigma).quality
+    return np.asarray(pairing.s.weight @ quality.max(axis=2))
 
 
 def refine(pairing: Pairing, state: Array, sigma: float, prior: Array, prior_sigma: Array) -> Array:
@@ -92,34 +103,28 @@ def refine(pairing: Pairing, state: Array, sigma: float, prior: Array, prior_sig
     `prior` (K, G, 3) is where the state is held, loosely, by `prior_sigma` (3,).
     """
     now = fit(pairing, state, sigma)
-    best = best_of_surface(pairing, now.quality)[:, pairing.i]
-    weight = np.where(now.quality >= best, now.quality, 0.0) * pairing.s.weight[pairing.i] / sigma**2
-    s, a, i, j = pairing.s, pairing.a, pairing.i, pairing.j
-    centre = state[:, pairing.group[i], 1:]
-    tangent = se2.rotate(state[:, pairing.group[i], 0], s.tangent[i])
-    normal, along_a = a.normal[j], a.tangent[j]
-    excess = np.sign(now.along) * np.maximum(np.abs(now.along) - np.abs(a.half[j] - s.half[i]), 0.0)
-    one_hot = np.zeros((len(i), state.shape[1]))
-    one_hot[np.arange(len(i)), pairing.group[i]] = 1.0
+    winner = now.quality.argmax(axis=2)[..., None]  # (Ns, K, 1)
+    s, a = pairing.s, pairing.a
+    weight = np.take_along_axis(now.quality, winner, axis=2)[..., 0] * s.weight[:, None] / sigma**2
+    along = np.take_along_axis(now.along, winner, axis=2)[..., 0]
+    j = np.take_along_axis(pairing.partner, winner[..., 0], axis=1)  # (Ns, K)
+    per_wall = state[:, pairing.group].transpose(1, 0, 2)
+    arm = 0.8 * s.half[:, None, None] * se2.rotate(per_wall[..., 0], s.tangent[:, None])
+    excess = np.sign(along) * np.maximum(np.abs(along) - np.abs(a.half[j] - s.half[:, None]), 0.0)
+    ends = [now.placed + arm, now.placed - arm]
+    rows = [(end, a.normal[j], np.sum((end - a.centre[j]) * a.normal[j], axis=-1), 0.5 * weight) for end in ends]
+    rows.append((now.placed, a.tangent[j], excess, 0.25 * weight * (sigma / SIGMA_ALONG) ** 2))
     H = np.zeros((*state.shape, 3)) + np.diag(1 / prior_sigma**2)
     difference = prior - state
     difference[..., 0] = se2.wrap(difference[..., 0])
     g = difference / prior_sigma**2
-    arm = 0.8 * s.half[i, None] * tangent
-    ends = (now.placed + arm, now.placed - arm)
-    rows = [(end, normal, np.einsum("kmd,md->km", end - a.centre[j], normal), 0.5 * weight) for end in ends]
-    rows.append((now.placed, along_a, excess, weight * (sigma / SIGMA_ALONG) ** 2 * 0.25))
+    members = np.eye(state.shape[1])[pairing.group].T  # (G, Ns)
     for point, direction, residual, w in rows:
-        from_centre = point - centre
-        lever = direction[:, 1] * from_centre[..., 0] - direction[:, 0] * from_centre[..., 1]
-        J = (lever, np.broadcast_to(direction[:, 0], lever.shape), np.broadcast_to(direction[:, 1], lever.shape))
-        for p in range(3):
-            g[..., p] -= (w * J[p] * residual) @ one_hot
-            for q in range(p, 3):
-                h = (w * J[p] * J[q]) @ one_hot
-                H[..., p, q] += h
-                if q != p:
-                    H[..., q, p] += h
+        lever = point - per_wall[..., 1:]
+        turn = direction[..., 1] * lever[..., 0] - direction[..., 0] * lever[..., 1]
+        J = np.stack((turn, direction[..., 0], direction[..., 1]))  # (3, Ns, K)
+        g -= (members @ (w * residual * J)).transpose(2, 1, 0)
+        H += (members @ (w * J[:, None] * J[None])).transpose(3, 2, 0, 1)
     return np.asarray(state + np.linalg.solve(H, g[..., None])[..., 0])
 
 

@@ -1,6 +1,7 @@
 """A scene graph's wall surfaces as arrays, storey by storey, in a frame that follows the walls."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,17 +34,17 @@ class Walls:
     def __len__(self) -> int:
         return len(self.ids)
 
-    @property
+    @cached_property
     def normal(self) -> Array:
         """(N, 2) inward normals."""
         return np.stack((np.cos(self.heading), np.sin(self.heading)), axis=-1)
 
-    @property
+    @cached_property
     def tangent(self) -> Array:
         """(N, 2) the normals turned left."""
         return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
-    @property
+    @cached_property
     def weight(self) -> Array:
         """(N,) what a surface counts: grows with its length, but a long one is still one observation."""
         return np.sqrt(np.clip(2 * self.half, 0.35, 6.0))
