@@ -35,7 +35,7 @@ class Anchors:
     """What ties the S-graph to the BIM: walls and rooms by their numbers, in a BIM frame near the building."""
 
     T_map_bim: Floats
-    planes: dict[int, Floats]  # wall -> plane (4,) in the BIM frame
+    planes: dict[int, list[Floats]]  # wall -> planes (4,) in the BIM frame
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevation: float | None  # of the storey's floor
 
@@ -177,8 +177,8 @@ class Backend:
         start = self.T_map_bim if self.T_map_bim is not None else anchors.T_map_bim
         values.insert(_BIM, gtsam.Pose3(start))
         graph.add(gtsam.PriorFactorPose3(_BIM, gtsam.Pose3(start), factors.noise_of_pose(1.0, 100.0)))
-        for wall, plane in anchors.planes.items():
-            if wall in anchor_of:
+        for wall, planes in anchors.planes.items():
+            for plane in planes if wall in anchor_of else []:
                 graph.add(factors.anchor_plane(plane, _BIM, X(anchor_of[wall]), P(wall), noise))
         for room, T_bim_room in anchors.rooms.items():
             if room in rooms:

@@ -21,9 +21,8 @@ class KeyframeNode:
     T_odom_sensor: Floats
     T_map_sensor: Floats
     floor: FloorObservation | None = None
-    free_polygon: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
+    outline: Floats = field(default_factory=lambda: np.empty((0, 3)))  # of free space, sensor frame
     lintels: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
-    contour: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
 
 
 class KeyframeRule:

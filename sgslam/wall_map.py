@@ -58,6 +58,9 @@ class WallMap:
         self.planes_in_map: dict[int, Floats] = {}  # the back end's estimates
         self.T_level_map: Floats = np.eye(4)  # levelled: z up, the floor at z = 0
         self._extent: dict[int, list[float]] = {}  # low, high, keyframes
+        self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
+        self._joined_into: dict[int, int] = {}
+        self._lines: Lines | None = None
 
     def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
         """Adds what a keyframe saw: (observation, plane (4,) and ends (2, 3) in the sensor frame) each."""
@@ -75,7 +78,7 @@ class WallMap:
         """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes (4,)."""
         self.T_level_map = T_level_map
         self.planes_in_map = dict(planes_in_map)
-        self._extent = {}
+        self._extent, self._intervals, self._lines = {}, [], None
         if not self.seen:
             return
         T = poses[[s.keyframe for s in self.seen]]
@@ -85,6 +88,19 @@ class WallMap:
                 self.planes_in_map[s.wall] = transform_planes(poses[s.keyframe], s.plane)
             self._widen(s.wall, pair[:, :2])
 
+    @property
+    def lines(self) -> Lines:
+        """The walls as they were after the last keyframe or refresh."""
+        if self._lines is None:
+            self._lines = self.lines_of_estimates()
+        return self._lines
+
+    def current(self, wall: int) -> int:
+        """The wall that this one was joined into, itself otherwise."""
+        while wall in self._joined_into:
+            wall = self._joined_into[wall]
+        return wall
+
     def lines_of_estimates(self) -> Lines:
         """The walls as lines in the levelled map, from the present estimates."""
         ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
@@ -93,6 +109,21 @@ class WallMap:
         normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
         extent = np.array([self._extent[i] for i in ids])
         return Lines(ids, normal, offset, extent[:, 0], extent[:, 1], extent[:, 2].astype(np.int64))
+
+    def coverage(self, step: float) -> dict[int, Floats]:
+        """For each wall the places along its tangent, `step` apart, at which some keyframe has seen it."""
+        cells: dict[int, set[int]] = {wall: set() for wall in self.planes_in_map}
+        for wall, low, high in self._intervals:
+            cells[wall].update(range(int(np.floor(low / step + 0.5)), int(np.ceil(high / step - 0.5)) + 1))
+        return {wall: np.array(sorted(found), dtype=float) * step for wall, found in cells.items()}
+
+    def heights(self) -> dict[int, tuple[float, float]]:
+        """For each wall the lowest and the highest point seen, above the floor."""
+        result: dict[int, tuple[float, float]] = {}
+        for s in self.seen:
+            low, high = result.get(s.wall, s.heights)
+            result[s.wall] = (min(low, s.heights[0]), max(high, s.heights[1]))
+        return result
 
     def join_duplicates(self) -> int:
         """Relabels walls that have come to lie on one another; returns how many were given up."""
@@ -107,12 +138,14 @@ class WallMap:
             joined += 1
 
     def _relabel(self, gone: int, kept: int) -> None:
+        self._joined_into[gone], self._lines = kept, None
         for s in self.seen:
             if s.wall == gone:
                 s.wall = kept
         low, high, count = self._extent.pop(gone)
         mine = self._extent[kept]
         self._extent[kept] = [min(mine[0], low), max(mine[1], high), mine[2] + count]
+        self._intervals = [(kept if wall == gone else wall, a, b) for wall, a, b in self._intervals]
         del self.planes_in_map[gone]
 
     def _as_lines(self, planes: Floats) -> tuple[Floats, Floats]:
@@ -145,7 +178,9 @@ class WallMap:
         normal, _ = self._as_lines(self.planes_in_map[wall][None])
         place = ends @ np.array([-normal[0, 1], normal[0, 0]])
         old = self._extent.get(wall, [np.inf, -np.inf, 0])
+        self._lines = None
         self._extent[wall] = [min(old[0], *place), max(old[1], *place), old[2] + 1]
+        self._intervals.append((wall, float(place.min()), float(place.max())))
 
 
 def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, int] | None:

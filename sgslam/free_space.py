@@ -1,0 +1,84 @@
+"""The free space of a storey as a grid: what was seen free, and what stands between rooms."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import RoomSettings
+
+Floats = NDArray[np.float64]
+_REACH = 12.0  # m of free space taken from one scan; beyond it the columns are too far apart
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cells of the levelled map: cell (row, column) has its middle at `origin` + (column, row) * `cell`."""
+
+    origin: Floats  # (2,)
+    cell: float
+    shape: tuple[int, int]
+
+    @staticmethod
+    def around(points: Floats, cell: float) -> "Grid":
+        """A grid that holds all points (N, 2) and a margin."""
+        low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
+        columns, rows = np.ceil((high - low) / cell).astype(int) + 1
+        return Grid(low, cell, (int(rows), int(columns)))
+
+    def to_cells(self, points: Floats) -> NDArray[np.int32]:
+        """(N, 2) column and row of points (N, 2), clipped to the grid."""
+        cells = np.rint((points - self.origin) / self.cell).astype(np.int32)
+        return np.clip(cells, 0, [self.shape[1] - 1, self.shape[0] - 1])
+
+    def to_points(self, cells: NDArray[np.int32] | Floats) -> Floats:
+        """(N, 2) points of (column, row) cells."""
+        return np.asarray(cells, dtype=float) * self.cell + self.origin
+
+    def look_up(self, image: NDArray[np.int32], points: Floats) -> NDArray[np.int32]:
+        """(N,) the image's values at points (N, 2)."""
+        cells = self.to_cells(points)
+        return image[cells[:, 1], cells[:, 0]]
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """`free`: seen free, neither wall nor lintel."""
+
+    grid: Grid
+    free: NDArray[np.bool_]
+    wall: NDArray[np.bool_]
+    lintel: NDArray[np.bool_]
+
+
+def free_space(
+    sensors: Floats, outlines: list[Floats], segments: Floats, lintels: list[Floats], settings: RoomSettings
+) -> FreeSpace:
+    """Draws the free space of keyframes at `sensors` (K, 2), all in the levelled map.
+
+    `outlines` are the K contours (M, 2) around them, `segments` (S, 2, 2) the wall pieces seen, `lintels` the K sets
+    of points (L, 2) over doors; a cell counts as lintel when three keyframes or more have seen one there.
+    """
+    near = [_within_reach(sensor, outline) for sensor, outline in zip(sensors, outlines, strict=True)]
+    grid = Grid.around(np.concatenate([sensors, *near]), settings.cell)
+    free = np.zeros(grid.shape, np.uint8)
+    for outline in near:
+        if len(outline) >= 3:
+            cv2.fillPoly(free, [grid.to_cells(outline)], 1)
+    wall = np.zeros(grid.shape, np.uint8)
+    for segment in segments:
+        first, last = grid.to_cells(segment)
+        cv2.line(wall, first.tolist(), last.tolist(), 1, 1)
+    seen = np.zeros(grid.shape, np.int32)
+    for points in lintels:
+        cells = np.unique(grid.to_cells(points), axis=0)
+        seen[cells[:, 1], cells[:, 0]] += 1
+    over_door = cv2.morphologyEx((seen >= 3).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    return FreeSpace(grid, (free > 0) & (wall == 0) & (over_door == 0), wall > 0, over_door > 0)
+
+
+def _within_reach(sensor: Floats, outline: Floats) -> Floats:
+    away = outline - sensor
+    distance = np.hypot(away[:, 0], away[:, 1])
+    return sensor + away * np.minimum(1.0, _REACH / np.maximum(distance, 1e-9))[:, None]

@@ -1,0 +1,127 @@
+"""What a run gives: trajectories of all scans, the S-graph, the matches, deviations, metrics; and its folder."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from data import SceneGraph
+from data.poses import poses_to_xyzquat
+from data.trajectory import Trajectory
+from sgslam.anchoring import Anchoring
+from sgslam.backend import Backend
+from sgslam.config import Config
+from sgslam.deviations import deviations
+from sgslam.frames import inverse
+from sgslam.scene import Scene
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class ScanPose:
+    """Where one scan was thought to be when it came; `keyframe` is the last keyframe at or before it."""
+
+    stamp_ns: int
+    T_odom_sensor: Floats
+    T_map_sensor: Floats
+    keyframe: int
+    T_keyframe_sensor: Floats  # since that keyframe
+    T_previous_sensor: Floats | None = None  # of a keyframe: since the keyframe before it
+
+
+@dataclass(frozen=True)
+class Update:
+    """What is known right after a scan: (4, 4) T_map_sensor, not smoothed yet."""
+
+    stamp_ns: int
+    T_map_sensor: Floats
+    keyframes: int
+    anchored: bool
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished run. `trajectory` is in the BIM frame when `anchored`, else in the map frame."""
+
+    anchored: bool
+    reason: str
+    trajectory: Trajectory
+    trajectory_map: Trajectory
+    trajectory_odometry: Trajectory
+    T_bim_map: Floats | None
+    s_graph: SceneGraph
+    a_graph: SceneGraph | None
+    matches: dict[str, Any] | None
+    deviations: list[dict[str, Any]]
+    first_anchor_s: float | None
+    keyframes: int
+    seconds: dict[str, float]
+    config: Config
+
+    def metrics(self) -> dict[str, Any]:
+        """The form of metrics.json, without what only the command knows."""
+        T = self.T_bim_map
+        return {
+            "anchored": self.anchored,
+            "reason": self.reason,
+            "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
+            "scans": len(self.trajectory),
+            "keyframes": self.keyframes,
+            "rooms": len(self.s_graph.rooms),
+            "wall_surfaces": len(self.s_graph.wall_surfaces),
+            "first_anchor_s": self.first_anchor_s,
+            "seconds": self.seconds,
+        }
+
+
+def finished(
+    scans: list[ScanPose], backend: Backend, scene: Scene, bim: SceneGraph | None, anchoring: Anchoring | None,
+    first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
+) -> Result:  # fmt: skip
+    """Puts a run's result together."""
+    stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
+    trajectory_map = Trajectory(stamps, smooth(scans, backend.poses))
+    odometry = Trajectory(stamps, np.stack([s.T_odom_sensor for s in scans]))
+    anchored = anchoring is not None and backend.T_map_bim is not None
+    T_bim_map = anchoring.T_bim_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
+    match = anchoring.committed or anchoring.match if anchoring is not None else None
+    return Result(
+        anchored, _reason(anchoring, anchored),
+        trajectory_map if T_bim_map is None else trajectory_map.transformed(T_bim_map),
+        trajectory_map, odometry, T_bim_map, scene.graph, bim, None if match is None else match.to_dict(),
+        deviations(scene.graph, bim, match, T_bim_map, config) if bim is not None and match is not None else [],
+        None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
+        len(backend.keyframes), dict(seconds), config,
+    )  # fmt: skip
+
+
+def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
+    """(N, 4, 4) T_map_sensor of all scans: each keeps its motion since the keyframe before it, and what is then left
+    at the next keyframe is shared out over the scans between, in proportion."""
+    poses = np.empty((len(scans), 4, 4))
+    first_of: dict[int, int] = {}
+    for i, scan in enumerate(scans):
+        first_of.setdefault(scan.keyframe, i)
+        poses[i] = keyframe_poses[scan.keyframe] @ scan.T_keyframe_sensor
+    for keyframe, start in first_of.items():
+        end = first_of.get(keyframe + 1)
+        if end is None or end - start < 2:
+            continue
+        arrived = keyframe_poses[keyframe] @ scans[end].T_previous_sensor  # type: ignore[operator]
+        left = inverse(arrived) @ keyframe_poses[keyframe + 1]
+        share = np.arange(end - start) / (end - start)
+        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([np.eye(3), left[:3, :3]])))(share).as_matrix()
+        poses[start:end, :3, 3] += np.einsum("nij,nj->ni", poses[start:end, :3, :3], share[:, None] * left[:3, 3])
+        poses[start:end, :3, :3] = poses[start:end, :3, :3] @ turn
+    return poses
+
+
+def _reason(anchoring: Anchoring | None, anchored: bool) -> str:
+    if anchoring is None:
+        return "no BIM was given"
+    if anchored and anchoring.committed is not None:
+        return anchoring.committed.reason
+    return anchoring.match.reason if anchoring.match is not None else "too little was seen to try a match"

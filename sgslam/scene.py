@@ -1,0 +1,135 @@
+"""The S-graph from the estimates: rooms cut from free space, and each wall cut into the surfaces it turns to rooms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
+from data.poses import poses_to_xyzquat
+from sgslam.backend import RoomNode
+from sgslam.config import Config
+from sgslam.frames import inverse, se2_to_se3, transform_planes, transform_points
+from sgslam.free_space import Grid, free_space
+from sgslam.keyframes import KeyframeNode
+from sgslam.rooms import Segmentation, segment
+from sgslam.wall_map import WallMap
+
+Floats = NDArray[np.float64]
+FLOOR_ID = "floor-0"
+_STEP = 0.1  # m between the places at which a wall is asked which room it faces
+_INSIDE = 0.2  # m from the wall into the room
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The S-graph in the map frame, and how its ids belong to the back end's variables."""
+
+    graph: SceneGraph
+    wall_of_surface: dict[str, int]
+    rooms: list[RoomNode]
+    room_ids: dict[int, str]  # of the room nodes
+
+
+def build_scene(keyframes: list[KeyframeNode], walls: WallMap, floor_in_map: Floats | None, config: Config) -> Scene:
+    """Cuts rooms and wall surfaces from what is known now. Plan coordinates are those of the levelled map."""
+    T_level_map = walls.T_level_map
+    T_level_sensor = T_level_map @ np.stack([k.T_map_sensor for k in keyframes])
+    segmentation = _segment(keyframes, walls, T_level_sensor, config)
+    surfaces, wall_of = _surfaces(walls, segmentation, config)
+    rooms = tuple(
+        Room(_room_id(r.label), _xy(r.centroid), FLOOR_ID, polygon=tuple(_xy(p) for p in r.polygon))
+        for r in segmentation.rooms
+    )
+    doors = tuple(
+        Door(f"d{i}", tuple(_room_id(label) for label in p.rooms), _xy(p.middle))
+        for i, p in enumerate(segmentation.passages)
+    )
+    elevation = 0.0 if floor_in_map is None else float(-floor_in_map[3] / floor_in_map[2])
+    graph = SceneGraph(
+        "map", rooms, tuple(surfaces), doors, (Floor(FLOOR_ID, "", elevation),),
+        _keyframes(keyframes, walls, segmentation, T_level_sensor, wall_of),
+    )  # fmt: skip
+    nodes = [_node(graph, r.label, r.centroid, walls, wall_of) for r in segmentation.rooms]
+    return Scene(graph, wall_of, nodes, {r.label: _room_id(r.label) for r in segmentation.rooms})
+
+
+def _segment(keyframes: list[KeyframeNode], walls: WallMap, T: Floats, config: Config) -> Segmentation:
+    outlines = [transform_points(pose, k.outline)[:, :2] for pose, k in zip(T, keyframes, strict=True)]
+    lintels = [transform_points(pose, k.lintels)[:, :2] for pose, k in zip(T, keyframes, strict=True)]
+    segments = np.empty((0, 2, 2))
+    if walls.seen:
+        ends = np.stack([s.ends for s in walls.seen])
+        segments = transform_points(T[[s.keyframe for s in walls.seen]][:, None], ends)[..., :2]
+    space = free_space(T[:, :2, 3], outlines, segments, lintels, config.rooms)
+    return segment(space, T[:, :2, 3], config.rooms)
+
+
+def _surfaces(walls: WallMap, segmentation: Segmentation, config: Config) -> tuple[list[WallSurface], dict[str, int]]:
+    """One surface for each room that a well-seen wall faces, and one for what faces no room."""
+    lines = walls.lines_of_estimates()
+    covered = walls.coverage(_STEP)
+    heights = walls.heights()
+    surfaces: list[WallSurface] = []
+    wall_of: dict[str, int] = {}
+    for row, wall in enumerate(lines.ids.tolist()):
+        if lines.count[row] < config.surfaces.min_observations:
+            continue
+        normal = lines.normal[row]
+        tangent = np.array([-normal[1], normal[0]])
+        places = covered[wall]
+        points = places[:, None] * tangent - lines.offset[row] * normal
+        facing = segmentation.grid.look_up(segmentation.labels, points + _INSIDE * normal)
+        for label in np.unique(facing).tolist():
+            mine = places[facing == label]
+            if len(mine) * _STEP < config.surfaces.min_length:
+                continue
+            low, high = mine.min() - _STEP / 2, mine.max() + _STEP / 2
+            centre = (low + high) / 2 * tangent - lines.offset[row] * normal
+            name = f"w{wall}@{_room_id(label)}" if label else f"w{wall}"
+            surfaces.append(
+                WallSurface(
+                    name, _room_id(label) if label else None, _xy(centre), _xy(normal), float(high - low), FLOOR_ID,
+                    height=heights[wall], plane=tuple(walls.planes_in_map[wall].tolist()),
+                )
+            )  # fmt: skip
+            wall_of[name] = wall
+    return surfaces, wall_of
+
+
+def _keyframes(
+    keyframes: list[KeyframeNode], walls: WallMap, segmentation: Segmentation, T: Floats, wall_of: dict[str, int]
+) -> tuple[Keyframe, ...]:
+    names: dict[int, list[str]] = {}
+    for name, wall in wall_of.items():
+        names.setdefault(wall, []).append(name)
+    observes: dict[int, set[str]] = {}
+    for s in walls.seen:
+        observes.setdefault(s.keyframe, set()).update(names.get(s.wall, ()))
+    labels = segmentation.grid.look_up(segmentation.labels, T[:, :2, 3])
+    poses = poses_to_xyzquat(np.stack([k.T_map_sensor for k in keyframes]))
+    return tuple(
+        Keyframe(
+            f"k{i}", k.stamp_ns, tuple(poses[i].tolist()), FLOOR_ID, _room_id(int(labels[i])) if labels[i] else None,
+            tuple(sorted(observes.get(i, ()))),
+        )
+        for i, k in enumerate(keyframes)
+    )  # fmt: skip
+
+
+def _node(graph: SceneGraph, label: int, centroid: Floats, walls: WallMap, wall_of: dict[str, int]) -> RoomNode:
+    T_map_room = inverse(walls.T_level_map) @ se2_to_se3(0.0, *centroid)
+    T_room_map = inverse(T_map_room)
+    mine = [wall_of[w.id] for w in graph.surfaces_of_room[_room_id(label)]]
+    return RoomNode(label, T_map_room, {wall: transform_planes(T_room_map, walls.planes_in_map[wall]) for wall in mine})
+
+
+def _room_id(label: int) -> str:
+    return f"r{label}"
+
+
+def _xy(point: Floats) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
+__all__ = ["FLOOR_ID", "Grid", "Scene", "build_scene"]

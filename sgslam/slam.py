@@ -1,0 +1,151 @@
+"""The loop: scans go in, the S-graph grows, is matched, is anchored; a trajectory in building coordinates comes out."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import SceneGraph, UserError
+from sgslam.anchoring import Anchoring, AnyMatcher
+from sgslam.backend import Backend
+from sgslam.config import Config
+from sgslam.frames import inverse, level_map
+from sgslam.front_end import FrontEnd, align, level_to_sensor, predict
+from sgslam.keyframes import KeyframeNode, KeyframeRule
+from sgslam.odometry import KissOdometry, Odometry
+from sgslam.result import Result, ScanPose, Update, finished
+from sgslam.scene import Scene, build_scene
+from sgslam.wall_map import WallMap
+
+Floats = NDArray[np.float64]
+
+
+class SceneGraphSlam:
+    """SLAM with an S-graph, anchored to a building's A-graph where one is given.
+
+    `bim` is an A-graph in the BIM frame, `matcher` any object with `.match(s, a)` (voting by default), `odometry` any
+    `Odometry` (KISS-ICP by default). Scans are added in the order of their stamps.
+    """
+
+    def __init__(
+        self, bim: SceneGraph | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
+        odometry: Odometry | None = None,
+    ) -> None:  # fmt: skip
+        self._config = config or Config()
+        self._bim = bim
+        self._odometry = odometry or KissOdometry(self._config.odometry)
+        self._front_end = FrontEnd(self._config)
+        self._rule = KeyframeRule(self._config.keyframes)
+        self._walls = WallMap(self._config.surfaces)
+        self._backend = Backend(self._config)
+        self._anchoring = None if bim is None else Anchoring(bim, matcher or _default_matcher(self._config), self._config)
+        self._scene: Scene | None = None
+        self._scans: list[ScanPose] = []
+        self._first_anchor_ns: int | None = None
+        self.seconds: dict[str, float] = dict.fromkeys(("odometry", "surfaces", "rooms", "matching", "optimisation"), 0.0)
+
+    def add_scan(
+        self, stamp_ns: int, points: Floats, point_times: Floats | None = None, T_odom_sensor: Floats | None = None
+    ) -> Update:
+        """Adds one scan: (N, 3) metres, sensor frame. `T_odom_sensor` (4, 4) replaces our own odometry for it.
+
+        `point_times` are accepted and not used yet. Raises UserError for stamps that do not increase and for points
+        that are not finite.
+        """
+        points = self._checked(stamp_ns, points)
+        columns = self._front_end.columns(points)
+        with self._clock("odometry"):
+            if T_odom_sensor is None:
+                T_odom_sensor = self._odometry.register(columns.points[columns.upright])
+        if not self._scans:
+            T_map_sensor = np.eye(4)
+            self._walls.T_level_map = level_map(None, self._front_end.height)
+        else:
+            last = self._scans[-1]
+            with self._clock("odometry"):
+                guess = predict(last.T_map_sensor, last.T_odom_sensor, T_odom_sensor)
+                T_map_sensor, _ = align(
+                    columns, self._walls.lines, guess, self._walls.T_level_map, self._front_end.height, self._config
+                )
+        since = np.eye(4) if not self._scans else inverse(self._backend.keyframes[-1].T_map_sensor) @ T_map_sensor
+        self._scans.append(ScanPose(stamp_ns, T_odom_sensor, T_map_sensor, len(self._backend.keyframes) - 1, since))
+        if self._rule.wants(T_map_sensor):
+            self._add_keyframe(points)
+        return Update(stamp_ns, self._scans[-1].T_map_sensor, len(self._backend.keyframes), self.anchored)
+
+    @property
+    def anchored(self) -> bool:
+        """Whether the S-graph is anchored to the BIM."""
+        return self._backend.T_map_bim is not None
+
+    def finish(self) -> Result:
+        """Matches and optimises a last time; raises UserError where no scan was added."""
+        if not self._scans:
+            raise UserError("no scan was added: nothing to finish")
+        if self._backend.keyframes[-1].scan != len(self._scans) - 1:
+            self._add_keyframe(None)
+        self._optimise(last=True)
+        self._optimise(last=True)
+        return finished(
+            self._scans, self._backend, self._scene, self._bim, self._anchoring, self._first_anchor_ns, self.seconds,
+            self._config,
+        )  # fmt: skip
+
+    def _add_keyframe(self, points: Floats | None) -> None:
+        """Makes the newest scan a keyframe, with what can be seen in its points."""
+        scan = self._scans[-1]
+        keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, scan.T_map_sensor, scan.T_map_sensor)
+        if points is not None:
+            with self._clock("surfaces"):
+                T_level_map = self._walls.T_level_map
+                height = float((T_level_map @ scan.T_map_sensor)[2, 3]) if self._backend.floor_in_map is not None else None
+                seen = self._front_end.look(points, level_to_sensor(scan.T_map_sensor, T_level_map[2, :3]), height)
+                keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
+                self._walls.add(len(self._backend.keyframes), scan.T_map_sensor, seen.walls)
+        self._backend.add_keyframe(keyframe)
+        scan.keyframe = len(self._backend.keyframes) - 1
+        scan.T_previous_sensor, scan.T_keyframe_sensor = scan.T_keyframe_sensor, np.eye(4)
+        if self._backend.due:
+            self._optimise(last=False)
+
+    def _optimise(self, last: bool) -> None:
+        """Optimises, joins walls, cuts rooms, matches and anchors."""
+        anchors = None
+        if self._scene is not None and self._anchoring is not None:
+            with self._clock("matching"):
+                anchors = self._anchoring.update(self._scene, self._walls, self._backend.T_map_bim, last)
+        with self._clock("optimisation"):
+            rooms = self._scene.rooms if self._scene is not None else []
+            self._backend.optimise(self._walls.seen, rooms, anchors, steps=20 if last else 6)
+        newest = self._backend.keyframes[-1]
+        self._scans[-1].T_map_sensor = newest.T_map_sensor
+        if anchors is not None and self._first_anchor_ns is None:
+            self._first_anchor_ns = newest.stamp_ns
+        with self._clock("surfaces"):
+            T_level_map = level_map(self._backend.floor_in_map, self._front_end.height)
+            self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
+            self._walls.join_duplicates()
+        with self._clock("rooms"):
+            self._scene = build_scene(self._backend.keyframes, self._walls, self._backend.floor_in_map, self._config)
+
+    def _checked(self, stamp_ns: int, points: Floats) -> Floats:
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.all(np.isfinite(points)):
+            raise UserError(f"scan at {stamp_ns} ns: points must be (N, 3), at least one, and finite")
+        if self._scans and stamp_ns <= self._scans[-1].stamp_ns:
+            raise UserError(f"scan at {stamp_ns} ns: stamps must increase; the last was {self._scans[-1].stamp_ns} ns")
+        return points
+
+    @contextmanager
+    def _clock(self, stage: str) -> Iterator[None]:
+        began = perf_counter()
+        yield
+        self.seconds[stage] += perf_counter() - began
+
+
+def _default_matcher(config: Config) -> AnyMatcher:
+    from matching import Matcher
+
+    return Matcher.load(config.matching.method)
