@@ -8,6 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from data.errors import UserError
 from data.raycast import TriangleScene
 from data.storey_model import RoomLabel, Space, StoreyModel, Triangles
 
@@ -16,6 +17,7 @@ LOWEST = 0.15  # m above the floor: lower things are driven over
 WALL_REACH = 0.5  # m: half the thickest wall between two rooms whose doorway counts as interior
 STEP = 0.1  # m: the floor may differ so much from the storey's level
 INSIDE = 0.2  # m: so far within its footprint a room counts as entered
+MOST_CELLS = 40_000_000  # 300 x 300 m
 _SHIFT = 4  # binary digits after the point in OpenCV's coordinates
 
 
@@ -55,10 +57,13 @@ def build_grid(storey: StoreyModel, scene: TriangleScene, height: float) -> Grid
     """Slices the building from LOWEST to `height` metres above the floor; keeps what is inside, on a floor.
 
     Inside is what the storey's spaces cover, with the doorways between them; on a storey without spaces, what
-    walls and shut doors enclose.
+    walls and shut doors enclose. Raises UserError for a storey too large for a grid.
     """
     origin = storey.extent[0] - 1.0
     columns, rows = np.ceil((storey.extent[1] + 1.0 - origin) / CELL).astype(int)
+    if rows * columns > MOST_CELLS:
+        size = f"{columns * CELL:.0f} x {rows * CELL:.0f} m"
+        raise UserError(f"storey '{storey.name}' measures {size}, too much for a drive; take another storey")
     blank = np.zeros((rows, columns), np.uint8)
     walls = _draw(blank, origin, _slice(storey.solid, storey.level + LOWEST, storey.level + height))
     if storey.spaces:
@@ -67,15 +72,12 @@ def build_grid(storey: StoreyModel, scene: TriangleScene, height: float) -> Grid
     else:
         footprint = _enclosed(walls, [_draw(blank, origin, d) for d in storey.doors])
         rooms = tuple(RoomLabel(f"enclosed-{k + 1}") for k in range(int(footprint.max()) + 1))
-    reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * round(WALL_REACH / CELL) + 1,) * 2)
+    reach = _disc(WALL_REACH)
     interior = cv2.morphologyEx((footprint >= 0).astype(np.uint8), cv2.MORPH_CLOSE, reach)
     floor = _floor(interior, origin, storey.level, scene)
     floored = cv2.morphologyEx(floor, cv2.MORPH_CLOSE, reach)
     clearance = ndimage.distance_transform_edt((walls == 0) & (interior > 0) & (floored > 0)) * CELL
-    room = np.full(footprint.shape, -1, np.int32)
-    for k in range(len(rooms)):
-        room[ndimage.distance_transform_edt(footprint == k) * CELL > INSIDE] = k
-    return Grid(origin, clearance, room, rooms)
+    return Grid(origin, clearance, _well_inside(footprint), rooms)
 
 
 def _slice(triangles: Triangles, low: float, high: float) -> Triangles:
@@ -112,8 +114,21 @@ def _footprints(
     return label
 
 
+def _well_inside(footprint: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The footprints without their outer INSIDE metres."""
+    disc = _disc(INSIDE)
+    label = footprint.astype(np.float32)  # of the kinds that OpenCV takes, the one that holds every index
+    alone = cv2.erode(label, disc) == cv2.dilate(label, disc)
+    return np.where(alone, footprint, -1)
+
+
+def _disc(radius: float) -> NDArray[np.uint8]:
+    side = 2 * round(radius / CELL) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)), dtype=np.uint8)
+
+
 def _enclosed(walls: NDArray[np.uint8], doors: list[NDArray[np.uint8]]) -> NDArray[np.int32]:
-    """Rooms of a storey without spaces: areas of at least 1 m2 that walls and shut doors cut off from outside."""
+    """Rooms of a storey without spaces: areas of at least 1 m2 that walls and shut doors enclose."""
     shut = np.maximum.reduce([walls, *(cv2.dilate(d, np.ones((3, 3), np.uint8)) for d in doors)])
     areas, count = ndimage.label(shut == 0)
     sizes = np.bincount(areas.ravel(), minlength=count + 1) * CELL**2

@@ -1,5 +1,6 @@
 """A tour of the rooms through the open doors: smooth curves that keep the robot's distance to everything."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -15,6 +16,7 @@ WIDTHS = (0.4, 0.3, 0.2, 0.14, 0.1, 0.06)  # m: smoothing kernels, the widest th
 VISITED = 1.0  # m: a room whose goal was passed as near as this needs no leg of its own
 SHORTEST = 0.5  # m: no leg is shorter
 TRIES = 100  # goals in a row without a leg before the search ends
+WHIM = 20  # cells: over this distance the robot's taste for a way changes
 MARGIN = CELL  # m: more than the grid's error, half a cell's diagonal
 
 Curve = NDArray[np.float64]  # (N, 2) x y in the BIM frame, SPACING apart
@@ -26,24 +28,22 @@ def plan_tour(
 ) -> tuple[Curve, ...]:
     """The legs, between which the robot stops and turns: from a random free place and back to it.
 
-    The next room is the nearest of a random part of those not yet visited. The tour ends when `min_rooms` rooms
-    (all, where fewer can be reached) have been entered and `min_length` metres driven; rooms are visited anew
-    where they are too few for the length. Raises UserError where no room can be reached.
+    The next room is the nearest of a random part of those not yet visited. The tour ends when `min_rooms`
+    rooms (all, where fewer can be reached) have been entered and `min_length` metres driven; rooms are
+    visited anew, at other places, where they are too few for the length. Raises UserError where no room can
+    be reached.
     """
-    planner = _Planner(grid, radius)
-    rooms = planner.rooms
-    start = planner.random_cell(rooms[rng.integers(len(rooms))], rng)
+    planner = _Planner(grid, radius, rng)
+    start = planner.random_cell(planner.rooms[rng.integers(len(planner.rooms))])
     legs: list[Curve] = []
     here, length, fruitless = start, 0.0, 0
     entered: set[int] = set()
-    to_visit = set(rooms)
-    while len(entered) < min(min_rooms, len(rooms)) or length < min_length:
-        again = not to_visit
-        kept = [k for k in sorted(to_visit or rooms) if rng.random() < 0.7] or sorted(to_visit or rooms)
-        goals = [planner.random_cell(k, rng) if again else planner.goals[k] for k in kept]
-        leg, there = planner.nearest(here, goals)
-        passed = planner.passed(leg)
-        to_visit -= passed
+    goals = planner.random_goals()
+    while len(entered) < min(min_rooms, len(planner.rooms)) or length < min_length:
+        goals = goals or planner.random_goals()
+        kept = [k for k in goals if rng.random() < 0.7] or list(goals)
+        leg, there = planner.nearest(here, [goals[k] for k in kept])
+        goals = _not_passed(grid, goals, leg)
         fruitless = fruitless + 1 if curve_length(leg) < SHORTEST else 0
         if fruitless > TRIES:
             raise UserError("the reachable free space is too small to drive in; take another storey")
@@ -55,6 +55,13 @@ def plan_tour(
     return (*legs, home) if curve_length(home) >= SHORTEST else tuple(legs)
 
 
+def _not_passed(grid: Grid, goals: dict[int, Cell], leg: Curve) -> dict[int, Cell]:
+    """The goals that lie farther than VISITED from the leg."""
+    places = grid.to_xy(np.array(list(goals.values())))
+    distance = np.linalg.norm(leg[::10, None] - places, axis=2).min(axis=0)
+    return {k: goal for (k, goal), d in zip(goals.items(), distance, strict=True) if d > VISITED}
+
+
 def curve_length(curve: Curve) -> float:
     """Metres along a curve (N, 2)."""
     return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
@@ -63,40 +70,35 @@ def curve_length(curve: Curve) -> float:
 class _Planner:
     """Ways through the largest connected part of the cells where the robot fits, counted in rooms."""
 
-    def __init__(self, grid: Grid, radius: float) -> None:
-        self.grid, self.need = grid, radius + MARGIN
-        parts, count = ndimage.label(grid.clearance > self.need, np.ones((3, 3)))
-        reached = [np.unique(grid.room[(parts == k) & (grid.room >= 0)]) for k in range(1, count + 1)]
-        if not reached or not max(map(len, reached)):
+    def __init__(self, grid: Grid, radius: float, rng: np.random.Generator) -> None:
+        self.grid, self.need, self._rng = grid, radius + MARGIN, rng
+        parts, _ = ndimage.label(grid.clearance > self.need, np.ones((3, 3)))
+        in_room = (parts > 0) & (grid.room >= 0)
+        reached = np.unique(np.column_stack([parts[in_room], grid.room[in_room]]), axis=0)
+        if not len(reached):
             raise UserError(f"no room can be reached by a robot of {radius} m radius; take another storey")
-        most = int(np.argmax([len(r) for r in reached]))
-        self.rooms: list[int] = reached[most].tolist()
-        self.free = parts == most + 1
+        most = np.argmax(np.bincount(reached[:, 0]))
+        self.rooms: list[int] = reached[reached[:, 0] == most, 1].tolist()
+        self.free = parts == most
         near = np.clip(1 - (grid.clearance - radius) / COMFORT, 0, 1)
         self._costs = np.where(self.free, 1 + NEARNESS * near**2, -1.0)
-        self.goals = {k: self._roomiest(k) for k in self.rooms}
 
-    def _roomiest(self, room: int) -> Cell:
-        best = np.argmax(np.where(self.free & (self.grid.room == room), self.grid.clearance, -1.0))
-        row, column = np.unravel_index(best, self.free.shape)
-        return int(row), int(column)
-
-    def random_cell(self, room: int, rng: np.random.Generator) -> Cell:
+    def random_cell(self, room: int) -> Cell:
         """A free cell of the room with at least half of the best clearance there."""
         cells = np.argwhere(self.free & (self.grid.room == room))
         clearance = self.grid.clearance[tuple(cells.T)]
-        row, column = rng.choice(cells[clearance >= clearance.max() / 2])
+        row, column = self._rng.choice(cells[clearance >= clearance.max() / 2])
         return int(row), int(column)
 
-    def passed(self, leg: Curve) -> set[int]:
-        """The rooms whose goals lie within VISITED of the leg."""
-        goals = self.grid.to_xy(np.array(list(self.goals.values())))
-        distance = np.linalg.norm(leg[::10, None] - goals, axis=2).min(axis=0)
-        return {k for k, d in zip(self.goals, distance, strict=True) if d < VISITED}
+    def random_goals(self) -> dict[int, Cell]:
+        """One cell for each room."""
+        return {k: self.random_cell(k) for k in self.rooms}
 
     def nearest(self, here: Cell, goals: list[Cell]) -> tuple[Curve, Cell]:
-        """The smooth way to the goal that costs least, and that goal."""
-        planner = MCP_Geometric(self._costs)
+        """The smooth way to the goal that costs least, and that goal; no two ways are quite the same."""
+        rows, columns = self.free.shape
+        whim = cv2.resize(self._rng.random((rows // WHIM + 2, columns // WHIM + 2)), (columns, rows))
+        planner = MCP_Geometric(self._costs * (1 + whim))
         costs, _ = planner.find_costs([here], goals, find_all_ends=False)
         there = min(goals, key=lambda g: costs[g])
         return self._smooth(self.grid.to_xy(np.array(planner.traceback(there)))), there

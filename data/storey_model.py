@@ -130,7 +130,7 @@ def _elevation(model: ifcopenshell.file, storey: ifcopenshell.entity_instance) -
 
 
 def _measured_floor(scene: TriangleScene, level: float, extent: tuple[Xy, Xy]) -> float:
-    """The z at which most rays from FLOOR_SEARCH above the level hit something; the level if hardly any do."""
+    """The z that most rays down from FLOOR_SEARCH above the level hit; the level if hardly any hit."""
     xy = np.random.default_rng(0).uniform(*extent, (5000, 2))
     origins = np.column_stack([xy, np.full(len(xy), level + FLOOR_SEARCH)])
     z = level + FLOOR_SEARCH - scene.distances(origins, np.tile([0.0, 0.0, -1.0], (len(xy), 1)))
