@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching import se2
-from matching.scoring import BEND, Fit, Pairing, bend, explained, fit, refine_rigid
+from matching.evidence import evidence
+from matching.scoring import Fit, Pairing, bend, explained, fit, refine_rigid
 from matching.se2 import Array
 from matching.voting import FEW_CORNERS, marks, vote
 from matching.walls import Walls
@@ -15,7 +16,6 @@ SIGMAS_BENT = (0.3, 0.2, 0.15, 0.15)
 SIGMA_SCORE = 0.15  # metres across
 KEPT = 12  # hypotheses that are worked out
 PER_STOREY = 3  # of them at least, from every storey
-BENDING_COST = 0.15
 DISTINCT_M, DISTINCT_RAD = 0.5, np.radians(5)
 
 
@@ -27,9 +27,10 @@ class Placement:
     motion: Array
     pairing: Pairing
     state: Array  # (1, G, 3)
+    expected: Array  # (1, G, 3) of each group by its neighbours
     fit: Fit  # of the one state
     explained: Array  # (Ns,) in [0, 1]
-    score: float  # wall surfaces' worth
+    score: float  # nats of evidence
 
     def T_a_s(self) -> Array:
         """(3,) between the frames of the graphs."""
@@ -89,10 +90,8 @@ def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
     state, expected = bend(pairing, motion[None], SIGMAS_BENT)
     judged = fit(pairing, state, SIGMA_SCORE)
     seen = judged.quality.max(axis=2)[:, 0]
-    size = np.bincount(group, s.weight)
-    cost = np.sum((((state - expected)[0] / BEND) ** 2).sum(axis=1).clip(max=9.0) * size)
-    score = (s.weight @ seen - BENDING_COST * 0.5 * cost) / s.weight.mean()
-    return Placement(a, motion, pairing, state, judged, seen, float(score))
+    score = evidence(pairing, state, expected, judged)
+    return Placement(a, motion, pairing, state, expected, judged, seen, score)
 
 
 def groups_of(s: Walls) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

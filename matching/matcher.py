@@ -12,7 +12,7 @@ from matching.complete import complete
 from matching.hypotheses import Placement, search
 from matching.result import Hypothesis, MatchResult
 from matching.verification import verify
-from matching.walls import arrays, storeys
+from matching.walls import Walls, arrays, storeys
 
 START_M, START_RAD = 3.0, np.radians(60)
 LISTED = 10  # hypotheses in the answer
@@ -44,7 +44,7 @@ class VotingMatcher:
         found = [p for p in search(walls, candidates) if start is None or _near(p.T_a_s(), start)]
         if not found:
             return MatchResult("none", "no wall corner of the map has its like in the plan", seconds=_since(began))
-        return _answer(found, began)
+        return _answer(found, candidates, began)
 
 
 class Matcher:
@@ -72,11 +72,11 @@ class Matcher:
         return self._method.match(s, a, floor=floor, start=start)
 
 
-def _answer(found: list[Placement], began: float) -> MatchResult:
+def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:
     best = found[0]
     s, a = best.pairing.s, best.storey
     pairs = [complete(p) for p in found[:LISTED]]
-    verdict = verify(found, pairs[0])
+    verdict = verify(found, candidates, pairs[0])
     hypotheses = tuple(
         Hypothesis(
             p.score, _triple(p), p.storey.floor,

@@ -72,6 +72,7 @@ class Fit:
     """Per S surface, motion and pair: quality in [0, 1], and S's mid point in A, from A's, along A's wall."""
 
     quality: Array  # (Ns, K, P)
+    beside: Array  # (Ns, K, P) share of S's length that lies beside A's, in [0, 1]
     along: Array  # (Ns, K, P)
     placed: Array  # (Ns, K, 2) S's mid points in A
 
@@ -88,7 +89,7 @@ def fit(pairing: Pairing, state: Array, sigma: float) -> Fit:
     # A fifth of a wall may stand out: its ends slide.
     beside = np.clip(common / (1.6 * np.minimum(hs, 4.0)), 0.0, 1.0)
     quality = beside * np.exp((-0.5 / sigma**2) * across**2 - (0.5 / SIGMA_HEADING**2) * turned**2)
-    return Fit(quality, along, placed)
+    return Fit(quality, beside, along, placed)
 
 
 def explained(pairing: Pairing, motions: Array, sigma: float) -> Array:

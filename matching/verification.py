@@ -7,13 +7,12 @@ import numpy as np
 from matching.complete import Pairs
 from matching.hypotheses import Placement
 from matching.result import Status
+from matching.walls import Walls
 
 LEAST_SURFACES = 5
-LEAST_ROOMS = 1
-LEAST_FRACTION = 0.5
-LEAST_SCORE = 5.0  # wall surfaces' worth
-LEAST_MARGIN = 2.0  # wall surfaces' worth
-NATS = 1.5  # log likelihood of one wall surface's worth
+LEAST_FRACTION = 0.6
+LEAST_EVIDENCE = 7.0  # nats above what the best of all places would reach by chance
+LEAST_MARGIN = 7.0
 
 
 @dataclass(frozen=True)
@@ -25,14 +24,20 @@ class Verdict:
     probability: float
 
 
-def verify(placements: list[Placement], pairs: Pairs) -> Verdict:
+def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> Verdict:
     """Judges the placements, best first, at least one; `pairs` are the first one's."""
     best = placements[0]
     scores = np.array([p.score for p in placements])
-    odds = np.exp(NATS * (scores - scores[0]))
-    probability = float(1 / odds.sum())
-    told = f"{len(pairs.surfaces)} of {len(best.explained)} wall surfaces and {len(pairs.rooms)} rooms matched"
-    if best.fraction < LEAST_FRACTION or best.score < LEAST_SCORE or len(pairs.surfaces) < LEAST_SURFACES:
+    probability = float(1 / np.exp(scores - scores[0]).sum())
+    told = (
+        f"{len(pairs.surfaces)} of {len(best.explained)} wall surfaces and {len(pairs.rooms)} rooms matched"
+    )
+    chance = np.log(sum(float(np.prod(np.ptp(a.centre, axis=0) + 1.0)) for a in storeys) * 4 / 0.1)
+    if (
+        best.fraction < LEAST_FRACTION
+        or best.score - chance < LEAST_EVIDENCE
+        or len(pairs.surfaces) < LEAST_SURFACES
+    ):
         return Verdict("none", f"the plan does not explain the map: at best {told}", probability)
     rivals = [p for p in placements if p.score > best.score - LEAST_MARGIN]
     if len(rivals) > 1:

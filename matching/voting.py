@@ -95,7 +95,7 @@ def _yaw_modes(yaw: Array) -> list[float]:
         angle = -np.pi + (peak + 0.5) * YAW_BIN
         if all(abs(se2.wrap(np.array(angle - m))) > 4 * YAW_BIN for m in modes):
             near = se2.wrap(yaw - angle)
-            modes.append(float(angle + np.mean(near[np.abs(near) < 2 * YAW_BIN])))
+            modes.append(float(angle + np.mean(near[np.abs(near) < 2.5 * YAW_BIN])))
     return modes
 
 
