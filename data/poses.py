@@ -2,11 +2,12 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 
 def poses_to_xyzquat(poses: ArrayLike) -> NDArray[np.float64]:
     """(..., 4, 4) rigid transforms to (..., 7) `x y z qx qy qz qw`, with qw >= 0."""
+    from scipy.spatial.transform import Rotation  # here, because it takes a third of a second
+
     matrices = np.asarray(poses, dtype=float)
     flat = matrices.reshape(-1, 4, 4)
     quaternions = np.empty((0, 4))
@@ -20,6 +21,8 @@ def xyzquat_to_poses(xyzquat: ArrayLike) -> NDArray[np.float64]:
 
     Raises ValueError for a quaternion of zeros.
     """
+    from scipy.spatial.transform import Rotation
+
     values = np.asarray(xyzquat, dtype=float)
     flat = values.reshape(-1, 7)
     poses = np.tile(np.eye(4), (len(flat), 1, 1))

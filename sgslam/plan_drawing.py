@@ -15,6 +15,8 @@ from data.trajectory import Trajectory
 Array = NDArray[np.float64]
 MAX_VERTICES = 3000  # of a drawn path: more than a screen resolves
 STUB_M = 0.4  # drawn length of a wall surface whose length is not known
+LARGEST_TEXT_M, SMALLEST_TEXT_M = 0.42, 0.12
+GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
 BESIDE_M = 3.0  # gap between the plan and a map that nothing places in it
 
 LABELS = {
@@ -70,6 +72,13 @@ class DrawnRoom:
     name: str
     matched: bool
     title: str
+
+    def text_size(self) -> float:
+        """Metres: the height of letters with which the name fits the room's width."""
+        if self.outline is None:
+            return 0.7 * LARGEST_TEXT_M
+        fits = 0.9 * np.ptp(self.outline[:, 0]) / (GLYPH_WIDTH * max(len(self.name), 3))
+        return float(np.clip(fits, SMALLEST_TEXT_M, LARGEST_TEXT_M))
 
 
 @dataclass(frozen=True)
@@ -128,7 +137,8 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
 def robots_floor(data: ReportData) -> Floor | None:
     """The BIM's storey that the robot drives on; None where the BIM has none.
 
-    The match names it; else the height of the anchored trajectory; else it is the one with the most rooms.
+    The match names it; else the height of the anchored trajectory, or of the true one; else it is the storey
+    with the most rooms.
     """
     floors = data.a_graph.floors if data.a_graph else ()
     if not floors or data.a_graph is None:
@@ -139,8 +149,11 @@ def robots_floor(data: ReportData) -> Floor | None:
         if found := [f for f in floors if f.id == floor_id]:
             return found[0]
     known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
-    if data.T_bim_map is not None and known and len(data.trajectory_map):
-        height = float(np.median(_placed(data.trajectory_map.positions, data.T_bim_map)[:, 2]))
+    in_bim = data.truth
+    if data.T_bim_map is not None:
+        in_bim = data.trajectory_map.transformed(data.T_bim_map)
+    if in_bim is not None and known and len(in_bim):
+        height = float(np.median(in_bim.positions[:, 2]))
         below = [i for elevation, i in known if elevation <= height]
         return floors[below[-1] if below else known[0][1]]
     rooms = data.a_graph.rooms
@@ -224,7 +237,11 @@ def _match_lines(
 
 
 def _paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, Array]:
-    paths: dict[PathKind, Array] = {"odometry": _path(data.trajectory_odometry, T_plan_map)}
+    paths: dict[PathKind, Array] = {}
+    if len(data.trajectory_odometry) and len(data.trajectory_map):
+        # its first pose on the map's: what the odometry alone would have said of the way from there
+        T_map_odom = data.trajectory_map.poses[0] @ np.linalg.inv(data.trajectory_odometry.poses[0])
+        paths["odometry"] = _path(data.trajectory_odometry, T_plan_map @ T_map_odom)
     if data.truth is not None and data.a_graph is not None:
         paths["truth"] = _path(data.truth, np.eye(4))
     paths["trajectory"] = _path(data.trajectory_map, T_plan_map)

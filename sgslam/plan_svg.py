@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 from sgslam.plan_drawing import DrawnRoom, DrawnWall, PlanDrawing
 
 Array = NDArray[np.float64]
-MARGIN_M = 1.0
-LARGEST_TEXT_M, SMALLEST_TEXT_M = 0.42, 0.12
-GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
+MARGIN = 0.03  # of the longer side
 
 
 class _Pen:
@@ -34,22 +32,24 @@ class _Pen:
 
     def text(self, room: DrawnRoom, rise: float) -> str:
         x, y = self.points(room.label).split(",")
-        place = f'x="{x}" y="{y}" dy="{rise}em" font-size="{_text_size(room):.2f}"'
+        place = f'x="{x}" y="{y}" dy="{rise}em" font-size="{room.text_size():.2f}"'
         return f"<text {place}>{escape(room.name)}</text>"
 
 
 def plan_svg(drawing: PlanDrawing) -> str:
-    """The SVG element `#plan`; a layer that holds something is a group `layer-NAME`, NAME from `drawing.labels`."""
+    """The SVG element `#plan`; layers that hold something are groups `layer-NAME` (see `drawing.labels`)."""
     low, high = drawing.bounds()
     pen = _Pen(np.round((low + high) / 2))
-    left = (low - pen.centre)[0] - MARGIN_M
-    width, height = high - low + 2 * MARGIN_M
-    top = -(high - pen.centre)[1] - MARGIN_M
+    margin = max(1.0, MARGIN * float((high - low).max()))
+    width, height = high - low + 2 * margin
+    left = (low - pen.centre)[0] - margin
+    top = -(high - pen.centre)[1] - margin
     groups = _layers(drawing, pen)
     body = "\n".join(f'<g class="layer-{name}">{content}</g>' for name, content in groups if content)
-    scale = _scale_bar(float(left), float(top + height), float(width))
+    scale = _scale_bar(float(left + 0.4 * margin), float(top + height - 0.4 * margin), float(width))
     return (
-        f'<svg id="plan" viewBox="{left:.3f} {top:.3f} {width:.3f} {height:.3f}" role="img" '
+        f'<svg id="plan" viewBox="{left:.3f} {top:.3f} {width:.3f} {height:.3f}" '
+        f'style="aspect-ratio: {width:.1f} / {height:.1f}" role="img" '
         f'aria-label="{escape(drawing.heading)}">\n{body}\n{scale}\n</svg>'
     )
 
@@ -108,22 +108,14 @@ def _start_and_end(drawing: PlanDrawing, pen: _Pen) -> str:
     )
 
 
-def _scale_bar(left: float, bottom: float, width: float) -> str:
+def _scale_bar(x: float, y: float, width: float) -> str:
     length = next((m for m in (50, 20, 10, 5, 2, 1) if m <= width / 6), 1)
-    x, y = left + 0.4 * MARGIN_M, bottom - 0.4 * MARGIN_M
     size = max(width / 90, 0.15)
     return (
         f'<g class="scale"><polyline points="{x:.3f},{y:.3f} {x + length:.3f},{y:.3f}"/>'
         f'<text x="{x + length + size / 2:.3f}" y="{y:.3f}" dy="0.35em" font-size="{size:.2f}">'
         f"{length} m</text></g>"
     )
-
-
-def _text_size(room: DrawnRoom) -> float:
-    if room.outline is None:
-        return LARGEST_TEXT_M * 0.7
-    fits = np.ptp(room.outline[:, 0]) * 0.9 / (GLYPH_WIDTH * max(len(room.name), 3))
-    return float(np.clip(fits, SMALLEST_TEXT_M, LARGEST_TEXT_M))
 
 
 def _title(text: str) -> str:

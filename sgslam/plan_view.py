@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from data.files import write_atomically
-from sgslam.plan_drawing import DrawnRoom, PlanDrawing, ReportData, plan_drawing
+from sgslam.plan_drawing import PlanDrawing, ReportData, plan_drawing
 
 LONG_SIDE_INCH, DPI = 12.0, 150
+LARGEST_TEXT, SMALLEST_TEXT = 9.0, 3.0  # points; a name that would be smaller is left out
 BIM, ROOM, MATCHED, UNMATCHED = "#a3a9b2", "#e7f3f1", "#0f8a7b", "#d96c1a"
 PATHS: dict[str, dict[str, Any]] = {
     "odometry": {"color": "#8b5cf6", "lw": 1.1, "ls": (0, (4, 3))},
@@ -22,16 +23,18 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
     """Draws the plan from above (metres, the BIM frame where there is one) and writes it atomically."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # imported here: a third of a second
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     drawing = plan_drawing(data)
     low, high = drawing.bounds()
     width, height = np.maximum(high - low, 1.0)
     scale = LONG_SIDE_INCH / max(width, height)
     size = (max(width * scale, 5.0) + 1, max(height * scale, 4.0) + 1.6)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.15))
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _draw(axes, drawing)
+    _names(axes, drawing, points_per_metre=72 * scale)
     axes.set_aspect("equal")
     axes.set_title(drawing.heading, loc="left", fontsize=12, parse_math=False)
     frame = "BIM" if data.a_graph is not None else "map"
@@ -73,14 +76,16 @@ def _draw(axes: Any, drawing: PlanDrawing) -> None:
         axes.plot(*xy.T, label=drawing.labels[kind], **PATHS[kind])
     if "trajectory" in drawing.paths:
         axes.plot(*drawing.paths["trajectory"][0], "o", ms=6, color="#2563eb", mec="white", label="start")
-    for room in drawing.bim_rooms:
-        _name(axes, room, "bottom", "#6b7280")
-    for room in drawing.map_rooms:
-        _name(axes, room, "top" if room.matched else "center", MATCHED)
     axes.autoscale_view()
 
 
-def _name(axes: Any, room: DrawnRoom, side: str, color: str) -> None:
-    # parse_math: a name with a dollar sign is no formula
-    style = {"va": side, "ha": "center", "fontsize": 6.5, "color": color, "parse_math": False}
-    axes.text(*room.label, room.name, **style)
+def _names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None:
+    for rooms, color, of_map in ((drawing.bim_rooms, "#6b7280", False), (drawing.map_rooms, MATCHED, True)):
+        for room in rooms:
+            size = min(room.text_size() * points_per_metre, LARGEST_TEXT)
+            if size < SMALLEST_TEXT:
+                continue
+            side = "top" if of_map and room.matched else "center" if of_map else "bottom"
+            # parse_math: a name with a dollar sign is no formula
+            style = {"va": side, "ha": "center", "fontsize": size, "color": color, "parse_math": False}
+            axes.text(*room.label, room.name, **style)

@@ -33,7 +33,7 @@ def report_html(data: ReportData) -> str:
         '<p class="muted">Scroll to zoom, drag to move, double click to see all of it again; '
         "point at a wall or a room for its name.</p></section>"
     )
-    tables = [_rooms(data), _hypotheses(data), _summary(data), _seconds(data)]
+    tables = [_summary(data), _hypotheses(data), _rooms(data), _seconds(data)]
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
@@ -75,7 +75,7 @@ def _tiles(data: ReportData) -> str:
 def _summary(data: ReportData) -> str:
     m, accuracy = data.metrics, data.metrics.get("accuracy") or {}
     rows = [
-        ("Scans, of them skipped", f"{_count(m.get('scans'))}, {_count(m.get('scans_skipped'))}"),
+        ("Scans", f"{_count(m.get('scans'))} ({_count(m.get('scans_skipped'))} skipped)"),
         ("Length of the way", f"{_length(data):.1f} m"),
         ("First anchored after", _seconds_text(m.get("first_anchor_s"))),
     ]
