@@ -76,23 +76,23 @@ class Anchoring:
         `T_map_local` is the back end's estimate of the BIM's local frame where there is one. A new answer replaces a
         committed one only where it is unique and says the same.
         """
-        T_level_map = walls.T_level_map
         self._pairs = {(walls.current(wall), a_id) for wall, a_id in self._pairs}
         growth = _Growth.of(scene.graph)
         if last or growth.enough_since(self._tried):
             self._tried = growth
-            self._try(scene, T_level_map, T_map_local)
+            self._try(scene, walls, T_map_local)
         if self.committed is None:
             return None
-        return self._anchors(scene, T_level_map, T_map_local)
+        return self._anchors(scene, walls, T_map_local)
 
-    def _try(self, scene: Scene, T_level_map: Floats, T_map_local: Floats | None) -> None:
+    def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
+        T_level_map = walls.T_level_map
         fixed = self.committed.floor if self.committed is not None else None
         candidates = self._a if fixed is None else self._a.on_floor(fixed)
         self.match = self._matcher.match(scene.graph, candidates)
         if self.match.status == "unique" and self._agrees(self.match, T_level_map, T_map_local):
             self.committed = self.match
-            self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in self.match.wall_surfaces}
+            self._pairs = {(walls.current(scene.wall_of_surface[s]), a) for s, a, _ in self.match.wall_surfaces}
 
     def T_bim_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) the map in the BIM frame, from the back end's estimate."""
@@ -115,9 +115,10 @@ class Anchoring:
         turn = np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0))
         return bool(np.linalg.norm(step[:2, 3]) < 1.0 and turn < np.radians(5))
 
-    def _anchors(self, scene: Scene, T_level_map: Floats, T_map_local: Floats | None) -> Anchors:
+    def _anchors(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Anchors:
         """The committed pairs that still hold, by the surfaces as they are cut now."""
         assert self.committed is not None
+        T_level_map = walls.T_level_map
         if T_map_local is None:
             T_map_local = self._T_map_local(self.committed, T_level_map)
         a_ids: dict[int, list[str]] = {}
@@ -126,7 +127,7 @@ class Anchoring:
         planes: dict[int, dict[str, Floats]] = {}
         by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
         for surface in scene.graph.wall_surfaces:
-            wall = scene.wall_of_surface[surface.id]
+            wall = walls.current(scene.wall_of_surface[surface.id])
             for a_id in a_ids.get(wall, ()):
                 planned = self._a.surface_by_id[a_id]
                 if not self._holds(surface, planned, T_level_map, T_map_local):

@@ -10,9 +10,13 @@ class _Settings(BaseModel):
 class OdometrySettings(_Settings):
     """KISS-ICP, set for indoors: its default voxel of 1 m is for streets."""
 
-    voxel_size: float = Field(0.7, gt=0, description="m; smaller is more exact and slower")
+    voxel_size: float = Field(0.5, gt=0, description="m; smaller is more exact and slower")
     max_range: float = Field(60.0, gt=0, description="m")
     min_range: float = Field(0.3, ge=0, description="m")
+    max_step: float = Field(1.5, gt=0, description="m from scan to scan; a longer step is searched anew")
+    max_turn: float = Field(0.8, gt=0, description="rad from scan to scan, likewise")
+    max_tip: float = Field(0.25, gt=0, description="rad by which the vertical tips from scan to scan, likewise")
+    min_share: float = Field(0.4, ge=0, le=1, description="of a scan that a search must explain")
     sigma_rotation: float = Field(0.01, gt=0, description="rad, a step between keyframes")
     sigma_translation: float = Field(0.04, gt=0, description="m, a step between keyframes")
 
@@ -21,7 +25,8 @@ class TrackingSettings(_Settings):
     """Each scan against the walls known so far."""
 
     points: int = Field(200, ge=20, description="of the floor that are used, and twice as many of walls")
-    gates: tuple[float, ...] = Field((0.3, 0.2, 0.12, 0.12), description="m from a wall, one for each step")
+    reach: float = Field(20.0, gt=0, description="m to the walls that are used")
+    gates: tuple[float, ...] = Field((0.5, 0.25, 0.12), description="m from a wall, one for each step")
     sigma_point: float = Field(0.15, gt=0, description="m; neighbouring points share their errors")
     huber: float = Field(0.03, gt=0, description="m")
     sigma_height: float = Field(0.03, gt=0, description="m by which the sensor's height above the floor changes")
@@ -71,6 +76,8 @@ class RoomSettings(_Settings):
 class BackendSettings(_Settings):
     """Noise of the factors and the schedule of the optimisation."""
 
+    scene_keyframes: int = Field(25, ge=1, description="keyframes between two cuts into rooms, at the least")
+    scene_growth: float = Field(0.12, ge=0, description="and this share of all keyframes")
     every_keyframes: int = Field(15, ge=1, description="keyframes between two optimisations, at the least")
     growth: float = Field(0.05, ge=0, description="and this share of all keyframes")
     sigma_normal: float = Field(0.004, gt=0, description="rad, floor of a wall observation's normal")

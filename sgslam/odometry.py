@@ -1,13 +1,19 @@
 """Odometry behind one interface: a scan goes in, T_odom_sensor comes out."""
 
+import logging
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from sgslam.config import OdometrySettings
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+_NEAR = 0.3  # m; a point this close to the map counts as explained
+_KERNEL = 0.5  # m, of the registration in a search
 
 
 class Odometry(Protocol):
@@ -19,17 +25,72 @@ class Odometry(Protocol):
 
 
 class KissOdometry:
-    """KISS-ICP (Vizzo et al., RA-L 2023) with an indoor voxel size."""
+    """KISS-ICP (Vizzo et al., RA-L 2023) with an indoor voxel size, and a check on each step.
+
+    A step that no sensor carried through a building makes (it tips over, or leaps) is searched anew, from standing
+    still and from turns about the vertical; if nothing fits, the local map is begun afresh where the sensor was last.
+    """
 
     def __init__(self, settings: OdometrySettings) -> None:
         from kiss_icp.config import KISSConfig
         from kiss_icp.config.config import DataConfig, MappingConfig
         from kiss_icp.kiss_icp import KissICP
 
+        self._settings = settings
         data = DataConfig(max_range=settings.max_range, min_range=settings.min_range, deskew=False)
         self._kiss = KissICP(KISSConfig(data=data, mapping=MappingConfig(voxel_size=settings.voxel_size)))
+        self._scans = 0
 
     def register(self, points: Floats) -> Floats:
-        """See `Odometry.register`."""
-        self._kiss.register_frame(points, np.empty(0))
-        return self._kiss.last_pose.copy()
+        """See `Odometry.register`. The steps are those of `KissICP.register_frame`."""
+        kiss = self._kiss
+        frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
+        source, for_map = kiss.voxelize(frame)
+        sigma = kiss.adaptive_threshold.get_threshold()
+        guess = kiss.last_pose @ kiss.last_delta
+        pose = self._align(source, guess, sigma)
+        if self._scans and not self._plausible(pose):
+            pose = self._search(source)
+            kiss.adaptive_threshold.update_model_deviation(np.eye(4))
+        else:
+            kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(guess) @ pose)
+        kiss.local_map.update(for_map, pose)
+        kiss.last_delta = np.linalg.inv(kiss.last_pose) @ pose
+        kiss.last_pose = pose
+        self._scans += 1
+        return pose.copy()
+
+    def _align(self, source: Floats, guess: Floats, sigma: float) -> Floats:
+        return self._kiss.registration.align_points_to_map(
+            points=source, voxel_map=self._kiss.local_map, initial_guess=guess,
+            max_correspondance_distance=3 * sigma, kernel=sigma,
+        )  # fmt: skip
+
+    def _plausible(self, pose: Floats) -> bool:
+        step = np.linalg.inv(self._kiss.last_pose) @ pose
+        turn = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
+        tip = float(np.arccos(np.clip(step[2, 2], -1.0, 1.0)))
+        limits = self._settings
+        return bool(np.linalg.norm(step[:3, 3]) < limits.max_step and turn < limits.max_turn and tip < limits.max_tip)
+
+    def _search(self, source: Floats) -> Floats:
+        """The plausible pose that explains most of the scan, from turns of 30 degrees about the last pose."""
+        kiss = self._kiss
+        tree = cKDTree(kiss.local_map.point_cloud())
+        best, best_share = kiss.last_pose, 0.0
+        for turn in np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180]):
+            guess = kiss.last_pose.copy()
+            guess[:3, :3] = guess[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix()
+            pose = self._align(source, guess, _KERNEL)
+            step = np.linalg.inv(kiss.last_pose) @ pose
+            if step[2, 2] < np.cos(self._settings.max_tip) or np.linalg.norm(step[:3, 3]) > self._settings.max_step:
+                continue
+            distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=_NEAR)
+            share = float(np.mean(np.isfinite(distance)))
+            if share > best_share + 0.02:
+                best, best_share = pose, share
+        if best_share < self._settings.min_share:
+            _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+            kiss.local_map.clear()
+            return kiss.last_pose
+        return best

@@ -11,7 +11,7 @@ from data import SceneGraph, UserError
 from sgslam.anchoring import Anchoring, AnyMatcher
 from sgslam.backend import Backend
 from sgslam.config import Config
-from sgslam.frames import inverse, level_map
+from sgslam.frames import inverse, level_map, transform_planes
 from sgslam.front_end import FrontEnd, align, level_to_sensor, predict
 from sgslam.keyframes import KeyframeNode, KeyframeRule
 from sgslam.odometry import KissOdometry, Odometry
@@ -103,6 +103,9 @@ class SceneGraphSlam:
                 height = float((T_level_map @ scan.T_map_sensor)[2, 3]) if self._backend.floor_in_map is not None else None
                 seen = self._front_end.look(points, level_to_sensor(scan.T_map_sensor, T_level_map[2, :3]), height)
                 keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
+                if seen.floor is not None and self._backend.floor_in_map is None:
+                    floor_in_map = transform_planes(scan.T_map_sensor, seen.floor.plane)
+                    self._walls.T_level_map = level_map(floor_in_map, self._front_end.height)
                 self._walls.add(len(self._backend.keyframes), scan.T_map_sensor, seen.walls)
         self._backend.add_keyframe(keyframe)
         scan.keyframe = len(self._backend.keyframes) - 1
@@ -127,6 +130,15 @@ class SceneGraphSlam:
             T_level_map = level_map(self._backend.floor_in_map, self._front_end.height)
             self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
             self._walls.join_duplicates()
+        if last or (self._anchoring is not None and self._scene_due()):
+            self._cut_scene()
+
+    def _scene_due(self) -> bool:
+        settings = self._config.backend
+        grown = len(self._backend.keyframes) - (len(self._scene.graph.keyframes) if self._scene is not None else 0)
+        return grown >= max(settings.scene_keyframes, settings.scene_growth * len(self._backend.keyframes))
+
+    def _cut_scene(self) -> None:
         with self._clock("rooms"):
             self._scene = build_scene(self._backend.keyframes, self._walls, self._backend.floor_in_map, self._config)
 

@@ -36,13 +36,14 @@ def track(
     z = upright @ predicted[2, :3] + predicted[2, 3]
     upright = upright[(z > bands[0]) & (z < bands[1])]
     level = _spread(scan.points[scan.level], settings.points)
+    walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
     T, share = predicted.copy(), 0.0
     prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
     for gate in settings.gates:
         p = upright @ T[:3, :3].T
-        normal, off = _nearest_walls(p + T[:3, 3], walls, T[:2, 3])
+        normal, off = _nearest_walls(p + T[:3, 3], walls)
         near = np.abs(off) < gate
         share = float(near.mean())
         if near.sum() < 10:
@@ -68,21 +69,22 @@ def _spread(points: Floats, count: int) -> Floats:
     return points[:: max(1, len(points) // count)]
 
 
-def _nearest_walls(points: Floats, walls: Lines, sensor: Floats) -> tuple[Floats, Floats]:
-    """For points (N, 3) of the levelled map the normal (N, 3) of the nearest wall that turns its free side to the
-    sensor (2,), and the signed distance from it (N,)."""
+def _nearest_walls(points: Floats, walls: Lines) -> tuple[Floats, Floats]:
+    """For points (N, 3) of the levelled map the normal (N, 3) of the nearest wall, and the signed distance from it
+    (N,), infinite where the points lie beside all walls."""
     across = walls.across(points[:, :2])
     along = walls.along(points[:, :2])
-    cost = np.abs(across) + 10.0 * ((along < walls.low - 0.2) | (along > walls.high + 0.2))
-    cost += 10.0 * (walls.across(sensor[None]) < 0)
+    cost = np.where((along < walls.low - 0.2) | (along > walls.high + 0.2), np.inf, np.abs(across))
     nearest = np.argmin(cost, axis=1)
     every = np.arange(len(points))
-    off = np.where(cost[every, nearest] < 5.0, across[every, nearest], np.inf)
+    off = np.where(np.isfinite(cost[every, nearest]), across[every, nearest], np.inf)
     return np.column_stack([walls.normal[nearest], np.zeros(len(points))]), off
 
 
 def _rows(turned: Floats, normal: Floats, off: Floats, sigma: float, huber: float) -> tuple[Floats, Floats]:
     """Normal equations of point-to-plane residuals; `turned` (N, 3) are the points from the sensor, map axes."""
-    J = np.hstack([np.cross(turned, normal), normal])
+    x, y, z = turned.T
+    nx, ny, nz = normal.T
+    J = np.column_stack([y * nz - z * ny, z * nx - x * nz, x * ny - y * nx, nx, ny, nz])
     weighted = J * (np.minimum(1.0, huber / np.maximum(np.abs(off), 1e-9)) / sigma**2)[:, None]
     return weighted.T @ J, weighted.T @ off

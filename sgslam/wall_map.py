@@ -47,6 +47,14 @@ class Lines:
         """(K, M) the signed distance of points (K, 2) from each line."""
         return points @ self.normal.T + self.offset
 
+    def visible_from(self, place: Floats, reach: float) -> "Lines":
+        """Those that turn their free side to a place (2,) and come within `reach` of it."""
+        along = self.along(place[None])[0]
+        across = self.across(place[None])[0]
+        gap = np.maximum(0.0, np.maximum(self.low - along, along - self.high))
+        chosen = (across > 0) & (np.hypot(across, gap) < reach)
+        return Lines(*(part[chosen] for part in (self.ids, self.normal, self.offset, self.low, self.high, self.count)))
+
 
 class WallMap:
     """All wall observations of a run and the walls that they are thought to be of."""
@@ -57,7 +65,7 @@ class WallMap:
         self._walls = 0
         self.planes_in_map: dict[int, Floats] = {}  # the back end's estimates
         self.T_level_map: Floats = np.eye(4)  # levelled: z up, the floor at z = 0
-        self._extent: dict[int, list[float]] = {}  # low, high, keyframes
+        self._extent: dict[int, tuple[float, float, int]] = {}  # low, high, keyframes
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
         self._joined_into: dict[int, int] = {}
         self._lines: Lines | None = None
@@ -72,7 +80,9 @@ class WallMap:
             )
             if wall not in self.planes_in_map:
                 self.planes_in_map[wall] = transform_planes(T_map_sensor, plane)
-            self._extend(wall, T_map_sensor, ends)
+            normal, _ = self._as_lines(self.planes_in_map[wall][None])
+            in_level = transform_points(self.T_level_map @ T_map_sensor, ends)
+            self._widen(np.array([wall]), normal, in_level[None, :, :2])
 
     def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
         """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes (4,)."""
@@ -82,11 +92,15 @@ class WallMap:
         if not self.seen:
             return
         T = poses[[s.keyframe for s in self.seen]]
-        ends = transform_points((T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
-        for s, pair in zip(self.seen, ends, strict=True):
+        for s, pose in zip(self.seen, T, strict=True):
             if s.wall not in self.planes_in_map:  # seen once so far
-                self.planes_in_map[s.wall] = transform_planes(poses[s.keyframe], s.plane)
-            self._widen(s.wall, pair[:, :2])
+                self.planes_in_map[s.wall] = transform_planes(pose, s.plane)
+        ids = np.array(list(self.planes_in_map))
+        normal, _ = self._as_lines(np.stack(list(self.planes_in_map.values())))
+        row = np.empty(int(ids.max()) + 1, dtype=np.int64)
+        row[ids] = np.arange(len(ids))
+        ends = transform_points((T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
+        self._widen(np.array([s.wall for s in self.seen]), normal[row[[s.wall for s in self.seen]]], ends[..., :2])
 
     @property
     def lines(self) -> Lines:
@@ -107,7 +121,7 @@ class WallMap:
         if not len(ids):
             return Lines(ids, np.empty((0, 2)), *(np.empty(0) for _ in range(3)), ids)
         normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
-        extent = np.array([self._extent[i] for i in ids])
+        extent = np.array([self._extent[i] for i in ids.tolist()])
         return Lines(ids, normal, offset, extent[:, 0], extent[:, 1], extent[:, 2].astype(np.int64))
 
     def coverage(self, step: float) -> dict[int, Floats]:
@@ -144,7 +158,7 @@ class WallMap:
                 s.wall = kept
         low, high, count = self._extent.pop(gone)
         mine = self._extent[kept]
-        self._extent[kept] = [min(mine[0], low), max(mine[1], high), mine[2] + count]
+        self._extent[kept] = (min(mine[0], low), max(mine[1], high), mine[2] + count)
         self._intervals = [(kept if wall == gone else wall, a, b) for wall, a, b in self._intervals]
         del self.planes_in_map[gone]
 
@@ -171,16 +185,14 @@ class WallMap:
         self._walls += 1
         return self._walls - 1
 
-    def _extend(self, wall: int, T_map_sensor: Floats, ends: Floats) -> None:
-        self._widen(wall, transform_points(self.T_level_map @ T_map_sensor, ends)[:, :2])
-
-    def _widen(self, wall: int, ends: Floats) -> None:
-        normal, _ = self._as_lines(self.planes_in_map[wall][None])
-        place = ends @ np.array([-normal[0, 1], normal[0, 0]])
-        old = self._extent.get(wall, [np.inf, -np.inf, 0])
+    def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats) -> None:
+        """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2)."""
+        along = ends[..., 1] * normals[:, None, 0] - ends[..., 0] * normals[:, None, 1]
         self._lines = None
-        self._extent[wall] = [min(old[0], *place), max(old[1], *place), old[2] + 1]
-        self._intervals.append((wall, float(place.min()), float(place.max())))
+        for wall, low, high in zip(walls.tolist(), along.min(axis=1).tolist(), along.max(axis=1).tolist(), strict=True):
+            old = self._extent.get(wall, (np.inf, -np.inf, 0))
+            self._extent[wall] = (min(old[0], low), max(old[1], high), old[2] + 1)
+            self._intervals.append((wall, low, high))
 
 
 def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, int] | None:
