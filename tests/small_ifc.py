@@ -50,6 +50,7 @@ CUPBOARD: Box = (8.5, 5.0, 0.0, 9.5, 6.0, 1.2)
 FLOOR: Box = (-0.2, -0.2, -0.2, 10.2, 7.2, 0.0)
 CEILING: Box = (-0.2, -0.2, HEIGHT, 10.2, 7.2, HEIGHT + 0.2)
 PIT: Box = (5.1, 4.8, -0.2, 7.0, 7.0, 0.0)  # in the store, where the floor may be left out
+CELLAR_FLOOR: Box = (-0.2, -0.2, -2.7, 10.2, 7.2, -2.5)  # seen through the pit
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def write_small_ifc(
     solids = [CUPBOARD, PANE, *_wall_pieces()]
     make.element("IfcFurnishingElement", "cupboard", CUPBOARD)
     if slabs:
-        floors = _around(FLOOR, PIT) if pit else [FLOOR]
+        floors = [*_around(FLOOR, PIT), CELLAR_FLOOR] if pit else [FLOOR]
         for box in (*floors, CEILING):
             make.element("IfcSlab", "slab", box)
         solids += [*floors, CEILING]

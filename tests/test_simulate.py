@@ -175,6 +175,7 @@ def test_spaces_serve_as_floor_and_ceiling_of_a_model_without(tmp_path: Path) ->
 def test_a_storey_without_spaces_in_millimetres(tmp_path: Path) -> None:
     bare = write_small_ifc(tmp_path / "bare.ifc", spaces=False, millimetres=True, elevation=2.5)
     run = simulate(bare.path, "ground", tmp_path / "out", 0, 3, 20.0, SENSOR)
+    assert run.rooms_entered == 3
     places = bare.from_bim(run.truth.positions)
     np.testing.assert_allclose(places[:, 2], 0.8, atol=1e-3)
     assert plan_distance(places[:, :2], bare.solids).min() >= ROBOT.radius
@@ -240,6 +241,13 @@ def test_ranges_beyond_the_sensors_are_left_out() -> None:
     far = SpinningSensor(range_noise=0, min_range=5.5).scan(scene, np.eye(4), rng)
     nearest = np.linalg.norm(far, axis=1).min()
     assert 5.5 <= nearest < 5.6
+
+
+def test_ranges_are_exact_far_from_the_origin() -> None:
+    offset = np.array([691_000.123, 5_334_000.456, 520.0])  # as in map coordinates
+    wall = np.array([[[5.0, -9, -9], [5, 9, -9], [5, 0, 9]]]) + offset
+    ranges = TriangleScene(wall).distances(offset, np.array([[1.0, 0, 0], [0.8, 0.6, 0], [-1, 0, 0]]))
+    np.testing.assert_allclose(ranges, [5.0, 6.25, np.inf], atol=1e-4)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-3, 0.3, -3.0])
