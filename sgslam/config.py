@@ -13,6 +13,8 @@ class OdometrySettings(_Settings):
     voxel_size: float = Field(0.5, gt=0, description="m; smaller is more exact and slower")
     max_range: float = Field(60.0, gt=0, description="m")
     min_range: float = Field(0.3, ge=0, description="m")
+    iterations: int = Field(100, ge=1, description="of the registration at most")
+    convergence: float = Field(1e-3, gt=0, description="m and rad at which the registration stops")
     max_step: float = Field(1.5, gt=0, description="m from scan to scan; a longer step is searched anew")
     max_turn: float = Field(0.8, gt=0, description="rad from scan to scan, likewise")
     max_tip: float = Field(0.25, gt=0, description="rad by which the vertical tips from scan to scan, likewise")

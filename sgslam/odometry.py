@@ -33,12 +33,16 @@ class KissOdometry:
 
     def __init__(self, settings: OdometrySettings) -> None:
         from kiss_icp.config import KISSConfig
-        from kiss_icp.config.config import DataConfig, MappingConfig
+        from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
         from kiss_icp.kiss_icp import KissICP
 
         self._settings = settings
         data = DataConfig(max_range=settings.max_range, min_range=settings.min_range, deskew=False)
-        self._kiss = KissICP(KISSConfig(data=data, mapping=MappingConfig(voxel_size=settings.voxel_size)))
+        mapping = MappingConfig(voxel_size=settings.voxel_size)
+        registration = RegistrationConfig(
+            max_num_iterations=settings.iterations, convergence_criterion=settings.convergence, max_num_threads=1
+        )  # one thread: the same input gives the same output, and two are no faster
+        self._kiss = KissICP(KISSConfig(data=data, mapping=mapping, registration=registration))
         self._scans = 0
 
     def register(self, points: Floats) -> Floats:
