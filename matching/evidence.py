@@ -12,13 +12,17 @@ from matching.scoring import BEND, SIGMA_HEADING, Fit, Pairing
 from matching.se2 import Array
 
 SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely beforehand
-NOT_IN_PLAN = 0.2  # prior of an S wall
+NOT_IN_PLAN = 0.3  # prior of an S wall, over its length in metres: cupboards are short
+NOT_IN_PLAN_BOUNDS = (0.08, 0.3)
 LEAST_DENSITY = 0.1  # walls a metre; rare directions shall not be proof of a place
+END_SIGMAS = np.array([0.05, 0.15, 0.4])  # metres along, of the ends of walls
+SEEN_TO_END = 0.6  # the others stop short, or run on where the plan has a corner
+END_TRUST = 0.5  # exponent: two ends of a wall, and the walls that cross there, are not independent
 MOST_BENT = 9.0  # chi^2 of one room
 
 
 def likelihood_ratios(pairing: Pairing, state: Array, fitted: Fit) -> Array:
-    """(Ns, sigmas) log likelihood ratio, wall on plan against chance, of each S wall for each precision.
+    """(Ns, precisions) log likelihood ratio, wall on plan against chance, of each S wall for each precision.
 
     `state` (1, G, 3) and its `fitted` pairs: the best pair of each S wall speaks.
     """
@@ -28,10 +32,24 @@ def likelihood_ratios(pairing: Pairing, state: Array, fitted: Fit) -> Array:
     j = pairing.partner[n, best]
     off = np.sum((fitted.placed[:, 0] - a.centre[j]) * a.normal[j], axis=-1)
     turned = se2.wrap(s.heading + state[0, pairing.group, 0] - a.heading[j])
-    density = np.exp(-0.5 * (off[:, None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
+    density = normal_density(off, SIGMAS)
     here = fitted.beside[n, 0, best] * np.exp(-0.5 * (turned / SIGMA_HEADING) ** 2)
-    ratio = here[:, None] * density / chance_density(pairing)[:, None]
-    return np.asarray(np.log((1 - NOT_IN_PLAN) * ratio + NOT_IN_PLAN))
+    ratio = (here / chance_density(pairing))[:, None] * density
+    known = s.known & a.known[j]
+    length = np.maximum(2 * a.half[j], 1.0)[:, None]
+    ends = np.ones((len(s), len(END_SIGMAS)))
+    for side in (-1, 1):
+        gap = fitted.along[n, 0, best] + side * (s.half - a.half[j])
+        ends *= SEEN_TO_END * normal_density(gap, END_SIGMAS) * length + 1 - SEEN_TO_END
+    ends = np.where(known[:, None], ends**END_TRUST, 1.0)
+    other = np.clip(NOT_IN_PLAN / (2 * s.half), *NOT_IN_PLAN_BOUNDS)[:, None, None]
+    both = (1 - other) * ratio[:, :, None] * ends[:, None, :] + other
+    return np.asarray(np.log(both).reshape(len(s), -1))
+
+
+def normal_density(x: Array, sigmas: Array) -> Array:
+    """(N, sigmas) density of N(0, sigma) at x (N,)."""
+    return np.asarray(np.exp(-0.5 * (x[:, None] / sigmas) ** 2) / (np.sqrt(2 * np.pi) * sigmas))
 
 
 def chance_density(pairing: Pairing) -> Array:
@@ -45,4 +63,4 @@ def evidence(pairing: Pairing, state: Array, expected: Array, fitted: Fit) -> fl
     """Nats: all S walls' ratios, precision marginalised, less what the bending of the map costs."""
     total = likelihood_ratios(pairing, state, fitted).sum(axis=0)
     bent = np.minimum((((state - expected)[0] / BEND) ** 2).sum(axis=1), MOST_BENT).sum()
-    return float(np.logaddexp.reduce(total) - np.log(len(SIGMAS)) - 0.5 * bent)
+    return float(np.logaddexp.reduce(total) - np.log(len(total)) - 0.5 * bent)

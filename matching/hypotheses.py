@@ -6,7 +6,7 @@ import numpy as np
 
 from matching import se2
 from matching.evidence import evidence
-from matching.scoring import Fit, Pairing, bend, explained, fit, refine_rigid
+from matching.scoring import Fit, Pairing, bend, explained, fit, refine_rigid, rigid_of
 from matching.se2 import Array
 from matching.voting import FEW_CORNERS, marks, vote
 from matching.walls import Walls
@@ -91,7 +91,7 @@ def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
     judged = fit(pairing, state, SIGMA_SCORE)
     seen = judged.quality.max(axis=2)[:, 0]
     score = evidence(pairing, state, expected, judged)
-    return Placement(a, motion, pairing, state, expected, judged, seen, score)
+    return Placement(a, rigid_of(pairing, state), pairing, state, expected, judged, seen, score)
 
 
 def groups_of(s: Walls) -> np.ndarray[tuple[int], np.dtype[np.int64]]:

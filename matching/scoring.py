@@ -137,6 +137,21 @@ def refine_rigid(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) ->
     return pairing.motions(state)[:, 0]
 
 
+def rigid_of(pairing: Pairing, state: Array) -> Array:
+    """(3,) the rigid motion nearest to a bent state (1, G, 3): least squares over the walls' ends that it explains."""
+    now = fit(pairing, state, 0.15)
+    weight = np.tile(pairing.s.weight * now.quality.max(axis=2)[:, 0] + 1e-6, 2)
+    arm = pairing.s.half[:, None] * pairing.s.tangent
+    turned = se2.rotate(state[0, pairing.group, 0], arm)
+    p = np.concatenate((pairing.s.centre + arm, pairing.s.centre - arm))
+    q = np.concatenate((now.placed[:, 0] + turned, now.placed[:, 0] - turned))
+    p_mean, q_mean = (np.average(x, axis=0, weights=weight) for x in (p, q))
+    dp, dq = p - p_mean, q - q_mean
+    cross, dot = dp[:, 0] * dq[:, 1] - dp[:, 1] * dq[:, 0], np.sum(dp * dq, axis=-1)
+    yaw = np.arctan2(weight @ cross, weight @ dot)
+    return np.array([yaw, *(q_mean - se2.rotate(yaw, p_mean))])
+
+
 def bend(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) -> tuple[Array, Array]:
     """Lets every group follow its own walls, held by its neighbours.
 

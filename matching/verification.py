@@ -10,9 +10,11 @@ from matching.result import Status
 from matching.walls import Walls
 
 LEAST_SURFACES = 5
-LEAST_FRACTION = 0.6
-LEAST_EVIDENCE = 7.0  # nats above what the best of all places would reach by chance
-LEAST_MARGIN = 7.0
+LEAST_FRACTION = 0.55  # of the map that the plan explains
+LEAST_EVIDENCE = 8.0  # nats above what the best of all places reaches by chance
+LEAST_EVIDENCE_PER_WALL = 0.4
+LEAST_MARGIN = 4.0  # nats over the runner-up,
+MARGIN_SHARE = 0.12  # and of the evidence: two nearly equal places differ by the same noise everywhere
 
 
 @dataclass(frozen=True)
@@ -35,11 +37,12 @@ def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> V
     chance = np.log(sum(float(np.prod(np.ptp(a.centre, axis=0) + 1.0)) for a in storeys) * 4 / 0.1)
     if (
         best.fraction < LEAST_FRACTION
-        or best.score - chance < LEAST_EVIDENCE
+        or best.score - chance < max(LEAST_EVIDENCE, LEAST_EVIDENCE_PER_WALL * len(best.explained))
         or len(pairs.surfaces) < LEAST_SURFACES
     ):
         return Verdict("none", f"the plan does not explain the map: at best {told}", probability)
-    rivals = [p for p in placements if p.score > best.score - LEAST_MARGIN]
+    margin = LEAST_MARGIN + MARGIN_SHARE * best.score
+    rivals = [p for p in placements if p.score > best.score - margin]
     if len(rivals) > 1:
         floors = list(dict.fromkeys(p.storey.floor for p in rivals))
         what = f"{len(floors)} storeys" if len(floors) == len(rivals) else f"{len(rivals)} places"
