@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import ifcopenshell
@@ -11,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.errors import UserError
+
+Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]  # vertices (N, 3), faces (M, 3)
 
 
 @dataclass(frozen=True)
@@ -39,20 +42,46 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
 def products(model: ifcopenshell.file, classes: tuple[str, ...]) -> Iterator[IfcProduct]:
     """Yields the products of these classes (subclasses too) that have a geometry.
 
-    Products whose geometry cannot be made are left out. Openings are subtracted.
+    Products whose geometry cannot be made are left out. Openings are subtracted. An assembly without a geometry
+    of its own (a curtain wall) has that of its parts, unless these are of the classes asked for themselves.
     """
+    asked = dict.fromkeys(p for c in classes for p in model.by_type(c))
+    for product in asked:
+        bodies = [product]
+        if product.Representation is None:
+            parts = ifcopenshell.util.element.get_decomposition(product)
+            bodies = [p for p in parts if p.is_a("IfcProduct") and not any(p.is_a(c) for c in classes)]
+        meshes = [mesh for mesh in map(triangulated, bodies) if mesh is not None]
+        if meshes:
+            vertices, faces = _joined(meshes)
+            name = product.Name or ""
+            yield IfcProduct(product.GlobalId, product.is_a(), name, _storey(product), vertices, faces)
+
+
+def triangulated(product: ifcopenshell.entity_instance) -> Mesh | None:
+    """Vertices (N, 3) metres in the BIM frame and faces (M, 3); None where no surface can be made."""
+    if product.Representation is None:
+        return None
+    try:
+        shape = ifcopenshell.geom.create_shape(_settings(), product)
+    except RuntimeError:
+        return None
+    vertices = np.asarray(shape.geometry.verts, dtype=float).reshape(-1, 3)
+    faces = np.asarray(shape.geometry.faces, dtype=np.int32).reshape(-1, 3)
+    return (vertices, faces) if len(faces) and np.isfinite(vertices).all() else None
+
+
+@cache
+def _settings() -> ifcopenshell.geom.settings:
     settings = ifcopenshell.geom.settings()
     settings.set("use-world-coords", True)
-    wanted = [p for c in classes for p in model.by_type(c) if p.Representation is not None]
-    for product in dict.fromkeys(wanted):
-        try:
-            shape = ifcopenshell.geom.create_shape(settings, product)
-        except RuntimeError:
-            continue
-        vertices = np.asarray(shape.geometry.verts, dtype=float).reshape(-1, 3)
-        faces = np.asarray(shape.geometry.faces, dtype=np.int32).reshape(-1, 3)
-        if len(faces):
-            yield IfcProduct(product.GlobalId, product.is_a(), product.Name or "", _storey(product), vertices, faces)
+    return settings
+
+
+def _joined(meshes: list[Mesh]) -> Mesh:
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    faces = [f + int(start) for (_, f), start in zip(meshes, starts, strict=False)]
+    return np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int32)
 
 
 def _storey(product: ifcopenshell.entity_instance) -> str | None:

@@ -1,0 +1,77 @@
+"""The building's plan: an IFC file, or an A-graph that was made from one, as a scene graph in the BIM frame."""
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from data.errors import UserError
+from data.files import write_json
+from data.scene_graph import SceneGraph
+
+EXTRACTOR_VERSION = 1  # to be raised whenever the A-graph of the same file changes
+IFC_SUFFIXES = (".ifc", ".ifczip")
+
+
+@dataclass(frozen=True)
+class Bim:
+    """The A-graph, and what the user should know about it, in one line each."""
+
+    graph: SceneGraph
+    notices: tuple[str, ...] = ()
+
+
+def load_bim(path: Path | str, cache_dir: Path | str | None = None) -> Bim:
+    """Reads `.ifc` or `.ifczip`, or an A-graph as `.json`.
+
+    What was made of an IFC file is kept in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's cache
+    directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind, cannot be
+    read, or has no walls.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{path}: no such file; give an IFC file (.ifc, .ifczip) or an A-graph (.json)")
+    if path.suffix.lower() == ".json":
+        return Bim(_with_walls(SceneGraph.load(path), path))
+    if path.suffix.lower() not in IFC_SUFFIXES:
+        raise UserError(f"{path}: neither an IFC file (.ifc, .ifczip) nor an A-graph (.json)")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    entry = (Path(cache_dir) if cache_dir else _user_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
+    bim = _cached(entry)
+    if bim is None:
+        from data.ifc_graph import read_ifc  # ifcopenshell is loaded only where there is something to read
+
+        bim = Bim(*read_ifc(path))
+        _keep(entry, bim)
+    return bim
+
+
+def _with_walls(graph: SceneGraph, path: Path) -> SceneGraph:
+    if not graph.wall_surfaces:
+        raise UserError(f"{path}: has no wall surfaces; give an A-graph with walls")
+    return graph
+
+
+def _user_cache() -> Path:
+    if own := os.environ.get("SGSLAM_CACHE_DIR"):
+        return Path(own)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"
+
+
+def _cached(entry: Path) -> Bim | None:
+    """The kept result; None where there is none, or none that can be read."""
+    try:
+        kept = json.loads(entry.read_text())
+        return Bim(SceneGraph.from_dict(kept["graph"]), tuple(map(str, kept["notices"])))
+    except (OSError, ValueError, KeyError, TypeError, UserError):
+        return None
+
+
+def _keep(entry: Path, bim: Bim) -> None:
+    """A cache that cannot be written costs time at the next run, no more."""
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        write_json(entry, {"graph": bim.graph.to_dict(), "notices": list(bim.notices)})
+    except OSError:
+        return

@@ -1,0 +1,134 @@
+"""Pieces of walls' sides joined to wall surfaces: one for each plane in which walls turn a side to a room."""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.areas import Area
+from data.ifc_edges import Edge
+from data.ifc_rooms import Level
+from data.ifc_sections import Solid
+from data.intervals import Intervals, united
+from data.scene_graph import WallSurface
+
+SAME_PLANE = 0.01  # m
+SAME_ANGLE = float(np.cos(np.radians(0.5)))
+CURTAIN_DEPTH = 0.2  # m: panes and mullions of one curtain wall are one surface
+MAX_GAP = 2.5  # m: a door or window
+BUTT = 0.02  # m: walls that meet end to end, drawn with a slit
+MIN_LENGTH = 0.15  # m
+MIN_HEIGHT = 0.3  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """The part of a wall's edge from `low` to `high` metres along it, which faces `room`."""
+
+    solid: Solid
+    room: str | None
+    edge: Edge
+    low: float
+    high: float
+
+    @property
+    def length(self) -> float:
+        """Metres."""
+        return self.high - self.low
+
+    def ends(self) -> NDArray[np.float64]:
+        """(2, 2) both end points."""
+        return np.stack([self.edge.point(self.low), self.edge.point(self.high)])
+
+
+def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurface]:
+    """The surfaces, with empty ids. Pieces of one room in one plane are joined over gaps up to a door's width.
+
+    Where no room is known, a gap in which a wall stands (`cuts`: the walls' cuts) is not joined over.
+    """
+    of_room: dict[str | None, list[Piece]] = defaultdict(list)
+    for piece in pieces:
+        of_room[piece.room].append(piece)
+    walls = shapely.STRtree(cuts)
+    surfaces = []
+    for room, rest in of_room.items():
+        rest.sort(key=lambda p: -p.length)
+        while rest:
+            plane = rest[0].edge
+            joined = [p for p in rest if _in_plane(p, rest[0])]
+            rest = [p for p in rest if p not in joined]
+            spans = [_span(p, plane) for p in joined]
+            for low, high in _joined_spans(spans, plane, None if room is not None else walls):
+                within = [p for p, (a, b) in zip(joined, spans, strict=True) if a < high and low < b]
+                surface = _surface(level, room, plane, (low, high), within)
+                if surface is not None:
+                    surfaces.append(surface)
+    return surfaces
+
+
+def _in_plane(piece: Piece, reference: Piece) -> bool:
+    curtain = reference.solid.product.ifc_class == "IfcCurtainWall" and piece.solid is reference.solid
+    offsets = (piece.ends() - reference.edge.start) @ reference.edge.normal
+    parallel = float(piece.edge.along @ reference.edge.along) > SAME_ANGLE
+    return parallel and float(np.abs(offsets).max()) < (CURTAIN_DEPTH if curtain else SAME_PLANE)
+
+
+def _span(piece: Piece, plane: Edge) -> tuple[float, float]:
+    low, high = (piece.ends() - plane.start) @ plane.along
+    return float(low), float(high)
+
+
+def _joined_spans(spans: Intervals, plane: Edge, walls: shapely.STRtree | None) -> Intervals:
+    if walls is None:
+        return united(spans, gap=MAX_GAP)
+    result: Intervals = []
+    for low, high in united(spans, gap=BUTT):
+        if result and low - result[-1][1] <= MAX_GAP and not _wall_between(plane, result[-1][1], low, walls):
+            low = result.pop()[0]
+        result.append((low, high))
+    return result
+
+
+def _wall_between(plane: Edge, low: float, high: float, walls: shapely.STRtree) -> bool:
+    front = [plane.point(u) + 0.05 * plane.normal for u in (low - 0.01, high + 0.01)]
+    return bool(len(walls.query(shapely.LineString(front), predicate="intersects")))
+
+
+def _surface(
+    level: Level, room: str | None, plane: Edge, span: tuple[float, float], pieces: list[Piece]
+) -> WallSurface | None:
+    low, high = span
+    if high - low < MIN_LENGTH:
+        return None
+    height = _height(level, room, plane, span, list({id(p.solid): p.solid for p in pieces}.values()))
+    if height[1] - height[0] < MIN_HEIGHT:
+        return None
+    length_of: dict[str, float] = defaultdict(float)
+    for piece in pieces:
+        length_of[piece.solid.product.global_id] += piece.length
+    source = max(sorted(length_of), key=lambda s: length_of[s])
+    (x, y), (nx, ny) = plane.point((low + high) / 2).tolist(), plane.normal.tolist()
+    floor = next((r.room.floor for r in level.rooms if r.room.id == room), level.floor)
+    coefficients = (nx, ny, 0.0, -(nx * x + ny * y))
+    return WallSurface("", room, (x, y), (nx, ny), high - low, floor, source, height, coefficients)
+
+
+def _height(
+    level: Level, room: str | None, plane: Edge, span: tuple[float, float], solids: list[Solid]
+) -> tuple[float, float]:
+    """Lowest and highest z of the walls' upright faces in this plane, as far as the room reaches."""
+    bottom, top = next(((r.bottom, r.top) for r in level.rooms if r.room.id == room), (level.bottom, level.top))
+    z = []
+    for solid in solids:
+        curtain = solid.product.ifc_class == "IfcCurtainWall"
+        faces = solid.upright_faces()
+        relative = faces[:, :, :2] - plane.start
+        offset, u = np.abs(relative @ plane.normal).max(axis=1), relative @ plane.along
+        here = (u.min(axis=1) < span[1] - 0.01) & (u.max(axis=1) > span[0] + 0.01)
+        z.append(faces[here & (offset < (CURTAIN_DEPTH if curtain else 2 * SAME_PLANE)), :, 2].ravel())
+    found = np.concatenate(z)
+    if not len(found):
+        return bottom, top
+    return float(max(found.min(), bottom)), float(min(found.max(), top))
