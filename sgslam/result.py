@@ -1,6 +1,7 @@
 """What a run gives: trajectories of all scans, the S-graph, the matches, deviations, metrics; and its folder."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.deviations import deviations
 from sgslam.frames import inverse
+from sgslam.output import prepare_folder, save_result
 from sgslam.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -61,6 +63,10 @@ class Result:
     seconds: dict[str, float]
     config: Config
 
+    def save(self, out: Path | str) -> None:
+        """Writes the run's folder: trajectories, graphs, matches, deviations, metrics, configuration, report."""
+        save_result(self, prepare_folder(Path(out)))
+
     def metrics(self) -> dict[str, Any]:
         """The form of metrics.json, without what only the command knows."""
         T = self.T_bim_map
@@ -69,6 +75,7 @@ class Result:
             "reason": self.reason,
             "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
             "scans": len(self.trajectory),
+            "scans_skipped": 0,
             "keyframes": self.keyframes,
             "rooms": len(self.s_graph.rooms),
             "wall_surfaces": len(self.s_graph.wall_surfaces),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
+from data.bim import Bim
 from sgslam.anchoring import Anchoring, AnyMatcher
 from sgslam.backend import Backend
 from sgslam.config import Config
@@ -25,22 +26,25 @@ Floats = NDArray[np.float64]
 class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph where one is given.
 
-    `bim` is an A-graph in the BIM frame, `matcher` any object with `.match(s, a)` (voting by default), `odometry` any
+    `bim` is an A-graph in the BIM frame (or what `load_bim` gives), `matcher` any object with `.match(s, a)` (voting by default), `odometry` any
     `Odometry` (KISS-ICP by default). Scans are added in the order of their stamps.
     """
 
     def __init__(
-        self, bim: SceneGraph | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
+        self, bim: SceneGraph | Bim | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
         odometry: Odometry | None = None,
     ) -> None:  # fmt: skip
         self._config = config or Config()
-        self._bim = bim
+        a_graph = bim.graph if isinstance(bim, Bim) else bim
+        self._bim = a_graph
         self._odometry = odometry or KissOdometry(self._config.odometry)
         self._front_end = FrontEnd(self._config)
         self._rule = KeyframeRule(self._config.keyframes)
         self._walls = WallMap(self._config.surfaces)
         self._backend = Backend(self._config)
-        self._anchoring = None if bim is None else Anchoring(bim, matcher or _default_matcher(self._config), self._config)
+        self._anchoring = (
+            None if a_graph is None else Anchoring(a_graph, matcher or _default_matcher(self._config), self._config)
+        )
         self._scene: Scene | None = None
         self._scans: list[ScanPose] = []
         self._first_anchor_ns: int | None = None

@@ -1,0 +1,179 @@
+"""`python -m sgslam.run --scan-dir DIR --bim FILE`: scans and a building's model in, an anchored trajectory out."""
+
+import argparse
+import logging
+import math
+import sys
+from datetime import datetime
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from data.cli import Parser, run_command
+from data.errors import UserError
+
+if TYPE_CHECKING:
+    from data.scans import ScanFolder
+    from data.scene_graph import SceneGraph
+    from data.trajectory import Trajectory
+    from sgslam.slam import SceneGraphSlam
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; returns 0 when done, also when nothing could be anchored. Raises UserError."""
+    options = _parser().parse_args(arguments)
+    if options.scan_dir is None:
+        raise UserError("--scan-dir is missing: give the folder that holds the scans")
+    # libraries are loaded only now, so that --help and a missing argument answer at once
+    from data.bim import load_bim
+    from data.scans import ScanFolder
+    from data.trajectory import Trajectory
+    from sgslam.accuracy import associate
+    from sgslam.output import prepare_folder, save_result
+    from sgslam.settings import load_config
+    from sgslam.slam import SceneGraphSlam
+
+    config = load_config(options.config, options.set)
+    start = None if options.start is None else _start(options.start)
+    scans = ScanFolder(options.scan_dir)
+    truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
+    if truth is not None and not len(associate(scans.stamps_ns, truth.stamps_ns)):
+        raise UserError(f"{options.ground_truth}: no stamp is near a scan's; give the truth by the scans' clock")
+    began = perf_counter()
+    bim = None if options.bim is None else load_bim(options.bim)
+    seconds = {"bim": perf_counter() - began}
+    a_graph = None if bim is None else _storey(bim.graph, options.storey)
+    out = prepare_folder(options.out or Path("out") / datetime.now().strftime("%Y-%m-%d_%H-%M-%S"))
+    _log_to(out / "run.log", options.verbose)
+    for notice in [scans.note, *(bim.notices if bim is not None else ())]:
+        if notice:
+            logging.getLogger("sgslam").warning("%s", notice)
+    slam = SceneGraphSlam(a_graph, _matcher(config.matching.method, start), config)
+    broken = _feed(slam, scans, seconds)
+    result = slam.finish()
+    seconds["total"] = perf_counter() - began
+    more: dict[str, Any] = {"scans_skipped": len(scans.skipped), "seconds": {**result.seconds, **seconds}}
+    if truth is not None:
+        more["accuracy"] = _accuracy(result, truth)
+    metrics = save_result(result, out, a_graph=None if bim is None else bim.graph, truth=truth, more=more)
+    if broken is not None:
+        raise UserError(f"{broken}; what was computed up to there is in {out}")
+    _show(metrics, out)
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    about = "Indoor LiDAR SLAM that knows the building's plans: scans and an IFC file in, a trajectory in building coordinates out."
+    parser = Parser(prog="python -m sgslam.run", description=about)
+    add = parser.add_argument
+    add("--scan-dir", type=Path, metavar="DIR", help="folder of scans (.bin, .ply, .pcd, .npy), sensor frame")
+    add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, or an A-graph as .json")
+    add("--out", type=Path, metavar="DIR", help="where the results go (default: out/<date>)")
+    add("--ground-truth", type=Path, metavar="FILE", help="sensor poses in the BIM frame, TUM, the scans' clock")
+    add("--start", metavar="X,Y,YAW", help="rough start in the BIM frame, metres and radians; breaks ties")
+    add("--storey", metavar="NAME", help="the storey that was scanned, where it is known")
+    add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
+    add("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
+    add("--verbose", action="store_true", help="tell what happens")
+    return parser
+
+
+def _start(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, yaw = (float(part) for part in text.split(","))
+    except ValueError:
+        raise UserError(f"--start {text}: not of the form X,Y,YAW, such as 3.5,-1.2,1.57") from None
+    if not all(math.isfinite(value) for value in (x, y, yaw)):
+        raise UserError(f"--start {text}: not finite numbers")
+    return x, y, yaw
+
+
+def _storey(a_graph: "SceneGraph", name: str | None) -> "SceneGraph":
+    """The whole A-graph, or the storey that the user names (by name or id, upper and lower case alike)."""
+    if name is None:
+        return a_graph
+    named = [f for f in a_graph.floors if name.casefold() in (f.name.casefold(), f.id.casefold())]
+    if not named:
+        raise UserError(f"--storey {name}: no such storey; there are: {', '.join(f.name or f.id for f in a_graph.floors)}")
+    return a_graph.on_floor(named[0].id)
+
+
+def _matcher(method: str, start: tuple[float, float, float] | None) -> Any:
+    from matching import Matcher
+
+    matcher = Matcher.load(method)
+    return matcher if start is None else _StartedMatcher(matcher, start)
+
+
+class _StartedMatcher:
+    """A matcher that is told roughly where the map begins."""
+
+    def __init__(self, matcher: Any, start: tuple[float, float, float]) -> None:
+        self._matcher, self._start = matcher, start
+
+    def match(self, s: "SceneGraph", a: "SceneGraph") -> Any:
+        return self._matcher.match(s, a, start=self._start)
+
+
+def _feed(slam: "SceneGraphSlam", scans: "ScanFolder", seconds: dict[str, float]) -> str | None:
+    """Feeds all scans; returns why it had to stop early, if it had. Nothing can be saved before the first scan."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    seconds["reading"], fed = 0.0, 0
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
+        task = progress.add_task("scans", total=len(scans))
+        waiting = perf_counter()
+        try:
+            for scan in scans:
+                seconds["reading"] += perf_counter() - waiting
+                slam.add_scan(scan.stamp_ns, scan.points)
+                fed += 1
+                progress.update(task, completed=scan.index + 1)
+                waiting = perf_counter()
+        except UserError as error:
+            if not fed:
+                raise
+            return str(error)
+    return None
+
+
+def _accuracy(result: Any, truth: "Trajectory") -> dict[str, Any]:
+    from sgslam.accuracy import accuracy
+
+    return accuracy(result.trajectory if result.anchored else None, result.trajectory_odometry, truth)
+
+
+def _log_to(path: Path, verbose: bool) -> None:
+    logger = logging.getLogger("sgslam")
+    logger.setLevel(logging.DEBUG if verbose else logging.INFO)
+    screen = logging.StreamHandler(sys.stderr)
+    screen.setLevel(logging.DEBUG if verbose else logging.WARNING)
+    screen.setFormatter(logging.Formatter("%(message)s"))
+    file = logging.FileHandler(path, mode="w")
+    file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+    logger.handlers = [screen, file]
+
+
+def _show(metrics: dict[str, Any], out: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(show_header=False, title="anchored" if metrics["anchored"] else "not anchored")
+    rows = {"reason": metrics["reason"]}
+    rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
+    rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
+    if metrics["first_anchor_s"] is not None:
+        rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
+    for name, value in metrics.get("accuracy", {}).items():
+        rows[name] = f"{value:.4f}" if isinstance(value, float) else str(value)
+    rows["time"] = ", ".join(f"{name} {value:.1f}" for name, value in metrics["seconds"].items()) + " s"
+    rows["report"] = str(out / "report.html")
+    for name, value in rows.items():
+        table.add_row(name, value)
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    run_command(main)
