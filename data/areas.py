@@ -1,7 +1,7 @@
 """Areas in plan (shapely polygons): set operations on a grid of 0.01 mm.
 
-Without the grid, GEOS can give wrong answers for edges that lie within rounding errors of each other: the common
-part of two rooms that only touch came out as one of them.
+Without the grid, GEOS can give wrong answers for edges that lie within rounding errors of each other: the
+common part of two rooms that only touch came out as one of them.
 """
 
 from collections.abc import Iterable
@@ -27,6 +27,11 @@ def overlap(a: Any, b: Area) -> Any:
 def difference(a: Area, b: Area) -> Area:
     """The part of `a` outside `b`."""
     return shapely.difference(a, b, grid_size=GRID)
+
+
+def closed(area: Area, width: float) -> Area:
+    """The area with slits and gaps up to `width` metres closed; sides and corners stay as they are."""
+    return area.buffer(width / 2, join_style="mitre").buffer(-width / 2, join_style="mitre")
 
 
 def polygons_of(area: Any) -> Area:

@@ -1,4 +1,4 @@
-"""The building's plan: an IFC file, or an A-graph that was made from one, as a scene graph in the BIM frame."""
+"""The building's plan, an IFC file or an A-graph made from one, as a scene graph in the BIM frame."""
 
 import hashlib
 import json
@@ -25,9 +25,9 @@ class Bim:
 def load_bim(path: Path | str, cache_dir: Path | str | None = None) -> Bim:
     """Reads `.ifc` or `.ifczip`, or an A-graph as `.json`.
 
-    What was made of an IFC file is kept in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's cache
-    directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind, cannot be
-    read, or has no walls.
+    What was made of an IFC file is kept in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's
+    cache directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind,
+    cannot be read, or has no walls.
     """
     path = Path(path)
     if not path.is_file():

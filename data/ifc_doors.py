@@ -22,14 +22,13 @@ def doors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: dict[str,
     return tuple(door for door in found if door is not None)
 
 
-def _door(
-    door: ifcopenshell.entity_instance, rooms: list[RoomVolume], walls: dict[str, Area]
-) -> Door | None:
-    """The middle of the opening within its wall, since a door's own shape may hold a leaf that stands open."""
+def _door(door: ifcopenshell.entity_instance, rooms: list[RoomVolume], walls: dict[str, Area]) -> Door | None:
+    """The middle of the opening within its wall, since a door's own shape may hold an open leaf."""
     host, opening = None, None
     for fills in door.FillsVoids:
         opening = triangulated(fills.RelatingOpeningElement)
-        host = next((v.RelatingBuildingElement.GlobalId for v in fills.RelatingOpeningElement.VoidsElements), None)
+        voids = fills.RelatingOpeningElement.VoidsElements
+        host = voids[0].RelatingBuildingElement.GlobalId if voids else None
     mesh = opening or triangulated(door)
     if mesh is None:
         return None
@@ -42,7 +41,8 @@ def _door(
         centre = _middle(np.asarray(shapely.get_coordinates(within)), across)
     z = float(vertices[:, 2].min()) + ABOVE_SILL
     here = [r for r in rooms if r.bottom < z < r.top]
-    joined = _rooms_beside(centre, across, here) or _rooms_beside(centre, np.array([-across[1], across[0]]), here)
+    along = np.array([-across[1], across[0]])
+    joined = _rooms_beside(centre, across, here) or _rooms_beside(centre, along, here)
     return Door(door.GlobalId, joined, (float(centre[0]), float(centre[1])))
 
 

@@ -1,6 +1,7 @@
 """The sides of walls cut at one height: straight edges of the cut, each with the side that is free."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -21,7 +22,7 @@ OPENING_WIDTH = 6.0  # m: no opening is wider
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """From `start`, `length` metres along `along`; `normal` points out of the wall, to the right of `along`."""
+    """From `start`, `length` metres along `along`; `normal` points out of the wall, right of `along`."""
 
     start: Vec
     along: Vec
@@ -98,7 +99,7 @@ def _chords(points: NDArray[np.float64]) -> NDArray[np.float64]:
     stays = np.flatnonzero(~inside)
     if len(stays) < 2:
         return np.asarray(shapely.simplify(shapely.LinearRing(points), CURVE_SAG).coords)
-    runs = [np.asarray(_simplified(ring[a : b + 1])) for a, b in zip(stays[:-1], stays[1:], strict=True)]
+    runs = [np.asarray(_simplified(ring[a : b + 1])) for a, b in pairwise(stays)]
     return np.vstack([*(run[:-1] for run in runs), ring[:1]])
 
 

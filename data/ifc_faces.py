@@ -44,7 +44,7 @@ class Piece:
 
 
 def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurface]:
-    """The surfaces, with empty ids. Pieces of one room in one plane are joined over gaps up to a door's width.
+    """The surfaces, with empty ids. Pieces of one room in one plane are joined over gaps up to a door's.
 
     Where no room is known, a gap in which a wall stands (`cuts`: the walls' cuts) is not joined over.
     """
@@ -119,7 +119,8 @@ def _height(
     level: Level, room: str | None, plane: Edge, span: tuple[float, float], solids: list[Solid]
 ) -> tuple[float, float]:
     """Lowest and highest z of the walls' upright faces in this plane, as far as the room reaches."""
-    bottom, top = next(((r.bottom, r.top) for r in level.rooms if r.room.id == room), (level.bottom, level.top))
+    volume = next((r for r in level.rooms if r.room.id == room), level)
+    bottom, top = volume.bottom, volume.top
     z = []
     for solid in solids:
         curtain = solid.product.ifc_class == "IfcCurtainWall"

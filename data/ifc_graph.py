@@ -55,7 +55,7 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
 def _levels(
     floors: tuple[Floor, ...], rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]
 ) -> list[Level]:
-    """The heights at which the walls are looked at: each storey's rooms, and storeys with walls but no rooms."""
+    """Where the walls are looked at: at each storey's rooms, and in storeys with walls but no rooms."""
     if not rooms:
         return _levels_without_rooms(floors, solids)
     levels = []
@@ -95,13 +95,16 @@ def _enclosed(z: float, rooms: list[RoomVolume], solids: list[Solid], shadows: d
 
 
 def _levels_without_rooms(floors: tuple[Floor, ...], solids: list[Solid]) -> list[Level]:
-    """One level for each storey with walls; a wall stands in the storey where it begins and in those it spans."""
+    """One level for each storey with walls; a wall stands where it begins and in storeys it spans."""
     walls_of = Counter(s.product.storey for s in solids)
-    stated = [(-walls_of[f.id], f.elevation, f.id) for f in floors if walls_of[f.id] and f.elevation is not None]
-    begins = Counter(round(s.bottom, 1) for s in solids)
-    candidates = sorted(stated) or sorted((-n, z, None) for z, n in begins.items())
+    storeys = [f for f in floors if walls_of[f.id] and f.elevation is not None]
+    candidates: list[tuple[int, float, str | None]] = [
+        (-walls_of[f.id], f.elevation or 0.0, f.id) for f in storeys
+    ]
+    if not candidates:
+        candidates = [(-n, z, None) for z, n in Counter(round(s.bottom, 1) for s in solids).items()]
     chosen: list[tuple[float, str | None]] = []
-    for _, z, floor in candidates:
+    for _, z, floor in sorted(candidates, key=lambda c: c[:2]):
         if all(abs(z - other) >= STOREY_APART for other, _ in chosen):
             chosen.append((z, floor))
     chosen.sort(key=lambda c: c[0])

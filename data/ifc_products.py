@@ -1,4 +1,4 @@
-"""Triangulated products of an IFC model, in the BIM frame: world coordinates in metres, site placement included."""
+"""Triangulated products of an IFC model, in the BIM frame: world coordinates in metres, site included."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import ifcopenshell
 import ifcopenshell.geom
-import ifcopenshell.util.element
 import numpy as np
+from ifcopenshell.util.element import get_aggregate, get_container, get_decomposition
 from numpy.typing import NDArray
 
 from data.errors import UserError
@@ -42,14 +42,14 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
 def products(model: ifcopenshell.file, classes: tuple[str, ...]) -> Iterator[IfcProduct]:
     """Yields the products of these classes (subclasses too) that have a geometry.
 
-    Products whose geometry cannot be made are left out. Openings are subtracted. An assembly without a geometry
-    of its own (a curtain wall) has that of its parts, unless these are of the classes asked for themselves.
+    Products whose geometry cannot be made are left out. Openings are subtracted. An assembly without a
+    geometry of its own (a curtain wall) has that of its parts, unless these are asked for themselves.
     """
     asked = dict.fromkeys(p for c in classes for p in model.by_type(c))
     for product in asked:
         bodies = [product]
         if product.Representation is None:
-            parts = ifcopenshell.util.element.get_decomposition(product)
+            parts = get_decomposition(product)
             bodies = [p for p in parts if p.is_a("IfcProduct") and not any(p.is_a(c) for c in classes)]
         meshes = [mesh for mesh in map(triangulated, bodies) if mesh is not None]
         if meshes:
@@ -84,10 +84,7 @@ def _joined(meshes: list[Mesh]) -> Mesh:
     return np.concatenate([v for v, _ in meshes]), np.concatenate(faces).astype(np.int32)
 
 
-def _storey(product: ifcopenshell.entity_instance) -> str | None:
-    container = ifcopenshell.util.element.get_container(product) or ifcopenshell.util.element.get_aggregate(product)
-    while container is not None and not container.is_a("IfcBuildingStorey"):
-        container = ifcopenshell.util.element.get_aggregate(container) or ifcopenshell.util.element.get_container(
-            container
-        )
-    return container.GlobalId if container is not None else None
+def _storey(product: ifcopenshell.entity_instance | None) -> str | None:
+    while product is not None and not product.is_a("IfcBuildingStorey"):
+        product = get_container(product) or get_aggregate(product)
+    return product.GlobalId if product is not None else None

@@ -1,6 +1,6 @@
 """Rooms of an IFC model: the footprints of its spaces, without those that are no rooms for a robot."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import ifcopenshell
 import shapely
@@ -20,7 +20,7 @@ TIDY = 0.001  # m: corners that stand out less are no corners
 
 @dataclass(frozen=True)
 class RoomVolume:
-    """A room with its `area` in plan (a polygon, holes included) from `bottom` to `top`, metres, BIM frame."""
+    """A room with its `area` in plan (a polygon, maybe with holes) from `bottom` to `top`, BIM frame."""
 
     room: Room
     area: Area
@@ -44,7 +44,7 @@ class Level:
     bottom: float
     top: float
     rooms: tuple[RoomVolume, ...] = ()
-    unknown: Area = shapely.Polygon()
+    unknown: Area = field(default_factory=shapely.Polygon)
     own: frozenset[str] | None = None
 
 
@@ -68,10 +68,14 @@ def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
     rooms = [_finished(v) for v in _without_overlaps(large)]
     notices = []
     if len(volumes) < len(chosen):
-        notices.append(f"{len(chosen) - len(volumes)} of {len(spaces)} spaces have no solid geometry and are no rooms")
+        notices.append(
+            f"{len(chosen) - len(volumes)} of {len(spaces)} spaces have no solid geometry: left out"
+        )
     left_out = len(spaces) - len(chosen) + len(volumes) - len(rooms)
     if left_out:
-        notices.append(f"{left_out} of {len(spaces)} spaces are no rooms: outer, covering others, double, or tiny")
+        notices.append(
+            f"{left_out} of {len(spaces)} spaces are outer, tiny, double or cover others: left out"
+        )
     return rooms, notices
 
 
@@ -106,7 +110,7 @@ def _finished(volume: RoomVolume) -> RoomVolume:
 
 
 def _without_overlaps(volumes: list[RoomVolume]) -> list[RoomVolume]:
-    """From the smallest space up: doubles and covering spaces fall out, larger ones lose what lies within them."""
+    """From the smallest up: doubles and covering spaces fall out, larger ones lose what lies within them."""
     kept: list[RoomVolume] = []
     for volume in sorted(volumes, key=lambda v: v.area.area):
         within = [k for k in kept if k.beside(volume) and _inside(k.area, volume.area)]

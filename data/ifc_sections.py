@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from data.areas import Area, united
+from data.areas import Area, closed, united
 from data.ifc_products import IfcProduct
 
 VERTICAL = 0.1  # |n_z| of a face that is taken for upright
+SLIT = 0.002  # m: between triangles that touch, from rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +28,11 @@ class Solid:
         """What a horizontal plane at `z` cuts out of the body."""
         if not self.bottom < z < self.top:
             return shapely.Polygon()
-        return united([_section(triangles, corners, z) for triangles, corners in self.pieces])
+        return united(_section(triangles, corners, z) for triangles, corners in self.pieces)
 
     def shadow(self) -> Area:
         """The body seen from above; door and window openings are closed by what lies over and under them."""
-        return united([_shadow(triangles) for triangles, _ in self.pieces])
+        return closed(united(_shadow(triangles) for triangles, _ in self.pieces), SLIT)
 
     def upright_faces(self) -> NDArray[np.float64]:
         """(M, 3, 3) the triangles that stand upright."""
@@ -55,7 +56,7 @@ def solid_of(product: IfcProduct) -> Solid:
 
 
 def _section(triangles: NDArray[np.float64], corners: NDArray[np.int32], z: float) -> Area:
-    """Each triangle that straddles the plane gives a segment; the closed chains of segments bound the area."""
+    """Each triangle that straddles the plane gives a segment; closed chains of them bound the area."""
     above = triangles[:, :, 2] >= z
     cut = above.any(axis=1) & ~above.all(axis=1)
     triangles, corners, above = triangles[cut], corners[cut], above[cut]
@@ -63,13 +64,13 @@ def _section(triangles: NDArray[np.float64], corners: NDArray[np.int32], z: floa
         return shapely.Polygon()
     points = []
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        # An edge is cut from its lower vertex number to its higher, so that both its triangles get the same point.
+        # An edge is cut from its lower vertex number to its higher: both its triangles get the same point.
         swap = corners[:, i] > corners[:, j]
         a = np.where(swap[:, None], triangles[:, j], triangles[:, i])
         b = np.where(swap[:, None], triangles[:, i], triangles[:, j])
         rise = np.where(above[:, i] != above[:, j], b[:, 2] - a[:, 2], 1.0)
         points.append(a[:, :2] + ((z - a[:, 2]) / rise)[:, None] * (b - a)[:, :2])
-    crossed = np.stack([above[:, 0] != above[:, 1], above[:, 1] != above[:, 2], above[:, 2] != above[:, 0]], axis=1)
+    crossed = above != np.roll(above, -1, axis=1)  # edges 01, 12, 20
     segments = np.stack(points, axis=1)[crossed].reshape(-1, 2, 2)
     segments = segments[np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) > 0]
     return shapely.build_area(shapely.multilinestrings(shapely.linestrings(segments)))
@@ -78,5 +79,4 @@ def _section(triangles: NDArray[np.float64], corners: NDArray[np.int32], z: floa
 def _shadow(triangles: NDArray[np.float64]) -> Area:
     plan = triangles[:, :, :2]
     (ax, ay), (bx, by) = (plan[:, 1] - plan[:, 0]).T, (plan[:, 2] - plan[:, 0]).T
-    return united(list(shapely.polygons(plan[np.abs(ax * by - ay * bx) > 1e-9])))
-
+    return united(shapely.polygons(plan[np.abs(ax * by - ay * bx) > 1e-9]))

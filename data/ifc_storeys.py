@@ -12,13 +12,11 @@ from data.scene_graph import Floor
 ASTRAY = 1.0  # m: walls that begin further from a storey's stated elevation show that it is stated otherwise
 
 
-def floors_of(
-    model: ifcopenshell.file, rooms: list[RoomVolume], solids: list[Solid]
-) -> tuple[Floor, ...]:
+def floors_of(model: ifcopenshell.file, rooms: list[RoomVolume], solids: list[Solid]) -> tuple[Floor, ...]:
     """All IfcBuildingStorey from the lowest up; elevations are z in the BIM frame.
 
-    Where the storey has rooms, its elevation is that of their lower faces (median by area); else what the file
-    states, in the reading (placement or Elevation) that agrees with its walls, else where its walls begin.
+    Where the storey has rooms, its elevation is that of their lower faces (median by area); else what the
+    file states, as placement or Elevation, whichever agrees with its walls; else where these begin.
     """
     floors = []
     for storey in model.by_type("IfcBuildingStorey"):
@@ -43,11 +41,14 @@ def _weighted_median(rooms: list[RoomVolume]) -> float:
     return rooms[int(np.searchsorted(area, area[-1] / 2))].bottom
 
 
-def _stated(model: ifcopenshell.file, storey: ifcopenshell.entity_instance, walls: list[float]) -> float | None:
+def _stated(
+    model: ifcopenshell.file, storey: ifcopenshell.entity_instance, walls: list[float]
+) -> float | None:
     scale = ifcopenshell.util.unit.calculate_unit_scale(model)
     stated = []
     if storey.ObjectPlacement is not None:
-        stated.append(float(ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)[2, 3]) * scale)
+        placement = ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)
+        stated.append(float(placement[2, 3]) * scale)
     if storey.Elevation is not None:
         stated.append(float(storey.Elevation) * scale)
     if not walls:

@@ -1,7 +1,7 @@
 """Wall surfaces: the sides that walls turn to rooms, from cuts through the walls at three heights.
 
-A cut shows what a LiDAR at that height would see: a parapet under a window stands in the low cut, a lintel over a
-door in none. A side belongs to the room that one meets first when going out along its normal.
+A cut shows what a LiDAR at that height would see: a parapet under a window stands in the low cut, a lintel
+over a door in none. A side belongs to the room that one meets first when going out along its normal.
 """
 
 import numpy as np
@@ -16,8 +16,9 @@ from data.intervals import SLIVER, Intervals, common, united, without
 from data.scene_graph import WallSurface
 
 CUTS = (0.513, 1.107, 1.703)  # m above the level; odd numbers meet no edge of a parapet or a lintel
-STEPS = (0.01, 0.03, 0.06, 0.1, 0.14, 0.18, 0.22, 0.26, 0.3)  # m in front of a wall: plaster, finishes, cladding
-SNAP = 0.1  # m: a room drawn short of a corner reaches to it
+STEPS = (0.01, 0.03, 0.06, 0.1, 0.14, 0.18, 0.22, 0.26, 0.3)  # m before a wall: plaster, finishes
+Target = tuple[str | None, Area]  # a room's id, None for an unknown area
+SNAP = 0.1  # m: a room drawn short of a wall reaches to it
 
 
 def surfaces_at(level: Level, solids: list[Solid]) -> list[WallSurface]:
@@ -34,7 +35,8 @@ def surfaces_at(level: Level, solids: list[Solid]) -> list[WallSurface]:
 def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece]:
     """The parts of the walls' sides that face a room or a kept unknown area at height `z`."""
     rooms = [r for r in level.rooms if r.bottom < z < r.top]
-    targets = [(r.room.id, r.area) for r in rooms] + ([] if level.unknown.is_empty else [(None, level.unknown)])
+    targets: list[Target] = [(r.room.id, r.area) for r in rooms]
+    targets += [] if level.unknown.is_empty else [(None, level.unknown)]
     sides = [(solid, edge) for solid, area in cut for edge in edges_of(area)]
     if not targets or not sides:
         return []
@@ -62,7 +64,7 @@ def _near(lines: list[shapely.LineString], areas: list[Area]) -> list[list[int]]
     return near
 
 
-def _faced(edge: Edge, walls: list[Area], facing: list[tuple[str | None, Area]]) -> dict[str | None, Intervals]:
+def _faced(edge: Edge, walls: list[Area], facing: list[Target]) -> dict[str | None, Intervals]:
     """Which parts of an edge face which room: out along the normal, what meets a wall first faces none."""
     claims: dict[str | None, Intervals] = {room: [] for room, _ in facing}
     rest: Intervals = [(0.0, edge.length)]
@@ -81,7 +83,7 @@ def _faced(edge: Edge, walls: list[Area], facing: list[tuple[str | None, Area]])
     claimed = {room: spans for room, spans in claims.items() if spans}
     for room, spans in claimed.items():
         taken = [s for other, theirs in claimed.items() if other != room for s in theirs]
-        claimed[room] = _snapped(spans, without(free, taken))
+        claimed[room] = _snapped(edge, spans, without(free, taken), walls)
     return claimed
 
 
@@ -92,13 +94,18 @@ def _spans(edge: Edge, line: shapely.LineString, area: Area) -> Intervals:
     return united([(float(s.min()), float(s.max())) for s in spans])
 
 
-def _snapped(spans: Intervals, free: Intervals) -> Intervals:
-    """The spans, drawn out to the ends of the free intervals that they nearly reach."""
+def _snapped(edge: Edge, spans: Intervals, free: Intervals, walls: list[Area]) -> Intervals:
+    """The spans, drawn out to the ends of the free intervals that they nearly reach, where a wall stands."""
     result = []
     for low, high in spans:
         for a, b in free:
             if a < high and low < b:
-                low = a if a < low < a + SNAP else low
-                high = b if b - SNAP < high < b else high
+                low = a if a < low < a + SNAP and _in_wall(edge, a - STEPS[0], walls) else low
+                high = b if b - SNAP < high < b and _in_wall(edge, b + STEPS[0], walls) else high
         result.append((low, high))
     return united(result)
+
+
+def _in_wall(edge: Edge, u: float, walls: list[Area]) -> bool:
+    x, y = edge.point(u) + STEPS[0] * edge.normal
+    return any(shapely.intersects_xy(wall, x, y) for wall in walls)
