@@ -114,7 +114,7 @@ class SceneGraph:
             if surface.length is not None and not surface.length > 0:
                 raise UserError(f"scene graph: wall surface '{surface.id}' has no positive length")
         for item in everything:
-            if not all(math.isfinite(x) for x in _numbers(asdict(item))):
+            if not all(math.isfinite(x) for x in _numbers(vars(item))):
                 raise UserError(f"scene graph: '{item.id}' holds a number that is not finite")
 
     @cached_property

@@ -92,7 +92,7 @@ class Anchoring:
         self.match = self._matcher.match(scene.graph, candidates)
         if self.match.status == "unique" and self._agrees(self.match, T_level_map, T_map_local):
             self.committed = self.match
-            self._pairs = {(walls.current(scene.wall_of_surface[s]), a) for s, a, _ in self.match.wall_surfaces}
+            self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in self.match.wall_surfaces}
 
     def T_bim_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) the map in the BIM frame, from the back end's estimate."""
@@ -127,7 +127,7 @@ class Anchoring:
         planes: dict[int, dict[str, Floats]] = {}
         by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
         for surface in scene.graph.wall_surfaces:
-            wall = walls.current(scene.wall_of_surface[surface.id])
+            wall = scene.wall_of_surface[surface.id]
             for a_id in a_ids.get(wall, ()):
                 planned = self._a.surface_by_id[a_id]
                 if not self._holds(surface, planned, T_level_map, T_map_local):

@@ -10,7 +10,7 @@ class _Settings(BaseModel):
 class OdometrySettings(_Settings):
     """KISS-ICP, set for indoors: its default voxel of 1 m is for streets."""
 
-    voxel_size: float = Field(0.5, gt=0, description="m; smaller is more exact and slower")
+    voxel_size: float = Field(1.0, gt=0, description="m; smaller is more exact and slower")
     max_range: float = Field(60.0, gt=0, description="m")
     min_range: float = Field(0.3, ge=0, description="m")
     iterations: int = Field(100, ge=1, description="of the registration at most")
@@ -26,7 +26,8 @@ class OdometrySettings(_Settings):
 class TrackingSettings(_Settings):
     """Each scan against the walls known so far."""
 
-    points: int = Field(200, ge=20, description="of the floor that are used, and twice as many of walls")
+    points: int = Field(150, ge=20, description="of the floor that are used, and twice as many of walls")
+    every_column: int = Field(3, ge=1, description="of a scan that is used, for odometry too")
     reach: float = Field(20.0, gt=0, description="m to the walls that are used")
     gates: tuple[float, ...] = Field((0.5, 0.25, 0.12), description="m from a wall, one for each step")
     sigma_point: float = Field(0.15, gt=0, description="m; neighbouring points share their errors")
@@ -41,7 +42,7 @@ class KeyframeSettings(_Settings):
 
     distance: float = Field(0.5, gt=0, description="m")
     angle: float = Field(0.45, gt=0, description="rad")
-    scans: int = Field(6, ge=1, description="scans while moving: odometry that slips shows no distance")
+    scans: int = Field(10, ge=1, description="scans while moving: odometry that slips shows no distance")
     standing: int = Field(50, ge=1, description="scans while standing still")
 
 

@@ -21,21 +21,23 @@ def inverse(T: Floats) -> Floats:
     result = np.zeros_like(T)
     R = np.swapaxes(T[..., :3, :3], -1, -2)
     result[..., :3, :3] = R
-    result[..., :3, 3] = -np.einsum("...ij,...j->...i", R, T[..., :3, 3])
+    result[..., :3, 3] = -(R @ T[..., :3, 3, None])[..., 0]
     result[..., 3, 3] = 1.0
     return result
 
 
 def transform_planes(T_a_b: Floats, planes_in_b: Floats) -> Floats:
     """(..., 4) planes in frame a, of planes (..., 4) in frame b: n_a = R n_b, d_a = d_b - n_a . t."""
-    normal = np.einsum("...ij,...j->...i", T_a_b[..., :3, :3], planes_in_b[..., :3])
+    normal = (T_a_b[..., :3, :3] @ planes_in_b[..., :3, None])[..., 0]
     offset = planes_in_b[..., 3] - np.sum(normal * T_a_b[..., :3, 3], axis=-1)
     return np.concatenate([normal, offset[..., None]], axis=-1)
 
 
 def transform_points(T_a_b: Floats, points_in_b: Floats) -> Floats:
     """(..., 3) points in frame a, of points (..., 3) in frame b."""
-    return np.einsum("...ij,...j->...i", T_a_b[..., :3, :3], points_in_b) + T_a_b[..., :3, 3]
+    if T_a_b.ndim == 2:
+        return points_in_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+    return (T_a_b[..., :3, :3] @ points_in_b[..., None])[..., 0] + T_a_b[..., :3, 3]
 
 
 def se2_to_se3(yaw: float, x: float, y: float, z: float = 0.0) -> Floats:

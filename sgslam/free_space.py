@@ -72,8 +72,10 @@ def free_space(
         cv2.line(wall, first.tolist(), last.tolist(), 1, 1)
     seen = np.zeros(grid.shape, np.int32)
     for points in lintels:
-        cells = np.unique(grid.to_cells(points), axis=0)
-        seen[cells[:, 1], cells[:, 0]] += 1
+        if len(points):
+            cells = grid.to_cells(points)
+            once = np.unique(cells[:, 1].astype(np.int64) * grid.shape[1] + cells[:, 0])
+            seen.ravel()[once] += 1
     over_door = cv2.morphologyEx((seen >= 3).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     return FreeSpace(grid, (free > 0) & (wall == 0) & (over_door == 0), wall > 0, over_door > 0)
 

@@ -53,7 +53,7 @@ class FrontEnd:
 
     def columns(self, points: Floats) -> ColumnScan:
         """Sorts a scan (N, 3), sensor frame."""
-        return sort_into_columns(points, self._config.surfaces.columns)
+        return sort_into_columns(points, self._config.surfaces.columns, self._config.tracking.every_column)
 
     @property
     def height(self) -> float:

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from sgslam.config import OdometrySettings
+from sgslam.frames import inverse
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -19,8 +20,11 @@ _KERNEL = 0.5  # m, of the registration in a search
 class Odometry(Protocol):
     """Anything that tracks the sensor from scan to scan."""
 
-    def register(self, points: Floats) -> Floats:
-        """Takes (N, 3) points of one scan in the sensor frame; returns (4, 4) T_odom_sensor."""
+    def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
+        """Takes (N, 3) points of one scan in the sensor frame; returns (4, 4) T_odom_sensor.
+
+        `expected_step` (4, 4) is T_last_sensor as somebody who knows more expects it, as a start of the search.
+        """
         ...
 
 
@@ -45,21 +49,21 @@ class KissOdometry:
         self._kiss = KissICP(KISSConfig(data=data, mapping=mapping, registration=registration))
         self._scans = 0
 
-    def register(self, points: Floats) -> Floats:
+    def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """See `Odometry.register`. The steps are those of `KissICP.register_frame`."""
         kiss = self._kiss
         frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
         source, for_map = kiss.voxelize(frame)
         sigma = kiss.adaptive_threshold.get_threshold()
-        guess = kiss.last_pose @ kiss.last_delta
+        guess = kiss.last_pose @ (kiss.last_delta if expected_step is None else expected_step)
         pose = self._align(source, guess, sigma)
         if self._scans and not self._plausible(pose):
             pose = self._search(source)
             kiss.adaptive_threshold.update_model_deviation(np.eye(4))
         else:
-            kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(guess) @ pose)
+            kiss.adaptive_threshold.update_model_deviation(inverse(guess) @ pose)
         kiss.local_map.update(for_map, pose)
-        kiss.last_delta = np.linalg.inv(kiss.last_pose) @ pose
+        kiss.last_delta = inverse(kiss.last_pose) @ pose
         kiss.last_pose = pose
         self._scans += 1
         return pose.copy()
@@ -71,11 +75,11 @@ class KissOdometry:
         )  # fmt: skip
 
     def _plausible(self, pose: Floats) -> bool:
-        step = np.linalg.inv(self._kiss.last_pose) @ pose
-        turn = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
-        tip = float(np.arccos(np.clip(step[2, 2], -1.0, 1.0)))
-        limits = self._settings
-        return bool(np.linalg.norm(step[:3, 3]) < limits.max_step and turn < limits.max_turn and tip < limits.max_tip)
+        last, limits = self._kiss.last_pose, self._settings
+        turn = last[:3, :3].T @ pose[:3, :3]
+        moved = float(np.linalg.norm(pose[:3, 3] - last[:3, 3]))
+        cosine = (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1) / 2
+        return moved < limits.max_step and cosine > np.cos(limits.max_turn) and turn[2, 2] > np.cos(limits.max_tip)
 
     def _search(self, source: Floats) -> Floats:
         """The plausible pose that explains most of the scan, from turns of 30 degrees about the last pose."""
@@ -86,7 +90,7 @@ class KissOdometry:
             guess = kiss.last_pose.copy()
             guess[:3, :3] = guess[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix()
             pose = self._align(source, guess, _KERNEL)
-            step = np.linalg.inv(kiss.last_pose) @ pose
+            step = inverse(kiss.last_pose) @ pose
             if step[2, 2] < np.cos(self._settings.max_tip) or np.linalg.norm(step[:3, 3]) > self._settings.max_step:
                 continue
             distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=_NEAR)

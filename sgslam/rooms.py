@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from skimage.segmentation import expand_labels, watershed
 
 from sgslam.config import RoomSettings
@@ -93,24 +94,29 @@ def _borders(labels: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[np.int3
 
 def _join_wide_necks(labels: NDArray[np.int32], clearance: Floats, settings: RoomSettings) -> NDArray[np.int32]:
     """Joins rooms whose border is wider than a door, or hardly narrower than the smaller of the two."""
-    labels = labels.copy()
+    count = int(labels.max()) + 1
+    depth = np.asarray(ndimage.maximum(clearance, labels, np.arange(count)))
+    widths = {
+        pair: 2 * float(clearance[cells[:, 1], cells[:, 0]].max()) for pair, cells in _borders(labels).items()
+    }
+    name = np.arange(count, dtype=np.int32)
     while True:
-        depth = _depths(labels, clearance)
-        widest, pair_to_join = 0.0, None
-        for (a, b), cells in _borders(labels).items():
-            width = 2 * float(clearance[cells[:, 1], cells[:, 0]].max())
-            shallow = 2 * min(depth[a], depth[b])
-            if (width > settings.neck or width > 0.85 * shallow) and width > widest:
-                widest, pair_to_join = width, (a, b)
-        if pair_to_join is None:
-            return labels
-        labels[labels == pair_to_join[1]] = pair_to_join[0]
-
-
-def _depths(labels: NDArray[np.int32], clearance: Floats) -> Floats:
-    depth = np.zeros(int(labels.max()) + 1)
-    np.maximum.at(depth, labels.ravel(), clearance.ravel())
-    return depth
+        wide = [
+            (width, pair) for pair, width in widths.items()
+            if width > settings.neck or width > 0.85 * 2 * min(depth[pair[0]], depth[pair[1]])
+        ]  # fmt: skip
+        if not wide:
+            return name[labels]
+        _, (kept, gone) = max(wide)
+        name[name == gone] = kept
+        depth[kept] = max(depth[kept], depth[gone])
+        joined: dict[tuple[int, int], float] = {}
+        for (a, b), width in widths.items():
+            a, b = (kept if a == gone else a), (kept if b == gone else b)
+            if a != b:
+                pair = (min(a, b), max(a, b))
+                joined[pair] = max(width, joined.get(pair, 0.0))
+        widths = joined
 
 
 def _rooms(labels: NDArray[np.int32], grid: Grid, settings: RoomSettings) -> list[SeenRoom]:

@@ -1,6 +1,7 @@
 """The S-graph from the estimates: rooms cut from free space, and each wall cut into the surfaces it turns to rooms."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from data.poses import poses_to_xyzquat
 from sgslam.backend import RoomNode
 from sgslam.config import Config
 from sgslam.frames import inverse, se2_to_se3, transform_planes, transform_points
-from sgslam.free_space import Grid, free_space
+from sgslam.free_space import free_space
 from sgslam.keyframes import KeyframeNode
 from sgslam.rooms import Segmentation, segment
 from sgslam.wall_map import WallMap
@@ -29,6 +30,12 @@ class Scene:
     wall_of_surface: dict[str, int]
     rooms: list[RoomNode]
     room_ids: dict[int, str]  # of the room nodes
+
+    def relabelled(self, current: Callable[[int], int]) -> "Scene":
+        """The same scene after walls were joined; `current` gives what a wall is called now."""
+        wall_of = {name: current(wall) for name, wall in self.wall_of_surface.items()}
+        rooms = [replace(room, walls={current(wall): p for wall, p in room.walls.items()}) for room in self.rooms]
+        return replace(self, wall_of_surface=wall_of, rooms=rooms)
 
 
 def build_scene(keyframes: list[KeyframeNode], walls: WallMap, floor_in_map: Floats | None, config: Config) -> Scene:
@@ -131,5 +138,3 @@ def _room_id(label: int) -> str:
 def _xy(point: Floats) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
-
-__all__ = ["FLOOR_ID", "Grid", "Scene", "build_scene"]

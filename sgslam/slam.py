@@ -59,10 +59,10 @@ class SceneGraphSlam:
         that are not finite.
         """
         points = self._checked(stamp_ns, points)
-        columns = self._front_end.columns(points)
         with self._clock("odometry"):
+            columns = self._front_end.columns(points)
             if T_odom_sensor is None:
-                T_odom_sensor = self._odometry.register(columns.points[columns.upright])
+                T_odom_sensor = self._odometry.register(columns.points[columns.upright], self._expected_step())
         if not self._scans:
             T_map_sensor = np.eye(4)
             self._walls.T_level_map = level_map(None, self._front_end.height)
@@ -78,6 +78,12 @@ class SceneGraphSlam:
         if self._rule.wants(T_map_sensor):
             self._add_keyframe(points)
         return Update(stamp_ns, self._scans[-1].T_map_sensor, len(self._backend.keyframes), self.anchored)
+
+    def _expected_step(self) -> Floats | None:
+        """The last step as the walls saw it; steadier than the odometry's own, so that its search is shorter."""
+        if len(self._scans) < 2:
+            return None
+        return inverse(self._scans[-2].T_map_sensor) @ self._scans[-1].T_map_sensor
 
     @property
     def anchored(self) -> bool:
@@ -133,7 +139,8 @@ class SceneGraphSlam:
         with self._clock("surfaces"):
             T_level_map = level_map(self._backend.floor_in_map, self._front_end.height)
             self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
-            self._walls.join_duplicates()
+            if self._walls.join_duplicates() and self._scene is not None:
+                self._scene = self._scene.relabelled(self._walls.current)
         if last or (self._anchoring is not None and self._scene_due()):
             self._cut_scene()
 
@@ -148,7 +155,7 @@ class SceneGraphSlam:
 
     def _checked(self, stamp_ns: int, points: Floats) -> Floats:
         points = np.ascontiguousarray(points, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.all(np.isfinite(points)):
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points.sum()):
             raise UserError(f"scan at {stamp_ns} ns: points must be (N, 3), at least one, and finite")
         if self._scans and stamp_ns <= self._scans[-1].stamp_ns:
             raise UserError(f"scan at {stamp_ns} ns: stamps must increase; the last was {self._scans[-1].stamp_ns} ns")

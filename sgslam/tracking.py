@@ -3,9 +3,9 @@
 
 from dataclasses import dataclass
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
 from sgslam.virtual_scan import ColumnScan
@@ -57,9 +57,10 @@ def track(
         H, g = (sum(part) for part in zip(*rows, strict=True))
         H[5, 5] += 1 / settings.sigma_height**2
         g[5] += (T[2, 3] - height) / settings.sigma_height**2
-        gone = np.concatenate([Rotation.from_matrix(T[:3, :3] @ predicted[:3, :3].T).as_rotvec(), T[:3, 3] - predicted[:3, 3]])
+        turned = gtsam.Rot3.Logmap(gtsam.Rot3(T[:3, :3] @ predicted[:3, :3].T))
+        gone = np.concatenate([turned, T[:3, 3] - predicted[:3, 3]])
         step = -np.linalg.solve(H + prior, g + prior @ gone)
-        T[:3, :3] = Rotation.from_rotvec(step[:3]).as_matrix() @ T[:3, :3]
+        T[:3, :3] = gtsam.Rot3.Expmap(step[:3]).matrix() @ T[:3, :3]
         T[:3, 3] += step[3:]
     return Tracked(T, share)
 

@@ -22,11 +22,17 @@ class ColumnScan:
     level: NDArray[np.bool_]  # (N,) a neighbour nearer or further lies at the same height
 
 
-def sort_into_columns(points: Floats, columns: int) -> ColumnScan:
-    """Sorts (N, 3) roughly levelled points by azimuth; judges each by its neighbours in its own column."""
-    distance = np.hypot(points[:, 0], points[:, 1]) + 1e-9
+def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnScan:
+    """Sorts (N, 3) roughly levelled points by azimuth; judges each by its neighbours in its own column.
+
+    Of the columns only each `every`-th is kept.
+    """
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     column = np.minimum((azimuth + np.pi) * (columns / (2 * np.pi)), columns - 1).astype(np.uint16)
+    if every > 1:
+        kept = column % every == 0
+        points, column = points[kept], column[kept]
+    distance = np.hypot(points[:, 0], points[:, 1]) + 1e-9
     slope = points[:, 2] / distance
     # numpy sorts 16 bits stably by radix, several times faster than one comparison sort of both keys
     rank = (np.clip(slope + 2.0, 0.0, 4.0) * 16000).astype(np.uint16)
@@ -37,14 +43,14 @@ def sort_into_columns(points: Floats, columns: int) -> ColumnScan:
     for lag in range(1, min(_LAGS, len(points) - 1) + 1):
         step = slope[lag:] - slope[:-lag]
         pair = (column[lag:] == column[:-lag]) & (step > _RING_STEP) & (step < 8 * _RING_STEP)
-        if not pair.any():
-            continue
         away = np.abs(distance[lag:] - distance[:-lag])
         rise = np.abs(points[lag:, 2] - points[:-lag, 2])
         for flag, holds in ((upright, away < 0.06 + 0.1 * rise), (level, (rise < 0.15 * away) & (away > 0.1))):
             holds &= pair
             flag[lag:] |= holds
             flag[:-lag] |= holds
+        if 2 * np.count_nonzero(pair) > len(points):
+            break  # the rings are far enough apart for the next neighbours to tell
     return ColumnScan(points, column, columns, upright, level & ~upright)
 
 
