@@ -18,7 +18,8 @@ ABOVE_SILL = 0.5  # m
 
 def doors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: dict[str, Area]) -> tuple[Door, ...]:
     """Every IfcDoor that has a place; `walls` are the walls' areas in plan by GlobalId."""
-    found = (_door(door, rooms, walls) for door in model.by_type("IfcDoor"))
+    entities = {door.GlobalId: door for door in model.by_type("IfcDoor")}
+    found = (_door(door, rooms, walls) for door in entities.values())
     return tuple(door for door in found if door is not None)
 
 

@@ -1,5 +1,6 @@
 """The sides of walls cut at one height: straight edges of the cut, each with the side that is free."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,13 +9,14 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
-from data.areas import Area
+from data.areas import GRID, Area
 
 Vec = NDArray[np.float64]  # (2,)
-TIDY = 0.001  # m: corners that stand out less are no corners
+Points = NDArray[np.float64]  # (N, 2); a ring begins and ends with the same point
+TIDY = 1e-4  # m: corners that stand out less are no corners
 CURVE_FACET = 0.3  # m: chains of shorter edges that turn gently are curves
 CURVE_TURN = np.radians(30.0)
-CURVE_SAG = 0.01  # m: a curve keeps this close to the chords that stand for it
+CURVE_SAG = 0.015  # m: a curve stays this close to its chords
 REVEAL_LENGTH = 1.0  # m: no wall is thicker
 REVEAL_TURN = np.radians(60.0)
 OPENING_WIDTH = 6.0  # m: no opening is wider
@@ -47,11 +49,16 @@ def straightened(area: Area) -> Area:
     """The area with needless corners taken out and curves replaced by chords of about 0.3 m or longer."""
     polygons = []
     for polygon in shapely.get_parts(area):
+        polygon = _each_ring(orient(polygon), _without_flat)
         polygon = orient(shapely.simplify(polygon, TIDY))
-        rings = [_chords(np.asarray(ring.coords)) for ring in (polygon.exterior, *polygon.interiors)]
-        chorded = shapely.Polygon(rings[0], rings[1:])
+        chorded = _each_ring(polygon, _chords)
         polygons.append(chorded if chorded.is_valid else polygon)
     return shapely.MultiPolygon(polygons)
+
+
+def _each_ring(polygon: Area, change: Callable[[Points], Points]) -> Area:
+    rings = [change(np.asarray(ring.coords)) for ring in (polygon.exterior, *polygon.interiors)]
+    return shapely.Polygon(rings[0], rings[1:])
 
 
 def edges_of(area: Area) -> list[Edge]:
@@ -79,31 +86,46 @@ def _faces_itself(edge: Edge, area: Area) -> bool:
     return bool(sight.intersects(area))
 
 
-def _turns(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turns(steps: Points) -> NDArray[np.float64]:
     heading = np.arctan2(steps[:, 1], steps[:, 0])
     turn = heading - np.roll(heading, 1)
     return (turn + np.pi) % (2 * np.pi) - np.pi
 
 
-def _chords(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A ring (N + 1, 2) with each chain of short, gently turning edges simplified to within CURVE_SAG."""
+def _without_flat(points: Points) -> Points:
+    """A ring without the corners between triangles of one facet, which would blur where the facets end."""
+    before, after = np.roll(points[:-1], 1, axis=0), np.roll(points[:-1], -1, axis=0)
+    chord, reach = after - before, points[:-1] - before
+    away = np.abs(chord[:, 0] * reach[:, 1] - chord[:, 1] * reach[:, 0])
+    flat = away < 2 * GRID * np.linalg.norm(chord, axis=1)
+    flat &= ~np.roll(flat, 1)  # never two in a row: they may be a fine curve
+    kept = points[:-1][~flat]
+    return np.vstack([kept, kept[:1]]) if len(kept) >= 3 else points
+
+
+def _chords(points: Points) -> Points:
+    """A ring (N + 1, 2) with each chain of short, gently turning edges replaced by chords."""
     steps = np.diff(points, axis=0)
     short = np.linalg.norm(steps, axis=1) < CURVE_FACET
     inside = short & np.roll(short, 1) & (np.abs(_turns(steps)) < CURVE_TURN)  # corners within a curve
     if not inside.any():
         return points
-    first = int(np.argmin(inside))  # a corner that stays, so that no curve is cut by the ring's seam
-    ring = np.roll(points[:-1], -first, axis=0)
-    inside = np.roll(inside, -first)
-    ring, inside = np.vstack([ring, ring[:1]]), np.append(inside, False)
-    stays = np.flatnonzero(~inside)
-    if len(stays) < 2:
-        return np.asarray(shapely.simplify(shapely.LinearRing(points), CURVE_SAG).coords)
-    runs = [np.asarray(_simplified(ring[a : b + 1])) for a, b in pairwise(stays)]
-    return np.vstack([*(run[:-1] for run in runs), ring[:1]])
+    if inside.all():  # a round pillar: one corner stays, the same at every height
+        inside[np.lexsort(points[:-1].T.round(3))[0]] = False
+    first = int(np.argmin(inside))  # the ring begins at a corner that stays
+    ring, inside = np.roll(points[:-1], -first, axis=0), np.roll(inside, -first)
+    ring, stays = np.vstack([ring, ring[:1]]), np.append(np.flatnonzero(~inside), len(inside))
+    chords = [_greedy(ring[a : b + 1])[:-1] for a, b in pairwise(stays)]
+    return np.vstack([*chords, ring[:1]])
 
 
-def _simplified(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    if len(points) == 2:
-        return points
-    return np.asarray(shapely.simplify(shapely.LineString(points), CURVE_SAG).coords)
+def _greedy(chain: Points) -> Points:
+    """Each chord as long as CURVE_SAG allows; Douglas and Peucker's would differ from height to height."""
+    kept = [0]
+    for k in range(2, len(chain)):
+        a, chord = chain[kept[-1]], chain[k] - chain[kept[-1]]
+        skipped = chain[kept[-1] + 1 : k] - a
+        away = np.abs(skipped[:, 0] * chord[1] - skipped[:, 1] * chord[0]).max()
+        if away > CURVE_SAG * np.linalg.norm(chord):
+            kept.append(k - 1)
+    return chain[[*kept, len(chain) - 1]]

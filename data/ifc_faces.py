@@ -53,12 +53,8 @@ def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurf
         of_room[piece.room].append(piece)
     walls = shapely.STRtree(cuts)
     surfaces = []
-    for room, rest in of_room.items():
-        rest.sort(key=lambda p: -p.length)
-        while rest:
-            plane = rest[0].edge
-            joined = [p for p in rest if _in_plane(p, rest[0])]
-            rest = [p for p in rest if p not in joined]
+    for room, own in of_room.items():
+        for plane, joined in _by_plane(own):
             spans = [_span(p, plane) for p in joined]
             for low, high in _joined_spans(spans, plane, None if room is not None else walls):
                 within = [p for p, (a, b) in zip(joined, spans, strict=True) if a < high and low < b]
@@ -68,11 +64,23 @@ def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurf
     return surfaces
 
 
-def _in_plane(piece: Piece, reference: Piece) -> bool:
-    curtain = reference.solid.product.ifc_class == "IfcCurtainWall" and piece.solid is reference.solid
-    offsets = (piece.ends() - reference.edge.start) @ reference.edge.normal
-    parallel = float(piece.edge.along @ reference.edge.along) > SAME_ANGLE
-    return parallel and float(np.abs(offsets).max()) < (CURTAIN_DEPTH if curtain else SAME_PLANE)
+def _by_plane(pieces: list[Piece]) -> list[tuple[Edge, list[Piece]]]:
+    """From the longest piece down: what lies in its plane. (A neighbour's would go on around curves.)"""
+    pieces = sorted(pieces, key=lambda p: -p.length)
+    ends, along = np.stack([p.ends() for p in pieces]), np.stack([p.edge.along for p in pieces])
+    solids = np.array([id(p.solid) for p in pieces])
+    free = np.ones(len(pieces), dtype=bool)
+    planes = []
+    for k, reference in enumerate(pieces):
+        if free[k]:
+            curtain = reference.solid.product.ifc_class == "IfcCurtainWall"
+            depth = np.where(curtain & (solids == solids[k]), CURTAIN_DEPTH, SAME_PLANE)
+            offset = np.abs((ends - reference.edge.start) @ reference.edge.normal).max(axis=1)
+            here = free & (along @ reference.edge.along > SAME_ANGLE) & (offset < depth)
+            here[k] = True
+            free &= ~here
+            planes.append((reference.edge, [pieces[i] for i in np.flatnonzero(here)]))
+    return planes
 
 
 def _span(piece: Piece, plane: Edge) -> tuple[float, float]:
@@ -124,7 +132,7 @@ def _height(
     z = []
     for solid in solids:
         curtain = solid.product.ifc_class == "IfcCurtainWall"
-        faces = solid.upright_faces()
+        faces = solid.upright_faces
         relative = faces[:, :, :2] - plane.start
         offset, u = np.abs(relative @ plane.normal).max(axis=1), relative @ plane.along
         here = (u.min(axis=1) < span[1] - 0.01) & (u.max(axis=1) > span[0] + 0.01)

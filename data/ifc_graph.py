@@ -89,8 +89,9 @@ def _enclosed(z: float, rooms: list[RoomVolume], solids: list[Solid], shadows: d
     standing = [shadows[s.product.global_id] for s in solids if s.bottom < z + HEAD / 2 < s.top]
     walls = united(standing).buffer(SLIT)
     holes = [shapely.Polygon(ring) for p in shapely.get_parts(walls) for ring in p.interiors]
-    covered = united(r.area for r in rooms if r.bottom < z + HEAD / 2 < r.top).buffer(WAY)
-    rest = difference(difference(united(holes), walls), covered).buffer(-WAY).buffer(WAY)
+    covered = united(r.area for r in rooms if r.bottom < z + HEAD / 2 < r.top)
+    rest = difference(difference(united(holes), walls), covered)
+    rest = rest.buffer(-WAY, join_style="mitre").buffer(WAY, join_style="mitre")
     return shapely.MultiPolygon([p for p in shapely.get_parts(rest) if p.area > MIN_UNKNOWN])
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import ifcopenshell
 import ifcopenshell.geom
 import numpy as np
-from ifcopenshell.util.element import get_aggregate, get_container, get_decomposition
+from ifcopenshell.util.element import get_aggregate, get_container, get_parts
 from numpy.typing import NDArray
 
 from data.errors import UserError
@@ -49,13 +49,16 @@ def products(model: ifcopenshell.file, classes: tuple[str, ...]) -> Iterator[Ifc
     for product in asked:
         bodies = [product]
         if product.Representation is None:
-            parts = get_decomposition(product)
-            bodies = [p for p in parts if p.is_a("IfcProduct") and not any(p.is_a(c) for c in classes)]
+            bodies = [p for p in _parts(product) if not any(p.is_a(c) for c in classes)]
         meshes = [mesh for mesh in map(triangulated, bodies) if mesh is not None]
         if meshes:
             vertices, faces = _joined(meshes)
             name = product.Name or ""
             yield IfcProduct(product.GlobalId, product.is_a(), name, _storey(product), vertices, faces)
+
+
+def _parts(assembly: ifcopenshell.entity_instance) -> list[ifcopenshell.entity_instance]:
+    return [p for part in get_parts(assembly) if part.is_a("IfcProduct") for p in (part, *_parts(part))]
 
 
 def triangulated(product: ifcopenshell.entity_instance) -> Mesh | None:

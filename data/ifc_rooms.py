@@ -56,27 +56,25 @@ def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
     """
     spaces = model.by_type("IfcSpace")
     chosen = {s.GlobalId: s for s in spaces if _is_room(s)}
-    volumes = []
+    volumes: list[RoomVolume] = []
     for product in products(model, ("IfcSpace",)):
-        if product.global_id in chosen:
+        if product.global_id in chosen and product.global_id not in {v.room.id for v in volumes}:
             solid = solid_of(product)
             area = _tidy(solid.shadow())
             space = chosen[product.global_id]
             room = Room(product.global_id, (0.0, 0.0), product.storey, _name(space))
             volumes.append(RoomVolume(room, area, solid.bottom, solid.top))
     large = [v for v in volumes if v.area.area >= MIN_AREA and v.top - v.bottom >= MIN_HEIGHT]
-    rooms = [_finished(v) for v in _without_overlaps(large)]
-    notices = []
-    if len(volumes) < len(chosen):
-        notices.append(
-            f"{len(chosen) - len(volumes)} of {len(spaces)} spaces have no solid geometry: left out"
-        )
-    left_out = len(spaces) - len(chosen) + len(volumes) - len(rooms)
-    if left_out:
-        notices.append(
-            f"{left_out} of {len(spaces)} spaces are outer, tiny, double or cover others: left out"
-        )
-    return rooms, notices
+    kept = {v.room.id: v for v in _without_overlaps(large)}
+    rooms = [_finished(kept[v.room.id]) for v in large if v.room.id in kept]
+    reasons = {
+        "without solid geometry": len(chosen) - len(volumes),
+        "outer, gross or parts": len(spaces) - len(chosen),
+        f"under {MIN_AREA:g} m2 or {MIN_HEIGHT:g} m high": len(volumes) - len(large),
+        "double or covering others": len(large) - len(rooms),
+    }
+    why = ", ".join(f"{count} {reason}" for reason, count in reasons.items() if count)
+    return rooms, [f"{len(spaces) - len(rooms)} of {len(spaces)} spaces left out: {why}"] if why else []
 
 
 def _is_room(space: ifcopenshell.entity_instance) -> bool:
@@ -86,9 +84,8 @@ def _is_room(space: ifcopenshell.entity_instance) -> bool:
     children = [c for r in space.IsDecomposedBy for c in r.RelatedObjects if c.is_a("IfcSpace")]
     if space.CompositionType == "COMPLEX" and any(c.Representation for c in children):
         return False
-    parents = [r.RelatingObject for r in space.Decomposes]
-    whole = [p for p in parents if p.is_a("IfcSpace") and p.CompositionType != "COMPLEX" and p.Representation]
-    return not whole
+    wholes = [r.RelatingObject for r in space.Decomposes if r.RelatingObject.is_a("IfcSpace")]
+    return not (space.CompositionType == "PARTIAL" and any(whole.Representation for whole in wholes))
 
 
 def _name(space: ifcopenshell.entity_instance) -> str:

@@ -1,6 +1,7 @@
 """Products cut by horizontal planes, and seen from above: polygons in plan, metres, BIM frame."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -34,6 +35,7 @@ class Solid:
         """The body seen from above; door and window openings are closed by what lies over and under them."""
         return closed(united(_shadow(triangles) for triangles, _ in self.pieces), SLIT)
 
+    @cached_property
     def upright_faces(self) -> NDArray[np.float64]:
         """(M, 3, 3) the triangles that stand upright."""
         triangles = np.concatenate([t for t, _ in self.pieces])

@@ -19,7 +19,7 @@ def floors_of(model: ifcopenshell.file, rooms: list[RoomVolume], solids: list[So
     file states, as placement or Elevation, whichever agrees with its walls; else where these begin.
     """
     floors = []
-    for storey in model.by_type("IfcBuildingStorey"):
+    for storey in {s.GlobalId: s for s in model.by_type("IfcBuildingStorey")}.values():
         own = [r for r in rooms if r.room.floor == storey.GlobalId]
         walls = [s.bottom for s in solids if s.product.storey == storey.GlobalId]
         elevation = _weighted_median(own) if own else _stated(model, storey, walls)

@@ -4,6 +4,8 @@ A cut shows what a LiDAR at that height would see: a parapet under a window stan
 over a door in none. A side belongs to the room that one meets first when going out along its normal.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import shapely
 
@@ -17,7 +19,7 @@ from data.scene_graph import WallSurface
 
 CUTS = (0.513, 1.107, 1.703)  # m above the level; odd numbers meet no edge of a parapet or a lintel
 STEPS = (0.01, 0.03, 0.06, 0.1, 0.14, 0.18, 0.22, 0.26, 0.3)  # m before a wall: plaster, finishes
-Target = tuple[str | None, Area]  # a room's id, None for an unknown area
+TOUCH = 0.001  # m
 SNAP = 0.1  # m: a room drawn short of a wall reaches to it
 
 
@@ -35,66 +37,66 @@ def surfaces_at(level: Level, solids: list[Solid]) -> list[WallSurface]:
 def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece]:
     """The parts of the walls' sides that face a room or a kept unknown area at height `z`."""
     rooms = [r for r in level.rooms if r.bottom < z < r.top]
-    targets: list[Target] = [(r.room.id, r.area) for r in rooms]
-    targets += [] if level.unknown.is_empty else [(None, level.unknown)]
+    ids: list[str | None] = [r.room.id for r in rooms]
+    areas = [r.area for r in rooms]
+    if not level.unknown.is_empty:
+        ids, areas = [*ids, None], [*areas, level.unknown]
     sides = [(solid, edge) for solid, area in cut for edge in edges_of(area)]
-    if not targets or not sides:
-        return []
-    lines = [edge.shifted(0.0) for _, edge in sides]
-    near_targets = _near(lines, [area for _, area in targets])
-    near_walls = _near(lines, [area for _, area in cut])
+    faced = _faced([edge for _, edge in sides], [area for _, area in cut], areas)
     pieces = []
-    for k, (solid, edge) in enumerate(sides):
-        source = solid.product.global_id
-        facing = [targets[t] for t in near_targets[k]]
-        if level.own is not None and source not in level.own:
-            facing = [f for f in facing if f[0] is not None]
-        if facing:
-            walls = [cut[w][1] for w in near_walls[k]]
-            for room, spans in _faced(edge, walls, facing).items():
-                pieces += [Piece(solid, room, edge, low, high) for low, high in spans]
+    for (solid, edge), claims in zip(sides, faced, strict=True):
+        stranger = level.own is not None and solid.product.global_id not in level.own
+        for k, spans in claims.items():
+            if ids[k] is not None or not stranger:
+                pieces += [Piece(solid, ids[k], edge, low, high) for low, high in spans]
     return pieces
 
 
-def _near(lines: list[shapely.LineString], areas: list[Area]) -> list[list[int]]:
-    near: list[list[int]] = [[] for _ in lines]
-    pairs = shapely.STRtree(areas).query(lines, predicate="dwithin", distance=STEPS[-1] + 0.01)
-    for line, area in sorted(zip(*pairs.tolist(), strict=True)):
-        near[line].append(area)
-    return near
-
-
-def _faced(edge: Edge, walls: list[Area], facing: list[Target]) -> dict[str | None, Intervals]:
-    """Which parts of an edge face which room: out along the normal, what meets a wall first faces none."""
-    claims: dict[str | None, Intervals] = {room: [] for room, _ in facing}
-    rest: Intervals = [(0.0, edge.length)]
+def _faced(edges: list[Edge], walls: list[Area], areas: list[Area]) -> list[dict[int, Intervals]]:
+    """For each edge, which parts of it face which area: what meets a wall first, outward, faces none."""
+    if not edges or not areas:
+        return [{} for _ in edges]
+    wall_tree, area_tree = shapely.STRtree(walls), shapely.STRtree(areas)
+    lines = [edge.shifted(0.0) for edge in edges]
+    near = np.unique(area_tree.query(lines, predicate="dwithin", distance=STEPS[-1] + 0.01)[0]).tolist()
+    rest: dict[int, Intervals] = {k: [(0.0, edges[k].length)] for k in near}
+    claims: list[dict[int, Intervals]] = [{} for _ in edges]
     free = rest
     for step in STEPS:
-        line = edge.shifted(step)
-        for wall in walls:
-            rest = without(rest, _spans(edge, line, wall))
-        free = rest if step == STEPS[0] else free
-        for room, area in facing:
-            got = common(rest, _spans(edge, line, area))
-            claims[room] = united(claims[room] + got, gap=0.001)
-            rest = without(rest, got)
-        if not rest:
-            break
-    claimed = {room: spans for room, spans in claims.items() if spans}
-    for room, spans in claimed.items():
-        taken = [s for other, theirs in claimed.items() if other != room for s in theirs]
-        claimed[room] = _snapped(edge, spans, without(free, taken), walls)
-    return claimed
+        for k, _, spans in _hits(edges, list(rest), step, wall_tree):
+            rest[k] = without(rest[k], spans)
+        free = dict(rest) if step == STEPS[0] else free
+        for k, area, spans in _hits(edges, list(rest), step, area_tree):
+            got = common(rest[k], spans)
+            claims[k][area] = united(claims[k].get(area, []) + got, gap=TOUCH)
+            rest[k] = without(rest[k], got)
+        rest = {k: left for k, left in rest.items() if left}
+    for k in near:
+        claims[k] = {area: spans for area, spans in claims[k].items() if spans}
+        for area, spans in claims[k].items():
+            taken = [s for other, theirs in claims[k].items() if other != area for s in theirs]
+            claims[k][area] = _snapped(edges[k], spans, without(free[k], taken), wall_tree)
+    return claims
 
 
-def _spans(edge: Edge, line: shapely.LineString, area: Area) -> Intervals:
-    """Where the shifted edge lies within the area, as metres along the edge."""
-    inside = [p for p in shapely.get_parts(overlap(line, area)) if p.length > SLIVER]
-    spans = [(np.asarray(p.coords) - edge.start) @ edge.along for p in inside]
-    return united([(float(s.min()), float(s.max())) for s in spans])
+def _hits(
+    edges: list[Edge], active: list[int], step: float, tree: shapely.STRtree
+) -> Iterator[tuple[int, int, Intervals]]:
+    """Which active edges, shifted out by `step`, lie in which areas, and where, as metres along the edge."""
+    lines = np.array([edges[k].shifted(step) for k in active], dtype=object)
+    which, areas = tree.query(lines, predicate="intersects")
+    order = np.lexsort((areas, which))
+    which, areas = which[order], areas[order]
+    common_parts = overlap(lines[which], tree.geometries[areas])
+    for i, area, common_part in zip(which.tolist(), areas.tolist(), common_parts, strict=True):
+        edge = edges[active[i]]
+        inside = [p for p in getattr(common_part, "geoms", [common_part]) if p.length > SLIVER]
+        along = [(np.asarray(p.coords) - edge.start) @ edge.along for p in inside]
+        if along:
+            yield active[i], area, united([(float(u.min()), float(u.max())) for u in along])
 
 
-def _snapped(edge: Edge, spans: Intervals, free: Intervals, walls: list[Area]) -> Intervals:
+def _snapped(edge: Edge, spans: Intervals, free: Intervals, walls: shapely.STRtree) -> Intervals:
     """The spans, drawn out to the ends of the free intervals that they nearly reach, where a wall stands."""
     result = []
     for low, high in spans:
@@ -106,6 +108,6 @@ def _snapped(edge: Edge, spans: Intervals, free: Intervals, walls: list[Area]) -
     return united(result)
 
 
-def _in_wall(edge: Edge, u: float, walls: list[Area]) -> bool:
-    x, y = edge.point(u) + STEPS[0] * edge.normal
-    return any(shapely.intersects_xy(wall, x, y) for wall in walls)
+def _in_wall(edge: Edge, u: float, walls: shapely.STRtree) -> bool:
+    point = shapely.Point(edge.point(u) + STEPS[0] * edge.normal)
+    return len(walls.query(point, predicate="intersects")) > 0

@@ -1,0 +1,132 @@
+"""Small IFC models whose truth is known, made of upright prisms."""
+
+from pathlib import Path
+from typing import Any
+
+import ifcopenshell
+import ifcopenshell.api.aggregate
+import ifcopenshell.api.context
+import ifcopenshell.api.feature
+import ifcopenshell.api.geometry
+import ifcopenshell.api.project
+import ifcopenshell.api.root
+import ifcopenshell.api.spatial
+import ifcopenshell.api.unit
+import numpy as np
+from numpy.typing import NDArray
+
+Polygon = list[tuple[float, float]]
+Entity = Any  # ifcopenshell.entity_instance
+UNITS = {
+    "metres": (1.0, {"is_metric": True, "raw": "METERS"}),
+    "millimetres": (0.001, {"is_metric": True, "raw": "MILLIMETERS"}),
+    "feet": (0.3048, {"is_metric": False, "raw": "FEET"}),
+}
+
+
+def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
+    """A rectangle's corners."""
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+class IfcModel:
+    """An IFC4 file under construction; all lengths in metres in the building's own axes.
+
+    `T_world_building` (4, 4) is the site's placement; `unit` is the file's unit of length.
+    """
+
+    def __init__(self, unit: str = "metres", T_world_building: NDArray[np.float64] | None = None) -> None:
+        self.file = ifcopenshell.api.project.create_file(version="IFC4")
+        self.scale, length = UNITS[unit]
+        self.T_world_building = np.eye(4) if T_world_building is None else T_world_building
+        project = self._entity("IfcProject", "project")
+        ifcopenshell.api.unit.assign_unit(self.file, length=length)
+        model = ifcopenshell.api.context.add_context(self.file, context_type="Model")
+        self.body = ifcopenshell.api.context.add_context(
+            self.file, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=model
+        )
+        self.site, self.building = self._entity("IfcSite", "site"), self._entity("IfcBuilding", "building")
+        for child, parent in ((self.site, project), (self.building, self.site)):
+            ifcopenshell.api.aggregate.assign_object(self.file, products=[child], relating_object=parent)
+        self._place(self.site, 0.0)
+        self._place(self.building, 0.0)
+
+    def storey(self, name: str, z: float) -> Entity:
+        """An empty storey."""
+        storey = self._entity("IfcBuildingStorey", name)
+        ifcopenshell.api.aggregate.assign_object(self.file, products=[storey], relating_object=self.building)
+        self._place(storey, z)
+        return storey
+
+    def prism(
+        self, ifc_class: str, polygon: Polygon, z: tuple[float, float], storey: Entity, name: str = ""
+    ) -> Entity:
+        """A product with an upright prism for a body, in a storey."""
+        product = self._entity(ifc_class, name)
+        if product.is_a("IfcSpatialElement"):
+            ifcopenshell.api.aggregate.assign_object(self.file, products=[product], relating_object=storey)
+        else:
+            ifcopenshell.api.spatial.assign_container(
+                self.file, products=[product], relating_structure=storey
+            )
+        self._shape(product, polygon, z)
+        return product
+
+    def opening(
+        self, wall: Entity, polygon: Polygon, z: tuple[float, float], filling: str | None = None
+    ) -> None:
+        """Cuts a prism out of a wall, and puts a door or window with the same body into it."""
+        opening = self._entity("IfcOpeningElement", "")
+        ifcopenshell.api.feature.add_feature(self.file, feature=opening, element=wall)
+        self._shape(opening, polygon, z)
+        if filling:
+            filled = self._entity(filling, filling)
+            ifcopenshell.api.feature.add_filling(self.file, opening=opening, element=filled)
+            self._shape(filled, polygon, z)
+
+    def assembly(
+        self, ifc_class: str, parts: list[tuple[str, Polygon, tuple[float, float]]], storey: Entity
+    ) -> Entity:
+        """A product without a body, made of parts (class, polygon, z) that have one."""
+        whole = self._entity(ifc_class, "")
+        ifcopenshell.api.spatial.assign_container(self.file, products=[whole], relating_structure=storey)
+        self._place(whole, 0.0)
+        for part_class, polygon, z in parts:
+            part = self._entity(part_class, "")
+            ifcopenshell.api.aggregate.assign_object(self.file, products=[part], relating_object=whole)
+            self._shape(part, polygon, z)
+        return whole
+
+    def save(self, path: Path) -> Path:
+        """Writes the file."""
+        self.file.write(str(path))
+        return path
+
+    def _entity(self, ifc_class: str, name: str) -> Entity:
+        return ifcopenshell.api.root.create_entity(self.file, ifc_class=ifc_class, name=name)
+
+    def _place(self, product: Entity, z: float, axis: NDArray[np.float64] | None = None) -> None:
+        T = np.eye(4)
+        T[2, 3] = z
+        if axis is not None:
+            T[:2, :2] = np.array([axis, [-axis[1], axis[0]]]).T
+        ifcopenshell.api.geometry.edit_object_placement(
+            self.file, product=product, matrix=self.T_world_building @ T, should_transform_children=True
+        )
+
+    def _shape(self, product: Entity, polygon: Polygon, z: tuple[float, float]) -> None:
+        """The local x axis lies along the polygon's longest side, as that of walls and doors does."""
+        points = np.array(polygon)
+        sides = np.roll(points, -1, axis=0) - points
+        axis = sides[np.argmax(np.linalg.norm(sides, axis=1))]
+        axis = axis / np.linalg.norm(axis)
+        self._place(product, z[0], axis)
+        local = points @ np.array([axis, [-axis[1], axis[0]]]).T / self.scale
+        corners = [self.file.createIfcCartesianPoint(p) for p in [*local.tolist(), local[0].tolist()]]
+        profile = self.file.createIfcArbitraryClosedProfileDef(
+            "AREA", None, self.file.createIfcPolyline(corners)
+        )
+        up = self.file.createIfcDirection((0.0, 0.0, 1.0))
+        solid = self.file.createIfcExtrudedAreaSolid(profile, None, up, (z[1] - z[0]) / self.scale)
+        shape = self.file.createIfcShapeRepresentation(self.body, "Body", "SweptSolid", [solid])
+        ifcopenshell.api.geometry.assign_representation(self.file, product=product, representation=shape)
