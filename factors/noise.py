@@ -1,19 +1,27 @@
 """Noise models that refuse what GTSAM would let through."""
 
+from typing import overload
+
 import gtsam
 import numpy as np
 
 
+@overload
+def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: None) -> gtsam.noiseModel.Gaussian: ...
+@overload
+def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float) -> gtsam.noiseModel.Robust: ...
 def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float | None) -> gtsam.noiseModel.Base:
     """Noise of a plane's residual (two angles of the normal in radians, the offset in metres).
 
-    `huber` is the threshold of the whitened residual; None leaves it Gaussian. Raises ValueError for sigmas that are
-    not positive and finite (GTSAM accepts them and answers with NaN).
+    `huber` is the threshold of the whitened residual; None leaves it Gaussian. Raises ValueError for sigmas
+    and thresholds that are not positive and finite (GTSAM accepts most of them and answers with NaN).
     """
     return _robust(_diagonal([sigma_normal, sigma_normal, sigma_offset]), huber)
 
 
-def noise_of_pose(sigma_rotation: float, sigma_translation: float, huber: float | None = None) -> gtsam.noiseModel.Base:
+def noise_of_pose(
+    sigma_rotation: float, sigma_translation: float, huber: float | None = None
+) -> gtsam.noiseModel.Base:
     """Noise of a Pose3 residual, rotation first (radians), then translation (metres)."""
     return _robust(_diagonal([sigma_rotation] * 3 + [sigma_translation] * 3), huber)
 
@@ -27,4 +35,6 @@ def _diagonal(sigmas: list[float]) -> gtsam.noiseModel.Diagonal:
 def _robust(noise: gtsam.noiseModel.Diagonal, huber: float | None) -> gtsam.noiseModel.Base:
     if huber is None:
         return noise
+    if not (np.isfinite(huber) and huber > 0):
+        raise ValueError(f"huber must be positive and finite, not {huber}")
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber), noise)

@@ -1,7 +1,7 @@
-"""Planes seen from poses. A plane is (nx, ny, nz, d) with n.x + d = 0, a unit normal on the side that was seen.
+"""Planes seen from poses. A plane is (nx, ny, nz, d) with n.x + d = 0, a unit normal to the side seen.
 
-A plane variable is kept in the frame of an anchor pose near it (`LocalOrientedPlane3Factor`), because the offset of a
-plane far from its frame's origin is coupled with its normal by the lever arm.
+A plane variable is kept in the frame of an anchor pose near it (`LocalOrientedPlane3Factor`), because the
+offset of a plane far from its frame's origin is coupled with its normal by the lever arm.
 """
 
 import gtsam
@@ -12,24 +12,24 @@ from numpy.typing import ArrayLike, NDArray
 
 def observe_plane(
     plane_in_pose: ArrayLike, pose: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base
-) -> gtsam.NonlinearFactor:
-    """A plane (4,) seen in the frame of the pose variable `pose`; the plane variable lives in the frame of `anchor`.
+) -> gtsam.NoiseModelFactor:
+    """A plane (4,) seen in the frame of pose variable `pose`; the plane's variable lives in `anchor`'s frame.
 
-    Residual (3): the difference of the normals in the tangent plane of the predicted one (rad), and of the offsets
-    (m); three variables. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen 2012). The normal's residual is
-    0 again at 180 degrees: gate below 60 degrees before adding. Raises ValueError for a plane that is not finite or
-    whose normal is not a unit vector.
+    Residual (3): the difference of the normals in the tangent plane of the predicted one (rad), and of the
+    offsets (m); three variables. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen 2012). The
+    normal's residual is 0 again at 180 degrees: gate below 60 degrees before adding. Raises ValueError for a
+    plane that is not finite or whose normal is not a unit vector.
     """
     return gtsam_unstable.LocalOrientedPlane3Factor(_checked(plane_in_pose), noise, pose, anchor, plane)
 
 
 def observe_own_plane(
     plane_in_anchor: ArrayLike, identity: int, plane: int, noise: gtsam.noiseModel.Gaussian
-) -> gtsam.NonlinearFactor:
+) -> gtsam.NoiseModelFactor:
     """The plane (4,) as its own anchor saw it: a prior on the plane variable.
 
-    GTSAM wraps no prior for planes; `identity` is a pose variable that a tight prior holds at the identity. Takes
-    Gaussian noise only. Residual as in `observe_plane`.
+    GTSAM wraps no prior for planes; `identity` is a pose variable that a tight prior holds at the identity.
+    Takes Gaussian noise only. Residual as in `observe_plane`.
     """
     return gtsam.OrientedPlane3Factor(_checked(plane_in_anchor), noise, identity, plane)
 

@@ -1,5 +1,5 @@
-"""A room is a pose; its walls are planes in its own frame. So a room needs no factor of its own, holds for any shape
-and any heading, and does not depend on where the map's origin lies."""
+"""A room is a pose; its walls are planes in its own frame. So a room needs no factor of its own, holds for
+any shape and any heading, and does not depend on where the map's origin lies."""
 
 import gtsam
 import numpy as np
@@ -10,17 +10,18 @@ from factors.planes import observe_plane
 
 def wall_of_room(
     plane_in_room: ArrayLike, room: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base
-) -> gtsam.NonlinearFactor:
+) -> gtsam.NoiseModelFactor:
     """A room's wall (4,) in the frame of the room's pose variable; residual (3) as in `observe_plane`."""
     return observe_plane(plane_in_room, room, anchor, plane, noise)
 
 
 def fit_room(planes_in_bim: ArrayLike, planes_in_room: ArrayLike) -> NDArray[np.float64] | None:
-    """(4, 4) T_bim_room, the pose that lays a room's upright walls best on the planned ones; z, roll and pitch are 0.
+    """(4, 4) T_bim_room, the pose that lays a room's upright walls best on the planned ones; z, roll and
+    pitch are 0.
 
     `planes_in_bim` and `planes_in_room` are (M, 4) and correspond row by row. The yaw is the mean turn of the
-    normals, the place the least squares solution of the offsets. None where the normals span one direction only,
-    since then the room could slide.
+    normals, the place the least squares solution of the offsets. None where the normals span one direction
+    only, since then the room could slide.
     """
     planned, seen = np.asarray(planes_in_bim, dtype=float), np.asarray(planes_in_room, dtype=float)
     if len(planned) < 2 or np.linalg.svd(planned[:, :2], compute_uv=False)[1] < 0.5:
