@@ -30,7 +30,7 @@ def complete(placement: Placement) -> Pairs:
     """
     pairing = placement.pairing
     s, a = pairing.s, pairing.a
-    quality = _table(placement, placement.fit.quality)
+    quality = pairing.table(placement.fit.quality)
     rooms = _rooms(placement, quality)
     partner = np.full(len(s.rooms) + 1, -2)
     for r, q, _ in rooms:
@@ -38,15 +38,6 @@ def complete(placement: Placement) -> Pairs:
     told = (partner[s.room] >= -1)[:, None] & (a.room >= 0)[None, :]
     quality = np.where(told & (partner[s.room][:, None] != a.room[None, :]), OTHER_ROOM * quality, quality)
     return Pairs(rooms, _surfaces(placement, quality))
-
-
-def _table(placement: Placement, values: Array) -> Array:
-    """(Ns, Na) from the values (Ns, 1, P) of the pairs; zero elsewhere."""
-    pairing = placement.pairing
-    table = np.zeros((len(pairing.s), len(pairing.a)))
-    n, p = np.nonzero(np.isfinite(pairing.half))
-    table[n, pairing.partner[n, p]] = values[n, 0, p]
-    return table
 
 
 def _confidence(value: Array, chosen: int, doubt: float) -> float:
@@ -83,7 +74,7 @@ def _accepted(share: Array, inside: Array, r: int, q: int) -> bool:
 
 
 def _inside(placement: Placement) -> Array:
-    """(S rooms, A rooms) whether the S room's centroid lies in the A room's footprint, under the placement."""
+    """(S rooms, A rooms) whether the S room's centroid lies in the A room's footprint."""
     import shapely  # slow to import
 
     pairing = placement.pairing
@@ -108,7 +99,7 @@ def _surfaces(placement: Placement, quality: Array) -> tuple[tuple[int, int, flo
         for i, j in zip(*linear_sum_assignment(-quality), strict=True)
         if quality[i, j] > LEAST_QUALITY
     ]
-    along = _table(placement, placement.fit.along)
+    along = placement.pairing.table(placement.fit.along)
     span = np.stack((along - s.half[:, None], along + s.half[:, None]), axis=-1)
     matched = dict(chosen)
     for i in np.argsort(-s.half, kind="stable"):  # further pieces of a wall, where they lie beside its others

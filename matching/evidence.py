@@ -13,11 +13,14 @@ from matching.se2 import Array
 
 SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely beforehand
 NOT_IN_PLAN = 0.3  # prior of an S wall, over its length in metres: cupboards are short
-NOT_IN_PLAN_BOUNDS = (0.08, 0.3)
+NOT_IN_PLAN_BOUNDS = (0.04, 0.3)
 LEAST_DENSITY = 0.1  # walls a metre; rare directions shall not be proof of a place
 END_SIGMAS = np.array([0.05, 0.15, 0.4])  # metres along, of the ends of walls
 SEEN_TO_END = 0.6  # the others stop short, or run on where the plan has a corner
 END_TRUST = 0.5  # exponent: two ends of a wall, and the walls that cross there, are not independent
+SEEN = 0.3  # quality of a pair
+SHOWN = 0.8  # metres; shorter walls may well vanish
+ENTERED = 0.6
 MOST_BENT = 9.0  # chi^2 of one room
 
 
@@ -54,13 +57,34 @@ def normal_density(x: Array, sigmas: Array) -> Array:
 
 def chance_density(pairing: Pairing) -> Array:
     """(Ns,) how many A walls of its direction an S wall meets a metre across, at a random place."""
-    length = np.where(np.isfinite(pairing.half), 2 * (pairing.half + pairing.s.half[:, None]), 0.0).sum(axis=1)
-    size = np.ptp(pairing.a.centre, axis=0) + 1.0
-    return np.asarray(np.maximum(length / np.prod(size), LEAST_DENSITY))
+    met = np.where(np.isfinite(pairing.half), 2 * (pairing.half + pairing.s.half[:, None]), 0.0)
+    return np.asarray(np.maximum(met.sum(axis=1) / pairing.a.extent.prod(), LEAST_DENSITY))
 
 
 def evidence(pairing: Pairing, state: Array, expected: Array, fitted: Fit) -> float:
-    """Nats: all S walls' ratios, precision marginalised, less what the bending of the map costs."""
+    """Nats: all S walls, their precision marginalised, and the rooms' completeness, less the cost of bending."""
     total = likelihood_ratios(pairing, state, fitted).sum(axis=0)
     bent = np.minimum((((state - expected)[0] / BEND) ** 2).sum(axis=1), MOST_BENT).sum()
-    return float(np.logaddexp.reduce(total) - np.log(len(total)) - 0.5 * bent)
+    seen = completeness(pairing, pairing.table(fitted.quality))
+    return float(np.logaddexp.reduce(total) - np.log(len(total)) + seen - 0.5 * bent)
+
+
+def completeness(pairing: Pairing, quality: Array) -> float:
+    """Nats of the A walls that the map should show: of the A rooms where most walls of some S room are.
+
+    An A room was either entered, and most of its walls are seen, or glimpsed through a door.
+    """
+    s, a = pairing.s, pairing.a
+    at = np.where(quality.max(axis=1) > SEEN, a.room[quality.argmax(axis=1)], -1)
+    both = (s.room >= 0) & (at >= 0)
+    if not both.any():
+        return 0.0
+    votes = np.zeros((len(s.rooms), len(a.rooms)))
+    np.add.at(votes, (s.room[both], at[both]), s.weight[both])
+    homes = np.unique(votes.argmax(axis=1)[votes.max(axis=1) > 0])
+    wall = (2 * a.half > SHOWN) & np.isin(a.room, homes)
+    seen = quality.max(axis=0, initial=0.0) > SEEN
+    count = np.stack([np.bincount(a.room[wall & of], minlength=len(a.rooms))[homes] for of in (seen, ~seen)])
+    entered = np.log(ENTERED) + np.log(np.array([0.85, 0.15]) / 0.5) @ count
+    glimpsed = np.log(1 - ENTERED) + np.log(np.array([0.4, 0.6]) / 0.5) @ count
+    return float(np.logaddexp(entered, glimpsed).sum())

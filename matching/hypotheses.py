@@ -1,20 +1,21 @@
 """Placements of an S-graph in the storeys of an A-graph: found by voting, scored, told apart."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from matching import se2
 from matching.evidence import evidence
-from matching.scoring import Fit, Pairing, bend, explained, fit, refine_rigid, rigid_of
+from matching.scoring import SIGMA_SCORE, Fit, Pairing, bend, explained, fit, refine_rigid, rigid_of
 from matching.se2 import Array
-from matching.voting import FEW_CORNERS, marks, vote
-from matching.walls import Walls
+from matching.voting import candidates
+from matching.walls import Index, Walls
 
-SIGMAS_RIGID = (0.35, 0.25, 0.2)
+SIGMAS_RIGID = (0.35, 0.25, 0.2)  # metres
 SIGMAS_BENT = (0.3, 0.2, 0.15, 0.15)
-SIGMA_SCORE = 0.15  # metres across
-KEPT = 12  # hypotheses that are worked out
+REFINED = 24  # candidates of each storey
+KEPT = 12  # placements that are worked out
 PER_STOREY = 3  # of them at least, from every storey
 DISTINCT_M, DISTINCT_RAD = 0.5, np.radians(5)
 
@@ -25,88 +26,94 @@ class Placement:
 
     storey: Walls
     motion: Array
+    T_a_s: Array  # (3,) between the frames of the graphs
     pairing: Pairing
     state: Array  # (1, G, 3)
-    expected: Array  # (1, G, 3) of each group by its neighbours
     fit: Fit  # of the one state
-    explained: Array  # (Ns,) in [0, 1]
     score: float  # nats of evidence
 
-    def T_a_s(self) -> Array:
-        """(3,) between the frames of the graphs."""
-        s = self.pairing.s
-        return se2.compose(se2.compose(self.storey.T_graph_own, self.motion), se2.inverse(s.T_graph_own))
+    @property
+    def explained(self) -> Array:
+        """(Ns,) how well each S wall is explained, in [0, 1]."""
+        return np.asarray(self.fit.quality.max(axis=2)[:, 0])
 
     @property
     def fraction(self) -> float:
-        """How much of the S walls (by weight) the storey explains."""
-        weight = self.pairing.s.weight
-        return float(weight @ self.explained / weight.sum())
+        """How much of the S walls, by length, the storey explains."""
+        half = self.pairing.s.half
+        return float(half @ self.explained / half.sum())
 
 
-def search(s: Walls, storeys: list[Walls]) -> list[Placement]:
-    """Distinct placements, best first; empty where no corner of S has its like."""
+def between_graphs(s: Walls, a: Walls, motion: Array) -> Array:
+    """(3,) T_a_s between the frames of the graphs, of a motion between their own frames."""
+    return se2.compose(se2.compose(a.T_graph_own, motion), se2.inverse(s.T_graph_own))
+
+
+def search(
+    s: Walls, storeys: list[Walls], allowed: Callable[[Array], bool] = lambda T_a_s: True
+) -> list[Placement]:
+    """Distinct placements, best first; empty where no corner of S has its like.
+
+    `allowed` is asked of T_a_s (3,), between the graphs' frames, before places compete with each other.
+    """
     found: list[tuple[float, Walls, Array]] = []
     for a in storeys:
-        found += _rigid(s, a)
+        found += [(w, a, m) for w, m in _rigid(s, a) if allowed(between_graphs(s, a, m))]
     found.sort(key=lambda x: -x[0])
-    distinct = _distinct([(a, motion) for _, a, motion in found])
-    rank: dict[str | None, int] = {}
-    chosen = []
-    for n in distinct:
+    rank = {a.floor: 0 for a in storeys}
+    placed: list[Placement] = []
+    for n in _distinct([(a, motion) for _, a, motion in found]):
         a = found[n][1]
-        rank[a.floor] = rank.get(a.floor, 0) + 1
-        if len(chosen) < KEPT or rank[a.floor] <= PER_STOREY:
-            chosen.append((a, found[n][2]))
-    placed = sorted((_placement(s, a, motion) for a, motion in chosen), key=lambda p: -p.score)
-    kept = _distinct([(p.storey, p.motion) for p in placed])
-    return [placed[n] for n in kept]
+        rank[a.floor] += 1
+        if len(placed) < KEPT or rank[a.floor] <= PER_STOREY:
+            placed.append(_placement(s, a, found[n][2]))
+    placed = [p for p in placed if allowed(p.T_a_s)]
+    placed.sort(key=lambda p: -p.score)
+    return [placed[n] for n in _distinct([(p.storey, p.motion) for p in placed])]
 
 
-def _rigid(s: Walls, a: Walls) -> list[tuple[float, Walls, Array]]:
-    s_marks, a_marks = marks(s), marks(a)
-    if len(s_marks.point) < FEW_CORNERS or not len(a_marks.point):
-        s_marks, a_marks = marks(s, scarce=True), marks(a, scarce=True)
-    most = int(np.clip(1600 / len(s), 15, 150))
-    rough = []
-    for candidates in vote(s_marks, a_marks, most):
-        pairing = Pairing.near(s, a, candidates.yaw)
-        worth = explained(pairing, candidates.motions, 0.3)
-        rough += [(float(w), pairing, motion) for w, motion in zip(worth, candidates.motions, strict=True)]
+def _rigid(s: Walls, a: Walls) -> list[tuple[float, Array]]:
+    """Refined rigid (3,) motions into one storey, each with the weight of the S walls that it explains."""
+    rough: list[tuple[float, Pairing, Array]] = []
+    for voted in candidates(s, a):
+        pairing = Pairing.near(s, a, voted.yaw)
+        worth = explained(pairing, voted.motions, SIGMAS_RIGID[0])
+        rough += [(float(w), pairing, m) for w, m in zip(worth, voted.motions, strict=True)]
     rough.sort(key=lambda r: -r[0])
     by_mode: dict[float, tuple[Pairing, list[Array]]] = {}
-    for _, pairing, motion in rough[: 2 * KEPT]:
+    for _, pairing, motion in rough[:REFINED]:
         by_mode.setdefault(pairing.yaw, (pairing, []))[1].append(motion)
-    found = []
+    found: list[tuple[float, Array]] = []
     for pairing, motions in by_mode.values():
         refined = refine_rigid(pairing, np.array(motions), SIGMAS_RIGID)
-        found += list(zip(explained(pairing, refined, 0.2).tolist(), [a] * len(motions), refined, strict=True))
+        found += zip(explained(pairing, refined, SIGMAS_RIGID[-1]).tolist(), refined, strict=True)
     return found
 
 
 def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
-    group = groups_of(s)
-    pairing = Pairing.near(s, a, float(motion[0]), group)
+    pairing = Pairing.near(s, a, float(motion[0]), groups_of(s))
     state, expected = bend(pairing, motion[None], SIGMAS_BENT)
-    judged = fit(pairing, state, SIGMA_SCORE)
-    seen = judged.quality.max(axis=2)[:, 0]
-    score = evidence(pairing, state, expected, judged)
-    return Placement(a, rigid_of(pairing, state), pairing, state, expected, judged, seen, score)
+    fitted = fit(pairing, state, SIGMA_SCORE)
+    score = evidence(pairing, state, expected, fitted)
+    rigid = rigid_of(pairing, state)
+    return Placement(a, rigid, between_graphs(s, a, rigid), pairing, state, fitted, score)
 
 
-def groups_of(s: Walls) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """(Ns,) which S walls move together when the map bends: those of a room; a stray wall goes with the nearest
-    wall that has a room."""
+def groups_of(s: Walls) -> Index:
+    """(Ns,) which S walls move together when the map bends: those of a room.
+
+    A stray wall goes with the nearest wall that has a room; where none has one, the map is rigid.
+    """
     if (s.room < 0).all():
         return np.zeros(len(s), dtype=np.int64)
     housed = np.nonzero(s.room >= 0)[0]
     distance = np.linalg.norm(s.centre[:, None] - s.centre[None, housed], axis=-1)
-    room = s.room[housed[np.argmin(distance, axis=1)]]
-    return np.unique(np.where(s.room >= 0, s.room, room), return_inverse=True)[1].astype(np.int64)
+    nearest = s.room[housed[np.argmin(distance, axis=1)]]
+    return np.asarray(np.unique(np.where(s.room >= 0, s.room, nearest), return_inverse=True)[1])
 
 
 def _distinct(motions: list[tuple[Walls, Array]]) -> list[int]:
-    """Indices of those that differ from all earlier ones: in storey, at S's centre (the origin), or in yaw."""
+    """Indices of those that differ from all earlier ones: in storey, at S's centre (the origin) or in yaw."""
     kept: list[int] = []
     for n, (a, motion) in enumerate(motions):
         if all(

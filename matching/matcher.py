@@ -11,6 +11,7 @@ from matching import se2
 from matching.complete import complete
 from matching.hypotheses import Placement, search
 from matching.result import Hypothesis, MatchResult
+from matching.se2 import Array
 from matching.verification import verify
 from matching.walls import Walls, arrays, storeys
 
@@ -41,9 +42,11 @@ class VotingMatcher:
             if empty:
                 return MatchResult("none", f"the {what} has no wall surface")
         walls = arrays(s, None, list(s.wall_surfaces))
-        found = [p for p in search(walls, candidates) if start is None or _near(p.T_a_s(), start)]
+        found = search(walls, candidates, lambda T_a_s: start is None or _near(T_a_s, start))
         if not found:
-            return MatchResult("none", "no wall corner of the map has its like in the plan", seconds=_since(began))
+            near = "" if start is None else " near the start that was given"
+            reason = f"no wall corner of the map has its like in the plan{near}"
+            return MatchResult("none", reason, seconds=_since(began))
         return _answer(found, candidates, began)
 
 
@@ -77,13 +80,10 @@ def _answer(found: list[Placement], candidates: list[Walls], began: float) -> Ma
     s, a = best.pairing.s, best.storey
     pairs = [complete(p) for p in found[:LISTED]]
     verdict = verify(found, candidates, pairs[0])
-    hypotheses = tuple(
-        Hypothesis(
-            p.score, _triple(p), p.storey.floor,
-            tuple((s.rooms[r].id, p.storey.rooms[q].id) for r, q, _ in of.rooms),
-        )  # fmt: skip
-        for p, of in zip(found, pairs, strict=False)
-    )
+    hypotheses = []
+    for p, of in zip(found, pairs, strict=False):
+        rooms = tuple((s.rooms[r].id, p.storey.rooms[q].id) for r, q, _ in of.rooms)
+        hypotheses.append(Hypothesis(p.score, _triple(p), p.storey.floor, rooms))
     return MatchResult(
         verdict.status,
         verdict.reason,
@@ -91,17 +91,17 @@ def _answer(found: list[Placement], candidates: list[Walls], began: float) -> Ma
         tuple((s.ids[i], a.ids[j], c * verdict.probability) for i, j, c in pairs[0].surfaces),
         None if verdict.status == "none" else _triple(best),
         a.floor,
-        hypotheses,
+        tuple(hypotheses),
         _since(began),
     )
 
 
 def _triple(placement: Placement) -> tuple[float, float, float]:
-    yaw, x, y = placement.T_a_s().tolist()
+    yaw, x, y = placement.T_a_s.tolist()
     return yaw, x, y
 
 
-def _near(T_a_s: np.ndarray[tuple[int], np.dtype[np.float64]], start: Start) -> bool:
+def _near(T_a_s: Array, start: Start) -> bool:
     turn = abs(se2.wrap(T_a_s[:1] - start[2])[0])
     return bool(np.hypot(T_a_s[1] - start[0], T_a_s[2] - start[1]) <= START_M and turn <= START_RAD)
 

@@ -11,13 +11,18 @@ Pair = tuple[str, str, float]  # S id, A id, confidence in [0, 1]
 class Hypothesis:
     """One way to place the S-graph in the A-graph: `T_a_s` = (yaw, x, y), p_a = R(yaw) p_s + (x, y).
 
-    `score` is in wall surfaces' worth of evidence; higher is better. `rooms` are (S id, A id).
+    `score` is the log likelihood ratio against chance, in nats; higher is better. `rooms` are (S id, A id).
     """
 
     score: float
     T_a_s: tuple[float, float, float]
     floor: str | None
     rooms: tuple[tuple[str, str], ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The form within `matches.json`."""
+        rooms = [list(pair) for pair in self.rooms]
+        return {"score": self.score, "T_a_s": list(self.T_a_s), "floor": self.floor, "rooms": rooms}
 
 
 @dataclass(frozen=True)
@@ -46,9 +51,6 @@ class MatchResult:
             "wall_surfaces": [list(pair) for pair in self.wall_surfaces],
             "T_a_s": None if self.T_a_s is None else list(self.T_a_s),
             "floor": self.floor,
-            "hypotheses": [
-                {"score": h.score, "T_a_s": list(h.T_a_s), "floor": h.floor, "rooms": [list(p) for p in h.rooms]}
-                for h in self.hypotheses
-            ],
+            "hypotheses": [h.to_dict() for h in self.hypotheses],
             "seconds": self.seconds,
         }

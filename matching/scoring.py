@@ -13,6 +13,7 @@ from matching.se2 import Array
 from matching.walls import Index, Walls
 
 SAME_DIRECTION = np.radians(15)
+SIGMA_SCORE = 0.15  # metres across, of the final judgement
 SIGMA_HEADING = np.radians(5)
 SIGMA_ALONG = 0.4  # metres; the ends of walls are seen badly
 BEND = np.array([np.radians(2.5), 0.25, 0.25])  # how a room's motion may differ from its neighbours'
@@ -21,7 +22,7 @@ BEND_REACH = 4.0  # metres
 
 @dataclass(frozen=True)
 class Pairing:
-    """The A surfaces that each S surface could be, near one yaw, P at most; and the groups of the S walls.
+    """The A surfaces that each S surface could be near one yaw, P at most; and the groups of the S walls.
 
     The (Ns, P) tables are padded with A walls of no extent.
     """
@@ -60,6 +61,13 @@ class Pairing:
         """(K, G, 3) state of the groups under rigid (K, 3) motions."""
         at = se2.apply(motions[:, None, :], self.centre[None])
         return np.concatenate((np.broadcast_to(motions[:, None, :1], (*at.shape[:2], 1)), at), axis=-1)
+
+    def table(self, values: Array) -> Array:
+        """(Ns, Na) from the values (Ns, 1, P) of the pairs under one motion; zero elsewhere."""
+        table = np.zeros((len(self.s), len(self.a)))
+        n, p = np.nonzero(np.isfinite(self.half))
+        table[n, self.partner[n, p]] = values[n, 0, p]
+        return table
 
     def motions(self, state: Array) -> Array:
         """(K, G, 3) motions T_a_s of the groups."""
@@ -113,7 +121,8 @@ def refine(pairing: Pairing, state: Array, sigma: float, prior: Array, prior_sig
     arm = 0.8 * s.half[:, None, None] * se2.rotate(per_wall[..., 0], s.tangent[:, None])
     excess = np.sign(along) * np.maximum(np.abs(along) - np.abs(a.half[j] - s.half[:, None]), 0.0)
     ends = [now.placed + arm, now.placed - arm]
-    rows = [(end, a.normal[j], np.sum((end - a.centre[j]) * a.normal[j], axis=-1), 0.5 * weight) for end in ends]
+    normal = a.normal[j]
+    rows = [(end, normal, np.sum((end - a.centre[j]) * normal, axis=-1), 0.5 * weight) for end in ends]
     rows.append((now.placed, a.tangent[j], excess, 0.25 * weight * (sigma / SIGMA_ALONG) ** 2))
     H = np.zeros((*state.shape, 3)) + np.diag(1 / prior_sigma**2)
     difference = prior - state
@@ -138,8 +147,8 @@ def refine_rigid(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) ->
 
 
 def rigid_of(pairing: Pairing, state: Array) -> Array:
-    """(3,) the rigid motion nearest to a bent state (1, G, 3): least squares over the walls' ends that it explains."""
-    now = fit(pairing, state, 0.15)
+    """(3,) the rigid motion nearest to a bent state (1, G, 3), by the ends of the walls that are explained."""
+    now = fit(pairing, state, SIGMA_SCORE)
     weight = np.tile(pairing.s.weight * now.quality.max(axis=2)[:, 0] + 1e-6, 2)
     arm = pairing.s.half[:, None] * pairing.s.tangent
     turned = se2.rotate(state[0, pairing.group, 0], arm)

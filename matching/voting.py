@@ -40,6 +40,15 @@ class Candidates:
     motions: Array
 
 
+def candidates(s: Walls, a: Walls) -> list[Candidates]:
+    """Motions that lay S's corners on A's, by yaw modes; empty where nothing is alike."""
+    s_marks, a_marks = marks(s), marks(a)
+    if len(s_marks.point) < FEW_CORNERS or not len(a_marks.point):
+        s_marks, a_marks = marks(s, scarce=True), marks(a, scarce=True)
+    # Small maps are cheap to try, and their true place stands out less.
+    return vote(s_marks, a_marks, int(np.clip(1600 / len(s), 15, 150)))
+
+
 def marks(walls: Walls, scarce: bool = False) -> Marks:
     """The corners of a storey; where they are `scarce` also distant crossings and the ends of walls."""
     along, turn = crossings(walls.centre, walls.heading)
@@ -83,7 +92,7 @@ def vote(s: Marks, a: Marks, most: int) -> list[Candidates]:
 
 
 def _yaw_modes(yaw: Array) -> list[float]:
-    bins = int(round(2 * np.pi / YAW_BIN))
+    bins = round(2 * np.pi / YAW_BIN)
     at = np.floor((yaw + np.pi) / YAW_BIN).astype(np.int64) % bins
     count = np.bincount(at, minlength=bins).astype(float)
     smooth = sum(np.roll(count, k) * (3 - abs(k)) for k in range(-2, 3))
@@ -110,13 +119,12 @@ def _places(votes: Array, most: int) -> Array:
     keys, inverse = np.unique(cell[:, 0] * stride + cell[:, 1], return_inverse=True)
     own = np.stack([np.bincount(inverse, w) for w in (np.ones(len(votes)), votes[:, 0], votes[:, 1])])
     total = own.copy()
-    neighbour_max = np.zeros(len(keys))
+    neighbours = []
     for shift in (-stride - 1, -stride, -stride + 1, -1, 1, stride - 1, stride, stride + 1):
         at = np.minimum(np.searchsorted(keys, keys + shift), len(keys) - 1)
-        total += np.where(keys[at] == keys + shift, own[:, at], 0.0)
-    for shift in (-stride - 1, -stride, -stride + 1, -1, 1, stride - 1, stride, stride + 1):
-        at = np.minimum(np.searchsorted(keys, keys + shift), len(keys) - 1)
-        neighbour_max = np.maximum(neighbour_max, np.where(keys[at] == keys + shift, total[0, at], 0.0))
-    peak = np.nonzero(total[0] >= neighbour_max)[0]
+        neighbours.append((at, keys[at] == keys + shift))
+        total += np.where(neighbours[-1][1], own[:, at], 0.0)
+    most_beside = np.max([np.where(real, total[0, at], 0.0) for at, real in neighbours], axis=0)
+    peak = np.nonzero(total[0] >= most_beside)[0]
     best = peak[np.argsort(-total[0, peak], kind="stable")[:most]]
     return np.asarray((total[1:, best] / total[0, best]).T)

@@ -44,6 +44,11 @@ class Walls:
         """(N, 2) the normals turned left."""
         return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
+    @property
+    def extent(self) -> Array:
+        """(2,) size of the box about the walls' mid points, a metre added."""
+        return np.asarray(np.ptp(self.centre, axis=0) + 1.0)
+
     @cached_property
     def weight(self) -> Array:
         """(N,) what a surface counts: grows with its length, but a long one is still one observation."""

@@ -24,13 +24,9 @@ def a_graph(polygons: Sequence[Polygon], floor: str | None = None, prefix: str =
         rooms.append(Room(room, (shape.centroid.x, shape.centroid.y), floor, "", ring))
         for n, (p, q) in enumerate(_straight_runs(np.array(ring))):
             length = float(np.hypot(*(q - p)))
-            x, y = (q - p) / length
-            middle = (p + q) / 2
-            surfaces.append(
-                WallSurface(
-                    f"{room}/{n}", room, (float(middle[0]), float(middle[1])), (float(-y), float(x)), length, floor
-                )
-            )
+            x, y = ((q - p) / length).tolist()
+            middle = (float(p[0] + q[0]) / 2, float(p[1] + q[1]) / 2)
+            surfaces.append(WallSurface(f"{room}/{n}", room, middle, (-y, x), length, floor))
     return SceneGraph("bim", tuple(rooms), tuple(surfaces))
 
 
@@ -40,7 +36,8 @@ def _straight_runs(ring: np.ndarray, bend: float = np.radians(4)) -> list[tuple[
     angle = np.arctan2(step[:, 1], step[:, 0])
     turn = (angle - np.roll(angle, 1) + np.pi) % (2 * np.pi) - np.pi
     corner = ring[np.abs(turn) > bend]
-    return [(p, q) for p, q in zip(corner, np.roll(corner, -1, axis=0), strict=True) if np.hypot(*(q - p)) > 0.05]
+    runs = zip(corner, np.roll(corner, -1, axis=0), strict=True)
+    return [(p, q) for p, q in runs if np.hypot(*(q - p)) > 0.05]
 
 
 def merged(*graphs: SceneGraph) -> SceneGraph:
@@ -56,8 +53,9 @@ def box(x: float, y: float, width: float, depth: float) -> Polygon:
     return [(x, y), (x + width, y), (x + width, y + depth), (x, y + depth)]
 
 
-def flat(rng: np.random.Generator, width: float = 22.0, depth: float = 14.0, wall: float = 0.15) -> list[Polygon]:
+def flat(rng: np.random.Generator, width: float = 22.0, depth: float = 14.0) -> list[Polygon]:
     """Rooms of uneven sizes: a rectangle cut again and again."""
+    wall = 0.15
 
     def cut(x: float, y: float, w: float, d: float) -> list[Polygon]:
         if w * d < 14 or min(w, d) < 2.2 or (max(w, d) < 5 and rng.random() < 0.4):
@@ -70,8 +68,9 @@ def flat(rng: np.random.Generator, width: float = 22.0, depth: float = 14.0, wal
     return cut(0.0, 0.0, width, depth)
 
 
-def offices(widths_below: Sequence[float], widths_above: Sequence[float], wall: float = 0.12) -> list[Polygon]:
+def offices(widths_below: Sequence[float], widths_above: Sequence[float]) -> list[Polygon]:
     """Two rows of offices, 5 m deep, along a corridor 2 m wide."""
+    wall = 0.12
     rooms: list[Polygon] = []
     for y, widths in ((0.0, widths_below), (7.0 + 2 * wall, widths_above)):
         x = 0.0
@@ -95,7 +94,8 @@ def swiss(name: str, floor: str | None = None, prefix: str = "") -> SceneGraph:
 
 def moved(graph: SceneGraph, yaw: float, x: float, y: float, mirror: bool = False) -> SceneGraph:
     """The graph in another frame; `mirror` flips the x axis first, which no motion does."""
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]) @ np.diag([-1 if mirror else 1, 1])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    turn = turn @ np.diag([-1 if mirror else 1, 1])
 
     def at(p: tuple[float, float]) -> tuple[float, float]:
         q = turn @ np.array(p) + (x, y)

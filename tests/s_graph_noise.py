@@ -171,6 +171,7 @@ def _best_rigid(s: SceneGraph, a: SceneGraph, truth: dict[str, str], start: np.n
                 arm = p - T[1:]
                 rows.append([n[1] * arm[0] - n[0] * arm[1], n[0], n[1]])
                 values.append(-n @ (p - np.array(plan.centroid)))
-        step = np.linalg.lstsq(np.vstack((rows, 0.01 * np.eye(3))), np.append(values, [0, 0, 0]), rcond=None)[0]
+        damped = np.vstack((rows, 0.01 * np.eye(3)))
+        step = np.linalg.lstsq(damped, np.append(values, [0, 0, 0]), rcond=None)[0]
         T = np.array([se2.wrap(T[:1] + step[0])[0], *(T[1:] + step[1:])])
     return T
