@@ -63,6 +63,7 @@ class SurfaceSettings(_Settings):
     associate_gap: float = Field(1.0, ge=0, description="m along")
     join_angle: float = Field(0.1, gt=0, description="rad between two walls that turn out to be one")
     join_offset: float = Field(0.1, gt=0, description="m across, likewise")
+    split_step: float = Field(0.05, gt=0, description="m across at which a wall is parted in two, end to end")
     min_observations: int = Field(3, ge=1, description="keyframes that must have seen a surface")
 
 

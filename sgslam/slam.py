@@ -139,6 +139,8 @@ class SceneGraphSlam:
         with self._clock("surfaces"):
             T_level_map = level_map(self._backend.floor_in_map, self._front_end.height)
             self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
+            if self._walls.split_steps():
+                self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
             if self._walls.join_duplicates() and self._scene is not None:
                 self._scene = self._scene.relabelled(self._walls.current)
         if last or (self._anchoring is not None and self._scene_due()):

@@ -36,7 +36,7 @@ def extract_walls(scan: ColumnScan, settings: SurfaceSettings) -> list[WallObser
     column, line = contour(scan, settings.high_band)
     if len(line) < settings.min_columns:
         return []
-    line, column = _from_largest_jump(line, column, scan.columns)
+    line, column = _from_farthest(line, column, scan.columns)
     parapet = np.full((scan.columns, 2), np.nan)
     low_column, low_line = contour(scan, settings.low_band)
     parapet[low_column] = low_line
@@ -106,11 +106,12 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     )
 
 
-def _from_largest_jump(contour: Floats, column: NDArray[np.int64], columns: int) -> tuple[Floats, NDArray[np.int64]]:
-    """Turns the closed contour so that it begins behind its largest jump; columns go on rising."""
-    jump = int(np.argmax(np.hypot(*(np.roll(contour, -1, axis=0) - contour).T))) + 1
-    turned = np.concatenate([column[jump:], column[:jump] + columns])
-    return np.roll(contour, -jump, axis=0), turned
+def _from_farthest(contour: Floats, column: NDArray[np.int64], columns: int) -> tuple[Floats, NDArray[np.int64]]:
+    """Turns the closed contour so that it begins at its farthest point, which is always the end of a straight
+    piece, so that the scan's seam cuts no wall; columns go on rising."""
+    first = int(np.argmax(np.hypot(contour[:, 0], contour[:, 1])))
+    turned = np.concatenate([column[first:], column[:first] + columns])
+    return np.roll(contour, -first, axis=0), turned
 
 
 def _merge(pieces: list[tuple[int, int]], contour: Floats, settings: SurfaceSettings) -> list[tuple[int, int]]:

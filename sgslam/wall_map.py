@@ -67,6 +67,7 @@ class WallMap:
         self.T_level_map: Floats = np.eye(4)  # levelled: z up, the floor at z = 0
         self._extent: dict[int, tuple[float, float, int]] = {}  # low, high, keyframes
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
+        self._across, self._along = np.empty(0), np.empty(0)  # of the middle of each observation, its wall
         self._joined_into: dict[int, int] = {}
         self._lines: Lines | None = None
 
@@ -96,11 +97,15 @@ class WallMap:
             if s.wall not in self.planes_in_map:  # seen once so far
                 self.planes_in_map[s.wall] = transform_planes(pose, s.plane)
         ids = np.array(list(self.planes_in_map))
-        normal, _ = self._as_lines(np.stack(list(self.planes_in_map.values())))
+        normal, offset = self._as_lines(np.stack(list(self.planes_in_map.values())))
         row = np.empty(int(ids.max()) + 1, dtype=np.int64)
         row[ids] = np.arange(len(ids))
         ends = transform_points((T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
-        self._widen(np.array([s.wall for s in self.seen]), normal[row[[s.wall for s in self.seen]]], ends[..., :2])
+        owner = row[[s.wall for s in self.seen]]
+        middle = ends[..., :2].mean(axis=1)
+        self._across = np.sum(middle * normal[owner], axis=1) + offset[owner]
+        self._along = middle[:, 1] * normal[owner, 0] - middle[:, 0] * normal[owner, 1]
+        self._widen(ids[owner], normal[owner], ends[..., :2])
 
     @property
     def lines(self) -> Lines:
@@ -151,6 +156,27 @@ class WallMap:
             self._relabel(int(lines.ids[gone]), int(lines.ids[kept]))
             joined += 1
 
+    def split_steps(self) -> int:
+        """Parts walls that turn out to be two, end to end and a few centimetres apart across; returns how many.
+
+        Such a wall's observations lie at one offset up to some place along it and at another beyond it.
+        """
+        by_wall: dict[int, list[int]] = {}
+        for i, s in enumerate(self.seen):
+            by_wall.setdefault(s.wall, []).append(i)
+        parted = 0
+        for own in by_wall.values():
+            if len(own) < 2 * self._settings.min_observations:
+                continue
+            beyond = _beyond_step(self._along[own], self._across[own], self._settings)
+            if beyond is None:
+                continue
+            for i in np.asarray(own)[beyond]:
+                self.seen[i].wall = self._walls
+            self._walls += 1
+            parted += 1
+        return parted
+
     def _relabel(self, gone: int, kept: int) -> None:
         self._joined_into[gone], self._lines = kept, None
         for s in self.seen:
@@ -195,8 +221,28 @@ class WallMap:
             self._intervals.append((wall, low, high))
 
 
+def _beyond_step(along: Floats, across: Floats, settings: SurfaceSettings) -> NDArray[np.int64] | None:
+    """Which observations lie beyond the place where the offset steps, None where it does not.
+
+    `along`, `across` (N,) are the observations' middles. The step must be clear against the scatter on either side.
+    """
+    order = np.argsort(along, kind="stable")
+    values = across[order]
+    least = settings.min_observations
+    best, where = np.inf, 0
+    for cut in range(least, len(values) - least + 1):
+        scatter = values[:cut].std() ** 2 * cut + values[cut:].std() ** 2 * (len(values) - cut)
+        if scatter < best:
+            best, where = scatter, cut
+    scatter = np.sqrt(best / len(values))
+    step = abs(np.median(values[:where]) - np.median(values[where:]))
+    if step < settings.split_step or step < 4 * scatter:
+        return None
+    return order[where:]
+
+
 def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, int] | None:
-    """Two walls that face the same way, overlap, and lie within `join_offset` of one another."""
+    """The closest two walls that face the same way and lie on one another."""
     if len(lines.ids) < 2:
         return None
     tangent = np.column_stack([-lines.normal[:, 1], lines.normal[:, 0]])
@@ -205,7 +251,9 @@ def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, in
     across = np.maximum(across, across.T)
     parallel = lines.normal @ lines.normal.T > np.cos(settings.join_angle)
     overlap = np.minimum(lines.high[:, None], lines.high) - np.maximum(lines.low[:, None], lines.low)
-    cost = np.where(parallel & (across < settings.join_offset) & (overlap > -0.2), across, np.inf)
+    # end to end, two walls are one only without a step; side by side, both cannot stand there
+    allowed = np.where(overlap > settings.min_length, settings.join_offset, 0.5 * settings.split_step)
+    cost = np.where(parallel & (across < allowed) & (overlap > -0.2), across, np.inf)
     np.fill_diagonal(cost, np.inf)
     first, second = np.unravel_index(int(np.argmin(cost)), cost.shape)
     return (int(first), int(second)) if np.isfinite(cost[first, second]) else None
