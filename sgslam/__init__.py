@@ -16,7 +16,7 @@ _HOMES = {
     "SceneGraph": "data.scene_graph", "SceneGraphSlam": "sgslam.slam", "Update": "sgslam.result",
     "load_bim": "data.bim",
 }  # fmt: skip
-__all__ = [*_HOMES]  # noqa: PLE0604
+__all__ = [*_HOMES]
 
 
 def _check_siblings() -> None:

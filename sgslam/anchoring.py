@@ -20,12 +20,30 @@ Floats = NDArray[np.float64]
 class Match(Protocol):
     """What a matcher answers; `matching.MatchResult` is one."""
 
-    status: Any
-    reason: str
-    rooms: Any
-    wall_surfaces: Any
-    T_a_s: Any
-    floor: str | None
+    @property
+    def status(self) -> str:
+        """`unique`, `ambiguous` or `none`."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """One line for the user."""
+        ...
+
+    @property
+    def wall_surfaces(self) -> tuple[tuple[str, str, float], ...]:
+        """(S id, A id, confidence) of the first hypothesis."""
+        ...
+
+    @property
+    def T_a_s(self) -> tuple[float, float, float] | None:
+        """(yaw, x, y) of the first hypothesis."""
+        ...
+
+    @property
+    def floor(self) -> str | None:
+        """The storey of the first hypothesis."""
+        ...
 
     def to_dict(self) -> dict[str, Any]:
         """The form of matches.json."""
@@ -94,7 +112,7 @@ class Anchoring:
             self.committed = self.match
             self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in self.match.wall_surfaces}
 
-    def T_bim_map(self, T_map_local: Floats) -> Floats:
+    def bim_from_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) the map in the BIM frame, from the back end's estimate."""
         T = inverse(T_map_local)
         T[:3, 3] += self.origin
@@ -103,15 +121,17 @@ class Anchoring:
     def _elevation(self, floor: str | None) -> float | None:
         return next((f.elevation for f in self._a.floors if f.id == floor), None)
 
-    def _T_map_local(self, match: Match, T_level_map: Floats) -> Floats:
-        T_local_level = se2_to_se3(*match.T_a_s, self._elevation(match.floor) or 0.0)
+    def _place(self, match: Match, T_level_map: Floats) -> Floats:
+        assert match.T_a_s is not None  # a unique answer has a motion
+        yaw, x, y = match.T_a_s
+        T_local_level = se2_to_se3(yaw, x, y, self._elevation(match.floor) or 0.0)
         T_local_level[:3, 3] -= self.origin
         return inverse(T_local_level @ T_level_map)
 
     def _agrees(self, match: Match, T_level_map: Floats, T_map_local: Floats | None) -> bool:
         if T_map_local is None:
             return True
-        step = inverse(self._T_map_local(match, T_level_map)) @ T_map_local
+        step = inverse(self._place(match, T_level_map)) @ T_map_local
         turn = np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0))
         return bool(np.linalg.norm(step[:2, 3]) < 1.0 and turn < np.radians(5))
 
@@ -120,7 +140,7 @@ class Anchoring:
         assert self.committed is not None
         T_level_map = walls.T_level_map
         if T_map_local is None:
-            T_map_local = self._T_map_local(self.committed, T_level_map)
+            T_map_local = self._place(self.committed, T_level_map)
         a_ids: dict[int, list[str]] = {}
         for wall, a_id in sorted(self._pairs):
             a_ids.setdefault(wall, []).append(a_id)

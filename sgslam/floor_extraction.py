@@ -20,9 +20,9 @@ class FloorObservation:
 def extract_floor(points: Floats, expected: float | None, min_points: int = 60) -> FloorObservation | None:
     """The floor plane in (N, 3) points on level surfaces, z up to a few degrees; None where it is not seen.
 
-    The lowest strong peak of the heights' histogram, then the plane through what lies within 5 cm of it: a fit of
-    all low points would let wall feet and furniture in and read centimetres too high. `expected` is the height of
-    the floor in the same frame where it is known already.
+    The lowest strong peak of the heights' histogram, then the plane through what lies within 5 cm of it: a
+    fit of all low points would let wall feet and furniture in and read centimetres too high. `expected` is
+    the height of the floor in the same frame where it is known already.
     """
     z = points[:, 2]
     if expected is not None:

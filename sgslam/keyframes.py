@@ -14,7 +14,10 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class KeyframeNode:
-    """One keyframe of the S-graph; the back end moves `T_map_sensor`, the rest stays."""
+    """One keyframe of the S-graph; the back end moves `T_map_sensor`, the rest stays.
+
+    `T_odom_sensor` is the tracked motion summed up, which never jumps; only differences of it are used.
+    """
 
     scan: int
     stamp_ns: int

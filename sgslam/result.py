@@ -93,7 +93,7 @@ def finished(
     trajectory_map = Trajectory(stamps, smooth(scans, backend.poses))
     odometry = Trajectory(stamps, np.stack([s.T_odom_sensor for s in scans]))
     anchored = anchoring is not None and backend.T_map_bim is not None
-    T_bim_map = anchoring.T_bim_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
+    T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
     match = anchoring.committed or anchoring.match if anchoring is not None else None
     return Result(
         anchored, _reason(anchoring, anchored),

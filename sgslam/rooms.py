@@ -82,7 +82,7 @@ def _reached(space: FreeSpace, visited: Floats) -> NDArray[np.bool_]:
 def _borders(labels: NDArray[np.int32]) -> dict[tuple[int, int], NDArray[np.int32]]:
     """The cells (column, row) at which two labels meet, by the pair of labels."""
     meeting: dict[tuple[int, int], list[NDArray[np.int32]]] = {}
-    for here, there, shift in ((labels[:, :-1], labels[:, 1:], 0), (labels[:-1], labels[1:], 1)):
+    for here, there in ((labels[:, :-1], labels[:, 1:]), (labels[:-1], labels[1:])):
         rows, columns = np.nonzero((here != there) & (here > 0) & (there > 0))
         low = np.minimum(here[rows, columns], there[rows, columns])
         high = np.maximum(here[rows, columns], there[rows, columns])

@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Indoor LiDAR SLAM that knows the building's plans: scans and an IFC file in, a trajectory in building coordinates out."
+    about = "Scans and a building's IFC file in, a trajectory in building coordinates out."
     parser = Parser(prog="python -m sgslam.run", description=about)
     add = parser.add_argument
     add("--scan-dir", type=Path, metavar="DIR", help="folder of scans (.bin, .ply, .pcd, .npy), sensor frame")
@@ -94,7 +94,8 @@ def _storey(a_graph: "SceneGraph", name: str | None) -> "SceneGraph":
         return a_graph
     named = [f for f in a_graph.floors if name.casefold() in (f.name.casefold(), f.id.casefold())]
     if not named:
-        raise UserError(f"--storey {name}: no such storey; there are: {', '.join(f.name or f.id for f in a_graph.floors)}")
+        names = ", ".join(f.name or f.id for f in a_graph.floors)
+        raise UserError(f"--storey {name}: no such storey; there are: {names}")
     return a_graph.on_floor(named[0].id)
 
 

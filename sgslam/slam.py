@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph where one is given.
 
-    `bim` is an A-graph in the BIM frame (or what `load_bim` gives), `matcher` any object with `.match(s, a)` (voting by default), `odometry` any
-    `Odometry` (KISS-ICP by default). Scans are added in the order of their stamps.
+    `bim` is an A-graph in the BIM frame (or what `load_bim` gives), `matcher` any object with `.match(s, a)` (voting
+    by default), `odometry` any `Odometry` (KISS-ICP by default). Scans are added in the order of their stamps.
     """
 
     def __init__(
@@ -48,7 +48,8 @@ class SceneGraphSlam:
         self._scene: Scene | None = None
         self._scans: list[ScanPose] = []
         self._first_anchor_ns: int | None = None
-        self.seconds: dict[str, float] = dict.fromkeys(("odometry", "surfaces", "rooms", "matching", "optimisation"), 0.0)
+        stages = ("odometry", "surfaces", "rooms", "matching", "optimisation")
+        self.seconds: dict[str, float] = dict.fromkeys(stages, 0.0)
 
     def add_scan(
         self, stamp_ns: int, points: Floats, point_times: Floats | None = None, T_odom_sensor: Floats | None = None
@@ -97,7 +98,8 @@ class SceneGraphSlam:
         if self._backend.keyframes[-1].scan != len(self._scans) - 1:
             self._add_keyframe(None)
         self._optimise(last=True)
-        self._optimise(last=True)
+        self._optimise(last=True)  # once more, with the anchors of the match on the whole map
+        assert self._scene is not None
         return finished(
             self._scans, self._backend, self._scene, self._bim, self._anchoring, self._first_anchor_ns, self.seconds,
             self._config,
@@ -106,11 +108,14 @@ class SceneGraphSlam:
     def _add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with what can be seen in its points."""
         scan = self._scans[-1]
-        keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, scan.T_map_sensor, scan.T_map_sensor)
+        before = self._backend.keyframes[-1].T_odom_sensor if self._backend.keyframes else np.eye(4)
+        tracked = before @ scan.T_keyframe_sensor  # the map jumps when it is optimised, this does not
+        keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor)
         if points is not None:
             with self._clock("surfaces"):
                 T_level_map = self._walls.T_level_map
-                height = float((T_level_map @ scan.T_map_sensor)[2, 3]) if self._backend.floor_in_map is not None else None
+                known = self._backend.floor_in_map is not None
+                height = float((T_level_map @ scan.T_map_sensor)[2, 3]) if known else None
                 seen = self._front_end.look(points, level_to_sensor(scan.T_map_sensor, T_level_map[2, :3]), height)
                 keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
                 if seen.floor is not None and self._backend.floor_in_map is None:

@@ -2,6 +2,7 @@
 virtual 2D scan, one point for each column."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +39,12 @@ def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnSca
     rank = (np.clip(slope + 2.0, 0.0, 4.0) * 16000).astype(np.uint16)
     order = np.argsort(rank, kind="stable")
     order = order[np.argsort(column[order], kind="stable")]
-    points, column, distance, slope = points[order], column[order].astype(np.int64), distance[order], slope[order]
+    points, distance, slope = points[order], distance[order], slope[order]
+    sorted_column = column[order].astype(np.int64)
     upright, level = np.zeros(len(points), bool), np.zeros(len(points), bool)
     for lag in range(1, min(_LAGS, len(points) - 1) + 1):
         step = slope[lag:] - slope[:-lag]
-        pair = (column[lag:] == column[:-lag]) & (step > _RING_STEP) & (step < 8 * _RING_STEP)
+        pair = (sorted_column[lag:] == sorted_column[:-lag]) & (step > _RING_STEP) & (step < 8 * _RING_STEP)
         away = np.abs(distance[lag:] - distance[:-lag])
         rise = np.abs(points[lag:, 2] - points[:-lag, 2])
         for flag, holds in ((upright, away < 0.06 + 0.1 * rise), (level, (rise < 0.15 * away) & (away > 0.1))):
@@ -51,7 +53,7 @@ def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnSca
             flag[:-lag] |= holds
         if 2 * np.count_nonzero(pair) > len(points):
             break  # the rings are far enough apart for the next neighbours to tell
-    return ColumnScan(points, column, columns, upright, level & ~upright)
+    return ColumnScan(points, sorted_column, columns, upright, level & ~upright)
 
 
 def contour(scan: ColumnScan, band: tuple[float, float]) -> tuple[NDArray[np.int64], Floats]:
@@ -79,7 +81,7 @@ def split_chains(xy: Floats, column: NDArray[np.int64], step_angle: float, toler
     reach = 0.10 + np.minimum(distance[:-1], distance[1:]) * np.diff(column) * step_angle * 7.0
     breaks = np.flatnonzero((step > reach) | (np.diff(column) > 6)) + 1
     bounds = np.concatenate([[0], breaks, [len(xy)]])
-    pending = [(int(a), int(b) - 1) for a, b in zip(bounds[:-1], bounds[1:], strict=True)]
+    pending = [(int(a), int(b) - 1) for a, b in pairwise(bounds)]
     pieces = []
     while pending:
         first, last = pending.pop()

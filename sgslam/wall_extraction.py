@@ -10,6 +10,7 @@ from sgslam.virtual_scan import ColumnScan, Floats, contour, split_chains
 
 _NOISE = 0.02  # m, of a range; the fit's own residual is used where it is larger
 _INLIER = 0.06  # m from the plane
+_END = 0.03  # m from the ends of a piece, where points may be of the walls beside it
 
 
 @dataclass(frozen=True)
@@ -17,8 +18,8 @@ class WallObservation:
     """One wall piece seen in one scan, in the levelled frame (x y from the sensor, z above the floor).
 
     `plane` is (nx, ny, nz, d) with n.x + d = 0 and n towards the sensor; `ends` (2, 2) its footprint;
-    `heights` the lowest and highest inlier; the sigmas are the fit's, of the normal (the worse of its two angles)
-    and of the offset at the foot of the perpendicular.
+    `heights` the lowest and highest inlier; the sigmas are the fit's, of the normal (the worse of its two
+    angles) and of the offset at the foot of the perpendicular.
     """
 
     plane: Floats
@@ -29,9 +30,11 @@ class WallObservation:
 
 
 def extract_walls(scan: ColumnScan, settings: SurfaceSettings) -> list[WallObservation]:
-    """Wall pieces in a scan with z above the floor: split and merge on the high band, refitted on all heights.
+    """Wall pieces in a scan with z above the floor: split and merge on the high band, refitted on all
+    heights.
 
-    Where the low band stands 6 to 30 cm before the high one, the high one is a window in its niche and is dropped.
+    Where the low band stands 6 to 30 cm before the high one, the high one is a window in its niche and is
+    dropped.
     """
     column, line = contour(scan, settings.high_band)
     if len(line) < settings.min_columns:
@@ -58,7 +61,8 @@ def extract_walls(scan: ColumnScan, settings: SurfaceSettings) -> list[WallObser
 def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSettings) -> WallObservation | None:
     """Fits a plane near the vertical one through `first` and `last` (2,) to the (N, 3) points close to it.
 
-    Linear least squares of the distance across over the places along and up, twice; None where it does not hold.
+    Linear least squares of the distance across over the places along and up, twice; None where it does not
+    hold.
     """
     tangent = (last - first) / np.hypot(*(last - first))
     normal = np.array([-tangent[1], tangent[0]])
@@ -66,16 +70,15 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
         normal = -normal
     middle = (first + last) / 2
     length = float(np.hypot(*(last - first)))
-    along = (points[:, :2] - middle) @ tangent
-    across = (points[:, :2] - middle) @ normal
-    points = points[np.abs(along) < length / 2 + 0.1]
+    points = points[np.abs((points[:, :2] - middle) @ tangent) < length / 2 + 0.1]
     along, across = ((points[:, :2] - middle) @ tangent), ((points[:, :2] - middle) @ normal)
     up = points[:, 2]
+    own = np.abs(along) < length / 2 - _END
     solution = np.zeros(3)
     for tolerance in (_INLIER, 0.75 * _INLIER):
         height = float(up.mean()) if len(up) else 0.0
         residual = across - solution[0] - solution[1] * along - solution[2] * (up - height)
-        inlier = np.abs(residual) < tolerance
+        inlier = own & (np.abs(residual) < tolerance)
         if inlier.sum() < 2 * settings.min_columns:
             return None
         height = float(up[inlier].mean())
@@ -90,7 +93,7 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     plane_normal = np.array([*(normal - solution[1] * tangent), -solution[2]])
     scale = np.linalg.norm(plane_normal)
     centre = np.array([*(middle + solution[0] * normal), height])
-    spread = np.quantile(along[inlier], [0.005, 0.995])
+    spread = np.quantile(along[np.abs(residual) < tolerance], [0.005, 0.995])
     line = normal - solution[1] * tangent
     line /= np.hypot(*line)
     ends = np.array([middle + s * tangent + (solution[0] + solution[1] * s) * normal for s in spread])
@@ -136,9 +139,9 @@ def _collinear(a: tuple[int, int], b: tuple[int, int], contour: Floats, settings
 def _between(scan: ColumnScan, start: NDArray[np.int64], first: int, last: int) -> Floats:
     """The upright points of the columns first to last, which may go on beyond the last column of the scan."""
     if last >= scan.columns and first < scan.columns:
-        parts = (slice(start[first], None), slice(0, start[last - scan.columns + 1]))
+        parts = [slice(start[first], None), slice(0, start[last - scan.columns + 1])]
     else:
-        parts = (slice(start[first % scan.columns], start[last % scan.columns + 1]),)
+        parts = [slice(start[first % scan.columns], start[last % scan.columns + 1])]
     return np.concatenate([scan.points[part][scan.upright[part]] for part in parts])
 
 
