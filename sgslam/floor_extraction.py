@@ -25,10 +25,7 @@ def extract_floor(points: Floats, expected: float | None, min_points: int = 60) 
     the height of the floor in the same frame where it is known already.
     """
     z = points[:, 2]
-    if expected is not None:
-        near = points[np.abs(z - expected) < 0.15]
-    else:
-        near = points[(z < -0.15) & (z > -2.5)]
+    near = points[(z < -0.15) & (z > -2.5) if expected is None else np.abs(z - expected) < 0.15]
     if len(near) < min_points:
         return None
     height = _lowest_peak(near[:, 2], min_points)

@@ -10,7 +10,6 @@ from sgslam.virtual_scan import ColumnScan, Floats, contour, split_chains
 
 _NOISE = 0.02  # m, of a range; the fit's own residual is used where it is larger
 _INLIER = 0.06  # m from the plane
-_END = 0.03  # m from the ends of a piece, where points may be of the walls beside it
 
 
 @dataclass(frozen=True)
@@ -30,8 +29,7 @@ class WallObservation:
 
 
 def extract_walls(scan: ColumnScan, settings: SurfaceSettings) -> list[WallObservation]:
-    """Wall pieces in a scan with z above the floor: split and merge on the high band, refitted on all
-    heights.
+    """Wall pieces in a scan with z above the floor: split and merge on the high band, a fit on all heights.
 
     Where the low band stands 6 to 30 cm before the high one, the high one is a window in its niche and is
     dropped.
@@ -50,7 +48,8 @@ def extract_walls(scan: ColumnScan, settings: SurfaceSettings) -> list[WallObser
             continue
         if _is_window(line[first : last + 1], parapet[column[first : last + 1] % scan.columns]):
             continue
-        own = _between(scan, start, int(column[first]), int(column[last]))
+        # the outermost columns end the piece, but their points may be of the walls beside it
+        own = _between(scan, start, int(column[first]) + 1, int(column[last]) - 1)
         own = own[(own[:, 2] > settings.low_band[0]) & (own[:, 2] < settings.high_band[1])]
         observation = fit_wall(own, line[first], line[last], settings)
         if observation is not None:
@@ -61,8 +60,7 @@ def extract_walls(scan: ColumnScan, settings: SurfaceSettings) -> list[WallObser
 def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSettings) -> WallObservation | None:
     """Fits a plane near the vertical one through `first` and `last` (2,) to the (N, 3) points close to it.
 
-    Linear least squares of the distance across over the places along and up, twice; None where it does not
-    hold.
+    Linear least squares of the distance across over the places along and up, twice; None where it fails.
     """
     tangent = (last - first) / np.hypot(*(last - first))
     normal = np.array([-tangent[1], tangent[0]])
@@ -73,12 +71,11 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     points = points[np.abs((points[:, :2] - middle) @ tangent) < length / 2 + 0.1]
     along, across = ((points[:, :2] - middle) @ tangent), ((points[:, :2] - middle) @ normal)
     up = points[:, 2]
-    own = np.abs(along) < length / 2 - _END
     solution = np.zeros(3)
     for tolerance in (_INLIER, 0.75 * _INLIER):
         height = float(up.mean()) if len(up) else 0.0
         residual = across - solution[0] - solution[1] * along - solution[2] * (up - height)
-        inlier = own & (np.abs(residual) < tolerance)
+        inlier = np.abs(residual) < tolerance
         if inlier.sum() < 2 * settings.min_columns:
             return None
         height = float(up[inlier].mean())
@@ -93,12 +90,8 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
     plane_normal = np.array([*(normal - solution[1] * tangent), -solution[2]])
     scale = np.linalg.norm(plane_normal)
     centre = np.array([*(middle + solution[0] * normal), height])
-    spread = np.quantile(along[np.abs(residual) < tolerance], [0.005, 0.995])
-    line = normal - solution[1] * tangent
-    line /= np.hypot(*line)
+    spread = (-length / 2, length / 2)
     ends = np.array([middle + s * tangent + (solution[0] + solution[1] * s) * normal for s in spread])
-    if spread[1] - spread[0] < settings.min_length:
-        return None
     foot = float(np.dot(centre[:2], tangent))
     return WallObservation(
         plane=np.array([*(plane_normal / scale), -plane_normal @ centre / scale]),
