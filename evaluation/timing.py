@@ -1,0 +1,75 @@
+"""`python -m evaluation.timing --scan-dir DIR --bim FILE`: a run's time against KISS-ICP's own pipeline.
+
+Both read the same folder, in turns, each in a process of its own; imports and the report are left out, the IFC file
+is cached. Ratios of medians, because absolute times say more of the machine than of the programs.
+"""
+
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from data.cli import Parser, run_command
+from data.errors import UserError
+
+_KISS = """
+import sys, time
+from pathlib import Path
+from kiss_icp.datasets import dataset_factory
+from kiss_icp.pipeline import OdometryPipeline
+began = time.perf_counter()
+pipeline = OdometryPipeline(dataset_factory(dataloader="generic", data_dir=Path(sys.argv[1])))
+pipeline.run()
+Path(sys.argv[2]).write_text(str(time.perf_counter() - began))
+"""
+
+
+def seconds_of_kiss_icp(scan_dir: Path) -> float:
+    """Seconds of KISS-ICP's pipeline in its default configuration: reading, odometry, its own results."""
+    with tempfile.TemporaryDirectory() as folder:
+        answer = Path(folder) / "seconds"
+        _run([sys.executable, "-c", _KISS, str(scan_dir.resolve()), str(answer)], folder)
+        return float(answer.read_text())
+
+
+def seconds_of_run(scan_dir: Path, bim: Path | None) -> dict[str, float]:
+    """Seconds of `sgslam.run` by stage; `whole` is all of it but the report."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "sgslam.run", "--scan-dir", str(scan_dir.resolve()), "--out", "out"]
+        _run(command + ([] if bim is None else ["--bim", str(bim.resolve())]), folder)
+        seconds = json.loads((Path(folder) / "out" / "metrics.json").read_text())["seconds"]
+    return {**seconds, "whole": seconds["total"] - seconds["report"]}
+
+
+def _run(command: list[str], folder: str) -> None:
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise UserError(f"{' '.join(command[:4])} failed: {done.stderr.strip().splitlines()[-1:]}")
+
+
+def main() -> int:
+    """The command line."""
+    parser = Parser(prog="python -m evaluation.timing", description="A run's time against KISS-ICP's own pipeline.")
+    parser.add_argument("--scan-dir", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--bim", type=Path, metavar="FILE")
+    parser.add_argument("--repeat", type=int, default=3, metavar="N", help="times that each is run (default 3)")
+    options = parser.parse_args()
+    if not options.scan_dir.is_dir():
+        raise UserError(f"--scan-dir {options.scan_dir}: no such folder")
+    if options.bim is not None:
+        seconds_of_run(options.scan_dir, options.bim)  # fills the cache of the IFC file
+    kiss, ours = [], []
+    for _ in range(options.repeat):
+        kiss.append(seconds_of_kiss_icp(options.scan_dir))
+        ours.append(seconds_of_run(options.scan_dir, options.bim))
+        print(f"KISS-ICP {kiss[-1]:.2f} s, run {ours[-1]['whole']:.2f} s: {ours[-1]['whole'] / kiss[-1]:.2f} times")
+    reference = statistics.median(kiss)
+    for stage in ours[0]:
+        print(f"{stage:14s} {statistics.median(run[stage] for run in ours) / reference:6.2f} times KISS-ICP's pipeline")
+    return 0
+
+
+if __name__ == "__main__":
+    run_command(main)
