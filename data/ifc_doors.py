@@ -61,17 +61,13 @@ def _middle(points: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray
     return (u.min(axis=0) + u.max(axis=0)) / 2 @ axes
 
 
-def _rooms_beside(
-    centre: NDArray[np.float64], across: NDArray[np.float64], rooms: list[RoomVolume]
-) -> tuple[str, ...]:
+def _rooms_beside(centre: NDArray[np.float64], across: NDArray[np.float64], rooms: list[RoomVolume]) -> tuple[str, ...]:
     """The ids of the rooms first met on both sides, one where they are the same."""
     sides = (_room_ahead(centre, sign * across, rooms) for sign in (1.0, -1.0))
     return tuple(dict.fromkeys(room for room in sides if room is not None))
 
 
-def _room_ahead(
-    centre: NDArray[np.float64], direction: NDArray[np.float64], rooms: list[RoomVolume]
-) -> str | None:
+def _room_ahead(centre: NDArray[np.float64], direction: NDArray[np.float64], rooms: list[RoomVolume]) -> str | None:
     """The nearest room that one can stand in, else the nearest."""
     path = shapely.LineString([centre, centre + REACH * direction])
     start = shapely.Point(centre)

@@ -57,8 +57,7 @@ def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurf
         for plane, joined in _by_plane(own):
             spans = [_span(p, plane) for p in joined]
             for low, high in _joined_spans(spans, plane, None if room is not None else walls):
-                within = [p for p, (a, b) in zip(joined, spans, strict=True) if a < high and low < b]
-                surface = _surface(level, room, plane, (low, high), within)
+                surface = _surface(level, room, [p for p in joined if low <= _span(p, plane)[0] < high])
                 if surface is not None:
                     surfaces.append(surface)
     return surfaces
@@ -104,18 +103,21 @@ def _wall_between(plane: Edge, low: float, high: float, walls: shapely.STRtree) 
     return bool(len(walls.query(shapely.LineString(front), predicate="intersects")))
 
 
-def _surface(
-    level: Level, room: str | None, plane: Edge, span: tuple[float, float], pieces: list[Piece]
-) -> WallSurface | None:
-    low, high = span
-    if high - low < MIN_LENGTH:
-        return None
-    height = _height(level, room, plane, span, list({id(p.solid): p.solid for p in pieces}.values()))
+def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface | None:
+    """The surface in the plane of its longest piece; None where only slim or low pieces make it up."""
+    plane = max(pieces, key=lambda p: p.length).edge
+    parts = united([_span(p, plane) for p in pieces], gap=BUTT)
+    of_solid: dict[Solid, Intervals] = defaultdict(list)
+    for piece in pieces:
+        of_solid[piece.solid].append(_span(piece, plane))
+    extents = [(min(a for a, _ in spans), max(b for _, b in spans)) for spans in of_solid.values()]
+    if max(high - low for low, high in (*parts, *extents)) < MIN_LENGTH:
+        return None  # edges of thin partitions in a row; two stumps of one wall beside its door are a surface
+    low, high = parts[0][0], parts[-1][1]
+    height = _height(level, room, plane, (low, high), list(of_solid))
     if height[1] - height[0] < MIN_HEIGHT:
         return None
-    length_of: dict[str, float] = defaultdict(float)
-    for piece in pieces:
-        length_of[piece.solid.product.global_id] += piece.length
+    length_of = {s.product.global_id: sum(b - a for a, b in spans) for s, spans in of_solid.items()}
     source = max(sorted(length_of), key=lambda s: length_of[s])
     (x, y), (nx, ny) = plane.point((low + high) / 2).tolist(), plane.normal.tolist()
     floor = next((r.room.floor for r in level.rooms if r.room.id == room), level.floor)

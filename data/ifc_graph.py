@@ -99,9 +99,7 @@ def _levels_without_rooms(floors: tuple[Floor, ...], solids: list[Solid]) -> lis
     """One level for each storey with walls; a wall stands where it begins and in storeys it spans."""
     walls_of = Counter(s.product.storey for s in solids)
     storeys = [f for f in floors if walls_of[f.id] and f.elevation is not None]
-    candidates: list[tuple[int, float, str | None]] = [
-        (-walls_of[f.id], f.elevation or 0.0, f.id) for f in storeys
-    ]
+    candidates: list[tuple[int, float, str | None]] = [(-walls_of[f.id], f.elevation or 0.0, f.id) for f in storeys]
     if not candidates:
         candidates = [(-n, z, None) for z, n in Counter(round(s.bottom, 1) for s in solids).items()]
     chosen: list[tuple[float, str | None]] = []

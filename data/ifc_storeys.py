@@ -41,9 +41,7 @@ def _weighted_median(rooms: list[RoomVolume]) -> float:
     return rooms[int(np.searchsorted(area, area[-1] / 2))].bottom
 
 
-def _stated(
-    model: ifcopenshell.file, storey: ifcopenshell.entity_instance, walls: list[float]
-) -> float | None:
+def _stated(model: ifcopenshell.file, storey: ifcopenshell.entity_instance, walls: list[float]) -> float | None:
     scale = ifcopenshell.util.unit.calculate_unit_scale(model)
     stated = []
     if storey.ObjectPlacement is not None:

@@ -19,6 +19,7 @@ from data.scene_graph import WallSurface
 
 CUTS = (0.513, 1.107, 1.703)  # m above the level; odd numbers meet no edge of a parapet or a lintel
 STEPS = (0.01, 0.03, 0.06, 0.1, 0.14, 0.18, 0.22, 0.26, 0.3)  # m before a wall: plaster, finishes
+DEPTH = 0.35  # m before a wall that is still in the room; an outline drawn around a thin wall ends earlier
 TOUCH = 0.001  # m
 SNAP = 0.1  # m: a room drawn short of a wall reaches to it
 
@@ -37,11 +38,9 @@ def surfaces_at(level: Level, solids: list[Solid]) -> list[WallSurface]:
 def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece]:
     """The parts of the walls' sides that face a room or a kept unknown area at height `z`."""
     rooms = [r for r in level.rooms if r.bottom < z < r.top]
-    ids: list[str | None] = [r.room.id for r in rooms]
-    areas = [r.area for r in rooms]
-    if not level.unknown.is_empty:
-        ids, areas = [*ids, None], [*areas, level.unknown]
+    ids: list[str | None] = [*(r.room.id for r in rooms), None]
     sides = [(solid, edge) for solid, area in cut for edge in edges_of(area)]
+    areas = [*(r.area for r in rooms), level.unknown]
     faced = _faced([edge for _, edge in sides], [area for _, area in cut], areas)
     pieces = []
     for (solid, edge), claims in zip(sides, faced, strict=True):
@@ -53,9 +52,12 @@ def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece
 
 
 def _faced(edges: list[Edge], walls: list[Area], areas: list[Area]) -> list[dict[int, Intervals]]:
-    """For each edge, which parts of it face which area: what meets a wall first, outward, faces none."""
-    if not edges or not areas:
-        return [{} for _ in edges]
+    """For each edge, which parts of it face which area: what meets a wall first, outward, faces none.
+
+    The last area is the unknown one: only what meets nothing else faces it.
+    """
+    if not edges:
+        return []
     wall_tree, area_tree = shapely.STRtree(walls), shapely.STRtree(areas)
     lines = [edge.shifted(0.0) for edge in edges]
     near = np.unique(area_tree.query(lines, predicate="dwithin", distance=STEPS[-1] + 0.01)[0]).tolist()
@@ -67,12 +69,16 @@ def _faced(edges: list[Edge], walls: list[Area], areas: list[Area]) -> list[dict
             rest[k] = without(rest[k], spans)
         free = dict(rest) if step == STEPS[0] else free
         for k, area, spans in _hits(edges, list(rest), step, area_tree):
+            if area == len(areas) - 1 and step != STEPS[-1]:
+                continue
             got = common(rest[k], spans)
             claims[k][area] = united(claims[k].get(area, []) + got, gap=TOUCH)
             rest[k] = without(rest[k], got)
         rest = {k: left for k, left in rest.items() if left}
+    deep = {(k, area): spans for k, area, spans in _hits(edges, near, DEPTH, area_tree)}
     for k in near:
-        claims[k] = {area: spans for area, spans in claims[k].items() if spans}
+        in_depth = ((area, _mostly(spans, deep.get((k, area), []))) for area, spans in claims[k].items())
+        claims[k] = {area: spans for area, spans in in_depth if spans}
         for area, spans in claims[k].items():
             taken = [s for other, theirs in claims[k].items() if other != area for s in theirs]
             claims[k][area] = _snapped(edges[k], spans, without(free[k], taken), wall_tree)
@@ -94,6 +100,16 @@ def _hits(
         along = [(np.asarray(p.coords) - edge.start) @ edge.along for p in inside]
         if along:
             yield active[i], area, united([(float(u.min()), float(u.max())) for u in along])
+
+
+def _mostly(spans: Intervals, deep: Intervals) -> Intervals:
+    """The spans of which at least half is in `deep`."""
+    kept = []
+    for low, high in spans:
+        inside = sum(b - a for a, b in common([(low, high)], deep))
+        if inside > 0.5 * (high - low):
+            kept.append((low, high))
+    return kept
 
 
 def _snapped(edge: Edge, spans: Intervals, free: Intervals, walls: shapely.STRtree) -> Intervals:

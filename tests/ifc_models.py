@@ -58,23 +58,17 @@ class IfcModel:
         self._place(storey, z)
         return storey
 
-    def prism(
-        self, ifc_class: str, polygon: Polygon, z: tuple[float, float], storey: Entity, name: str = ""
-    ) -> Entity:
+    def prism(self, ifc_class: str, polygon: Polygon, z: tuple[float, float], storey: Entity, name: str = "") -> Entity:
         """A product with an upright prism for a body, in a storey."""
         product = self._entity(ifc_class, name)
         if product.is_a("IfcSpatialElement"):
             ifcopenshell.api.aggregate.assign_object(self.file, products=[product], relating_object=storey)
         else:
-            ifcopenshell.api.spatial.assign_container(
-                self.file, products=[product], relating_structure=storey
-            )
+            ifcopenshell.api.spatial.assign_container(self.file, products=[product], relating_structure=storey)
         self._shape(product, polygon, z)
         return product
 
-    def opening(
-        self, wall: Entity, polygon: Polygon, z: tuple[float, float], filling: str | None = None
-    ) -> None:
+    def opening(self, wall: Entity, polygon: Polygon, z: tuple[float, float], filling: str | None = None) -> None:
         """Cuts a prism out of a wall, and puts a door or window with the same body into it."""
         opening = self._entity("IfcOpeningElement", "")
         ifcopenshell.api.feature.add_feature(self.file, feature=opening, element=wall)
@@ -84,9 +78,7 @@ class IfcModel:
             ifcopenshell.api.feature.add_filling(self.file, opening=opening, element=filled)
             self._shape(filled, polygon, z)
 
-    def assembly(
-        self, ifc_class: str, parts: list[tuple[str, Polygon, tuple[float, float]]], storey: Entity
-    ) -> Entity:
+    def assembly(self, ifc_class: str, parts: list[tuple[str, Polygon, tuple[float, float]]], storey: Entity) -> Entity:
         """A product without a body, made of parts (class, polygon, z) that have one."""
         whole = self._entity(ifc_class, "")
         ifcopenshell.api.spatial.assign_container(self.file, products=[whole], relating_structure=storey)
@@ -123,9 +115,7 @@ class IfcModel:
         self._place(product, z[0], axis)
         local = points @ np.array([axis, [-axis[1], axis[0]]]).T / self.scale
         corners = [self.file.createIfcCartesianPoint(p) for p in [*local.tolist(), local[0].tolist()]]
-        profile = self.file.createIfcArbitraryClosedProfileDef(
-            "AREA", None, self.file.createIfcPolyline(corners)
-        )
+        profile = self.file.createIfcArbitraryClosedProfileDef("AREA", None, self.file.createIfcPolyline(corners))
         up = self.file.createIfcDirection((0.0, 0.0, 1.0))
         solid = self.file.createIfcExtrudedAreaSolid(profile, None, up, (z[1] - z[0]) / self.scale)
         shape = self.file.createIfcShapeRepresentation(self.body, "Body", "SweptSolid", [solid])

@@ -127,9 +127,7 @@ ONE_ROOM: list[Side] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "inset", [-0.15, 0.0, 0.02, 0.08], ids=["centre lines", "faces", "plaster", "lining"]
-)
+@pytest.mark.parametrize("inset", [-0.15, 0.0, 0.02, 0.08], ids=["centre lines", "faces", "plaster", "lining"])
 def test_surfaces_are_the_walls_faces_wherever_the_space_ends(tmp_path: Path, inset: float) -> None:
     model = IfcModel()
     one_room(model, box(inset, inset, 6 - inset, 4 - inset))
@@ -146,9 +144,7 @@ def test_partition_within_one_space_shows_both_sides_and_its_end(tmp_path: Path)
 
 
 @pytest.mark.parametrize(("width", "pieces"), [(1.2, [5.0]), (3.0, [1.0, 1.0])])
-def test_doorways_are_bridged_and_wide_passages_are_not(
-    tmp_path: Path, width: float, pieces: list[float]
-) -> None:
+def test_doorways_are_bridged_and_wide_passages_are_not(tmp_path: Path, width: float, pieces: list[float]) -> None:
     """Both are open up to the ceiling in one wall; their reveals are no surfaces."""
     model = IfcModel()
     two_rooms(model, 0.0, "g", "B")
@@ -158,6 +154,19 @@ def test_doorways_are_bridged_and_wide_passages_are_not(
     graph = read_ifc(model.save(tmp_path / "m.ifc"))[0]
     facing = [s for s in sides(graph, np.eye(4)) if s[0] == "g-A" and s[1] == -1]
     assert [s[4] for s in facing] == pytest.approx(pieces)
+
+
+def test_row_of_thin_partitions_is_no_wall_and_stumps_beside_a_wide_door_are(tmp_path: Path) -> None:
+    model = IfcModel()
+    storey = one_room(model, box(0, 0, 6, 4))
+    for x in (1.0, 2.0, 3.0):  # stalls, open to the room, drawn short of the floor
+        model.prism("IfcWall", box(x, 0, x + 0.025, 1.2), (0.3, 2.0), storey)
+    east = model.file.by_type("IfcWall")[3]
+    model.opening(east, box(5.9, 0.1, 6.4, 2.3), (0.0, 2.1), "IfcDoor")
+    model.opening(east, box(5.9, 2.4, 6.4, 3.9), (0.0, 2.1), "IfcDoor")
+    found = sides(read_ifc(model.save(tmp_path / "m.ifc"))[0], np.eye(4))
+    stalls = [("room", s, 0, s * x, 1.2) for x0 in (1.0, 2.0, 3.0) for s, x in ((-1, x0), (1, x0 + 0.025))]
+    assert matches(found, ONE_ROOM + stalls)
 
 
 def test_wall_behind_another_wall_is_not_seen(tmp_path: Path) -> None:
@@ -187,17 +196,16 @@ def test_curved_wall_becomes_chords(tmp_path: Path) -> None:
         assert np.dot(w.normal, w.centroid) / radius < -0.99
 
 
-def test_curtain_wall_of_panes_and_mullions_is_one_surface(tmp_path: Path) -> None:
+@pytest.mark.parametrize("outline", [4.0, 4.05, 4.1], ids=["inner", "centre", "outer"])
+def test_curtain_wall_of_panes_and_mullions_is_one_surface(tmp_path: Path, outline: float) -> None:
     model = IfcModel("millimetres")
     storey = model.storey("ground", 0.0)
     for area in (box(-0.3, -0.3, 6.3, 0), box(-0.3, 0, 0, 4), box(6, 0, 6.3, 4)):
         model.prism("IfcWall", area, (0.0, 3.0), storey)
     panes = [("IfcPlate", box(x + 0.025, 4.04, x + 1.475, 4.06), (0.0, 3.0)) for x in (0, 1.5, 3, 4.5)]
-    mullions = [
-        ("IfcMember", box(x - 0.025, 4.0, x + 0.025, 4.1), (0.0, 3.0)) for x in (0.025, 1.5, 3, 4.5, 5.975)
-    ]
+    mullions = [("IfcMember", box(x - 0.025, 4.0, x + 0.025, 4.1), (0.0, 3.0)) for x in (0.025, 1.5, 3, 4.5, 5.975)]
     curtain = model.assembly("IfcCurtainWall", panes + mullions, storey)
-    model.prism("IfcSpace", box(0, 0, 6, 4), (0.0, 2.5), storey, "room")
+    model.prism("IfcSpace", box(0, 0, 6, outline), (0.0, 2.5), storey, "room")
     graph = read_ifc(model.save(tmp_path / "m.ifc"))[0]
     (pane,) = [w for w in graph.wall_surfaces if w.source == curtain.GlobalId]
     assert len(graph.wall_surfaces) == 4
