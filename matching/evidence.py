@@ -62,7 +62,7 @@ def chance_density(pairing: Pairing) -> Array:
 
 
 def evidence(pairing: Pairing, state: Array, expected: Array, fitted: Fit) -> float:
-    """Nats: all S walls, their precision marginalised, and the rooms' completeness, less the cost of bending."""
+    """Nats: all S walls, precision marginalised, and the completeness of rooms, less the cost of bending."""
     total = likelihood_ratios(pairing, state, fitted).sum(axis=0)
     bent = np.minimum((((state - expected)[0] / BEND) ** 2).sum(axis=1), MOST_BENT).sum()
     seen = completeness(pairing, pairing.table(fitted.quality))

@@ -17,6 +17,7 @@ SIGMAS_BENT = (0.3, 0.2, 0.15, 0.15)
 REFINED = 24  # candidates of each storey
 KEPT = 12  # placements that are worked out
 PER_STOREY = 3  # of them at least, from every storey
+CELL = 6.0  # metres
 DISTINCT_M, DISTINCT_RAD = 0.5, np.radians(5)
 
 
@@ -102,10 +103,11 @@ def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
 def groups_of(s: Walls) -> Index:
     """(Ns,) which S walls move together when the map bends: those of a room.
 
-    A stray wall goes with the nearest wall that has a room; where none has one, the map is rigid.
+    A stray wall goes with the nearest wall that has a room; where none has one, walls of one cell go together.
     """
     if (s.room < 0).all():
-        return np.zeros(len(s), dtype=np.int64)
+        cell = np.floor(s.centre / CELL)
+        return np.asarray(np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1))
     housed = np.nonzero(s.room >= 0)[0]
     distance = np.linalg.norm(s.centre[:, None] - s.centre[None, housed], axis=-1)
     nearest = s.room[housed[np.argmin(distance, axis=1)]]

@@ -147,7 +147,7 @@ def refine_rigid(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) ->
 
 
 def rigid_of(pairing: Pairing, state: Array) -> Array:
-    """(3,) the rigid motion nearest to a bent state (1, G, 3), by the ends of the walls that are explained."""
+    """(3,) the rigid motion nearest to a bent state (1, G, 3), by the ends of explained walls."""
     now = fit(pairing, state, SIGMA_SCORE)
     weight = np.tile(pairing.s.weight * now.quality.max(axis=2)[:, 0] + 1e-6, 2)
     arm = pairing.s.half[:, None] * pairing.s.tangent
