@@ -1,6 +1,7 @@
 """Wall surfaces across keyframes: which observation is of which wall, joined when two turn out to be one.
 
-A wall here is an upright plane with a side; the S-graph's wall surfaces are its parts, one for each room it faces.
+A wall here is an upright plane with a side; the S-graph's wall surfaces are its parts, one for each room it
+faces.
 """
 
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class SeenWall:
-    """One wall piece as one keyframe saw it, in the sensor frame; `wall` is relabelled when walls are joined."""
+    """One wall piece as one keyframe saw it, in the sensor frame; `wall` is relabelled when walls are
+    joined."""
 
     keyframe: int
     wall: int
@@ -30,7 +32,8 @@ class SeenWall:
 
 @dataclass(frozen=True)
 class Lines:
-    """Upright planes seen from above, in the levelled map: n.p + d = 0, from `low` to `high` along the tangent."""
+    """Upright planes seen from above, in the levelled map: n.p + d = 0, from `low` to `high` along the
+    tangent."""
 
     ids: NDArray[np.int64]
     normal: Floats  # (M, 2)
@@ -77,7 +80,9 @@ class WallMap:
         for observation, plane, ends in pieces:
             wall = self._associate(lines, T_map_sensor, plane, ends)
             self.seen.append(
-                SeenWall(keyframe, wall, plane, ends, observation.heights, observation.sigma_normal, observation.sigma_offset)
+                SeenWall(
+                    keyframe, wall, plane, ends, observation.heights, observation.sigma_normal, observation.sigma_offset
+                )
             )
             if wall not in self.planes_in_map:
                 self.planes_in_map[wall] = transform_planes(T_map_sensor, plane)
@@ -86,7 +91,8 @@ class WallMap:
             self._widen(np.array([wall]), normal, in_level[None, :, :2])
 
     def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
-        """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes (4,)."""
+        """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes
+        (4,)."""
         self.T_level_map = T_level_map
         self.planes_in_map = dict(planes_in_map)
         self._extent, self._intervals, self._lines = {}, [], None
@@ -124,7 +130,8 @@ class WallMap:
         """The walls as lines in the levelled map, from the present estimates."""
         ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
         if not len(ids):
-            return Lines(ids, np.empty((0, 2)), *(np.empty(0) for _ in range(3)), ids)
+            none = np.empty(0)
+            return Lines(ids, np.empty((0, 2)), none, none, none, ids)
         normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
         extent = np.array([self._extent[i] for i in ids.tolist()])
         return Lines(ids, normal, offset, extent[:, 0], extent[:, 1], extent[:, 2].astype(np.int64))
@@ -157,7 +164,8 @@ class WallMap:
             joined += 1
 
     def split_steps(self) -> int:
-        """Parts walls that turn out to be two, end to end and a few centimetres apart across; returns how many.
+        """Parts walls that turn out to be two, end to end and a few centimetres apart across; returns how
+        many.
 
         Such a wall's observations lie at one offset up to some place along it and at another beyond it.
         """
@@ -224,7 +232,8 @@ class WallMap:
 def _beyond_step(along: Floats, across: Floats, settings: SurfaceSettings) -> NDArray[np.int64] | None:
     """Which observations lie beyond the place where the offset steps, None where it does not.
 
-    `along`, `across` (N,) are the observations' middles. The step must be clear against the scatter on either side.
+    `along`, `across` (N,) are the observations' middles. The step must be clear against the scatter on either
+    side.
     """
     order = np.argsort(along, kind="stable")
     values = across[order]
