@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 0 when done, also when nothing could be anchored. Raises UserError."""
     options = _parser().parse_args(arguments)
+    if options.demo:
+        _make_demo(options)
     if options.scan_dir is None:
-        raise UserError("--scan-dir is missing: give the folder that holds the scans")
+        raise UserError("--scan-dir is missing: give the folder that holds the scans, or --demo")
     # libraries are loaded only now, so that --help and a missing argument answer at once
     from data.bim import load_bim
     from data.scans import ScanFolder
@@ -43,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     bim = None if options.bim is None else load_bim(options.bim)
     seconds = {"bim": perf_counter() - began}
     a_graph = None if bim is None else _storey(bim.graph, options.storey)
-    out = prepare_folder(options.out or Path("out") / datetime.now().strftime("%Y-%m-%d_%H-%M-%S"))
+    out = prepare_folder(options.out or _dated_folder())
     _log_to(out / "run.log", options.verbose)
     for notice in [scans.note, *(bim.notices if bim is not None else ())]:
         if notice:
@@ -74,8 +76,35 @@ def _parser() -> argparse.ArgumentParser:
     add("--storey", metavar="NAME", help="the storey that was scanned, where it is known")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
+    add("--demo", action="store_true", help="make a building, drive through it, and run on that; needs nothing else")
+    add("--seed", type=int, default=0, metavar="N", help="of the demo's drive")
     add("--verbose", action="store_true", help="tell what happens")
     return parser
+
+
+def _dated_folder() -> Path:
+    return Path("out") / datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
+
+
+def _make_demo(options: argparse.Namespace) -> None:
+    """Writes the demo building and a simulated drive into the out folder, and points the options at them."""
+    from data.demo_building import DEMO_STOREY, write_demo_building
+    from data.simulate import simulate
+    from sgslam.output import prepare_folder
+
+    if options.scan_dir is not None or options.bim is not None:
+        raise UserError("--demo brings its own scans and building; leave --scan-dir and --bim out")
+    options.out = prepare_folder(options.out or _dated_folder())
+    options.bim = options.out / "demo_building.ifc"
+    drive = options.out / "demo_drive"
+    if drive.exists():
+        raise UserError(f"{options.out}: holds a demo already; give another --out")
+    print(f"demo: writing a building of two storeys, {options.bim}")
+    write_demo_building(options.bim)
+    print(f"demo: driving through its '{DEMO_STOREY}' with a simulated LiDAR, {drive}")
+    simulate(options.bim, DEMO_STOREY, drive, seed=options.seed, min_rooms=6, min_length=50.0)
+    options.scan_dir, options.ground_truth = drive / "scans", drive / "truth.tum"
+    print("demo: now the main job, with nothing known but scans and building")
 
 
 def _start(text: str) -> tuple[float, float, float]:
