@@ -1,0 +1,77 @@
+"""The voting matcher on real plans and a real SLAM map; skipped where the shared folder is absent."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+from plans import SHARED, moved, swiss
+from s_graph_noise import draw
+
+from data import SceneGraph
+from matching import Matcher, se2
+
+pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}")
+MATCHER = Matcher.load()
+
+
+def graph(value: dict) -> SceneGraph:
+    for wall in value["wall_surfaces"]:  # the map's planes are not quite upright
+        wall["normal"] = (np.array(wall["normal"]) / np.hypot(*wall["normal"])).tolist()
+    return SceneGraph.from_dict(value)
+
+
+def test_all_parts_of_a_map_that_a_published_system_built():
+    value = json.loads((SHARED / "data/slam_graphs/SE2.json").read_text())
+    whole, plan = graph(value["s_graph"]), graph(value["a_graph"])
+    truth = {tuple(p) for p in value["matches"]["rooms"] + value["matches"]["wall_surfaces"]}
+    rng = np.random.default_rng(0)
+    unique, parts = 0, [c for k in range(2, 7) for c in itertools.combinations(whole.rooms, k)]
+    for rooms in parts:
+        ids = {r.id for r in rooms}
+        part = SceneGraph("map", rooms, tuple(w for w in whole.wall_surfaces if w.room in ids))
+        result = MATCHER.match(moved(part, rng.uniform(-np.pi, np.pi), *rng.uniform(-20, 20, 2)), plan)
+        found = {(s, a) for s, a, _ in (*result.rooms, *result.wall_surfaces)}
+        seen = ids | {w.id for w in part.wall_surfaces}
+        assert found == {p for p in truth if p[0] in seen}
+        unique += result.status == "unique"
+    assert unique >= 0.95 * len(parts)
+
+
+def test_real_floors_with_the_noise_of_real_scans():
+    names = sorted(p.stem for p in (SHARED / "data/floorplans/swiss_floors").glob("*.json"))
+    plans = {name: swiss(name) for name in names}
+    unique = right = 0
+    for n, name in enumerate(names):
+        truth = draw(plans[name], np.random.default_rng(n), 6)
+        result = MATCHER.match(truth.s, plans[name])
+        centre = truth.s.centroid()
+        T_a_s = np.array(result.hypotheses[0].T_a_s)
+        off = np.hypot(*(se2.apply(T_a_s, centre) - se2.apply(truth.T_a_s, centre)))
+        right += bool(off < 0.5)
+        if result.status == "unique":
+            unique += 1
+            assert off < 0.5
+            assert {(s, a) for s, a, _ in result.rooms} <= set(truth.rooms.items())
+        elsewhere = names[(n + 4) % len(names)]
+        assert MATCHER.match(truth.s, plans[elsewhere]).status != "unique", (name, elsewhere)
+    assert unique >= 0.9 * len(names) and right >= 0.9 * len(names)
+
+
+def test_a_storey_among_the_storeys_of_an_office_building_with_equal_offices():
+    from data.bim import load_bim
+
+    loaded = load_bim(SHARED / "data/ifc/AC11-Institute-Var-2-IFC.ifc")
+    office = load_bim(SHARED / "data/ifc/Office_A_20110811.ifc").graph
+    floor = next(f.id for f in loaded.graph.floors if f.elevation == 0)
+    unique = 0
+    for seed in range(6):
+        truth = draw(loaded.graph.on_floor(floor), np.random.default_rng(seed), 9)
+        result = MATCHER.match(truth.s, loaded.graph)
+        assert result.seconds < 2
+        if result.status == "unique":
+            unique += 1
+            assert result.floor == floor
+            assert {(s, a) for s, a, _ in result.rooms} <= set(truth.rooms.items())
+        assert MATCHER.match(truth.s, office).status != "unique"
+    assert unique >= 4
