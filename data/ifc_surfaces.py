@@ -58,7 +58,7 @@ def _faced(edges: list[Edge], walls: list[Area], areas: list[Area]) -> list[dict
     """
     if not edges:
         return []
-    wall_tree, area_tree = shapely.STRtree(walls), shapely.STRtree(areas)
+    wall_tree, area_tree, room_tree = (shapely.STRtree(a) for a in (walls, areas, areas[:-1]))
     lines = [edge.shifted(0.0) for edge in edges]
     near = np.unique(area_tree.query(lines, predicate="dwithin", distance=STEPS[-1] + 0.01)[0]).tolist()
     rest: dict[int, Intervals] = {k: [(0.0, edges[k].length)] for k in near}
@@ -68,9 +68,7 @@ def _faced(edges: list[Edge], walls: list[Area], areas: list[Area]) -> list[dict
         for k, _, spans in _hits(edges, list(rest), step, wall_tree):
             rest[k] = without(rest[k], spans)
         free = dict(rest) if step == STEPS[0] else free
-        for k, area, spans in _hits(edges, list(rest), step, area_tree):
-            if area == len(areas) - 1 and step != STEPS[-1]:
-                continue
+        for k, area, spans in _hits(edges, list(rest), step, area_tree if step == STEPS[-1] else room_tree):
             got = common(rest[k], spans)
             claims[k][area] = united(claims[k].get(area, []) + got, gap=TOUCH)
             rest[k] = without(rest[k], got)
