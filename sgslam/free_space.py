@@ -57,8 +57,9 @@ def free_space(
 ) -> FreeSpace:
     """Draws the free space of keyframes at `sensors` (K, 2), all in the levelled map.
 
-    `outlines` are the K contours (M, 2) around them, `segments` (S, 2, 2) the wall pieces seen, `lintels` the K sets
-    of points (L, 2) over doors; a cell counts as lintel when three keyframes or more have seen one there.
+    `outlines` are the K contours (M, 2) around them, `segments` (S, 2, 2) the wall pieces seen, `lintels` the
+    K sets of points (L, 2) over doors; a cell counts as lintel when three keyframes or more have seen one
+    there.
     """
     near = [_within_reach(sensor, outline) for sensor, outline in zip(sensors, outlines, strict=True)]
     grid = Grid.around(np.concatenate([sensors, *near]), settings.cell)

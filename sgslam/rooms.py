@@ -1,5 +1,5 @@
-"""Rooms from free space: distance transform, seeds, watershed; joined where the neck between two is too wide for a
-door. (Bormann et al., ICRA 2016, compare such room segmentations.)"""
+"""Rooms from free space: distance transform, seeds, watershed; joined where the neck between two is too wide
+for a door. (Bormann et al., ICRA 2016, compare such room segmentations.)"""
 
 from dataclasses import dataclass
 
@@ -13,6 +13,7 @@ from sgslam.config import RoomSettings
 from sgslam.free_space import FreeSpace, Grid
 
 Floats = NDArray[np.float64]
+_DOOR_DEPTH = 0.4  # m, of the wall that a door stands in
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ class Segmentation:
 
 
 def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmentation:
-    """Parts free space into rooms. `visited` (K, 2) are the sensor's places: of the free space only what hangs
-    together with them counts."""
+    """Parts free space into rooms. `visited` (K, 2) are the sensor's places: of the free space only what
+    hangs together with them counts."""
     free = _reached(space, visited)
     clearance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, 5) * settings.cell
     seeds, _ = _label(clearance > settings.seed_clearance)
@@ -64,8 +65,11 @@ def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmen
 
 def _over_lintels(labels: NDArray[np.int32], space: FreeSpace, settings: RoomSettings) -> NDArray[np.int32]:
     """Lets rooms grow towards each other under lintels, so that those joined by a door meet there."""
-    grown = expand_labels(labels, distance=0.3 / settings.cell)
-    return np.where((labels == 0) & space.lintel & ~space.wall, grown, labels)
+    grown = expand_labels(labels, distance=_DOOR_DEPTH / settings.cell)
+    # both faces of a lintel are seen, not what lies between them
+    window = np.ones((int(_DOOR_DEPTH / settings.cell) + 1,) * 2, np.uint8)
+    lintel = cv2.morphologyEx(space.lintel.astype(np.uint8), cv2.MORPH_CLOSE, window) > 0
+    return np.where((labels == 0) & lintel & ~space.wall, grown, labels)
 
 
 def _label(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], int]:
@@ -96,9 +100,7 @@ def _join_wide_necks(labels: NDArray[np.int32], clearance: Floats, settings: Roo
     """Joins rooms whose border is wider than a door, or hardly narrower than the smaller of the two."""
     count = int(labels.max()) + 1
     depth = np.asarray(ndimage.maximum(clearance, labels, np.arange(count)))
-    widths = {
-        pair: 2 * float(clearance[cells[:, 1], cells[:, 0]].max()) for pair, cells in _borders(labels).items()
-    }
+    widths = {pair: 2 * float(clearance[cells[:, 1], cells[:, 0]].max()) for pair, cells in _borders(labels).items()}
     name = np.arange(count, dtype=np.int32)
     while True:
         wide = [
