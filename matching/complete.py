@@ -95,9 +95,7 @@ def _surfaces(placement: Placement, quality: Array) -> tuple[tuple[int, int, flo
 
     s = placement.pairing.s
     chosen = [
-        (int(i), int(j))
-        for i, j in zip(*linear_sum_assignment(-quality), strict=True)
-        if quality[i, j] > LEAST_QUALITY
+        (int(i), int(j)) for i, j in zip(*linear_sum_assignment(-quality), strict=True) if quality[i, j] > LEAST_QUALITY
     ]
     along = placement.pairing.table(placement.fit.along)
     span = np.stack((along - s.half[:, None], along + s.half[:, None]), axis=-1)

@@ -15,6 +15,8 @@ from matching.walls import Index, Walls
 SIGMAS_RIGID = (0.35, 0.25, 0.2)  # metres
 SIGMAS_BENT = (0.3, 0.2, 0.15, 0.15)
 REFINED = 24  # candidates of each storey
+HOPEFUL = 0.6  # of the best one's worth; others are not followed up,
+RIVALS = 4  # beyond so many
 KEPT = 12  # placements that are worked out
 PER_STOREY = 3  # of them at least, from every storey
 CELL = 6.0  # metres
@@ -50,45 +52,60 @@ def between_graphs(s: Walls, a: Walls, motion: Array) -> Array:
     return se2.compose(se2.compose(a.T_graph_own, motion), se2.inverse(s.T_graph_own))
 
 
-def search(
-    s: Walls, storeys: list[Walls], allowed: Callable[[Array], bool] = lambda T_a_s: True
-) -> list[Placement]:
+def search(s: Walls, storeys: list[Walls], allowed: Callable[[Array], bool] | None = None) -> list[Placement]:
     """Distinct placements, best first; empty where no corner of S has its like.
 
     `allowed` is asked of T_a_s (3,), between the graphs' frames, before places compete with each other.
     """
-    found: list[tuple[float, Walls, Array]] = []
-    for a in storeys:
-        found += [(w, a, m) for w, m in _rigid(s, a) if allowed(between_graphs(s, a, m))]
-    found.sort(key=lambda x: -x[0])
-    rank = {a.floor: 0 for a in storeys}
-    placed: list[Placement] = []
-    for n in _distinct([(a, motion) for _, a, motion in found]):
-        a = found[n][1]
-        rank[a.floor] += 1
-        if len(placed) < KEPT or rank[a.floor] <= PER_STOREY:
-            placed.append(_placement(s, a, found[n][2]))
-    placed = [p for p in placed if allowed(p.T_a_s)]
+    rough = [found for a in storeys for found in _voted(s, a)]
+    if allowed is not None:
+        rough = [r for r in rough if allowed(between_graphs(s, r.pairing.a, r.motion))]
+    refined = _refined(_hopeful(rough, REFINED, REFINED))
+    apart = [refined[n] for n in _distinct([(r.pairing.a, r.motion) for r in refined])]
+    placed = [_placement(s, r.pairing.a, r.motion) for r in _hopeful(apart, KEPT, PER_STOREY)]
+    if allowed is not None:
+        placed = [p for p in placed if allowed(p.T_a_s)]
     placed.sort(key=lambda p: -p.score)
     return [placed[n] for n in _distinct([(p.storey, p.motion) for p in placed])]
 
 
-def _rigid(s: Walls, a: Walls) -> list[tuple[float, Array]]:
-    """Refined rigid (3,) motions into one storey, each with the weight of the S walls that it explains."""
-    rough: list[tuple[float, Pairing, Array]] = []
+@dataclass(frozen=True)
+class _Rigid:
+    worth: float  # weight of the S walls that it explains
+    pairing: Pairing
+    motion: Array  # (3,) between own frames
+
+
+def _voted(s: Walls, a: Walls) -> list[_Rigid]:
+    found = []
     for voted in candidates(s, a):
         pairing = Pairing.near(s, a, voted.yaw)
         worth = explained(pairing, voted.motions, SIGMAS_RIGID[0])
-        rough += [(float(w), pairing, m) for w, m in zip(worth, voted.motions, strict=True)]
-    rough.sort(key=lambda r: -r[0])
-    by_mode: dict[float, tuple[Pairing, list[Array]]] = {}
-    for _, pairing, motion in rough[:REFINED]:
-        by_mode.setdefault(pairing.yaw, (pairing, []))[1].append(motion)
-    found: list[tuple[float, Array]] = []
-    for pairing, motions in by_mode.values():
-        refined = refine_rigid(pairing, np.array(motions), SIGMAS_RIGID)
-        found += zip(explained(pairing, refined, SIGMAS_RIGID[-1]).tolist(), refined, strict=True)
+        found += [_Rigid(float(w), pairing, m) for w, m in zip(worth, voted.motions, strict=True)]
     return found
+
+
+def _hopeful(found: list[_Rigid], most: int, per_storey: int) -> list[_Rigid]:
+    """The best, `most` or up to `per_storey` of a storey, less those far behind, but a few rivals always."""
+    found = sorted(found, key=lambda r: -r.worth)
+    rank: dict[str | None, int] = {}
+    kept: list[_Rigid] = []
+    for r in found:
+        rank[r.pairing.a.floor] = rank.get(r.pairing.a.floor, 0) + 1
+        near = r.worth > HOPEFUL * found[0].worth or len(kept) < RIVALS
+        if near and (len(kept) < most or rank[r.pairing.a.floor] <= per_storey):
+            kept.append(r)
+    return kept
+
+
+def _refined(rough: list[_Rigid]) -> list[_Rigid]:
+    found = []
+    for pairing in {id(r.pairing): r.pairing for r in rough}.values():
+        motions = np.array([r.motion for r in rough if r.pairing is pairing])
+        motions = refine_rigid(pairing, motions, SIGMAS_RIGID)
+        worth = explained(pairing, motions, SIGMAS_RIGID[-1])
+        found += [_Rigid(float(w), pairing, m) for w, m in zip(worth, motions, strict=True)]
+    return sorted(found, key=lambda r: -r.worth)
 
 
 def _placement(s: Walls, a: Walls, motion: Array) -> Placement:

@@ -1,6 +1,7 @@
 """`Matcher`: an S-graph laid into an A-graph by one of the named methods."""
 
 import time
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -42,7 +43,7 @@ class VotingMatcher:
             if empty:
                 return MatchResult("none", f"the {what} has no wall surface")
         walls = arrays(s, None, list(s.wall_surfaces))
-        found = search(walls, candidates, lambda T_a_s: start is None or _near(T_a_s, start))
+        found = search(walls, candidates, None if start is None else partial(_near, start))
         if not found:
             near = "" if start is None else " near the start that was given"
             reason = f"no wall corner of the map has its like in the plan{near}"
@@ -101,7 +102,7 @@ def _triple(placement: Placement) -> tuple[float, float, float]:
     return yaw, x, y
 
 
-def _near(T_a_s: Array, start: Start) -> bool:
+def _near(start: Start, T_a_s: Array) -> bool:
     turn = abs(se2.wrap(T_a_s[:1] - start[2])[0])
     return bool(np.hypot(T_a_s[1] - start[0], T_a_s[2] - start[1]) <= START_M and turn <= START_RAD)
 

@@ -109,8 +109,6 @@ def moved(graph: SceneGraph, yaw: float, x: float, y: float, mirror: bool = Fals
         dataclasses.replace(r, centroid=at(r.centroid), polygon=r.polygon and tuple(at(p) for p in r.polygon))
         for r in graph.rooms
     )
-    walls = tuple(
-        dataclasses.replace(w, centroid=at(w.centroid), normal=along(w.normal)) for w in graph.wall_surfaces
-    )
+    walls = tuple(dataclasses.replace(w, centroid=at(w.centroid), normal=along(w.normal)) for w in graph.wall_surfaces)
     doors = tuple(dataclasses.replace(d, centroid=at(d.centroid)) for d in graph.doors)
     return dataclasses.replace(graph, rooms=rooms, wall_surfaces=walls, doors=doors)
