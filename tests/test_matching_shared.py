@@ -15,15 +15,9 @@ pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real 
 MATCHER = Matcher.load()
 
 
-def graph(value: dict) -> SceneGraph:
-    for wall in value["wall_surfaces"]:  # the map's planes are not quite upright
-        wall["normal"] = (np.array(wall["normal"]) / np.hypot(*wall["normal"])).tolist()
-    return SceneGraph.from_dict(value)
-
-
 def test_all_parts_of_a_map_that_a_published_system_built():
     value = json.loads((SHARED / "data/slam_graphs/SE2.json").read_text())
-    whole, plan = graph(value["s_graph"]), graph(value["a_graph"])
+    whole, plan = (SceneGraph.from_dict(value[of]) for of in ("s_graph", "a_graph"))
     truth = {tuple(p) for p in value["matches"]["rooms"] + value["matches"]["wall_surfaces"]}
     rng = np.random.default_rng(0)
     unique, parts = 0, [c for k in range(2, 7) for c in itertools.combinations(whole.rooms, k)]
