@@ -1,9 +1,10 @@
-"""The factor graph of a run: keyframes, walls, floor, rooms, the BIM frame. Batch Levenberg-Marquardt, warm started.
+"""The factor graph of a run: keyframes, walls, floor, rooms, the BIM frame. Batch optimisation, warm started.
 
-The graph is built from the observations each time, so that walls can be joined and anchors withdrawn without ever
-editing a graph; factors whose variables did not change are reused.
+The graph is built from the observations each time, so that walls can be joined and anchors withdrawn without
+ever editing a graph; factors whose variables did not change are reused.
 """
 
+import logging
 from dataclasses import dataclass
 
 import gtsam
@@ -18,6 +19,7 @@ from sgslam.keyframes import KeyframeNode
 from sgslam.wall_map import SeenWall
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
 _BIM, _FLOOR, _IDENTITY = B(0), F(0), O(0)
 
 
@@ -32,7 +34,7 @@ class RoomNode:
 
 @dataclass(frozen=True)
 class Anchors:
-    """What ties the S-graph to the BIM: walls and rooms by their numbers, in a BIM frame near the building."""
+    """What ties the S-graph to the BIM: walls and rooms by their numbers, the BIM frame near the building."""
 
     T_map_bim: Floats
     planes: dict[int, list[Floats]]  # wall -> planes (4,) in the BIM frame
@@ -71,16 +73,17 @@ class Backend:
 
     @property
     def due(self) -> bool:
-        """Whether the graph has grown enough since the last optimisation; a share of it, so that the cost of all
-        optimisations stays in proportion to the length of the run."""
+        """Whether the graph has grown enough since the last optimisation; a share of it, so that the cost of
+        all optimisations stays in proportion to the length of the run."""
         settings = self._config.backend
         grown = len(self.keyframes) - self._optimised_at
         return grown >= max(settings.every_keyframes, settings.growth * len(self.keyframes))
 
     def optimise(self, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None, steps: int = 6) -> None:
-        """Builds the graph of all that is known and moves the estimates to its optimum; raises nothing.
+        """Builds the graph of all that is known and moves the estimates to its optimum.
 
-        An optimisation that fails or gives numbers that are not finite leaves the estimates as they were.
+        An optimisation that fails, or whose error is not finite, leaves the estimates as they were, with a
+        warning.
         """
         graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._add_poses(graph, values)
@@ -92,12 +95,17 @@ class Backend:
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
-        try:
-            result = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters).optimize()
-        except RuntimeError:
-            result = values
-        self._take(result, anchor_of)
         self._optimised_at = len(self.keyframes)
+        optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
+        try:
+            result = optimizer.optimize()
+        except RuntimeError as error:
+            _log.warning("the optimisation failed, the estimates stay: %s", str(error).strip().partition("\n")[0])
+            return
+        if not np.isfinite(optimizer.error()):
+            _log.warning("the optimisation's error is not finite, the estimates stay")
+            return
+        self._take(result, anchor_of)
 
     def _add_poses(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
         tight = factors.noise_of_pose(1e-5, 1e-5)
@@ -112,8 +120,7 @@ class Backend:
     def _add_walls(
         self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, seen: list[SeenWall]
     ) -> dict[int, int]:
-        """Adds walls seen from two keyframes or more; returns the keyframe in whose frame each one is kept."""
-        settings = self._config.backend
+        """Adds walls seen from two keyframes or more; returns the keyframe that each one is kept by."""
         keyframes_of: dict[int, set[int]] = {}
         for s in seen:
             keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
@@ -124,13 +131,7 @@ class Backend:
                 continue
             key = (number, s.wall, anchor)
             if key not in self._observations:
-                sigmas = np.hypot([s.sigma_normal, s.sigma_offset], [settings.sigma_normal, settings.sigma_offset])
-                own = anchor == s.keyframe
-                noise = factors.noise_of_plane(*sigmas, None if own else settings.huber)
-                self._observations[key] = (
-                    factors.observe_own_plane(s.plane, _IDENTITY, P(s.wall), noise) if own
-                    else factors.observe_plane(s.plane, X(s.keyframe), X(anchor), P(s.wall), noise)
-                )  # fmt: skip
+                self._observations[key] = self._observation(s, anchor)
             graph.add(self._observations[key])
             if not values.exists(P(s.wall)):
                 T_anchor_map = inverse(self.keyframes[anchor].T_map_sensor)
@@ -138,6 +139,16 @@ class Backend:
                 local = s.plane if in_map is None else transform_planes(T_anchor_map, in_map)
                 values.insert(P(s.wall), gtsam.OrientedPlane3(local))
         return anchor_of
+
+    def _observation(self, seen: SeenWall, anchor: int) -> gtsam.NonlinearFactor:
+        settings = self._config.backend
+        normal = float(np.hypot(seen.sigma_normal, settings.sigma_normal))
+        offset = float(np.hypot(seen.sigma_offset, settings.sigma_offset))
+        if seen.keyframe == anchor:
+            noise = factors.noise_of_plane(normal, offset, None)
+            return factors.observe_own_plane(seen.plane, _IDENTITY, P(seen.wall), noise)
+        robust = factors.noise_of_plane(normal, offset, settings.huber)
+        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
 
     def _add_floor(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
         settings = self._config.backend
@@ -150,8 +161,8 @@ class Backend:
                 noise = factors.noise_of_plane(normal, offset, None)
                 graph.add(factors.observe_own_plane(keyframe.floor.plane, _IDENTITY, _FLOOR, noise))
             else:
-                noise = factors.noise_of_plane(normal, offset, settings.huber)
-                graph.add(factors.observe_plane(keyframe.floor.plane, X(i), X(0), _FLOOR, noise))
+                robust = factors.noise_of_plane(normal, offset, settings.huber)
+                graph.add(factors.observe_plane(keyframe.floor.plane, X(i), X(0), _FLOOR, robust))
             if not values.exists(_FLOOR):
                 in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane)
                 values.insert(_FLOOR, gtsam.OrientedPlane3(in_map if self.floor_in_map is None else self.floor_in_map))
@@ -189,8 +200,6 @@ class Backend:
 
     def _take(self, values: gtsam.Values, anchor_of: dict[int, int]) -> None:
         poses = np.stack([values.atPose3(X(i)).matrix() for i in range(len(self.keyframes))])
-        if not np.all(np.isfinite(poses)):
-            return
         for keyframe, pose in zip(self.keyframes, poses, strict=True):
             keyframe.T_map_sensor = pose
         self.planes_in_map = {

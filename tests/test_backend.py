@@ -1,0 +1,236 @@
+"""The factor graph of a run, on loops whose truth is known."""
+
+from time import perf_counter
+
+import numpy as np
+import pytest
+from boxes import Array, pose
+from scipy.spatial.transform import Rotation
+
+from sgslam.accuracy import align_se3
+from sgslam.backend import Anchors, Backend, RoomNode
+from sgslam.config import Config
+from sgslam.floor_extraction import FloorObservation
+from sgslam.frames import inverse, transform_planes
+from sgslam.keyframes import KeyframeNode
+from sgslam.wall_map import SeenWall
+
+# two rooms side by side, x 0 to 6 and 6.2 to 12; inward normals, in a frame whose floor is z = 0
+WALLS = np.array([
+    [1, 0, 0, 0], [-1, 0, 0, 6], [0, 1, 0, 0], [0, -1, 0, 8],
+    [1, 0, 0, -6.2], [-1, 0, 0, 12],
+], dtype=float)  # fmt: skip
+FLOOR = np.array([0, 0, 1.0, 0])
+HEIGHT = 0.8
+
+
+def way(count: int, rounds: int = 2) -> Array:
+    """(count, 4, 4) poses of a sensor that drives an oval through both rooms; the first is not at the origin."""
+    angle = np.linspace(0, 2 * np.pi * rounds, count)
+    x, y = 6 + 4.5 * np.cos(angle), 4 + 2.5 * np.sin(angle)
+    yaw = np.arctan2(np.gradient(y), np.gradient(x))
+    return np.stack([pose(*place) for place in zip(x, y, np.full(count, HEIGHT), yaw, strict=True)])
+
+
+def visible(T: Array) -> list[int]:
+    """The walls of the room that a pose (in the building's frame) is in."""
+    return [0, 1, 2, 3] if T[0, 3] < 6.1 else [2, 3, 4, 5]
+
+
+class Run:
+    """What a robot measured: `truth` are poses in its first sensor's frame, the map."""
+
+    def __init__(self, count: int = 60, seed: int = 0, outliers: float = 0.0) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.in_building = way(count)
+        self.T_building_map = self.in_building[0]
+        self.truth = inverse(self.T_building_map) @ self.in_building
+        self.backend = Backend(Config())
+        self.seen: list[SeenWall] = []
+        T_odom = np.eye(4)
+        for i, T in enumerate(self.truth):
+            if i:
+                T_odom = T_odom @ self._slipped(inverse(self.truth[i - 1]) @ T)
+            floor = self._noisy(self._in_sensor(FLOOR, i))
+            self.backend.add_keyframe(
+                KeyframeNode(i, 10**8 * i, T_odom, T_odom.copy(), FloorObservation(floor, 0.001, 0.003, 100))
+            )
+            for wall in visible(self.in_building[i]):
+                plane = self._noisy(self._in_sensor(WALLS[wall], i))
+                plane[3] += 0.1 * (self.rng.random() < outliers)
+                self.seen.append(SeenWall(i, wall, plane, np.zeros((2, 3)), (0.1, 2.0), 0.001, 0.003))
+
+    def _slipped(self, step: Array) -> Array:
+        """A step of the odometry that drags by 2 % and turns by 0.1 degrees."""
+        x, y, z = self.rng.normal(0, 0.01, 3)
+        return step @ pose(x - 0.02 * np.linalg.norm(step[:3, 3]), y, z, np.radians(0.1))
+
+    def _in_sensor(self, plane_in_building: Array, i: int) -> Array:
+        return transform_planes(inverse(self.in_building[i]), plane_in_building)
+
+    def _noisy(self, plane: Array) -> Array:
+        normal = plane[:3] + self.rng.normal(0, 0.001, 3)
+        return np.array([*(normal / np.linalg.norm(normal)), plane[3] + self.rng.normal(0, 0.003)])
+
+    def optimise(self, anchors: Anchors | None = None, rooms: list[RoomNode] | None = None, steps: int = 20) -> None:
+        self.backend.optimise(self.seen, rooms or [], anchors, steps)
+
+    def errors(self) -> Array:
+        """(N,) metres between estimated and true keyframes; the first one's own errors, which all share, apart."""
+        found, true = self.backend.poses[:, :3, 3], self.truth[:, :3, 3]
+        T = align_se3(found, true)
+        return np.asarray(np.linalg.norm(found @ T[:3, :3].T + T[:3, 3] - true, axis=1))
+
+
+def angle_between(R: Array, S: Array) -> float:
+    return float(np.linalg.norm(Rotation.from_matrix(R.T @ S).as_rotvec()))
+
+
+def test_walls_and_floor_take_the_drift_away() -> None:
+    run = Run()
+    assert run.errors().max() > 0.3
+    run.optimise()
+    assert run.errors().max() < 0.02
+    for estimated, true in zip(run.backend.poses, run.truth, strict=True):
+        assert angle_between(estimated[:3, :3], true[:3, :3]) < np.radians(0.3)
+    np.testing.assert_allclose(run.backend.poses[0], np.eye(4), atol=1e-4)  # the map stays where it began
+
+
+def test_planes_and_floor_are_found_in_the_map() -> None:
+    run = Run()
+    run.optimise()
+    T_map_building = inverse(run.T_building_map)
+    assert sorted(run.backend.planes_in_map) == list(range(len(WALLS)))
+    for wall, plane in run.backend.planes_in_map.items():
+        np.testing.assert_allclose(plane, transform_planes(T_map_building, WALLS[wall]), atol=0.02)
+    assert run.backend.floor_in_map is not None
+    np.testing.assert_allclose(run.backend.floor_in_map, [0, 0, 1, HEIGHT], atol=0.01)
+
+
+def test_wrong_observations_do_little_harm() -> None:
+    run = Run(outliers=0.1)
+    run.optimise()
+    assert run.errors().max() < 0.05
+
+
+def anchors_of(run: Run, T_bim_building: Array, guess_off: Array | None = None) -> tuple[Anchors, Array]:
+    """The truth as anchors, with T_map_bim guessed `guess_off` away; and T_map_bim."""
+    T_map_bim = inverse(T_bim_building @ run.T_building_map)
+    planes = {wall: [transform_planes(T_bim_building, plane)] for wall, plane in enumerate(WALLS)}
+    guess = T_map_bim if guess_off is None else T_map_bim @ guess_off
+    return Anchors(guess, planes, {}, float(T_bim_building[2, 3])), T_map_bim
+
+
+@pytest.mark.parametrize("steps", [6, 20])
+def test_anchors_recover_the_bim_frame(steps: int) -> None:
+    run = Run()
+    anchors, T_map_bim = anchors_of(run, pose(3.0, -8.0, 12.5, 2.5), pose(0.15, -0.1, 0.1, 0.03, 0.01, -0.01))
+    run.optimise(anchors, steps=steps)
+    assert run.backend.T_map_bim is not None
+    assert np.linalg.norm((run.backend.T_map_bim - T_map_bim)[:3, 3]) < 0.02
+    assert angle_between(run.backend.T_map_bim[:3, :3], T_map_bim[:3, :3]) < np.radians(0.1)
+    in_bim = inverse(run.backend.T_map_bim) @ run.backend.poses
+    true = inverse(T_map_bim) @ run.truth
+    assert np.linalg.norm((in_bim - true)[:, :3, 3], axis=1).max() < 0.015
+
+
+def test_rooms_carry_anchors_too() -> None:
+    run = Run()
+    run.optimise()
+    T_bim_building = pose(3.0, -8.0, 12.5, 2.5)
+    anchors, T_map_bim = anchors_of(run, T_bim_building, pose(0.1, 0.1, 0.0, 0.02))
+    T_map_room = inverse(run.T_building_map) @ pose(3.0, 4.0, 0.0)
+    room = RoomNode(
+        7, T_map_room, {w: transform_planes(inverse(T_map_room), run.backend.planes_in_map[w]) for w in range(4)}
+    )
+    by_room = Anchors(anchors.T_map_bim, {}, {7: T_bim_building @ pose(3.0, 4.0, 0.0)}, anchors.elevation)
+    run.optimise(by_room, [room])
+    assert run.backend.T_map_bim is not None
+    assert np.linalg.norm((run.backend.T_map_bim - T_map_bim)[:2, 3]) < 0.03
+    assert angle_between(run.backend.T_map_bim[:3, :3], T_map_bim[:3, :3]) < np.radians(0.5)
+    run.optimise(Anchors(anchors.T_map_bim, {}, {8: np.eye(4)}, None), [room])  # a room that is gone: no anchor at all
+    assert run.errors().max() < 0.02
+
+
+def test_anchors_can_be_withdrawn() -> None:
+    run = Run()
+    anchors, _ = anchors_of(run, pose(3.0, -8.0, 12.5, 2.5))
+    bent = Anchors(
+        anchors.T_map_bim,
+        {w: [p + np.array([0, 0, 0, 0.3 * (w == 1)]) for p in ps] for w, ps in anchors.planes.items()},
+        {},
+        12.5,
+    )
+    run.optimise(bent)
+    run.optimise()
+    assert run.backend.T_map_bim is None
+    assert run.errors().max() < 0.02
+
+
+def test_the_same_run_gives_the_same_bits() -> None:
+    results = []
+    for _ in range(2):
+        run = Run()
+        anchors, _ = anchors_of(run, pose(3.0, -8.0, 12.5, 2.5))
+        run.optimise(steps=6)
+        run.optimise(anchors)
+        assert run.backend.T_map_bim is not None
+        results.append((run.backend.poses.tobytes(), run.backend.T_map_bim.tobytes()))
+    assert results[0] == results[1]
+
+
+def test_walls_seen_once_are_left_to_the_wall_map() -> None:
+    run = Run()
+    run.seen.append(SeenWall(5, 99, np.array([0, -1.0, 0, 2]), np.zeros((2, 3)), (0.1, 2.0), 0.001, 0.003))
+    run.optimise()
+    assert 99 not in run.backend.planes_in_map
+
+
+def test_relabelled_walls_are_taken_up() -> None:
+    """The second half of the run had taken every wall for a new one."""
+    run = Run()
+    for s in run.seen:
+        s.wall += 10 * (s.keyframe >= 30)
+    run.optimise()
+    assert len(run.backend.planes_in_map) == 12
+    for s in run.seen:
+        s.wall %= 10
+    run.optimise()
+    assert sorted(run.backend.planes_in_map) == list(range(6))
+    assert run.errors().max() < 0.02
+
+
+@pytest.mark.parametrize("spoilt", ["odometry", "guess"])
+def test_numbers_that_are_not_finite_leave_the_estimates(spoilt: str, caplog: pytest.LogCaptureFixture) -> None:
+    run = Run()
+    run.optimise()
+    before, planes = run.backend.poses, dict(run.backend.planes_in_map)
+    last = run.backend.keyframes[-1]
+    T_odom, guess = last.T_odom_sensor.copy(), last.T_map_sensor.copy()
+    (T_odom if spoilt == "odometry" else guess)[0, 3] = np.nan
+    run.backend.add_keyframe(KeyframeNode(60, 10**10, T_odom, guess))
+    run.optimise()
+    assert "not finite" in caplog.text
+    np.testing.assert_array_equal(run.backend.poses[:-1], before)
+    assert planes.keys() == run.backend.planes_in_map.keys()
+    for wall, plane in planes.items():
+        np.testing.assert_array_equal(run.backend.planes_in_map[wall], plane)
+
+
+def test_three_thousand_keyframes_take_seconds() -> None:
+    run = Run(count=3000)
+    assert run.errors().max() > 1.0
+    began = perf_counter()
+    run.optimise(steps=6)
+    assert perf_counter() - began < 5
+    assert run.errors().max() < 0.1
+
+
+def test_optimisations_grow_rarer_with_the_graph() -> None:
+    backend, times = Backend(Config()), []
+    for i in range(1000):
+        backend.add_keyframe(KeyframeNode(i, i, np.eye(4), np.eye(4)))
+        if backend.due:
+            times.append(i)
+            backend._optimised_at = i + 1
+    assert times[0] < 20 and np.diff(times)[-1] > 2 * np.diff(times)[0]
