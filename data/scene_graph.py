@@ -101,7 +101,9 @@ class SceneGraph:
 
     def __post_init__(self) -> None:
         """Raises UserError for ids given twice, references to nothing, and numbers that are not finite."""
-        everything = (*self.rooms, *self.wall_surfaces, *self.doors, *self.floors, *self.keyframes)
+        everything: list[Room | WallSurface | Door | Floor | Keyframe] = [
+            *self.rooms, *self.wall_surfaces, *self.doors, *self.floors, *self.keyframes
+        ]  # fmt: skip
         ids = [item.id for item in everything]
         if len(set(ids)) != len(ids):
             twice = next(i for i in ids if ids.count(i) > 1)

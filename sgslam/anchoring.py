@@ -86,6 +86,7 @@ class Anchoring:
         self.match: Match | None = None  # the newest answer
         self.committed: Match | None = None  # the answer that the anchors stand on
         self._pairs: set[tuple[int, str]] = set()  # committed: wall, A surface
+        self._matched: Scene | None = None  # what the newest answer is about
         self._tried = _Growth()
 
     def update(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> Anchors | None:
@@ -108,6 +109,7 @@ class Anchoring:
         fixed = self.committed.floor if self.committed is not None else None
         candidates = self._a if fixed is None else self._a.on_floor(fixed)
         self.match = self._matcher.match(scene.graph, candidates)
+        self._matched = scene
         if self.match.status == "unique" and self._agrees(self.match, T_level_map, T_map_local):
             self.committed = self.match
             self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in self.match.wall_surfaces}
@@ -135,26 +137,47 @@ class Anchoring:
         turn = np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0))
         return bool(np.linalg.norm(step[:2, 3]) < 1.0 and turn < np.radians(5))
 
-    def _anchors(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Anchors:
-        """The committed pairs that still hold, by the surfaces as they are cut now."""
+    def answer(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> dict[str, Any] | None:
+        """The answer in the form of matches.json, by the ids of `scene`: the committed one where there is one."""
+        if self.committed is None or (self.committed is self.match and self._matched is scene):
+            return None if self.match is None else self.match.to_dict()
+        held = self._held(scene, walls, T_map_local)
+        confidence = min((c for _, _, c in self.committed.wall_surfaces), default=0.0)
+        rooms = {(s.room, a.room) for s, a in held if s.room is not None and a.room is not None}
+        return {
+            **self.committed.to_dict(),
+            "rooms": [[s, a, confidence] for s, a in sorted(rooms)],
+            "wall_surfaces": [[s.id, a.id, confidence] for s, a in held],
+        }
+
+    def _held(
+        self, scene: Scene, walls: WallMap, T_map_local: Floats | None
+    ) -> list[tuple[WallSurface, WallSurface]]:
+        """The committed pairs that hold still, by the surfaces of `scene`."""
         assert self.committed is not None
-        T_level_map = walls.T_level_map
         if T_map_local is None:
-            T_map_local = self._place(self.committed, T_level_map)
+            T_map_local = self._place(self.committed, walls.T_level_map)
         a_ids: dict[int, list[str]] = {}
         for wall, a_id in sorted(self._pairs):
             a_ids.setdefault(wall, []).append(a_id)
+        return [
+            (surface, self._a.surface_by_id[a_id])
+            for surface in scene.graph.wall_surfaces
+            for a_id in a_ids.get(scene.wall_of_surface[surface.id], ())
+            if self._holds(surface, self._a.surface_by_id[a_id], walls.T_level_map, T_map_local)
+        ]
+
+    def _anchors(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Anchors:
+        assert self.committed is not None
         planes: dict[int, dict[str, Floats]] = {}
         by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
-        for surface in scene.graph.wall_surfaces:
+        for surface, planned in self._held(scene, walls, T_map_local):
             wall = scene.wall_of_surface[surface.id]
-            for a_id in a_ids.get(wall, ()):
-                planned = self._a.surface_by_id[a_id]
-                if not self._holds(surface, planned, T_level_map, T_map_local):
-                    continue
-                plane = planes.setdefault(wall, {})[a_id] = self._local_plane(planned)
-                if surface.room is not None and planned.room is not None:
-                    by_rooms.setdefault((surface.room, planned.room), {})[wall] = plane
+            plane = planes.setdefault(wall, {})[planned.id] = self._local_plane(planned)
+            if surface.room is not None and planned.room is not None:
+                by_rooms.setdefault((surface.room, planned.room), {})[wall] = plane
+        if T_map_local is None:
+            T_map_local = self._place(self.committed, walls.T_level_map)
         elevation = self._elevation(self.committed.floor)
         rooms = _room_anchors(scene, by_rooms, elevation or 0.0)
         return Anchors(T_map_local, {wall: list(p.values()) for wall, p in planes.items()}, rooms, elevation)

@@ -1,6 +1,6 @@
 """As built against as planned: how far each matched wall lies from its place in the plan."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,14 +8,11 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from sgslam.config import Config
 
-if TYPE_CHECKING:
-    from sgslam.anchoring import Match
-
 Floats = NDArray[np.float64]
 
 
 def deviations(
-    s_graph: SceneGraph, a_graph: SceneGraph, match: "Match", T_bim_map: Floats | None, config: Config
+    s_graph: SceneGraph, a_graph: SceneGraph, matches: dict[str, Any], T_bim_map: Floats | None, config: Config
 ) -> list[dict[str, Any]]:
     """For each matched wall surface its offset along the plan's inward normal (m) and its tilt (rad), in plan view.
 
@@ -26,10 +23,8 @@ def deviations(
         return []
     sigma = float(np.hypot(config.anchors.sigma_offset, config.backend.sigma_offset))
     found = []
-    for s_id, a_id, _ in match.wall_surfaces:
-        seen, planned = s_graph.surface_by_id.get(s_id), a_graph.surface_by_id[a_id]
-        if seen is None:
-            continue
+    for s_id, a_id, _ in matches["wall_surfaces"]:
+        seen, planned = s_graph.surface_by_id[s_id], a_graph.surface_by_id[a_id]
         R, t = T_bim_map[:2, :2], T_bim_map[:2, 3]
         centre, normal = R @ seen.centroid + t, R @ seen.normal
         offset = float((centre - planned.centroid) @ planned.normal)

@@ -18,6 +18,7 @@ from sgslam.deviations import deviations
 from sgslam.frames import inverse
 from sgslam.output import prepare_folder, save_result
 from sgslam.scene import Scene
+from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 
@@ -85,8 +86,8 @@ class Result:
 
 
 def finished(
-    scans: list[ScanPose], backend: Backend, scene: Scene, bim: SceneGraph | None, anchoring: Anchoring | None,
-    first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
+    scans: list[ScanPose], backend: Backend, scene: Scene, walls: WallMap, bim: SceneGraph | None,
+    anchoring: Anchoring | None, first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
 ) -> Result:  # fmt: skip
     """Puts a run's result together."""
     stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
@@ -94,12 +95,12 @@ def finished(
     odometry = Trajectory(stamps, np.stack([s.T_odom_sensor for s in scans]))
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
-    match = anchoring.committed or anchoring.match if anchoring is not None else None
+    matches = anchoring.answer(scene, walls, backend.T_map_bim) if anchoring is not None else None
     return Result(
         anchored, _reason(anchoring, anchored),
         trajectory_map if T_bim_map is None else trajectory_map.transformed(T_bim_map),
-        trajectory_map, odometry, T_bim_map, scene.graph, bim, None if match is None else match.to_dict(),
-        deviations(scene.graph, bim, match, T_bim_map, config) if bim is not None and match is not None else [],
+        trajectory_map, odometry, T_bim_map, scene.graph, bim, matches,
+        deviations(scene.graph, bim, matches, T_bim_map, config) if bim is not None and matches is not None else [],
         None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
         len(backend.keyframes), dict(seconds), config,
     )  # fmt: skip

@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     start = None if options.start is None else _start(options.start)
     scans = ScanFolder(options.scan_dir)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
-    if truth is not None and not len(associate(scans.stamps_ns, truth.stamps_ns)):
+    if truth is not None and not len(associate(scans.stamps_ns, truth.stamps_ns)[0]):
         raise UserError(f"{options.ground_truth}: no stamp is near a scan's; give the truth by the scans' clock")
     began = perf_counter()
     bim = None if options.bim is None else load_bim(options.bim)
@@ -197,12 +197,13 @@ def _show(metrics: dict[str, Any], out: Path) -> None:
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
     for name, value in metrics.get("accuracy", {}).items():
-        rows[name] = f"{value:.4f}" if isinstance(value, float) else str(value)
+        if value is not None:
+            rows[name] = f"{value:.4f}" if isinstance(value, float) else str(value)
     rows["time"] = ", ".join(f"{name} {value:.1f}" for name, value in metrics["seconds"].items()) + " s"
-    rows["report"] = str(out / "report.html")
     for name, value in rows.items():
         table.add_row(name, value)
     Console().print(table)
+    print(f"report: {out / 'report.html'}")
 
 
 if __name__ == "__main__":

@@ -97,12 +97,18 @@ class SceneGraphSlam:
             raise UserError("no scan was added: nothing to finish")
         if self._backend.keyframes[-1].scan != len(self._scans) - 1:
             self._add_keyframe(None)
+        self._optimise(last=False)
+        self._cut_scene()
         self._optimise(last=True)
-        self._optimise(last=True)  # once more, with the anchors of the match on the whole map
         assert self._scene is not None
+        if self._anchoring is not None:
+            with self._clock("matching"):  # the answer that is given is the one on the final map
+                self._anchoring.update(self._scene, self._walls, self._backend.T_map_bim, last=True)
+            if self._anchoring.committed is not None and not self.anchored:
+                self._optimise(last=True)
         return finished(
-            self._scans, self._backend, self._scene, self._bim, self._anchoring, self._first_anchor_ns, self.seconds,
-            self._config,
+            self._scans, self._backend, self._scene, self._walls, self._bim, self._anchoring, self._first_anchor_ns,
+            self.seconds, self._config,
         )  # fmt: skip
 
     def _add_keyframe(self, points: Floats | None) -> None:
