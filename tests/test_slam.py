@@ -1,0 +1,263 @@
+"""Whole runs through a small building, whose plan and whose robot's true way are known."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from boxes import Array, pose
+from plans import a_graph, offices
+from scipy.spatial.transform import Rotation
+from small_ifc import write_small_ifc
+
+from data import SceneGraph, UserError
+from data.bim import Bim, load_bim
+from data.drive import Robot
+from data.scans import ScanFolder
+from data.sensor import SpinningSensor
+from data.simulate import simulate
+from data.trajectory import Trajectory
+from sgslam.result import Result
+from sgslam.slam import SceneGraphSlam
+
+ROBOT = Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0)
+SENSOR = SpinningSensor(azimuths=450, rate=5.0)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """`truth` is T_bim_sensor of each scan; `names` are those of the rooms by GlobalId."""
+
+    bim: Bim
+    scans: list[tuple[int, Array]]
+    truth: Trajectory
+    names: dict[str, str]
+
+    def errors(self, result: Result) -> Array:
+        """(N,) metres in the BIM frame, no alignment."""
+        return np.asarray(
+            np.linalg.norm(result.trajectory.positions - self.truth.positions[: len(result.trajectory)], axis=1)
+        )
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    folder = tmp_path_factory.mktemp("slam")
+    building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
+    run = simulate(
+        building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=ROBOT
+    )
+    scans = [(scan.stamp_ns, scan.points) for scan in ScanFolder(run.out_dir / "scans")]
+    return Drive(load_bim(building.path, folder / "cache"), scans, run.truth, building.rooms)
+
+
+def fed(slam: SceneGraphSlam, scans: Iterable[tuple[int, Array]]) -> SceneGraphSlam:
+    for stamp_ns, points in scans:
+        slam.add_scan(stamp_ns, points)
+    return slam
+
+
+@pytest.fixture(scope="module")
+def anchored(drive: Drive) -> Result:
+    return fed(SceneGraphSlam(drive.bim), drive.scans).finish()
+
+
+def test_a_run_ends_in_building_coordinates(drive: Drive, anchored: Result) -> None:
+    assert anchored.anchored, anchored.reason
+    errors = drive.errors(anchored)
+    assert np.sqrt(np.mean(errors**2)) < 0.03 and errors.max() < 0.12
+    turns = np.linalg.inv(anchored.trajectory.poses) @ drive.truth.poses
+    assert np.abs(Rotation.from_matrix(turns[:, :3, :3]).magnitude()).mean() < np.radians(0.5)
+    assert anchored.trajectory.stamps_ns.tolist() == [stamp for stamp, _ in drive.scans]
+    assert anchored.first_anchor_s is not None and 0 < anchored.first_anchor_s < 60
+
+
+def test_the_map_begins_at_the_first_scan(drive: Drive, anchored: Result) -> None:
+    np.testing.assert_allclose(anchored.trajectory_map.poses[0], np.eye(4), atol=1e-4)
+    assert anchored.T_bim_map is not None
+    np.testing.assert_allclose(anchored.T_bim_map[:3, 3], drive.truth.poses[0, :3, 3], atol=0.06)
+    np.testing.assert_allclose(anchored.T_bim_map[:3, :3], drive.truth.poses[0, :3, :3], atol=0.01)
+    np.testing.assert_allclose(anchored.trajectory.poses, anchored.T_bim_map @ anchored.trajectory_map.poses)
+
+
+def test_rooms_and_walls_are_matched_to_their_like(drive: Drive, anchored: Result) -> None:
+    assert anchored.matches is not None and anchored.T_bim_map is not None
+    planned = drive.bim.graph
+    rooms = {a for _, a, _ in anchored.matches["rooms"]}
+    assert rooms == {room.id for room in planned.rooms}
+    R, t = anchored.T_bim_map[:2, :2], anchored.T_bim_map[:2, 3]
+    assert len(anchored.matches["wall_surfaces"]) >= 10
+    for s_id, a_id, _ in anchored.matches["wall_surfaces"]:
+        seen, wall = anchored.s_graph.surface_by_id[s_id], planned.surface_by_id[a_id]
+        assert R @ seen.normal @ np.array(wall.normal) > 0.99
+        assert abs((R @ seen.centroid + t - wall.centroid) @ np.array(wall.normal)) < 0.05
+
+
+def test_a_building_that_keeps_to_its_plan_shows_no_deviations(anchored: Result) -> None:
+    assert len(anchored.deviations) >= 10
+    assert not any(deviation["significant"] for deviation in anchored.deviations)
+
+
+def test_the_same_scans_give_the_same_bits(drive: Drive, anchored: Result) -> None:
+    again = fed(SceneGraphSlam(drive.bim), drive.scans).finish()
+    for name in ("trajectory", "trajectory_map", "trajectory_odometry"):
+        assert getattr(again, name).poses.tobytes() == getattr(anchored, name).poses.tobytes()
+    assert again.s_graph == anchored.s_graph and again.deviations == anchored.deviations
+
+
+def test_a_sensor_that_leans_and_stands_higher_is_levelled(drive: Drive) -> None:
+    T_sensor_leaning = pose(0.0, 0.0, 0.0, -0.8, np.radians(4), np.radians(-3))
+    scans = [(stamp, points @ T_sensor_leaning[:3, :3]) for stamp, points in drive.scans]
+    result = fed(SceneGraphSlam(drive.bim), scans).finish()
+    assert result.anchored, result.reason
+    errors = drive.errors(result)
+    assert np.sqrt(np.mean(errors**2)) < 0.04
+    tilt = (result.trajectory.poses @ np.linalg.inv(T_sensor_leaning))[:, 2, 2]
+    assert np.degrees(np.arccos(np.clip(tilt, -1, 1))).mean() < 0.5
+
+
+def test_in_another_building_nothing_is_anchored(drive: Drive) -> None:
+    other = a_graph(offices([3.1, 4.4, 2.6, 3.7], [5.2, 3.3, 4.1]))
+    result = fed(SceneGraphSlam(other), drive.scans[:150]).finish()
+    assert not result.anchored and result.T_bim_map is None and result.deviations == []
+    assert result.first_anchor_s is None and result.reason
+    assert result.trajectory.poses.tobytes() == result.trajectory_map.poses.tobytes()
+    in_map = np.linalg.inv(drive.truth.poses[0]) @ drive.truth.poses[:150]
+    assert np.linalg.norm((result.trajectory.poses - in_map)[:, :3, 3], axis=1).max() < 0.15
+
+
+def test_without_a_plan_there_is_still_a_map(drive: Drive) -> None:
+    result = fed(SceneGraphSlam(), drive.scans[:60]).finish()
+    assert not result.anchored and result.a_graph is None and result.matches is None
+    assert result.s_graph.rooms and result.s_graph.wall_surfaces and result.s_graph.keyframes
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a stub matcher says."""
+
+    status: str
+    rooms: tuple[tuple[str, str, float], ...]
+    wall_surfaces: tuple[tuple[str, str, float], ...]
+    T_a_s: tuple[float, float, float] | None
+    floor: str | None
+    reason: str = "I was told"
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"status": self.status, "reason": self.reason, "rooms": self.rooms, "wall_surfaces": self.wall_surfaces}
+
+
+@dataclass(frozen=True)
+class KnowingMatcher:
+    """Knows where the map begins, T_bim_map; says so with the given status."""
+
+    T_bim_map: Array
+    status: str
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> Answer:
+        R, t = self.T_bim_map[:2, :2], self.T_bim_map[:2, 3]
+        pairs = []
+        for seen in s.wall_surfaces:
+            centre, normal = R @ seen.centroid + t, R @ seen.normal
+            for wall in a.wall_surfaces:
+                away = centre - wall.centroid
+                n = np.array(wall.normal)
+                along = abs(n[0] * away[1] - n[1] * away[0])
+                if normal @ n > 0.98 and abs(away @ n) < 0.1 and along < (wall.length or 0.0) / 2:
+                    pairs.append((seen.id, wall.id, 1.0))
+        yaw = float(np.arctan2(R[1, 0], R[0, 0]))
+        return Answer(self.status, (), tuple(pairs), (yaw, float(t[0]), float(t[1])), a.floors[0].id)
+
+
+@pytest.mark.parametrize("status", ["unique", "ambiguous", "none"])
+def test_only_a_unique_answer_of_a_matcher_anchors(drive: Drive, status: str) -> None:
+    """Any object with `match` serves. The first 100 scans see two rooms of three."""
+    slam = SceneGraphSlam(drive.bim, KnowingMatcher(drive.truth.poses[0], status))
+    result = fed(slam, drive.scans[:100]).finish()
+    assert result.anchored == slam.anchored == (status == "unique")
+    assert result.reason == "I was told"
+    if result.anchored:
+        assert np.sqrt(np.mean(drive.errors(result) ** 2)) < 0.03
+
+
+def test_odometry_from_outside_is_used(drive: Drive) -> None:
+    class NoOdometry:
+        def register(self, points: Array, expected_step: Array | None = None) -> Array:
+            raise AssertionError("the odometry was asked although the pose was given")
+
+    count = 100
+    T_odom_bim = pose(5.0, 6.0, 7.0, 1.0) @ np.linalg.inv(drive.truth.poses[0])  # any frame will do
+    given = T_odom_bim @ drive.truth.poses[:count]
+    given[:, 0, 3] += np.linspace(0, 0.5, count)  # and it drifts
+    slam = SceneGraphSlam(drive.bim, KnowingMatcher(drive.truth.poses[0], "unique"), odometry=NoOdometry())
+    for (stamp_ns, points), T in zip(drive.scans[:count], given, strict=True):
+        update = slam.add_scan(stamp_ns, points, T_odom_sensor=T)
+        assert update.stamp_ns == stamp_ns
+    result = slam.finish()
+    np.testing.assert_array_equal(result.trajectory_odometry.poses, given)
+    assert np.sqrt(np.mean(drive.errors(result) ** 2)) < 0.03
+
+
+def test_updates_tell_what_is_known_so_far(drive: Drive) -> None:
+    slam = SceneGraphSlam(drive.bim, KnowingMatcher(drive.truth.poses[0], "unique"))
+    updates = [slam.add_scan(*scan) for scan in drive.scans]
+    np.testing.assert_array_equal(updates[0].T_map_sensor, np.eye(4))
+    keyframes, flags = [u.keyframes for u in updates], [u.anchored for u in updates]
+    assert keyframes[0] == 1 and set(np.diff(keyframes)) == {0, 1}
+    assert flags == sorted(flags) and flags[-1] and not flags[0]
+    in_map = np.linalg.inv(drive.truth.poses[0]) @ drive.truth.poses
+    live = np.stack([u.T_map_sensor for u in updates])
+    assert np.linalg.norm((live - in_map)[:, :3, 3], axis=1).max() < 0.2
+
+
+BAD_POINTS = {
+    "nan": np.array([[1.0, 2.0, np.nan], [1.0, 2.0, 3.0]]),
+    "infinite": np.array([[1.0, np.inf, 0.0]]),
+    "empty": np.empty((0, 3)),
+    "flat": np.ones((5, 2)),
+    "one row": np.ones(3),
+}
+
+
+@pytest.mark.parametrize("bad", BAD_POINTS)
+def test_a_bad_scan_is_refused_and_the_run_goes_on(drive: Drive, bad: str) -> None:
+    slam, clean = SceneGraphSlam(), SceneGraphSlam()
+    with pytest.raises(UserError, match="points"):
+        slam.add_scan(-1, BAD_POINTS[bad])  # even as the first one
+    for stamp_ns, points in drive.scans[:12]:
+        with pytest.raises(UserError, match=f"{stamp_ns} ns.*points"):
+            slam.add_scan(stamp_ns, BAD_POINTS[bad])
+        slam.add_scan(stamp_ns, points)
+    expected = fed(clean, drive.scans[:12]).finish()
+    assert slam.finish().trajectory.poses.tobytes() == expected.trajectory.poses.tobytes()
+
+
+def test_stamps_must_increase(drive: Drive) -> None:
+    slam = fed(SceneGraphSlam(), drive.scans[:3])
+    for stamp_ns in (drive.scans[2][0], drive.scans[1][0], -5):
+        with pytest.raises(UserError, match="must increase"):
+            slam.add_scan(stamp_ns, drive.scans[3][1])
+    result = fed(slam, drive.scans[3:5]).finish()
+    assert result.trajectory.stamps_ns.tolist() == [stamp for stamp, _ in drive.scans[:5]]
+
+
+def test_nothing_is_finished_before_the_first_scan() -> None:
+    with pytest.raises(UserError, match="no scan"):
+        SceneGraphSlam().finish()
+
+
+def test_a_single_scan_is_a_run(drive: Drive) -> None:
+    result = fed(SceneGraphSlam(drive.bim), drive.scans[:1]).finish()
+    assert len(result.trajectory) == 1 and not result.anchored
+    np.testing.assert_allclose(result.trajectory.poses[0], np.eye(4), atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 5, 30])
+def test_scans_of_a_few_points_are_survived(drive: Drive, count: int) -> None:
+    """A sensor that is covered for a while sees next to nothing."""
+    scans = [
+        (stamp, points if i < 10 or i > 15 else points[:count]) for i, (stamp, points) in enumerate(drive.scans[:30])
+    ]
+    result = fed(SceneGraphSlam(drive.bim), scans).finish()
+    assert len(result.trajectory) == 30 and np.isfinite(result.trajectory.poses).all()
