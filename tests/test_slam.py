@@ -1,7 +1,7 @@
 """Whole runs through a small building, whose plan and whose robot's true way are known."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -97,6 +97,21 @@ def test_rooms_and_walls_are_matched_to_their_like(drive: Drive, anchored: Resul
 def test_a_building_that_keeps_to_its_plan_shows_no_deviations(anchored: Result) -> None:
     assert len(anchored.deviations) >= 10
     assert not any(deviation["significant"] for deviation in anchored.deviations)
+
+
+def test_a_wall_that_was_built_elsewhere_is_told_and_bends_nothing(drive: Drive) -> None:
+    """The plan has an outer wall of the hall 10 cm further in than it was built."""
+    hall = next(room.id for room in drive.bim.graph.rooms if room.name == "Hall")
+    long = [w for w in drive.bim.graph.surfaces_of_room[hall] if (w.length or 0.0) > 9]
+    wrong = max(long, key=lambda w: float(np.linalg.norm(w.centroid - drive.bim.graph.centroid())))
+    planned = replace(wrong, centroid=tuple(np.add(wrong.centroid, 0.1 * np.array(wrong.normal)).tolist()), plane=None)
+    walls = tuple(planned if w.id == wrong.id else w for w in drive.bim.graph.wall_surfaces)
+    result = fed(SceneGraphSlam(replace(drive.bim.graph, wall_surfaces=walls)), drive.scans).finish()
+    assert result.anchored, result.reason
+    assert np.sqrt(np.mean(drive.errors(result) ** 2)) < 0.03
+    told = {d["a_id"]: d["offset_m"] for d in result.deviations if d["significant"]}
+    assert set(told) == {wrong.id}
+    assert told[wrong.id] == pytest.approx(-0.1, abs=0.02)
 
 
 def test_the_same_scans_give_the_same_bits(drive: Drive, anchored: Result) -> None:
