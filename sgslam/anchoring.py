@@ -36,7 +36,7 @@ class Match(Protocol):
         ...
 
     @property
-    def T_a_s(self) -> tuple[float, float, float] | None:
+    def T_a_s(self) -> tuple[float, float, float] | None:  # noqa: N802
         """(yaw, x, y) of the first hypothesis."""
         ...
 

@@ -48,9 +48,7 @@ def angle_and_distance(T: Array, U: Array) -> tuple[float, float]:
     return float(angle), float(np.linalg.norm(step[:3, 3]))
 
 
-def problem(
-    name: str, rng: np.random.Generator
-) -> tuple[gtsam.NoiseModelFactor, dict[int, Array], int | None, Array]:
+def problem(name: str, rng: np.random.Generator) -> tuple[gtsam.NoiseModelFactor, dict[int, Array], int | None, Array]:
     """A factor, the poses (4, 4) of its variables, its plane's key and value (4,), near zero residual."""
     T_map_pose, T_map_anchor = random_motion(rng), random_motion(rng)
     seen = np.array([*unit(rng), rng.uniform(1, 4)])
@@ -74,9 +72,7 @@ def problem(
     return build(), poses, P(0), plane_in(T_pose_anchor, seen)
 
 
-def values_of(
-    poses: dict[int, Array], plane: int | None, value: Array, rng: np.random.Generator
-) -> gtsam.Values:
+def values_of(poses: dict[int, Array], plane: int | None, value: Array, rng: np.random.Generator) -> gtsam.Values:
     values = gtsam.Values()
     for key, T in poses.items():
         values.insert(key, gtsam.Pose3(T))
@@ -178,9 +174,7 @@ def recovered(planes: bool, floor: bool, rooms: bool, rng: np.random.Generator) 
         T_bim_room[:2, 3] = (6.0 * number, 1.0)
         T_map_room = T_map_bim @ T_bim_room
         values.insert(R(number), gtsam.Pose3(T_map_room))
-        graph.add(
-            gtsam.PriorFactorPose3(R(number), gtsam.Pose3(T_map_room), factors.noise_of_pose(1e-3, 1e-3))
-        )
+        graph.add(gtsam.PriorFactorPose3(R(number), gtsam.Pose3(T_map_room), factors.noise_of_pose(1e-3, 1e-3)))
         graph.add(factors.anchor_room(T_bim_room, B(0), R(number), 0.01, 0.02))
     found = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().atPose3(B(0)).matrix()
     return T_map_bim, np.asarray(found)
