@@ -69,7 +69,8 @@ class FrontEnd:
         floor = self._floor(scan, T_sensor_level, height)
         if height is None:
             height = self.height
-        above = ColumnScan(scan.points + np.array([0.0, 0.0, height]), scan.column, scan.columns, scan.upright, scan.level)
+        raised = scan.points + np.array([0.0, 0.0, height])
+        above = ColumnScan(raised, scan.column, scan.columns, scan.upright, scan.level)
         T_sensor_above = T_sensor_level.copy()
         T_sensor_above[:3, 3] = -R_level_sensor.T[:, 2] * height
         walls = []
