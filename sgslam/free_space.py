@@ -68,9 +68,8 @@ def free_space(
         if len(outline) >= 3:
             cv2.fillPoly(free, [grid.to_cells(outline)], 1)
     wall = np.zeros(grid.shape, np.uint8)
-    for segment in segments:
-        first, last = grid.to_cells(segment)
-        cv2.line(wall, first.tolist(), last.tolist(), 1, 1)
+    for first, last in np.rint((segments - grid.origin) / grid.cell).astype(int).tolist():
+        cv2.line(wall, first, last, 1, 1)  # cuts at the border what goes beyond it; clipped ends would turn the line
     seen = np.zeros(grid.shape, np.int32)
     for points in lintels:
         if len(points):

@@ -73,7 +73,7 @@ def _segment(keyframes: list[KeyframeNode], walls: WallMap, T: Floats, config: C
 
 
 def _surfaces(walls: WallMap, segmentation: Segmentation, config: Config) -> tuple[list[WallSurface], dict[str, int]]:
-    """One surface for each room that a well-seen wall faces, and one for what faces no room."""
+    """One surface for each room that a well-seen wall faces, and one for the longest part that faces no room."""
     lines = walls.lines_of_estimates()
     covered = walls.coverage(_STEP)
     heights = walls.heights()
@@ -87,8 +87,7 @@ def _surfaces(walls: WallMap, segmentation: Segmentation, config: Config) -> tup
         places = covered[wall]
         points = places[:, None] * tangent - lines.offset[row] * normal
         facing = segmentation.grid.look_up(segmentation.labels, points + _INSIDE * normal)
-        for label in np.unique(facing).tolist():
-            mine = places[facing == label]
+        for label, mine in _by_room(places, facing).items():
             if len(mine) * _STEP < config.surfaces.min_length:
                 continue
             low, high = mine.min() - _STEP / 2, mine.max() + _STEP / 2
@@ -102,6 +101,17 @@ def _surfaces(walls: WallMap, segmentation: Segmentation, config: Config) -> tup
             )  # fmt: skip
             wall_of[name] = wall
     return surfaces, wall_of
+
+
+def _by_room(places: Floats, facing: NDArray[np.int32]) -> dict[int, Floats]:
+    """The places of a wall by the room that they face; as 0 the longest part that faces none and lies in no room's."""
+    parts = {label: places[facing == label] for label in np.unique(facing).tolist() if label}
+    free = facing == 0
+    for mine in parts.values():
+        free &= (places < mine.min()) | (places > mine.max())
+    where = np.flatnonzero(free)
+    longest = max(np.split(where, np.flatnonzero(np.diff(where) > 1) + 1), key=len)
+    return {0: places[longest], **parts}
 
 
 def _keyframes(
@@ -137,4 +147,3 @@ def _room_id(label: int) -> str:
 
 def _xy(point: Floats) -> tuple[float, float]:
     return float(point[0]), float(point[1])
-
