@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from data import SceneGraph, UserError
 from data.files import write_atomically, write_json
 from data.trajectory import Trajectory
-from sgslam.plan_drawing import ReportData
+from sgslam.report_data import ReportData
 from sgslam.settings import save_config
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def _write_report(
 
     data = ReportData(
         a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
-        result.matches, metrics,
+        result.matches, metrics, result.deviations,
     )  # fmt: skip
     write_report(data, out / "report.html")
     write_plan_png(data, out / "plan.png")

@@ -1,23 +1,30 @@
-"""What the plan from above shows, as plain geometry in one frame; drawn by `plan_view` (PNG) and `plan_svg`.
+"""What the plan and the 3D view show, as plain geometry in one frame.
 
-The plan's frame is the BIM frame where there is a BIM, else the map frame. `xy` arrays are metres.
+Drawn by `plan_view` (PNG), `plan_svg` and `scene_view`. The plan's frame is the BIM frame where there is a BIM, else
+the map frame; metres.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph import Floor, Room, SceneGraph, WallSurface
+from data.scene_graph import Floor, Room, WallSurface
 from data.trajectory import Trajectory
+from sgslam.deviation_bands import band_of, deviation_text
+from sgslam.frames import transform_points
+from sgslam.report_data import ReportData, placement, robots_floor
 
 Array = NDArray[np.float64]
 MAX_VERTICES = 3000  # of a drawn path: more than a screen resolves
+MAX_KEYFRAMES = 1000
 STUB_M = 0.4  # drawn length of a wall surface whose length is not known
+STOREY_M, SENSOR_M = 2.5, 1.0  # drawn height of a wall, and of the sensor above the floor, where not known
 LARGEST_TEXT_M, SMALLEST_TEXT_M = 0.42, 0.12
 GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
-BESIDE_M = 3.0  # gap between the plan and a map that nothing places in it
+STRAY = 0.3  # of the building's longer side: so far a drifting odometry may widen the view
 
 LABELS = {
     "bim-walls": "wall of the BIM",
@@ -30,37 +37,31 @@ LABELS = {
     "trajectory": "after anchoring (final)",
     "truth": "ground truth",
 }
-NOT_ANCHORED = {"odometry": "odometry", "trajectory": "trajectory, not anchored"}
+NOT_ANCHORED = {
+    "walls-matched": "mapped wall, matched by the best guess",
+    "rooms-matched": "room of the BIM in the best guess",
+    "odometry": "odometry",
+    "trajectory": "trajectory, not anchored",
+}
 
 PathKind = Literal["odometry", "truth", "trajectory"]
 
 
 @dataclass(frozen=True)
-class ReportData:
-    """All that the report and the plan are made of; every part in the form that the run writes it.
+class DrawnWall:
+    """`ends` (2, 2) in plan, the first to the left of one who looks along the normal; `z` of its lower and upper edge.
 
-    `s_graph` and both trajectories are in the map frame (odometry: its own, which starts where the map does),
-    `a_graph` and `truth` in the BIM frame. `matches` and `metrics` have the forms of matches.json and
-    metrics.json.
+    `title` names it when pointed at; `band` is how far it lies off the plan (see `deviation_bands`), None where not
+    known.
     """
 
-    a_graph: SceneGraph | None
-    s_graph: SceneGraph
-    trajectory_map: Trajectory
-    trajectory_odometry: Trajectory
-    truth: Trajectory | None
-    T_bim_map: Array | None
-    matches: dict[str, Any] | None
-    metrics: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class DrawnWall:
-    """`ends` is (2, 2); `title` names it when pointed at."""
-
+    id: str
     ends: Array
+    z: tuple[float, float]
     matched: bool
     title: str
+    band: str | None = None
+    significant: bool = False
 
 
 @dataclass(frozen=True)
@@ -83,10 +84,10 @@ class DrawnRoom:
 
 @dataclass(frozen=True)
 class PlanDrawing:
-    """One storey from above.
+    """One storey.
 
-    `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `labels` names the
-    layers: what the legends say.
+    `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `paths` are (N, 3),
+    `keyframes` (K, 3). `floor_z` is the floor's height. `labels` names the layers: what the legends say.
     """
 
     heading: str
@@ -96,77 +97,100 @@ class PlanDrawing:
     map_rooms: tuple[DrawnRoom, ...]
     match_lines: Array
     paths: dict[PathKind, Array]
+    keyframes: Array
+    floor_z: float
     labels: dict[str, str]
 
     def bounds(self) -> tuple[Array, Array]:
-        """The lower left and upper right corners (2,) of all that is drawn."""
+        """The lower left and upper right corners (2,) of the view: all but an odometry that strays far away."""
         parts = [w.ends for w in (*self.bim_walls, *self.map_walls)]
         for room in (*self.bim_rooms, *self.map_rooms):
             parts.append(room.label[None] if room.outline is None else room.outline)
-        points = np.vstack([*parts, *self.paths.values(), np.empty((0, 2))])
+        paths = {kind: path[:, :2] for kind, path in self.paths.items()}
+        points = np.vstack([*parts, *(p for kind, p in paths.items() if kind != "odometry"), np.empty((0, 2))])
         if not len(points):
             return np.array([-1.0, -1.0]), np.array([1.0, 1.0])
-        return points.min(axis=0), points.max(axis=0)
+        low, high = points.min(axis=0), points.max(axis=0)
+        stray = max(STRAY * float((high - low).max()), 1.0)
+        strayed = np.clip(paths.get("odometry", points), low - stray, high + stray)
+        return np.minimum(low, strayed.min(axis=0)), np.maximum(high, strayed.max(axis=0))
+
+    def centre(self) -> Array:
+        """(2,) whole metres in the middle: what drawings take as their origin."""
+        low, high = self.bounds()
+        return np.round((low + high) / 2)
+
+    @property
+    def with_deviations(self) -> bool:
+        """Whether the distance to the plan is known of any mapped wall."""
+        return any(w.band for w in self.map_walls)
 
 
 def plan_drawing(data: ReportData) -> PlanDrawing:
     """Chooses the storey, places the map in the plan, and turns all of it into lines and outlines."""
     floor = robots_floor(data)
-    walls_a = [w for w in data.a_graph.wall_surfaces if _on(w, floor)] if data.a_graph else []
-    rooms_a = [r for r in data.a_graph.rooms if _on(r, floor)] if data.a_graph else []
-    T_plan_map, heading = _placement(data, floor, walls_a, rooms_a)
-    matched_walls, matched_rooms = _pairs(data, "wall_surfaces"), _pairs(data, "rooms")
+    T_plan_map, heading = placement(data, floor)
+    floor_z = _floor_z(data, floor, T_plan_map)
+    rooms_a = [r for r in (data.a_graph.rooms if data.a_graph else ()) if _on(r, floor)]
+    matched_rooms = data.pairs("rooms")
     names = {r.id: r.name or r.id for r in (*rooms_a, *data.s_graph.rooms)}
     labels = {r.id: np.array(r.centroid) for r in rooms_a}
     taken_a = {a for a, _ in matched_rooms.values()}
-    identity = np.eye(4)
+    bim_walls = planned_walls(data, floor, floor_z)
     return PlanDrawing(
         heading,
-        tuple(_wall(w, identity, False, f"{w.id} {w.source}".strip()) for w in walls_a),
-        tuple(_room(r, identity, r.id in taken_a, names[r.id]) for r in rooms_a),
-        tuple(_wall(w, T_plan_map, w.id in matched_walls, _pair_title(w.id, matched_walls)) for w in
-              data.s_graph.wall_surfaces),
+        bim_walls,
+        tuple(_room(r, np.eye(4), r.id in taken_a, names[r.id]) for r in rooms_a),
+        mapped_walls(data, T_plan_map, floor_z),
         tuple(_room(r, T_plan_map, r.id in matched_rooms, _pair_title(r.id, matched_rooms, names),
                     labels.get(matched_rooms.get(r.id, ("", 0.0))[0])) for r in data.s_graph.rooms),
-        _match_lines(data, T_plan_map, matched_walls, {w.id for w in walls_a}),
+        _match_lines(data, T_plan_map, {w.id for w in bim_walls}),
         _paths(data, T_plan_map),
+        _keyframes(data, T_plan_map),
+        floor_z,
         LABELS if data.T_bim_map is not None else LABELS | NOT_ANCHORED,
     )  # fmt: skip
 
 
-def robots_floor(data: ReportData) -> Floor | None:
-    """The BIM's storey that the robot drives on; None where the BIM has none.
+def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tuple[DrawnWall, ...]:
+    """The BIM's wall surfaces on a storey (all where it is None), in the BIM frame."""
+    walls = [w for w in (data.a_graph.wall_surfaces if data.a_graph else ()) if _on(w, floor)]
+    absent = {d["a_id"] for d in data.deviations if d["kind"] == "absent"}
+    return tuple(
+        _wall(w, np.eye(4), floor_z, False, f"{w.id} {w.source}{': not there' if w.id in absent else ''}")
+        for w in walls
+    )
 
-    The match names it; else the height of the anchored trajectory, or of the true one; else it is the storey
-    with the most rooms.
-    """
-    floors = data.a_graph.floors if data.a_graph else ()
-    if not floors or data.a_graph is None:
-        return None
-    matches = data.matches or {}
-    named = [matches.get("floor"), *(h.get("floor") for h in matches.get("hypotheses") or ())]
-    for floor_id in named:
-        if found := [f for f in floors if f.id == floor_id]:
-            return found[0]
-    known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
-    in_bim = data.truth
-    if data.T_bim_map is not None:
-        in_bim = data.trajectory_map.transformed(data.T_bim_map)
-    if in_bim is not None and known and len(in_bim):
-        height = float(np.median(in_bim.positions[:, 2]))
-        below = [i for elevation, i in known if elevation <= height]
-        return floors[below[-1] if below else known[0][1]]
-    rooms = data.a_graph.rooms
-    return max(floors, key=lambda f: sum(r.floor == f.id for r in rooms))
+
+def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[DrawnWall, ...]:
+    """The map's wall surfaces, placed in the plan, with their deviations from it."""
+    pairs = data.pairs("wall_surfaces")
+    found = {d["s_id"]: d for d in data.deviations if d["s_id"] is not None}
+    drawn = []
+    for w in data.s_graph.wall_surfaces:
+        title, deviation = _pair_title(w.id, pairs), found.get(w.id)
+        if deviation is None:
+            drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title))
+            continue
+        title += f"\n{deviation_text(deviation)}"
+        band, significant = band_of(deviation["offset_m"]), bool(deviation["significant"])
+        drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, band, significant))
+    return tuple(drawn)
+
+
+def _floor_z(data: ReportData, floor: Floor | None, T_plan_map: Array) -> float:
+    """The storey's elevation; else the mapped floor's; else so far below the sensor as a robot's may be."""
+    if floor is not None and floor.elevation is not None:
+        return floor.elevation
+    mapped = [f.elevation for f in data.s_graph.floors if f.elevation is not None]
+    if mapped:
+        return float(T_plan_map[2, 3] + mapped[0])
+    heights = _placed(data.trajectory_map.positions, T_plan_map)[:, 2]
+    return float(np.median(heights)) - SENSOR_M if len(heights) else 0.0
 
 
 def _on(item: WallSurface | Room, floor: Floor | None) -> bool:
     return floor is None or item.floor == floor.id
-
-
-def _pairs(data: ReportData, kind: str) -> dict[str, tuple[str, float]]:
-    """S id to (A id, confidence)."""
-    return {s: (a, confidence) for s, a, confidence in (data.matches or {}).get(kind) or ()}
 
 
 def _pair_title(s_id: str, pairs: dict[str, tuple[str, float]], names: dict[str, str] | None = None) -> str:
@@ -177,35 +201,8 @@ def _pair_title(s_id: str, pairs: dict[str, tuple[str, float]], names: dict[str,
     return f"{shown.get(s_id, s_id)} is {shown.get(a_id, a_id)} ({confidence:.2f})"
 
 
-def _placement(
-    data: ReportData, floor: Floor | None, walls_a: list[WallSurface], rooms_a: list[Room]
-) -> tuple[Array, str]:
-    """T_plan_map (4, 4), and the plan's heading, which says how sure it is."""
-    if data.a_graph is None:
-        return np.eye(4), "The map (no BIM was given)"
-    storey = (floor.name or floor.id) if floor else "The plan"
-    if data.T_bim_map is not None:
-        return data.T_bim_map, storey
-    matches = data.matches or {}
-    guesses = [matches.get("T_a_s"), *(h.get("T_a_s") for h in matches.get("hypotheses") or ())]
-    guess = next((g for g in guesses if g is not None), None)
-    T = np.eye(4)
-    if guess is not None:
-        yaw, x, y = guess
-        T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-        T[:2, 3] = x, y
-        return T, f"{storey}; the map is placed by the best guess, which was not committed to"
-    plan = [np.array(w.centroid) for w in walls_a] + [np.array(r.centroid) for r in rooms_a]
-    ours = [np.array(w.centroid) for w in data.s_graph.wall_surfaces]
-    ours += list(data.trajectory_map.positions[:, :2])
-    if plan and ours:
-        T[0, 3] = np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0] + BESIDE_M
-        T[1, 3] = np.mean(plan, axis=0)[1] - np.mean(ours, axis=0)[1]
-    return T, f"{storey}; the map lies beside it, its place is not known"
-
-
-def _placed(points: Array, T: Array) -> Array:
-    return points @ T[:3, :3].T + T[:3, 3]
+def _placed(points: Any, T: Array) -> Array:
+    return transform_points(T, np.asarray(points, dtype=float).reshape(-1, 3))
 
 
 def _placed_xy(points: Any, T: Array) -> Array:
@@ -213,10 +210,17 @@ def _placed_xy(points: Any, T: Array) -> Array:
     return xy @ T[:2, :2].T + T[:2, 3]
 
 
-def _wall(wall: WallSurface, T_plan: Array, matched: bool, title: str) -> DrawnWall:
+def _wall(
+    wall: WallSurface, T_plan: Array, floor_z: float, matched: bool, title: str, band: str | None = None,
+    significant: bool = False,
+) -> DrawnWall:  # fmt: skip
     centre, (nx, ny) = np.array(wall.centroid), wall.normal
     half = np.array([-ny, nx]) * (wall.length or STUB_M) / 2
-    return DrawnWall(_placed_xy([centre + half, centre - half], T_plan), matched, title)
+    z = (floor_z, floor_z + STOREY_M)
+    if wall.height is not None:
+        z = wall.height[0] + float(T_plan[2, 3]), wall.height[1] + float(T_plan[2, 3])
+    ends = _placed_xy([centre + half, centre - half], T_plan)
+    return DrawnWall(wall.id, ends, z, matched, title.strip(), band, significant)
 
 
 def _room(room: Room, T_plan: Array, matched: bool, title: str, label: Array | None = None) -> DrawnRoom:
@@ -225,11 +229,9 @@ def _room(room: Room, T_plan: Array, matched: bool, title: str, label: Array | N
     return DrawnRoom(outline, label, room.name or room.id, matched, title)
 
 
-def _match_lines(
-    data: ReportData, T_plan_map: Array, pairs: dict[str, tuple[str, float]], shown_a: set[str]
-) -> Array:
+def _match_lines(data: ReportData, T_plan_map: Array, shown_a: Iterable[str]) -> Array:
     lines = []
-    for s_id, (a_id, _) in pairs.items():
+    for s_id, (a_id, _) in data.pairs("wall_surfaces").items():
         if data.a_graph and s_id in data.s_graph.surface_by_id and a_id in shown_a:
             ours = _placed_xy(data.s_graph.surface_by_id[s_id].centroid, T_plan_map)[0]
             lines.append([ours, np.array(data.a_graph.surface_by_id[a_id].centroid)])
@@ -249,7 +251,14 @@ def _paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, Array]:
 
 
 def _path(trajectory: Trajectory, T_plan: Array) -> Array:
-    if not len(trajectory):
-        return np.empty((0, 2))
-    chosen = np.unique(np.linspace(0, len(trajectory) - 1, MAX_VERTICES).astype(int))
-    return _placed(trajectory.positions[chosen], T_plan)[:, :2]
+    return _placed(trajectory.positions[thinned(len(trajectory), MAX_VERTICES)], T_plan)
+
+
+def _keyframes(data: ReportData, T_plan_map: Array) -> Array:
+    positions = _placed([k.pose[:3] for k in data.s_graph.keyframes], T_plan_map)
+    return positions[thinned(len(positions), MAX_KEYFRAMES)]
+
+
+def thinned(count: int, most: int) -> NDArray[np.intp]:
+    """Indices of at most `most` of `count` items, evenly, the first and the last among them."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)

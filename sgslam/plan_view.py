@@ -7,15 +7,19 @@ from typing import Any
 import numpy as np
 
 from data.files import write_atomically
-from sgslam.plan_drawing import PlanDrawing, ReportData, plan_drawing
+from sgslam.deviation_bands import BANDS, band_labels
+from sgslam.plan_drawing import DrawnWall, PlanDrawing, plan_drawing
+from sgslam.report_data import ReportData
 
-LONG_SIDE_INCH, DPI = 12.0, 150
+LONG_SIDE_INCH, LEGEND_INCH, DPI = 12.0, 2.3, 150
+MARGIN = 0.03  # of the longer side
 LARGEST_TEXT, SMALLEST_TEXT = 9.0, 3.0  # points; a name that would be smaller is left out
-BIM, ROOM, MATCHED, UNMATCHED = "#a3a9b2", "#e7f3f1", "#0f8a7b", "#d96c1a"
+BIM, ROOM, MATCHED, UNMATCHED = "#a3a9b2", "#e7f3f1", "#0f8a7b", "#c0508c"
+BAND_COLORS = ("#1f4aa8", "#4f86d4", "#8fbbe8", MATCHED, "#eeb04e", "#dd7a1c", "#b03a10")
 PATHS: dict[str, dict[str, Any]] = {
-    "odometry": {"color": "#8b5cf6", "lw": 1.1, "ls": (0, (4, 3))},
+    "odometry": {"color": "#a78bfa", "lw": 1.1, "ls": (0, (4, 3))},
     "truth": {"color": "#1c1f23", "lw": 0.8, "ls": ":"},
-    "trajectory": {"color": "#2563eb", "lw": 1.6, "ls": "-"},
+    "trajectory": {"color": "#6d28d9", "lw": 1.6, "ls": "-"},
 }
 
 
@@ -27,14 +31,17 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
 
     drawing = plan_drawing(data)
     low, high = drawing.bounds()
-    width, height = np.maximum(high - low, 1.0)
+    margin = max(0.5, MARGIN * float(max(high - low)))
+    width, height = np.maximum(high - low + 2 * margin, 1.0)
     scale = LONG_SIDE_INCH / max(width, height)
-    size = (max(width * scale, 5.0) + 1, max(height * scale, 4.0) + 1.6)
+    size = (max(width * scale, 5.0) + 1, max(height * scale, 4.0) + LEGEND_INCH)
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.15))
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     _draw(axes, drawing)
     _names(axes, drawing, points_per_metre=72 * scale)
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(low[1] - margin, high[1] + margin)
     axes.set_aspect("equal")
     axes.set_title(drawing.heading, loc="left", fontsize=12, parse_math=False)
     frame = "BIM" if data.a_graph is not None else "map"
@@ -62,21 +69,32 @@ def _draw(axes: Any, drawing: PlanDrawing) -> None:
     for layer, (outlines, style) in fills.items():
         if known := [outline for outline in outlines if outline is not None]:
             axes.add_collection(PolyCollection(known, label=drawing.labels[layer], **style))
-    lines = {
-        "bim-walls": ([w.ends for w in drawing.bim_walls], BIM, 3.2),
-        "walls-unmatched": ([w.ends for w in drawing.map_walls if not w.matched], UNMATCHED, 1.6),
-        "walls-matched": ([w.ends for w in drawing.map_walls if w.matched], MATCHED, 1.6),
-        "matches": (list(drawing.match_lines), MATCHED, 0.6),
-    }
-    for layer, (ends, color, width) in lines.items():
-        if ends:
-            collection = LineCollection(ends, colors=color, linewidths=width, label=drawing.labels[layer])
-            axes.add_collection(collection)
-    for kind, xy in drawing.paths.items():
-        axes.plot(*xy.T, label=drawing.labels[kind], **PATHS[kind])
+    matched = [w for w in drawing.map_walls if w.matched]
+    for layer, walls, color, width in (
+        ("bim-walls", list(drawing.bim_walls), BIM, 3.2),
+        ("walls-unmatched", [w for w in drawing.map_walls if not w.matched], UNMATCHED, 1.6),
+        ("walls-matched", [w for w in matched if w.band is None], MATCHED, 1.6),
+    ):
+        _lines(axes, walls, color, width, drawing.labels[layer])
+    for band, color in zip(BANDS, BAND_COLORS, strict=True):
+        off = [w for w in matched if w.band == band]
+        _lines(axes, off, color, [3.2 if w.significant else 1.6 for w in off], band_labels()[band])
+    if len(drawing.match_lines):
+        ends, label = list(drawing.match_lines), drawing.labels["matches"]
+        axes.add_collection(LineCollection(ends, colors=MATCHED, linewidths=0.6, label=label))
+    for kind, path in drawing.paths.items():
+        axes.plot(*path[:, :2].T, label=drawing.labels[kind], **PATHS[kind])
     if "trajectory" in drawing.paths:
-        axes.plot(*drawing.paths["trajectory"][0], "o", ms=6, color="#2563eb", mec="white", label="start")
-    axes.autoscale_view()
+        start = drawing.paths["trajectory"][0, :2]
+        axes.plot(*start, "o", ms=6, color=PATHS["trajectory"]["color"], mec="white", label="start")
+
+
+def _lines(axes: Any, walls: list[DrawnWall], color: str, widths: float | list[float], label: str) -> None:
+    from matplotlib.collections import LineCollection
+
+    if walls:
+        ends = [w.ends for w in walls]
+        axes.add_collection(LineCollection(ends, colors=color, linewidths=widths, label=label))
 
 
 def _names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None:

@@ -1,0 +1,54 @@
+"""How far a mapped wall lies off the plan, in bands of millimetres: one colour each, the same in every drawing."""
+
+import math
+from typing import Any
+
+LIMITS_MM = (10, 30, 100)
+# from the wall that stands furthest back, out of its room, to the one that stands furthest into it
+BANDS = ("back-3", "back-2", "back-1", "as-planned", "into-1", "into-2", "into-3")
+MINUS = "\N{MINUS SIGN}"
+
+
+def band_of(offset_m: float | None) -> str | None:
+    """The band of an offset along the plan's inward normal; None where there is no offset."""
+    if offset_m is None:
+        return None
+    steps = sum(abs(offset_m) * 1000 >= limit for limit in LIMITS_MM)
+    return BANDS[len(LIMITS_MM) + (steps if offset_m > 0 else -steps)]
+
+
+def band_labels() -> dict[str, str]:
+    """What each band stands for, in millimetres."""
+    near, middle, far = LIMITS_MM
+    texts = (f"over {far}", f"{middle} to {far}", f"{near} to {middle}")
+    back = [f"{text} mm back" for text in texts]
+    into = [f"{text} mm into the room" for text in reversed(texts)]
+    return dict(zip(BANDS, [*back, f"as planned (under {near} mm)", *into], strict=True))
+
+
+def signed_mm(offset_m: float | None) -> str:
+    """Such as `+12.3 mm`."""
+    return "" if offset_m is None else f"{_signed(offset_m * 1000, 1)} mm"
+
+
+def degrees(tilt_rad: float | None) -> str:
+    """Such as `+0.04°`."""
+    return "" if tilt_rad is None else f"{_signed(math.degrees(tilt_rad), 2)}°"
+
+
+def deviation_text(deviation: dict[str, Any]) -> str:
+    """One line for the one who points at the wall."""
+    if deviation["kind"] != "moved":
+        return f"{deviation['kind']}{', significant' if deviation['significant'] else ''}"
+    parts = [f"offset {signed_mm(deviation['offset_m'])}"]
+    if deviation.get("sigma_m") is not None:
+        parts.append(f"sigma {deviation['sigma_m'] * 1000:.1f} mm")
+    if deviation.get("tilt_rad") is not None:
+        parts.append(f"tilt {degrees(deviation['tilt_rad'])}")
+    return ", ".join([*parts, *(["significant"] if deviation["significant"] else [])])
+
+
+def _signed(value: float, digits: int) -> str:
+    text = f"{abs(value):.{digits}f}"
+    sign = "" if float(text) == 0 else "+" if value > 0 else MINUS
+    return sign + text

@@ -1,0 +1,113 @@
+"""What the report and the plan are made of, and where the map lies in the plan."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scene_graph import Floor, Room, SceneGraph, WallSurface
+from data.trajectory import Trajectory
+from sgslam.frames import se2_to_se3
+
+Array = NDArray[np.float64]
+BESIDE_M = 3.0  # gap between the plan and a map that nothing places in it
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """All that the report and the plan are made of; every part in the form that the run writes it.
+
+    `s_graph` and both trajectories are in the map frame (odometry: its own, which starts where the map does),
+    `a_graph` and `truth` in the BIM frame. `matches`, `metrics` and `deviations` have the forms of matches.json,
+    metrics.json and deviations.json.
+    """
+
+    a_graph: SceneGraph | None
+    s_graph: SceneGraph
+    trajectory_map: Trajectory
+    trajectory_odometry: Trajectory
+    truth: Trajectory | None
+    T_bim_map: Array | None
+    matches: dict[str, Any] | None
+    metrics: dict[str, Any]
+    deviations: list[dict[str, Any]]
+
+    @property
+    def hypotheses(self) -> list[dict[str, Any]]:
+        """The places that the matcher considered, the best first."""
+        return list((self.matches or {}).get("hypotheses") or ())
+
+    def pairs(self, kind: str) -> dict[str, tuple[str, float]]:
+        """S id to (A id, confidence); `kind` is `rooms` or `wall_surfaces`."""
+        return {s: (a, confidence) for s, a, confidence in (self.matches or {}).get(kind) or ()}
+
+    def matched_rooms(self) -> int:
+        """The number of the map's rooms that have a match."""
+        return len(self.pairs("rooms").keys() & self.s_graph.room_by_id.keys())
+
+    def floor_named(self, floor_id: str | None) -> Floor | None:
+        """The BIM's storey of that id."""
+        floors = self.a_graph.floors if self.a_graph else ()
+        return next((f for f in floors if f.id == floor_id), None)
+
+
+def robots_floor(data: ReportData) -> Floor | None:
+    """The BIM's storey that the robot drives on; None where the BIM has none.
+
+    The match names it; else the height of the anchored trajectory, or of the true one; else it is the storey
+    with the most rooms.
+    """
+    if data.a_graph is None or not data.a_graph.floors:
+        return None
+    for floor_id in ((data.matches or {}).get("floor"), *(h.get("floor") for h in data.hypotheses)):
+        if (floor := data.floor_named(floor_id)) is not None:
+            return floor
+    floors, rooms = data.a_graph.floors, data.a_graph.rooms
+    known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
+    in_bim = data.truth
+    if data.T_bim_map is not None:
+        in_bim = data.trajectory_map.transformed(data.T_bim_map)
+    if in_bim is not None and known and len(in_bim):
+        height = float(np.median(in_bim.positions[:, 2]))
+        below = [i for elevation, i in known if elevation <= height]
+        return floors[below[-1] if below else known[0][1]]
+    return max(floors, key=lambda f: sum(r.floor == f.id for r in rooms))
+
+
+def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
+    """T_plan_map (4, 4), and the plan's heading, which says how sure it is.
+
+    The plan's frame is the BIM frame where there is a BIM, else the map frame.
+    """
+    if data.a_graph is None:
+        return np.eye(4), "The map (no BIM was given)"
+    storey = (floor.name or floor.id) if floor else "The plan"
+    if data.T_bim_map is not None:
+        return data.T_bim_map, storey
+    guesses = [(data.matches or {}).get("T_a_s"), *(h.get("T_a_s") for h in data.hypotheses)]
+    guess = next((g for g in guesses if g is not None), None)
+    if guess is not None:
+        return guessed(data, guess, floor), f"{storey}; the map is placed by the best guess, which was not committed to"
+    return _beside(data, floor), f"{storey}; the map lies beside it, its place is not known"
+
+
+def guessed(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
+    """T_bim_map (4, 4) by a hypothesis `T_a_s` [yaw, x, y]: the map's floor on the storey's."""
+    planned = floor.elevation if floor else None
+    ours = next((f.elevation for f in data.s_graph.floors if f.elevation is not None), None)
+    yaw, x, y = T_a_s
+    return se2_to_se3(yaw, x, y, planned - ours if planned is not None and ours is not None else 0.0)
+
+
+def _beside(data: ReportData, floor: Floor | None) -> Array:
+    assert data.a_graph is not None
+    items: list[WallSurface | Room] = [*data.a_graph.wall_surfaces, *data.a_graph.rooms]
+    plan = [item.centroid for item in items if floor is None or item.floor == floor.id]
+    ours: list[Any] = [w.centroid for w in data.s_graph.wall_surfaces]
+    ours += list(data.trajectory_map.positions[:, :2])
+    if not plan or not ours:
+        return guessed(data, [0.0, 0.0, 0.0], floor)
+    x = float(np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0]) + BESIDE_M
+    y = float(np.mean(plan, axis=0)[1] - np.mean(ours, axis=0)[1])
+    return guessed(data, [0.0, x, y], floor)
