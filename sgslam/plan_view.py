@@ -78,7 +78,7 @@ def _draw(axes: Any, drawing: PlanDrawing) -> None:
         _lines(axes, walls, color, width, drawing.labels[layer])
     for band, color in zip(BANDS, BAND_COLORS, strict=True):
         off = [w for w in matched if w.band == band]
-        _lines(axes, off, color, [3.2 if w.significant else 1.6 for w in off], band_labels()[band])
+        _lines(axes, off, color, [3.2 if w.significant else 1.6 for w in off], f"mapped wall, {band_labels()[band]}")
     if len(drawing.match_lines):
         ends, label = list(drawing.match_lines), drawing.labels["matches"]
         axes.add_collection(LineCollection(ends, colors=MATCHED, linewidths=0.6, label=label))
