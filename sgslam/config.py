@@ -19,8 +19,8 @@ class OdometrySettings(_Settings):
     max_turn: float = Field(0.8, gt=0, description="rad from scan to scan, likewise")
     max_tip: float = Field(0.25, gt=0, description="rad by which the vertical tips from scan to scan, likewise")
     min_share: float = Field(0.4, ge=0, le=1, description="of a scan that a search must explain")
-    sigma_rotation: float = Field(0.01, gt=0, description="rad, a step between keyframes")
-    sigma_translation: float = Field(0.04, gt=0, description="m, a step between keyframes")
+    sigma_rotation: float = Field(0.004, gt=0, description="rad, a step between keyframes")
+    sigma_translation: float = Field(0.015, gt=0, description="m, a step between keyframes")
 
 
 class TrackingSettings(_Settings):
@@ -30,9 +30,11 @@ class TrackingSettings(_Settings):
     every_column: int = Field(3, ge=1, description="of a scan that is used, for odometry too")
     reach: float = Field(20.0, gt=0, description="m to the walls that are used")
     gates: tuple[float, ...] = Field((0.5, 0.25, 0.12), description="m from a wall, one for each step")
-    sigma_point: float = Field(0.15, gt=0, description="m; neighbouring points share their errors")
+    sigma_point: float = Field(0.05, gt=0, description="m; neighbouring points share their errors")
     huber: float = Field(0.03, gt=0, description="m")
     sigma_height: float = Field(0.03, gt=0, description="m by which the sensor's height above the floor changes")
+    sigma_tilt: float = Field(0.02, gt=0, description="rad by which the sensor leans to and fro as it is carried")
+    tilt_memory: float = Field(0.05, gt=0, le=1, description="share by which its mean tilt follows each scan")
     sigma_translation: float = Field(0.05, gt=0, description="m, of the odometry's word for one scan")
     sigma_rotation: float = Field(0.02, gt=0, description="rad, likewise")
 

@@ -26,6 +26,15 @@ def inverse(T: Floats) -> Floats:
     return result
 
 
+def is_rigid(T: Floats) -> bool:
+    """Whether an array is a finite rigid motion (4, 4), rotation proper to 1e-5."""
+    T = np.asarray(T)
+    if T.shape != (4, 4) or not np.all(np.isfinite(T)) or not np.array_equal(T[3], [0.0, 0.0, 0.0, 1.0]):
+        return False
+    R = T[:3, :3]
+    return bool(np.allclose(R @ R.T, np.eye(3), atol=1e-5) and np.linalg.det(R) > 0)
+
+
 def transform_planes(T_a_b: Floats, planes_in_b: Floats) -> Floats:
     """(..., 4) planes in frame a, of planes (..., 4) in frame b: n_a = R n_b, d_a = d_b - n_a . t."""
     normal = (T_a_b[..., :3, :3] @ planes_in_b[..., :3, None])[..., 0]

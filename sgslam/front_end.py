@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.floor_extraction import FloorObservation, extract_floor
 from sgslam.frames import inverse, levelling, transform_planes
-from sgslam.tracking import track
+from sgslam.tracking import Carried, track
 from sgslam.virtual_scan import ColumnScan, contour, sort_into_columns
 from sgslam.wall_extraction import WallObservation, extract_walls
 from sgslam.wall_map import Lines
@@ -32,7 +33,7 @@ def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
 
 
 def align(
-    scan: ColumnScan, walls: Lines, T_map_sensor: Floats, T_level_map: Floats, height: float, config: Config
+    scan: ColumnScan, walls: Lines, T_map_sensor: Floats, T_level_map: Floats, carried: Carried, config: Config
 ) -> tuple[Floats, float]:
     """Corrects a predicted T_map_sensor by the walls and the floor; returns it and the share of points on walls.
 
@@ -40,7 +41,7 @@ def align(
     """
     surfaces = config.surfaces
     bands = (surfaces.low_band[0], surfaces.high_band[1])
-    tracked = track(scan, walls, T_level_map @ T_map_sensor, height, bands, config.tracking)
+    tracked = track(scan, walls, T_level_map @ T_map_sensor, carried, bands, config.tracking)
     return inverse(T_level_map) @ tracked.T, tracked.share
 
 
@@ -50,6 +51,17 @@ class FrontEnd:
     def __init__(self, config: Config) -> None:
         self._config = config
         self.sensor_height: float | None = None
+        self._up_in_sensor: Floats | None = None
+
+    def carried(self) -> Carried:
+        """How the sensor has been carried lately."""
+        up = np.array([0.0, 0.0, 1.0]) if self._up_in_sensor is None else self._up_in_sensor
+        return Carried(self.height, up)
+
+    def follow(self, T_level_sensor: Floats) -> None:
+        """Takes note of how the sensor was carried in the newest scan."""
+        share = 1.0 if self._up_in_sensor is None else self._config.tracking.tilt_memory
+        self._up_in_sensor = self.carried().followed_by(T_level_sensor, share).up_in_sensor
 
     def columns(self, points: Floats) -> ColumnScan:
         """Sorts a scan (N, 3), sensor frame."""
@@ -94,6 +106,18 @@ class FrontEnd:
         self.sensor_height = seen if self.sensor_height is None else 0.9 * self.sensor_height + 0.1 * seen
         plane = transform_planes(T_sensor_level, floor.plane)
         return FloorObservation(plane, floor.sigma_normal, floor.sigma_offset, floor.points)
+
+
+def upright_step(predicted: Floats, last_map: Floats, up_in_map: Floats) -> Floats:
+    """The predicted T_map_sensor without the tilt since `last_map`: of a turn only the part about the vertical.
+
+    KISS-ICP leans by degrees from scan to scan where few rings see floor and ceiling; a sensor in a building hardly
+    does, and what it does lean, the walls and the floor tell.
+    """
+    turn = gtsam.Rot3.Logmap(gtsam.Rot3(predicted[:3, :3] @ last_map[:3, :3].T))
+    upright = predicted.copy()
+    upright[:3, :3] = gtsam.Rot3.Expmap(up_in_map * (up_in_map @ turn)).matrix() @ last_map[:3, :3]
+    return upright
 
 
 def predict(last_map: Floats, last_odom: Floats, now_odom: Floats) -> Floats:

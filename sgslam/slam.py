@@ -12,12 +12,13 @@ from data.bim import Bim
 from sgslam.anchoring import Anchoring, AnyMatcher
 from sgslam.backend import Backend
 from sgslam.config import Config
-from sgslam.frames import inverse, level_map, transform_planes
-from sgslam.front_end import FrontEnd, align, level_to_sensor, predict
+from sgslam.frames import inverse, is_rigid, level_map, transform_planes
+from sgslam.front_end import FrontEnd, align, level_to_sensor, predict, upright_step
 from sgslam.keyframes import KeyframeNode, KeyframeRule
 from sgslam.odometry import KissOdometry, Odometry
 from sgslam.result import Result, ScanPose, Update, finished
 from sgslam.scene import Scene, build_scene
+from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
@@ -56,29 +57,34 @@ class SceneGraphSlam:
     ) -> Update:
         """Adds one scan: (N, 3) metres, sensor frame. `T_odom_sensor` (4, 4) replaces our own odometry for it.
 
-        `point_times` are accepted and not used yet. Raises UserError for stamps that do not increase and for points
-        that are not finite.
+        `point_times` are accepted and not used yet. Raises UserError for stamps that do not increase, for points that
+        are not finite, and for a `T_odom_sensor` that is no rigid motion; the run goes on without that scan.
         """
-        points = self._checked(stamp_ns, points)
+        points = self._checked(stamp_ns, points, T_odom_sensor)
         with self._clock("odometry"):
             columns = self._front_end.columns(points)
+            given = T_odom_sensor is not None
             if T_odom_sensor is None:
                 T_odom_sensor = self._odometry.register(columns.points[columns.upright], self._expected_step())
-        if not self._scans:
-            T_map_sensor = np.eye(4)
-            self._walls.T_level_map = level_map(None, self._front_end.height)
-        else:
-            last = self._scans[-1]
-            with self._clock("odometry"):
-                guess = predict(last.T_map_sensor, last.T_odom_sensor, T_odom_sensor)
-                T_map_sensor, _ = align(
-                    columns, self._walls.lines, guess, self._walls.T_level_map, self._front_end.height, self._config
-                )
+            T_map_sensor = self._locate(columns, T_odom_sensor, trust_tilt=given)
         since = np.eye(4) if not self._scans else inverse(self._backend.keyframes[-1].T_map_sensor) @ T_map_sensor
         self._scans.append(ScanPose(stamp_ns, T_odom_sensor, T_map_sensor, len(self._backend.keyframes) - 1, since))
         if self._rule.wants(T_map_sensor):
             self._add_keyframe(points)
         return Update(stamp_ns, self._scans[-1].T_map_sensor, len(self._backend.keyframes), self.anchored)
+
+    def _locate(self, columns: ColumnScan, T_odom_sensor: Floats, trust_tilt: bool) -> Floats:
+        """T_map_sensor of the newest scan: predicted by the odometry, corrected by walls and floor."""
+        if not self._scans:
+            self._walls.T_level_map = level_map(None, self._front_end.height)
+            return np.eye(4)
+        last, T_level_map = self._scans[-1], self._walls.T_level_map
+        guess = predict(last.T_map_sensor, last.T_odom_sensor, T_odom_sensor)
+        if not trust_tilt:
+            guess = upright_step(guess, last.T_map_sensor, T_level_map[2, :3])
+        T_map_sensor, _ = align(columns, self._walls.lines, guess, T_level_map, self._front_end.carried(), self._config)
+        self._front_end.follow(T_level_map @ T_map_sensor)
+        return T_map_sensor
 
     def _expected_step(self) -> Floats | None:
         """The last step as the walls saw it; steadier than the odometry's own, so that its search is shorter."""
@@ -166,12 +172,18 @@ class SceneGraphSlam:
         with self._clock("rooms"):
             self._scene = build_scene(self._backend.keyframes, self._walls, self._backend.floor_in_map, self._config)
 
-    def _checked(self, stamp_ns: int, points: Floats) -> Floats:
+    def _checked(self, stamp_ns: int, points: Floats, T_odom_sensor: Floats | None) -> Floats:
         points = np.ascontiguousarray(points, dtype=np.float64)
+        where = f"scan at {stamp_ns} ns"
+        # the sum is finite only where every number is
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points.sum()):
-            raise UserError(f"scan at {stamp_ns} ns: points must be (N, 3), at least one, and finite")
+            raise UserError(f"{where}: points must be (N, 3), at least one, and finite")
+        if not isinstance(stamp_ns, (int, np.integer)):
+            raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")
         if self._scans and stamp_ns <= self._scans[-1].stamp_ns:
-            raise UserError(f"scan at {stamp_ns} ns: stamps must increase; the last was {self._scans[-1].stamp_ns} ns")
+            raise UserError(f"{where}: stamps must increase; the last was {self._scans[-1].stamp_ns} ns")
+        if T_odom_sensor is not None and not is_rigid(T_odom_sensor):
+            raise UserError(f"{where}: T_odom_sensor must be a finite rigid motion (4, 4)")
         return points
 
     @contextmanager

@@ -12,6 +12,7 @@ from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import Lines
 
 Floats = NDArray[np.float64]
+_FLOOR_GATE = 0.12  # m; seats and steps are level too, and not much higher than the floor
 
 
 @dataclass(frozen=True)
@@ -22,15 +23,28 @@ class Tracked:
     share: float
 
 
+@dataclass(frozen=True)
+class Carried:
+    """How the sensor is carried: its height above the floor, and (3,) the vertical in its frame."""
+
+    height: float
+    up_in_sensor: Floats
+
+    def followed_by(self, T_level_sensor: Floats, share: float) -> "Carried":
+        """The same after one more pose; the vertical follows by `share`."""
+        up = (1 - share) * self.up_in_sensor + share * T_level_sensor[2, :3]
+        return Carried(self.height, up / np.linalg.norm(up))
+
+
 def track(
-    scan: ColumnScan, walls: Lines, predicted: Floats, height: float, bands: tuple[float, float],
+    scan: ColumnScan, walls: Lines, predicted: Floats, carried: Carried, bands: tuple[float, float],
     settings: TrackingSettings,
 ) -> Tracked:  # fmt: skip
     """Moves a scan (sensor frame) onto the walls and the floor z = 0 of the levelled map, from a predicted pose.
 
     Point-to-plane Gauss-Newton with Huber weights over all six degrees of freedom. The prediction is a measurement
-    too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, the
-    `height` of the sensor above the floor. Points between the heights `bands` above the floor stand for walls.
+    too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, how
+    the sensor has been `carried` so far. Points between the heights `bands` above the floor stand for walls.
     """
     upright = _spread(scan.points[scan.upright], 2 * settings.points)
     z = upright @ predicted[2, :3] + predicted[2, 3]
@@ -51,12 +65,15 @@ def track(
         rows = [_rows(p[near], normal[near], off[near], settings.sigma_point, settings.huber)]
         q = level @ T[:3, :3].T
         floor = q[:, 2] + T[2, 3]
-        on_floor = np.abs(floor) < gate
+        on_floor = np.abs(floor) < min(gate, _FLOOR_GATE)
         up = np.broadcast_to([0.0, 0.0, 1.0], (int(on_floor.sum()), 3))
         rows.append(_rows(q[on_floor], up, floor[on_floor], settings.sigma_point, settings.huber))
         H, g = (sum(part) for part in zip(*rows, strict=True))
         H[5, 5] += 1 / settings.sigma_height**2
-        g[5] += (T[2, 3] - height) / settings.sigma_height**2
+        g[5] += (T[2, 3] - carried.height) / settings.sigma_height**2
+        lean = T[:3, :3] @ carried.up_in_sensor  # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
+        H[[0, 1], [0, 1]] += 1 / settings.sigma_tilt**2
+        g[:2] += np.array([-lean[1], lean[0]]) / settings.sigma_tilt**2
         turned = gtsam.Rot3.Logmap(gtsam.Rot3(T[:3, :3] @ predicted[:3, :3].T))
         gone = np.concatenate([turned, T[:3, 3] - predicted[:3, 3]])
         step = -np.linalg.solve(H + prior, g + prior @ gone)

@@ -276,3 +276,12 @@ def test_scans_of_a_few_points_are_survived(drive: Drive, count: int) -> None:
     ]
     result = fed(SceneGraphSlam(drive.bim), scans).finish()
     assert len(result.trajectory) == 30 and np.isfinite(result.trajectory.poses).all()
+
+
+def test_odometry_that_is_not_a_pose_is_refused(drive: Drive) -> None:
+    slam = fed(SceneGraphSlam(), drive.scans[:2])
+    stamp_ns, points = drive.scans[2]
+    for bad in (np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4)):
+        with pytest.raises(UserError, match="T_odom_sensor"):
+            slam.add_scan(stamp_ns, points, T_odom_sensor=bad)
+    assert len(fed(slam, drive.scans[2:4]).finish().trajectory) == 4

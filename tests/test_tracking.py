@@ -7,11 +7,12 @@ from scipy.spatial.transform import Rotation
 
 from data.sensor import SpinningSensor
 from sgslam.config import TrackingSettings
-from sgslam.tracking import Tracked, track
+from sgslam.tracking import Carried, Tracked, track
 from sgslam.virtual_scan import sort_into_columns
 from sgslam.wall_map import Lines
 
 SETTINGS = TrackingSettings()
+CARRIED = Carried(0.8, np.array([0.0, 0.0, 1.0]))
 BANDS = (0.12, 2.55)
 ROOM = (-3.0, -2.0, 4.0, 2.5)
 CORRIDOR = (-40.0, -1.0, 40.0, 1.2)
@@ -41,7 +42,7 @@ def off(T: Array, truth: Array) -> tuple[float, float]:
 
 def tracked(bounds: tuple[float, float, float, float], truth: Array, guess: Array, lines: Lines) -> Tracked:
     points = scan(scene_of(room(*bounds)), truth, SpinningSensor(max_range=30.0))
-    return track(sort_into_columns(points, 900), lines, guess, 0.8, BANDS, SETTINGS)
+    return track(sort_into_columns(points, 900), lines, guess, CARRIED, BANDS, SETTINGS)
 
 
 @pytest.mark.parametrize("direction", np.arange(0, 6.28, 0.9))
@@ -99,7 +100,7 @@ def test_walls_that_turn_away_or_lie_far_off_are_not_used() -> None:
 def test_too_few_points_leave_the_guess(count: int) -> None:
     points = np.random.default_rng(0).uniform(-2, 2, (count, 3))
     guess = pose(0.7, 0.2)
-    result = track(sort_into_columns(points, 900), lines_of(*ROOM), guess, 0.8, BANDS, SETTINGS)
+    result = track(sort_into_columns(points, 900), lines_of(*ROOM), guess, CARRIED, BANDS, SETTINGS)
     np.testing.assert_array_equal(result.T, guess)
 
 
