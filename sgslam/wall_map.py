@@ -238,12 +238,13 @@ def _beyond_step(along: Floats, across: Floats, settings: SurfaceSettings) -> ND
     order = np.argsort(along, kind="stable")
     values = across[order]
     least = settings.min_observations
-    best, where = np.inf, 0
-    for cut in range(least, len(values) - least + 1):
-        scatter = values[:cut].std() ** 2 * cut + values[cut:].std() ** 2 * (len(values) - cut)
-        if scatter < best:
-            best, where = scatter, cut
-    scatter = np.sqrt(best / len(values))
+    cuts = np.arange(least, len(values) - least + 1)
+    total, squares = np.cumsum(values), np.cumsum(values**2)
+    before = squares[cuts - 1] - total[cuts - 1] ** 2 / cuts
+    beyond = squares[-1] - squares[cuts - 1] - (total[-1] - total[cuts - 1]) ** 2 / (len(values) - cuts)
+    best = int(np.argmin(before + beyond))
+    where = int(cuts[best])
+    scatter = np.sqrt(max((before + beyond)[best], 0.0) / len(values))
     step = abs(np.median(values[:where]) - np.median(values[where:]))
     if step < settings.split_step or step < 4 * scatter:
         return None
