@@ -9,7 +9,6 @@ All doors stand open (their leaves are left out), furniture is included, window 
 
 import argparse
 import shutil
-import sys
 import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from data.cli import Parser, run_command
 from data.drive import Robot, drive
 from data.errors import UserError
 from data.files import write_atomically, write_json
@@ -170,7 +170,7 @@ def _write(
 
 def _parser() -> argparse.ArgumentParser:
     about = "Simulates a robot that drives a building with a spinning LiDAR: IFC in, scans and truth out."
-    parser = argparse.ArgumentParser(prog="python -m data.simulate", description=about)
+    parser = Parser(prog="python -m data.simulate", description=about)
     add = parser.add_argument
     add("--bim", required=True, metavar="FILE", help="IFC file")
     add("--storey", required=True, metavar="NAME", help="name or GlobalId of the storey to drive")
@@ -185,20 +185,16 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """The command line; returns the exit code, 2 for a mistake of the user's."""
+    """The command line; raises UserError."""
     args = _parser().parse_args()
-    try:
-        run = simulate(
-            args.bim, args.storey, args.out, args.seed, args.min_rooms, args.min_length,
-            robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
-        )  # fmt: skip
-    except UserError as error:
-        print(error, file=sys.stderr)
-        return 2
+    run = simulate(
+        args.bim, args.storey, args.out, args.seed, args.min_rooms, args.min_length,
+        robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
+    )  # fmt: skip
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of '{run.storey}'"
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_command(main)

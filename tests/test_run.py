@@ -21,7 +21,7 @@ def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.Completed
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
 
 
-def refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
+def assert_refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
     """A user's mistake: exit code 2 and one line that holds all the words."""
     assert done.returncode == 2, done.stderr
     lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
@@ -143,7 +143,7 @@ def test_more_than_a_fifth_unreadable_is_refused_but_what_was_computed_is_there(
     folder = copied(scans, tmp_path)
     for i in (8, 9, 10, 11):
         (folder / f"{i}.npy").write_bytes(b"not numpy")
-    refused(run("--scan-dir", folder, "--out", tmp_path / "out"), "fifth", str(tmp_path / "out"))
+    assert_refused(run("--scan-dir", folder, "--out", tmp_path / "out"), "fifth", str(tmp_path / "out"))
     assert len(Trajectory.read_tum(tmp_path / "out" / "trajectory.tum")) == 8
 
 
@@ -156,55 +156,56 @@ def copied(scans: Path, tmp_path: Path) -> Path:
 
 
 def test_mistakes_with_the_scans(scans: Path, tmp_path: Path) -> None:
-    refused(run(), "--scan-dir")
-    refused(run("--scan-dir", tmp_path / "nowhere"), "nowhere")
+    assert_refused(run(), "--scan-dir")
+    assert_refused(run("--scan-dir", tmp_path / "nowhere"), "nowhere")
     (tmp_path / "empty").mkdir()
-    refused(run("--scan-dir", tmp_path / "empty"), "empty")
+    assert_refused(run("--scan-dir", tmp_path / "empty"), "empty")
     folder = copied(scans, tmp_path)
     (folder / "times.txt").write_text("0.0\n0.1\n")
-    refused(run("--scan-dir", folder), "times.txt", "12", "2")
+    assert_refused(run("--scan-dir", folder), "times.txt", "12", "2")
     (folder / "times.txt").write_text("\n".join(str(0.1 * (12 - i)) for i in range(12)))
-    refused(run("--scan-dir", folder), "copy", "backwards")
+    assert_refused(run("--scan-dir", folder), "copy", "backwards")
     nan = tmp_path / "nan"
     nan.mkdir()
     for i in range(3):
         np.save(nan / f"{i}.npy", np.full((50, 3), np.nan))
-    refused(run("--scan-dir", nan, "--out", tmp_path / "out"), "NaN")
+    assert_refused(run("--scan-dir", nan, "--out", tmp_path / "out"), "NaN")
 
 
 def test_mistakes_with_the_building(scans: Path, building: Path, tmp_path: Path) -> None:
-    refused(run("--scan-dir", scans, "--bim", tmp_path / "none.ifc"), "none.ifc")
+    assert_refused(run("--scan-dir", scans, "--bim", tmp_path / "none.ifc"), "none.ifc")
     (tmp_path / "bad.ifc").write_text("this is not IFC")
-    refused(run("--scan-dir", scans, "--bim", tmp_path / "bad.ifc"), "bad.ifc", "IFC")
+    assert_refused(run("--scan-dir", scans, "--bim", tmp_path / "bad.ifc"), "bad.ifc", "IFC")
     (tmp_path / "bare.ifc").write_text(
         "ISO-10303-21;\nHEADER;\nFILE_DESCRIPTION((''),'2;1');\nFILE_NAME('','',(''),(''),'','','');\n"
         "FILE_SCHEMA(('IFC4'));\nENDSEC;\nDATA;\n#1=IFCCARTESIANPOINT((0.,0.,0.));\nENDSEC;\nEND-ISO-10303-21;\n"
     )
-    refused(run("--scan-dir", scans, "--bim", tmp_path / "bare.ifc"), "bare.ifc", "walls")
-    refused(run("--scan-dir", scans, "--bim", building, "--storey", "attic"), "attic", "there are")
+    assert_refused(run("--scan-dir", scans, "--bim", tmp_path / "bare.ifc"), "bare.ifc", "walls")
+    assert_refused(run("--scan-dir", scans, "--bim", building, "--storey", "attic"), "attic", "there are")
 
 
 def test_mistakes_with_settings_and_the_rest(scans: Path, tmp_path: Path) -> None:
-    refused(run("--scan-dir", scans, "--set", "odometry.voxl_size=1"), "odometry.voxl_size", "odometry.voxel_size")
-    refused(run("--scan-dir", scans, "--set", "odometry.voxel_size=-1"), "odometry.voxel_size")
-    refused(run("--scan-dir", scans, "--set", "odometry"), "a.b=c")
+    wrong = "odometry.voxl_size"
+    assert_refused(run("--scan-dir", scans, "--set", f"{wrong}=1"), wrong, "odometry.voxel_size")
+    assert_refused(run("--scan-dir", scans, "--set", "odometry.voxel_size=-1"), "odometry.voxel_size")
+    assert_refused(run("--scan-dir", scans, "--set", "odometry"), "a.b=c")
     (tmp_path / "config.yaml").write_text("keyframes: {distanse: 1.0}")
-    refused(run("--scan-dir", scans, "--config", tmp_path / "config.yaml"), "distanse", "keyframes.distance")
-    refused(run("--scan-dir", scans, "--start", "1,2"), "X,Y,YAW")
+    assert_refused(run("--scan-dir", scans, "--config", tmp_path / "config.yaml"), "distanse", "keyframes.distance")
+    assert_refused(run("--scan-dir", scans, "--start", "1,2"), "X,Y,YAW")
     (tmp_path / "file").write_text("")
-    refused(run("--scan-dir", scans, "--out", tmp_path / "file" / "out"), "--out")
-    refused(run("--scan-dir", scans, "--ground-truth", tmp_path / "truth.tum"), "truth.tum")
+    assert_refused(run("--scan-dir", scans, "--out", tmp_path / "file" / "out"), "--out")
+    assert_refused(run("--scan-dir", scans, "--ground-truth", tmp_path / "truth.tum"), "truth.tum")
     (tmp_path / "late.tum").write_text("1000.0 0 0 0 0 0 0 1\n1000.1 0 0 0 0 0 0 1\n")
-    refused(run("--scan-dir", scans, "--ground-truth", tmp_path / "late.tum"), "late.tum")
-    refused(run("--scan-dir", scans, "--frobnicate"), "--frobnicate")
-    refused(run("--scan-dir", scans, "--demo"), "--demo")
+    assert_refused(run("--scan-dir", scans, "--ground-truth", tmp_path / "late.tum"), "late.tum")
+    assert_refused(run("--scan-dir", scans, "--frobnicate"), "--frobnicate")
+    assert_refused(run("--scan-dir", scans, "--demo"), "--demo")
 
 
 def test_a_mistake_leaves_earlier_results_alone(scans: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert run("--scan-dir", scans, "--out", out).returncode == 0
     before = {file.name: file.read_bytes() for file in out.iterdir()}
-    refused(run("--scan-dir", scans, "--bim", tmp_path / "none.ifc", "--out", out), "none.ifc")
+    assert_refused(run("--scan-dir", scans, "--bim", tmp_path / "none.ifc", "--out", out), "none.ifc")
     assert {file.name: file.read_bytes() for file in out.iterdir()} == before
 
 
