@@ -94,9 +94,7 @@ def _doors(*middles: float) -> tuple[Opening, ...]:
     return tuple(Opening(middle, DOOR) for middle in middles)
 
 
-def _outer(
-    south: Pairs, east: Pairs, north: Pairs, west: Pairs, entrance: Pairs = ()
-) -> tuple[PlanWall, ...]:
+def _outer(south: Pairs, east: Pairs, north: Pairs, west: Pairs, entrance: Pairs = ()) -> tuple[PlanWall, ...]:
     """The four outer walls with their windows, each given by its middle and width, and a door in the west."""
     (x, y), half = SIZE, OUTER / 2
     return (
@@ -111,9 +109,7 @@ def _openings(pairs: Pairs) -> tuple[Opening, ...]:
     return tuple(Opening(middle, width) for middle, width in pairs)
 
 
-def _f(kind: str, x: float, y: float, yaw: float = 0.0, width: float = 0.0) -> Furniture:
-    return Furniture(kind, x, y, yaw, width)
-
+_f = Furniture  # short, for the rows below
 
 # Ground floor: the corridor runs from the hall in the west to the east wall, between two rows of rooms.
 GROUND = StoreyPlan(
