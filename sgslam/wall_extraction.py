@@ -139,14 +139,16 @@ def _between(scan: ColumnScan, start: NDArray[np.int64], first: int, last: int) 
 
 
 def _is_window(line: Floats, low: Floats) -> bool:
-    """Whether most of a piece has the low band 6 to 30 cm before it, in parallel to it."""
+    """Whether the low band stands 6 to 30 cm before a piece, in parallel to it, rather than on it.
+
+    What stands further before it is furniture, which hides the parapet and says nothing.
+    """
     chord = line[-1] - line[0]
     normal = np.array([-chord[1], chord[0]]) / np.hypot(*chord)
     if normal @ line[0] > 0:
         normal = -normal
     before = (low - line) @ normal
     seen = before[np.isfinite(before)]
-    if len(seen) < 0.3 * len(line) or len(seen) < 3:
-        return False
-    niche = (seen > 0.06) & (seen < 0.30)
-    return bool(niche.mean() > 0.5 and np.std(seen[niche]) < 0.04)
+    niche = seen[(seen > 0.06) & (seen < 0.30)]
+    on_it = np.count_nonzero(np.abs(seen) <= 0.06)
+    return bool(len(niche) >= 3 and len(niche) > 2 * on_it and np.std(niche) < 0.04)

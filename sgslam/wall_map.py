@@ -256,11 +256,16 @@ def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, in
     if len(lines.ids) < 2:
         return None
     tangent = np.column_stack([-lines.normal[:, 1], lines.normal[:, 0]])
-    middle = (lines.low + lines.high)[:, None] / 2 * tangent - lines.offset[:, None] * lines.normal
-    across = np.abs(lines.across(middle))
+    centre = (lines.low + lines.high)[:, None] / 2 * tangent - lines.offset[:, None] * lines.normal
+    half = (lines.high - lines.low) / 2
+    place = lines.along(centre).T  # (i, j): of j's centre along i
+    low, high = np.maximum(lines.low[:, None], place - half), np.minimum(lines.high[:, None], place + half)
+    overlap = high - low
+    # how far j is from i where both are, not where a long wall has its middle
+    common = (low + high)[..., None] / 2 * tangent[:, None] - (lines.offset[:, None] * lines.normal)[:, None]
+    across = np.abs(np.einsum("ijk,jk->ij", common, lines.normal) + lines.offset)
     across = np.maximum(across, across.T)
     parallel = lines.normal @ lines.normal.T > np.cos(settings.join_angle)
-    overlap = np.minimum(lines.high[:, None], lines.high) - np.maximum(lines.low[:, None], lines.low)
     # end to end, two walls are one only without a step; side by side, both cannot stand there
     allowed = np.where(overlap > settings.min_length, settings.join_offset, 0.5 * settings.split_step)
     cost = np.where(parallel & (across < allowed) & (overlap > -0.2), across, np.inf)
