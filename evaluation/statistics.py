@@ -1,0 +1,31 @@
+"""The statistics that every error is told by."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.errors import UserError
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of errors' magnitudes, in their unit; `std` is that of the sample about its mean (divided by N)."""
+
+    rmse: float
+    mean: float
+    median: float
+    std: float
+    min: float
+    max: float
+
+    @staticmethod
+    def of(values: NDArray[np.float64]) -> "Statistics":
+        """Of the magnitudes of (N,) values; raises UserError where there is none or one is not finite."""
+        size = np.abs(values)
+        if not len(size) or not np.isfinite(size).all():
+            raise UserError(f"no statistics of {len(size)} errors: there must be one, and all must be finite")
+        return Statistics(
+            float(np.sqrt(np.mean(size**2))), float(size.mean()), float(np.median(size)), float(size.std()),
+            float(size.min()), float(size.max()),
+        )  # fmt: skip
