@@ -138,8 +138,12 @@ class SceneGraph:
         """The part of the graph that belongs to one floor."""
         rooms = tuple(r for r in self.rooms if r.floor == floor)
         kept = {r.id for r in rooms}
+
+        def belongs(surface: WallSurface) -> bool:
+            return surface.floor == floor or (surface.floor is None and surface.room in kept)
+
         return SceneGraph(
-            self.frame, rooms, tuple(w for w in self.wall_surfaces if w.floor == floor),
+            self.frame, rooms, tuple(w for w in self.wall_surfaces if belongs(w)),
             tuple(d for d in self.doors if kept.intersection(d.rooms)),
             tuple(f for f in self.floors if f.id == floor), tuple(k for k in self.keyframes if k.floor == floor),
         )  # fmt: skip
