@@ -34,6 +34,20 @@ def closed(area: Area, width: float) -> Area:
     return area.buffer(width / 2, join_style="mitre").buffer(-width / 2, join_style="mitre")
 
 
+def opened(area: Area, half_width: float) -> Area:
+    """The area without what is nowhere `half_width` metres from its outline; corners stay as they are."""
+    return area.buffer(-half_width, join_style="mitre").buffer(half_width, join_style="mitre")
+
+
+def enclosed(area: Area) -> list[Area]:
+    """What the area encloses, as polygons: the parts of its surroundings that do not lie outside."""
+    if area.is_empty:
+        return []
+    around = area.envelope.buffer(1.0)
+    parts = shapely.get_parts(difference(around, area))
+    return [p for p in parts if not p.intersects(around.exterior)]
+
+
 def polygons_of(area: Any) -> Area:
     """The areal part of a geometry, made valid."""
     area = area if area.is_valid else shapely.make_valid(area)

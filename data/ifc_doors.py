@@ -25,30 +25,35 @@ def doors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: dict[str,
 
 def _door(door: ifcopenshell.entity_instance, rooms: list[RoomVolume], walls: dict[str, Area]) -> Door | None:
     """The middle of the opening within its wall, since a door's own shape may hold an open leaf."""
-    host, opening = None, None
-    for fills in door.FillsVoids:
-        opening = triangulated(fills.RelatingOpeningElement)
-        voids = fills.RelatingOpeningElement.VoidsElements
-        host = voids[0].RelatingBuildingElement.GlobalId if voids else None
-    mesh = opening or triangulated(door)
-    if mesh is None:
+    vertices, host = body_of(door)
+    if vertices is None:
         return None
-    vertices, _ = mesh
-    across = _across(door)
-    centre = _middle(vertices[:, :2], across)
+    through = across(door)
+    centre = _middle(vertices[:, :2], through)
     hull = shapely.MultiPoint(vertices[:, :2]).convex_hull
     within = polygons_of(overlap(hull, walls[host])) if host in walls else shapely.Polygon()
     if not within.is_empty:
-        centre = _middle(np.asarray(shapely.get_coordinates(within)), across)
+        centre = _middle(np.asarray(shapely.get_coordinates(within)), through)
     z = float(vertices[:, 2].min()) + ABOVE_SILL
     here = [r for r in rooms if r.bottom < z < r.top]
-    along = np.array([-across[1], across[0]])
-    joined = _rooms_beside(centre, across, here) or _rooms_beside(centre, along, here)
+    along = np.array([-through[1], through[0]])
+    joined = _rooms_beside(centre, through, here) or _rooms_beside(centre, along, here)
     return Door(door.GlobalId, joined, (float(centre[0]), float(centre[1])))
 
 
-def _across(door: ifcopenshell.entity_instance) -> NDArray[np.float64]:
-    """(2,) unit, through the door: the y axis of its placement."""
+def body_of(filling: ifcopenshell.entity_instance) -> tuple[NDArray[np.float64] | None, str | None]:
+    """Vertices (N, 3) of the opening that a door or window fills, else of itself, and the GlobalId of the wall."""
+    host, opening = None, None
+    for fills in filling.FillsVoids:
+        opening = triangulated(fills.RelatingOpeningElement)
+        voids = fills.RelatingOpeningElement.VoidsElements
+        host = voids[0].RelatingBuildingElement.GlobalId if voids else None
+    mesh = opening or triangulated(filling)
+    return (mesh[0] if mesh else None), host
+
+
+def across(door: ifcopenshell.entity_instance) -> NDArray[np.float64]:
+    """(2,) unit, through the door or window: the y axis of its placement."""
     axis = ifcopenshell.util.placement.get_local_placement(door.ObjectPlacement)[:2, 1]
     norm = float(np.linalg.norm(axis))
     return axis / norm if norm > 0.5 else np.array([0.0, 1.0])

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 
-from data.areas import Area, difference, united
+from data.areas import Area, difference, enclosed, opened, united
 from data.errors import UserError
 from data.ifc_doors import doors_of
+from data.ifc_enclosed import rooms_between
 from data.ifc_products import open_ifc, products
 from data.ifc_rooms import Level, RoomVolume, rooms_of
 from data.ifc_sections import Solid, solid_of
@@ -40,24 +41,31 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     rooms, notices = rooms_of(model)
     shadows = {s.product.global_id: s.shadow() for s in solids}
     floors = floors_of(model, rooms, solids)
-    rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
-    levels = _levels(floors, rooms, solids, shadows)
+    if rooms:
+        rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
+        levels = _levels(floors, rooms, solids, shadows)
+    else:
+        levels = rooms_between(model, _levels_without_rooms(floors, solids), solids)
+        rooms = [r for level in levels for r in level.rooms]
+        notices.insert(0, _no_spaces(rooms, solids))
     surfaces = _numbered([s for level in levels for s in surfaces_at(level, solids)])
     if len(solids) < count:
         notices.append(f"{count - len(solids)} of {count} walls have no geometry and are left out")
-    if not rooms:
-        notices.insert(0, f"no IfcSpace with a geometry: rooms not known, {len(solids)} walls give "
-                          f"{len(surfaces)} wall surfaces")  # fmt: skip
     doors = doors_of(model, rooms, shadows)
     return SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors), tuple(notices)
+
+
+def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:
+    why = "no IfcSpace with a geometry"
+    if not rooms:
+        return f"{why}: rooms not known, since the {len(solids)} walls enclose none; their sides are used"
+    return f"{why}: {len(rooms)} rooms were made of the closed faces between {len(solids)} walls"
 
 
 def _levels(
     floors: tuple[Floor, ...], rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]
 ) -> list[Level]:
     """Where the walls are looked at: at each storey's rooms, and in storeys with walls but no rooms."""
-    if not rooms:
-        return _levels_without_rooms(floors, solids)
     levels = []
     elevation = {f.id: f.elevation for f in floors}
     of_floor: dict[str | None, list[RoomVolume]] = defaultdict(list)
@@ -88,10 +96,8 @@ def _enclosed(z: float, rooms: list[RoomVolume], solids: list[Solid], shadows: d
     """Where walls enclose an area that no space of the model covers, at the level of `z`."""
     standing = [shadows[s.product.global_id] for s in solids if s.bottom < z + HEAD / 2 < s.top]
     walls = united(standing).buffer(SLIT)
-    holes = [shapely.Polygon(ring) for p in shapely.get_parts(walls) for ring in p.interiors]
     covered = united(r.area for r in rooms if r.bottom < z + HEAD / 2 < r.top)
-    rest = difference(difference(united(holes), walls), covered)
-    rest = rest.buffer(-WAY, join_style="mitre").buffer(WAY, join_style="mitre")
+    rest = opened(difference(united(enclosed(walls)), covered), WAY)
     return shapely.MultiPolygon([p for p in shapely.get_parts(rest) if p.area > MIN_UNKNOWN])
 
 

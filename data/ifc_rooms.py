@@ -66,7 +66,7 @@ def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
             volumes.append(RoomVolume(room, area, solid.bottom, solid.top))
     large = [v for v in volumes if v.area.area >= MIN_AREA and v.top - v.bottom >= MIN_HEIGHT]
     kept = {v.room.id: v for v in _without_overlaps(large)}
-    rooms = [_finished(kept[v.room.id]) for v in large if v.room.id in kept]
+    rooms = [finished(kept[v.room.id]) for v in large if v.room.id in kept]
     reasons = {
         "without solid geometry": len(chosen) - len(volumes),
         "outer, gross or parts": len(spaces) - len(chosen),
@@ -99,7 +99,8 @@ def _tidy(area: Area) -> Area:
     return orient(shapely.Polygon(polygon.exterior, holes))
 
 
-def _finished(volume: RoomVolume) -> RoomVolume:
+def finished(volume: RoomVolume) -> RoomVolume:
+    """With the room's polygon and centroid as its area has them."""
     outer = shapely.Polygon(volume.area.exterior)
     polygon = tuple((float(x), float(y)) for x, y in outer.exterior.coords[:-1])
     centroid = (float(outer.centroid.x), float(outer.centroid.y))
