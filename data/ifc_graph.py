@@ -59,7 +59,8 @@ def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:
     why = "no IfcSpace with a geometry"
     if not rooms:
         return f"{why}: rooms not known, since the {len(solids)} walls enclose none; their sides are used"
-    return f"{why}: {len(rooms)} rooms were made of the closed faces between {len(solids)} walls"
+    made = "1 room was" if len(rooms) == 1 else f"{len(rooms)} rooms were"
+    return f"{why}: {made} made of the closed faces between {len(solids)} walls"
 
 
 def _levels(

@@ -23,7 +23,7 @@ def without_spaces(path: Path, unit: str = "metres", T: np.ndarray | None = None
     return read_ifc(model.save(path))
 
 
-def shell(width: float = 6.0, depth: float = 4.0) -> tuple[IfcModel, object]:
+def shell(width: float = 6.0, depth: float = 4.0, height: tuple[float, float] = WALL) -> tuple[IfcModel, object]:
     """Four walls around `width` x `depth` metres."""
     model = IfcModel()
     storey = model.storey("ground", 0.0)
@@ -34,7 +34,7 @@ def shell(width: float = 6.0, depth: float = 4.0) -> tuple[IfcModel, object]:
         box(-0.3, 0, 0, d),
         box(w, 0, w + 0.3, d),
     ):
-        model.prism("IfcWall", area, WALL, storey)
+        model.prism("IfcWall", area, height, storey)
     return model, storey
 
 
@@ -141,6 +141,20 @@ def test_a_storey_whose_walls_enclose_nothing_keeps_every_free_side(tmp_path: Pa
     for area in (box(0, 0, 6, 0.3), box(0, 0.3, 0.3, 4)):
         model.prism("IfcWall", area, (3.0, 5.7), upper)
     graph, notices = read_ifc(model.save(tmp_path / "m.ifc"))
-    assert "1 rooms were made of the closed faces between 6 walls" in notices[0]
+    assert "1 room was made of the closed faces between 6 walls" in notices[0]
     above = graph.on_floor(upper.GlobalId)
     assert not above.rooms and above.wall_surfaces and all(w.room is None for w in above.wall_surfaces)
+
+
+def test_a_room_beside_split_levels_stands_at_the_level_of_its_door(tmp_path: Path) -> None:
+    """Rooms at 0.0 m and 1.4 m, with walls as high as both: each is met at both levels' heights."""
+    model, lower = shell(height=(0.0, 4.1))
+    middle = model.storey("middle", 1.4)
+    for area in (box(6.3, -0.3, 11.3, 0), box(6.3, 4, 11.3, 4.3), box(11, 0, 11.3, 4)):
+        model.prism("IfcWall", area, (0.6, 4.1), middle)
+    north, east = model.file.by_type("IfcWall")[1], model.file.by_type("IfcWall")[6]
+    model.opening(north, box(1, 3.9, 2, 4.4), (0.0, 2.0), "IfcDoor")
+    model.opening(east, box(10.9, 1, 11.4, 2), (1.4, 3.4), "IfcDoor")
+    graph, _ = read_ifc(model.save(tmp_path / "m.ifc"))
+    assert {r.floor: round(r.centroid[0], 1) for r in graph.rooms} == {lower.GlobalId: 3.0, middle.GlobalId: 8.7}
+    assert [len(d.rooms) for d in graph.doors] == [1, 1]
