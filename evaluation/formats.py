@@ -105,9 +105,11 @@ def _numbers(fields: list[str], path: Path | str, number: int) -> list[float]:
 
 
 def _nanoseconds(text: str, path: Path | str, number: int) -> int:
-    if not text.lstrip("-").isdecimal():
-        raise UserError(f"{path}, line {number}: the stamp '{text}' is not whole nanoseconds")
-    if not _INT64.min <= (stamp := int(text)) <= _INT64.max:
+    try:
+        stamp = int(text)
+    except ValueError:
+        raise UserError(f"{path}, line {number}: the stamp '{text}' is not whole nanoseconds") from None
+    if not _INT64.min <= stamp <= _INT64.max:
         raise UserError(f"{path}, line {number}: the stamp '{text}' is too large for nanoseconds")
     return stamp
 

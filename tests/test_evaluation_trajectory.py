@@ -1,0 +1,335 @@
+"""Trajectory metrics: evo's numbers, cases that can be computed by hand, invariances, and what is refused."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from data.errors import UserError
+from data.trajectory import Trajectory
+from evaluation.alignment import align_yaw
+from evaluation.consistency import nees
+from evaluation.statistics import Statistics
+from evaluation.trajectory import ape, drift, drift_reduction, error_in_bim, rpe
+from sgslam.accuracy import accuracy, rmse_aligned
+
+MS = 1_000_000
+T0 = 1_700_000_000_000_000_000
+Array = NDArray[np.float64]
+
+
+def poses(positions: Array, rotations: Rotation) -> Array:
+    T = np.tile(np.eye(4), (len(positions), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = rotations.as_matrix(), positions
+    return T
+
+
+def stamped(T: Array) -> Trajectory:
+    return Trajectory(T0 + np.arange(len(T)) * 100 * MS, T)
+
+
+def wander(count: int = 300, seed: int = 0) -> Trajectory:
+    """A smooth way through space, about 0.2 m a step, that stands still for a while."""
+    rng = np.random.default_rng(seed)
+    step = np.cumsum(rng.normal(size=(count, 3)), axis=0)
+    step = 0.2 * step / np.linalg.norm(step, axis=1, keepdims=True) * rng.uniform(0.5, 1.5, (count, 1))
+    step[count // 2 : count // 2 + 15] = 0
+    turns = np.cumsum(rng.normal(scale=0.05, size=(count, 3)), axis=0)
+    return stamped(poses(np.cumsum(step, axis=0), Rotation.from_rotvec(turns)))
+
+
+def drifting(truth: Trajectory, seed: int = 1, metres: float = 0.01, radians: float = 0.004) -> Trajectory:
+    """The same motion with an error in each step."""
+    rng = np.random.default_rng(seed)
+    steps = np.linalg.inv(truth.poses[:-1]) @ truth.poses[1:]
+    noise = poses(
+        rng.normal(scale=metres, size=(len(steps), 3)), Rotation.from_rotvec(rng.normal(0, radians, (len(steps), 3)))
+    )
+    T = [truth.poses[0]]
+    for step in steps @ noise:
+        T.append(T[-1] @ step)
+    return Trajectory(truth.stamps_ns, np.array(T))
+
+
+def motion(seed: int, about_z: bool = False) -> Array:
+    rng = np.random.default_rng(seed)
+    turn = rng.normal(size=(1, 3)) * ([0, 0, 1] if about_z else [1, 1, 1])
+    return poses(rng.normal(scale=20, size=(1, 3)), Rotation.from_rotvec(turn))[0]
+
+
+def line(direction: list[float], count: int = 101) -> Trajectory:
+    return stamped(poses(np.outer(np.arange(count) * 0.1, direction), Rotation.identity(count)))
+
+
+TRUTH = wander()
+ESTIMATE = drifting(TRUTH)
+
+
+@pytest.fixture(scope="module")
+def evo() -> Any:
+    pytest.importorskip("evo", reason="evo is a development extra")
+    import evo.core.metrics
+    import evo.core.sync
+    import evo.core.trajectory
+
+    return evo
+
+
+def evo_pair(evo: Any, estimate: Trajectory, truth: Trajectory) -> tuple[Any, Any]:
+    both = [
+        evo.core.trajectory.PoseTrajectory3D(poses_se3=list(t.poses), timestamps=t.stamps_ns / 1e9)
+        for t in (truth, estimate)
+    ]
+    return evo.core.sync.associate_trajectories(*both, max_diff=0.01)
+
+
+@pytest.mark.parametrize("alignment", ["none", "se3", "origin"])
+def test_ape_is_evos(evo: Any, alignment: Any) -> None:
+    estimate = Trajectory(ESTIMATE.stamps_ns[7:] + 3 * MS, ESTIMATE.poses[7:]).transformed(motion(3))
+    result = ape(estimate, TRUTH, alignment)
+    reference, other = evo_pair(evo, estimate, TRUTH)
+    if alignment == "se3":
+        other.align(reference)
+    if alignment == "origin":
+        other.align_origin(reference)
+    metrics = evo.core.metrics
+    for relation, errors, statistics in (
+        (metrics.PoseRelation.translation_part, result.translation_m, result.translation),
+        (metrics.PoseRelation.rotation_angle_rad, result.rotation_rad, result.rotation),
+    ):
+        theirs = metrics.APE(relation)
+        theirs.process_data((reference, other))
+        assert np.allclose(errors, theirs.error, atol=1e-6, rtol=0)
+        for name, value in vars(statistics).items():
+            assert value == pytest.approx(theirs.get_all_statistics()[name], abs=1e-6), name
+    assert (result.matched_poses, result.total_poses) == (reference.num_poses, 293)
+
+
+@pytest.mark.parametrize("pairs_from", ["truth", "estimate"])
+@pytest.mark.parametrize("delta", [0.3, 1.0, 10.0])
+def test_rpe_is_evos(evo: Any, pairs_from: Any, delta: float) -> None:
+    result = rpe(ESTIMATE, TRUTH, delta, pairs_from=pairs_from)
+    pair = evo_pair(evo, ESTIMATE, TRUTH)
+    metrics = evo.core.metrics
+    for relation, errors in (
+        (metrics.PoseRelation.translation_part, result.translation_m),
+        (metrics.PoseRelation.rotation_angle_rad, result.rotation_rad),
+    ):
+        theirs = metrics.RPE(
+            relation, delta, metrics.Unit.meters, all_pairs=True, pairs_from_reference=pairs_from == "truth"
+        )
+        theirs.process_data(pair)
+        assert result.pairs[:, 1].tolist() == theirs.delta_ids
+        assert np.allclose(errors, theirs.error, atol=1e-6, rtol=0)
+
+
+@pytest.mark.parametrize("step", [0.25, 0.1])
+def test_rpe_is_evos_at_even_steps_with_stops(evo: Any, step: float) -> None:
+    at = np.repeat(np.arange(60) * step, np.arange(60) % 4 + 1)  # pairs at, beside and half way to a length
+    truth = stamped(poses(np.outer(at, [1, 0, 0]), Rotation.identity(len(at))))
+    for delta in (step, 2 * step, 4.5 * step, 10 * step):
+        metrics = evo.core.metrics
+        theirs = metrics.RPE(delta=delta, delta_unit=metrics.Unit.meters, rel_delta_tol=0.2, all_pairs=True)
+        theirs.process_data(evo_pair(evo, truth, truth))
+        ours = rpe(truth, truth, delta, pairs_from="estimate", relative_tolerance=0.2)
+        assert ours.pairs[:, 1].tolist() == theirs.delta_ids
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_alignments_undo_a_change_of_frame(seed: int) -> None:
+    for alignment, T in (("se3", motion(seed)), ("yaw", motion(seed, about_z=True)), ("origin", motion(seed))):
+        result = ape(TRUTH.transformed(T), TRUTH, alignment)  # type: ignore[arg-type]
+        assert result.translation.max < 1e-9 and result.rotation.max < 1e-7
+        assert np.allclose(result.T_truth_estimate @ T, np.eye(4), atol=1e-9)
+    assert ape(TRUTH.transformed(motion(seed)), TRUTH).translation.mean > 1
+
+
+def test_the_frame_does_not_change_errors_after_alignment() -> None:
+    for alignment in ("se3", "origin"):
+        before = ape(ESTIMATE, TRUTH, alignment)  # type: ignore[arg-type]
+        after = ape(ESTIMATE.transformed(motion(5)), TRUTH.transformed(motion(6)), alignment)  # type: ignore[arg-type]
+        assert np.allclose(before.translation_m, after.translation_m, atol=1e-9)
+        assert np.allclose(before.rotation_rad, after.rotation_rad, atol=1e-9)
+    one, other = (rpe(ESTIMATE.transformed(motion(k)), TRUTH.transformed(motion(k + 1)), 2.0) for k in (1, 7))
+    assert np.allclose(one.translation_m, other.translation_m) and one.pairs.tolist() == other.pairs.tolist()
+    moved = drift(ESTIMATE.transformed(motion(8)), TRUTH)
+    assert moved.end_percent == pytest.approx(drift(ESTIMATE, TRUTH).end_percent)
+
+
+def test_the_yaw_alignment_is_the_best_of_its_kind_and_se3_is_no_worse() -> None:
+    estimate = ESTIMATE.transformed(motion(2, about_z=True))
+    best = ape(estimate, TRUTH, "yaw")
+    T = best.T_truth_estimate
+    assert np.allclose(T[2, :3], [0, 0, 1]) and np.allclose(T[:3, 2], [0, 0, 1])
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        nudge = poses(rng.normal(scale=1e-3, size=(1, 3)), Rotation.from_rotvec([[0, 0, rng.normal(scale=1e-3)]]))[0]
+        assert ape(estimate.transformed(nudge @ T), TRUTH).translation.rmse > best.translation.rmse
+    assert ape(estimate, TRUTH, "se3").translation.rmse < best.translation.rmse
+
+
+def test_a_straight_drive_has_a_yaw_but_no_full_alignment() -> None:
+    straight = line([1, 0, 0])
+    turned = straight.transformed(motion(1, about_z=True))
+    assert ape(turned, straight, "yaw").translation.max < 1e-9
+    with pytest.raises(UserError, match="straight line"):
+        ape(turned, straight, "se3")
+
+
+@pytest.mark.parametrize(
+    ("estimate", "truth", "message"),
+    [
+        (line([0, 0, 1]), line([0, 0, 1]), "too little motion"),
+        (line([0, 0, 0]), line([1, 0, 0]), "too little motion"),
+        (line([1, 0, 0], 1), line([1, 0, 0], 1), "1 matched poses"),
+    ],
+)
+def test_undetermined_yaw_is_refused(estimate: Trajectory, truth: Trajectory, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        ape(estimate, truth, "yaw")
+
+
+def test_a_circle_against_its_mirror_image_has_no_yaw() -> None:
+    s = np.linspace(0, 2 * np.pi, 80, endpoint=False)
+    circle = np.stack([np.cos(s), np.sin(s), 0 * s], axis=1)
+    with pytest.raises(UserError, match="no turn in common"):
+        align_yaw(circle * [1, -1, 1], circle)
+
+
+def test_refusals_say_what_is_wrong() -> None:
+    with pytest.raises(UserError, match="no alignment 'sim3'; there are none, se3"):
+        ape(TRUTH, TRUTH, "sim3")  # type: ignore[arg-type]
+    late = Trajectory(TRUTH.stamps_ns + 10**12, TRUTH.poses)
+    for metric in (ape, rpe, drift, error_in_bim):
+        with pytest.raises(UserError, match="clocks"):
+            metric(late, TRUTH)
+    with pytest.raises(UserError, match="no two poses lie 500 m apart"):
+        rpe(TRUTH, TRUTH, 500.0)
+    for delta in (0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(UserError, match="positive"):
+            rpe(TRUTH, TRUTH, delta)
+    with pytest.raises(UserError, match="positive"):
+        drift(TRUTH, TRUTH, [10.0, 0.0])
+    with pytest.raises(UserError, match="no way"):
+        drift(line([0, 0, 0]), line([0, 0, 0]))
+    with pytest.raises(UserError, match="no two poses"):
+        rpe(line([1, 0, 0], 1), line([1, 0, 0], 1))
+    with pytest.raises(UserError, match="no statistics"):
+        Statistics.of(np.array([1.0, np.nan]))
+
+
+def test_statistics_of_known_errors() -> None:
+    statistics = Statistics.of(np.array([3.0, -4.0, 0.0, 5.0]))
+    assert statistics == Statistics(np.sqrt(12.5), 3.0, 3.5, np.sqrt(3.5), 0.0, 5.0)
+
+
+def test_errors_in_the_bim_frame_by_their_parts() -> None:
+    T = motion(0, about_z=True)
+    T[:3, :3], T[:3, 3] = Rotation.from_rotvec([0, 0, 0.02]).as_matrix(), [0.3, 0.4, -1.2]
+    flat = stamped(poses(np.zeros((20, 3)), Rotation.from_rotvec(np.outer(np.linspace(0, 2, 20), [0, 0, 1]))))
+    result = error_in_bim(flat.transformed(T), flat)
+    assert result.horizontal.rmse == pytest.approx(0.5) and result.height.mean == pytest.approx(1.2)
+    assert result.position.max == pytest.approx(1.3)
+    assert result.yaw.median == pytest.approx(0.02) and result.rotation.median == pytest.approx(0.02)
+
+
+def test_one_number_has_one_value_everywhere() -> None:
+    short = accuracy(ESTIMATE, ESTIMATE, TRUTH)
+    whole = error_in_bim(ESTIMATE, TRUTH)
+    assert short["rmse_bim_m"] == pytest.approx(whole.position.rmse, rel=1e-12)
+    assert short["yaw_rmse_bim_deg"] == pytest.approx(np.degrees(whole.yaw.rmse), rel=1e-12)
+    assert rmse_aligned(ESTIMATE, TRUTH) == pytest.approx(ape(ESTIMATE, TRUTH, "se3").translation.rmse, rel=1e-12)
+
+
+def test_drift_of_a_scale_error_is_that_error_at_all_lengths() -> None:
+    truth = line([1, 0, 0], 1001)
+    result = drift(line([1.02, 0, 0], 1001), truth, [5.0, 20.0, 60.0, 200.0])
+    assert result.travelled_m == pytest.approx(100) and result.end_percent == pytest.approx(2)
+    assert [part.length_m for part in result.by_length] == [5.0, 20.0, 60.0]
+    # KITTI ends at the first pose beyond the length and divides by the length: up to one step of 0.1 m too much.
+    assert all(2 <= part.percent <= 2 * (1 + 0.1 / part.length_m) + 1e-9 for part in result.by_length)
+    assert result.mean_rad_per_m == pytest.approx(0, abs=1e-9)
+
+
+def test_drift_in_heading_is_by_the_metre() -> None:
+    s = np.arange(500) * 0.1
+    turning = stamped(poses(np.outer(s, [1, 0, 0]), Rotation.from_rotvec(np.outer(0.001 * s, [0, 0, 1]))))
+    assert drift(turning, line([1, 0, 0], 500), [10.0]).mean_rad_per_m == pytest.approx(0.001, rel=0.02)
+
+
+def test_drift_follows_the_definition_of_kitti_start_by_start() -> None:
+    percents = []
+    way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(TRUTH.positions, axis=0), axis=1))])
+    for length in (5.0, 25.0):
+        for i in range(len(way)):
+            beyond = [j for j in range(i, len(way)) if way[j] > way[i] + length]
+            if beyond:
+                true = np.linalg.inv(TRUTH.poses[i]) @ TRUTH.poses[beyond[0]]
+                ours = np.linalg.inv(ESTIMATE.poses[i]) @ ESTIMATE.poses[beyond[0]]
+                percents.append(100 * np.linalg.norm((np.linalg.inv(ours) @ true)[:3, 3]) / length)
+    result = drift(ESTIMATE, TRUTH, [5.0, 25.0])
+    assert sum(part.count for part in result.by_length) == len(percents)
+    assert result.mean_percent == pytest.approx(np.mean(percents))
+
+
+def test_a_run_shorter_than_all_lengths_has_an_end_error_only() -> None:
+    result = drift(line([1.1, 0, 0], 20), line([1, 0, 0], 20))
+    assert result.end_percent == pytest.approx(10) and result.by_length == ()
+    assert result.mean_percent is None and result.mean_rad_per_m is None
+
+
+def test_drift_reduction_by_its_definition() -> None:
+    assert drift_reduction(0.0, 0.4) == 1 and drift_reduction(0.4, 0.4) == 0
+    assert drift_reduction(0.1, 0.4) == pytest.approx(0.75) and drift_reduction(0.8, 0.4) == pytest.approx(-1)
+    for anchored, free in ((0.1, 0.0), (0.1, np.nan), (-0.1, 1.0), (np.inf, 1.0)):
+        with pytest.raises(UserError, match="drift reduction"):
+            drift_reduction(anchored, free)
+
+
+def noisy(covariance: Array, count: int = 400) -> tuple[Trajectory, Trajectory]:
+    """An estimate whose true poses scatter about it by a covariance in its own axes, rotation first."""
+    truth = wander(count)
+    e = np.random.default_rng(4).multivariate_normal(np.zeros(6), covariance, count)
+    # The translation of Exp(e) is V rho; for such small turns V is the identity to 1e-4 of rho.
+    error = poses(e[:, 3:] + 0.5 * np.cross(e[:, :3], e[:, 3:]), Rotation.from_rotvec(e[:, :3]))
+    return Trajectory(truth.stamps_ns, truth.poses @ np.linalg.inv(error)), truth
+
+
+def test_nees_knows_right_covariances_from_wrong_ones() -> None:
+    half = np.random.default_rng(0).normal(size=(6, 6)) * np.array([[0.01] * 3 + [0.05] * 3]).T
+    covariance = half @ half.T + 1e-6 * np.eye(6)
+    estimate, truth = noisy(covariance)
+    right = nees(estimate, truth, np.tile(covariance, (400, 1, 1)))
+    assert right.verdict == "consistent" and 0.9 < right.share_within < 0.99
+    assert right.bounds_per_dof[0] < 1 < right.bounds_per_dof[1]
+    assert right.bounds_per_dof == pytest.approx((1 - 0.057, 1 + 0.057), abs=3e-3)  # 1.96 sqrt(2 / 2400)
+    small, large = (nees(estimate, truth, np.tile(covariance * k, (400, 1, 1))) for k in (0.25, 4.0))
+    assert small.verdict == "overconfident" and small.mean_per_dof == pytest.approx(4 * right.mean_per_dof)
+    assert large.verdict == "underconfident" and large.share_within == 1.0
+    swapped = np.roll(np.tile(covariance, (400, 1, 1)), 3, axis=(1, 2))  # translation first is another convention
+    assert nees(estimate, truth, swapped).verdict == "overconfident"
+
+
+def test_nees_pairs_covariances_with_the_poses_that_match() -> None:
+    estimate, truth = noisy(np.eye(6) * 1e-4)
+    covariances = np.eye(6) * (1e-4 * np.arange(1, 401))[:, None, None]
+    whole = nees(estimate, truth, covariances)
+    part = nees(estimate, Trajectory(truth.stamps_ns[100:200], truth.poses[100:200]), covariances)
+    assert np.allclose(part.per_pose, whole.per_pose[100:200]) and (part.matched_poses, part.total_poses) == (100, 400)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "message"),
+    [
+        (np.zeros((6, 6)), "pose 0 is not positive definite"),
+        (np.diag([1, 1, 1, 1, 1, -1.0]), "not positive definite"),
+        (np.eye(6) + np.eye(6, k=1) * 0.1, "symmetric"),
+        (np.eye(6) * np.nan, "not finite"),
+        (np.eye(3), "shape"),
+    ],
+)
+def test_nees_refuses_what_is_no_covariance(covariance: Array, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        nees(TRUTH, TRUTH, np.tile(covariance, (len(TRUTH), 1, 1)))
