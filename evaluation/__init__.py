@@ -1,1 +1,1 @@
-"""Measurements of the whole system: how long a run takes against KISS-ICP's own pipeline."""
+"""Measurements of the whole system: trajectories, maps and matches against the truth, ablation, timing."""

@@ -178,9 +178,10 @@ class Anchoring:
                 by_rooms.setdefault((surface.room, planned.room), {})[wall] = plane
         if T_map_local is None:
             T_map_local = self._place(self.committed, walls.T_level_map)
-        elevation = self._elevation(self.committed.floor)
-        rooms = _room_anchors(scene, by_rooms, elevation or 0.0)
-        return Anchors(T_map_local, {wall: list(p.values()) for wall, p in planes.items()}, rooms, elevation)
+        elevation, settings = self._elevation(self.committed.floor), self._config.anchors
+        rooms = _room_anchors(scene, by_rooms, elevation or 0.0) if settings.rooms else {}
+        walls_anchored = {wall: list(p.values()) for wall, p in planes.items()} if settings.planes else {}
+        return Anchors(T_map_local, walls_anchored, rooms, elevation)
 
     def _holds(self, seen: WallSurface, planned: WallSurface, T_level_map: Floats, T_map_local: Floats) -> bool:
         """Whether a seen surface lies at a planned one, within the gates and beside it."""

@@ -96,6 +96,8 @@ class BackendSettings(_Settings):
 class AnchorSettings(_Settings):
     """Anchors to the BIM: how well the building keeps to its plan."""
 
+    planes: bool = Field(True, description="anchor matched walls")
+    rooms: bool = Field(True, description="anchor matched rooms")
     sigma_offset: float = Field(0.006, gt=0, description="m, a wall's offset as built")
     sigma_normal: float = Field(0.004, gt=0, description="rad, a wall's normal as built")
     sigma_room: float = Field(0.03, gt=0, description="m, a room's place as built")
