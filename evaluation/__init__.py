@@ -1,1 +1,1 @@
-"""Measurements of the whole system: trajectories, maps and matches against the truth, ablation, timing."""
+"""Measurements of the whole system: trajectories, maps and matches against the truth, and run times."""

@@ -1,0 +1,292 @@
+"""Map metrics: maps whose faults are known, under any motion; the true matches that follow from the place."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from plans import SHARED, a_graph, box, flat, merged, moved, offices, swiss
+from s_graph_noise import REAL, Noise, draw
+from scipy.spatial.transform import Rotation
+
+from data import Room, SceneGraph, WallSurface
+from data.errors import UserError
+from evaluation.map_metrics import room_scores, wall_scores
+from evaluation.surface_overlap import Limits, best_rigid_fit, plan_motion
+from evaluation.true_matches import bearers, true_matches
+from matching import se2
+from sgslam.frames import se2_to_se3
+
+PLAN = a_graph(offices([3.0, 4.0, 3.5], [5.0, 5.6]), "ground")
+T_MAP_BIM = (0.7, 12.0, -5.0)
+T_BIM_MAP = se2_to_se3(*se2.inverse(np.array(T_MAP_BIM)).tolist())
+
+
+def mapped(graph: SceneGraph = PLAN, prefix: str = "s/") -> SceneGraph:
+    """A perfect map of a plan: other ids, another frame, another floor."""
+    at = moved(graph, *T_MAP_BIM)
+    rooms = tuple(dataclasses.replace(r, id=prefix + r.id, floor="map") for r in at.rooms)
+    walls = tuple(
+        dataclasses.replace(w, id=prefix + w.id, room=w.room and prefix + w.room, floor="map") for w in at.wall_surfaces
+    )
+    return SceneGraph("map", rooms, walls)
+
+
+def with_walls(graph: SceneGraph, *walls: WallSurface, without: str | None = None) -> SceneGraph:
+    kept = tuple(w for w in graph.wall_surfaces if w.id != without)
+    return dataclasses.replace(graph, wall_surfaces=(*kept, *walls))
+
+
+def piece(wall: WallSurface, name: str, start: float, end: float, **changes: Any) -> WallSurface:
+    """The part of a wall between two shares of its length."""
+    p, q = (np.array(e) for e in wall.ends())
+    x, y = (p + (start + end) / 2 * (q - p)).tolist()
+    length = (end - start) * (wall.length or 0.0)
+    return dataclasses.replace(wall, id=name, centroid=(x, y), length=length, **changes)
+
+
+def pushed(wall: WallSurface, metres: float, radians: float = 0.0) -> WallSurface:
+    """A wall moved along its normal and turned about its middle."""
+    (x, y), (nx, ny) = wall.centroid, wall.normal
+    normal = se2.rotate(radians, np.array([nx, ny]))
+    return dataclasses.replace(
+        wall, centroid=(x + metres * nx, y + metres * ny), normal=(float(normal[0]), float(normal[1]))
+    )
+
+
+def test_a_perfect_map_scores_perfectly() -> None:
+    walls, rooms = wall_scores(mapped(), PLAN, T_BIM_MAP), room_scores(mapped(), PLAN, T_BIM_MAP)
+    for score in (walls.score, rooms.score):
+        assert score.precision == score.recall == score.f1 == 1
+    assert walls.precision_by_length == pytest.approx(1) and walls.recall_by_length == pytest.approx(1)
+    assert walls.offset_mm is not None and walls.offset_mm.max < 1e-6
+    assert walls.angle_deg is not None and walls.angle_deg.max < 1e-6
+    assert rooms.mean_iou == pytest.approx(1) and max(rooms.centroid_m) < 1e-6
+    assert set(walls.pairs) == {(f"s/{w.id}", w.id) for w in PLAN.wall_surfaces}
+
+
+def test_scores_do_not_depend_on_where_the_frames_lie() -> None:
+    s = draw(PLAN, np.random.default_rng(0), 5)
+    T = np.array([2.0, 4e5, -3e6])  # a georeferenced plan
+    elsewhere = se2.compose(T, s.T_a_s)
+    before = wall_scores(s.s, PLAN, se2_to_se3(*s.T_a_s.tolist()))
+    after = wall_scores(s.s, moved(PLAN, *T.tolist()), se2_to_se3(*elsewhere.tolist()))
+    assert before.score == after.score and before.pairs == after.pairs
+    assert np.allclose(before.offset_m, after.offset_m, atol=1e-6)
+
+
+def test_offsets_and_angles_are_those_that_were_put_in() -> None:
+    rng = np.random.default_rng(0)
+    offset, angle = rng.normal(scale=0.02, size=(2, len(PLAN.wall_surfaces))) * [[1], [0.5]] + [[0.03], [0]]
+    perfect = mapped()
+    walls = tuple(pushed(*w) for w in zip(perfect.wall_surfaces, offset.tolist(), angle.tolist(), strict=True))
+    result = wall_scores(dataclasses.replace(perfect, wall_surfaces=walls), PLAN, T_BIM_MAP)
+    assert result.score.precision == 1 and len(result.pairs) == len(offset)
+    assert np.allclose(result.angle_rad, angle, atol=1e-9)
+    assert np.allclose(result.offset_m, offset, atol=1e-3)  # in the middle of what overlaps, not of the wall
+    assert result.bias_mm == pytest.approx(1000 * np.median(offset), abs=1)
+    assert result.offset_mm is not None and result.offset_mm.max == pytest.approx(1000 * np.abs(offset).max(), abs=1)
+
+
+def test_an_offset_is_taken_where_the_walls_overlap() -> None:
+    plan = SceneGraph("bim", (), (WallSurface("a", None, (0.0, 0.0), (0.0, 1.0), 2.0),))
+    tilt = 0.1  # the S wall crosses the A wall's line at x = 0 and is long to one side only
+    s = SceneGraph(
+        "map", (), (WallSurface("s", None, (4.0, 4 * np.tan(tilt)), (-np.sin(tilt), np.cos(tilt)), 8 / np.cos(tilt)),)
+    )
+    assert wall_scores(s, plan, np.eye(4), limits=Limits(0.06)).pairs == ()  # at 0.5, so less than 0.3 of its length
+    short = dataclasses.replace(s.wall_surfaces[0], length=7 / np.cos(tilt), centroid=(2.5, 2.5 * np.tan(tilt)))
+    result = wall_scores(SceneGraph("map", (), (short,)), plan, np.eye(4), limits=Limits(0.2, 0.2))
+    assert result.pairs == () and result.score == dataclasses.replace(result.score, right=0, found=1)
+    near = dataclasses.replace(short, length=3 / np.cos(tilt), centroid=(0.5, 0.5 * np.tan(tilt)))
+    result = wall_scores(SceneGraph("map", (), (near,)), plan, np.eye(4))
+    assert result.offset_m == pytest.approx([0.0], abs=1e-9) and result.angle_rad == pytest.approx([tilt])
+
+
+@pytest.mark.parametrize(
+    ("fault", "kept"), [((0.29, 0), True), ((0.31, 0), False), ((0, 0.17), True), ((0, 0.18), False)]
+)
+def test_a_wall_beyond_the_limits_is_missed_and_false(fault: tuple[float, float], kept: bool) -> None:
+    perfect = mapped(a_graph([box(0, 0, 1.5, 1.5)]))
+    wall = perfect.wall_surfaces[0]
+    s = with_walls(perfect, pushed(wall, *fault), without=wall.id)
+    result = wall_scores(s, a_graph([box(0, 0, 1.5, 1.5)]), T_BIM_MAP)
+    assert result.missed == (() if kept else (wall.id.removeprefix("s/"),))
+    assert result.false == (() if kept else (wall.id,))
+
+
+def test_the_other_side_of_a_thin_wall_is_another_wall() -> None:
+    two = a_graph([box(0, 0, 3, 3), box(3.08, 0, 3, 3)])
+    one = mapped(a_graph([box(0, 0, 3, 3)]))
+    result = wall_scores(one, two, T_BIM_MAP)
+    assert result.score.precision == 1 and result.score.recall == 0.5
+    assert all(key.startswith("room1/") for key in result.missed) and len(result.missed) == 4
+
+
+@pytest.mark.parametrize(
+    ("parts", "found"), [([(0, 0.3), (0.7, 1)], True), ([(0, 0.3), (0.1, 0.4)], False), ([(0, 0.45)], False)]
+)
+def test_several_pieces_cover_a_wall_together(parts: list[tuple[float, float]], found: bool) -> None:
+    perfect = mapped()
+    wall = perfect.wall_surfaces[0]
+    s = with_walls(perfect, *(piece(wall, f"p{k}", *p) for k, p in enumerate(parts)), without=wall.id)
+    result = wall_scores(s, PLAN, T_BIM_MAP)
+    assert (wall.id.removeprefix("s/") not in result.missed) == found
+    assert result.score.precision == 1
+    assert true_matches(s, PLAN, T_BIM_MAP).wall_surfaces["p0"] == wall.id.removeprefix("s/")
+
+
+def test_a_wall_seen_over_two_planned_ones_is_true_and_finds_both() -> None:
+    plan = a_graph([box(0, 0, 4, 3)])
+    wall = plan.wall_surfaces[0]
+    split = with_walls(plan, piece(wall, "left", 0, 0.4), piece(wall, "right", 0.4, 1), without=wall.id)
+    result = wall_scores(mapped(plan), split, T_BIM_MAP)
+    assert result.score.precision == result.score.recall == 1 and result.score.expected == 5
+    assert true_matches(mapped(plan), split, T_BIM_MAP).wall_surfaces[f"s/{wall.id}"] == "right"
+
+
+def test_only_what_could_be_seen_counts() -> None:
+    part = SceneGraph("map", mapped().rooms[:2], tuple(w for w in mapped().wall_surfaces if w.room == "s/room0"))
+    visible = {w.id for w in PLAN.wall_surfaces if w.room == "room0"}
+    assert wall_scores(part, PLAN, T_BIM_MAP, visible).score.recall == 1
+    assert wall_scores(part, PLAN, T_BIM_MAP).score.recall == pytest.approx(4 / len(PLAN.wall_surfaces))
+    assert wall_scores(part, PLAN, T_BIM_MAP, ()).score.recall is None
+    assert wall_scores(part, PLAN, T_BIM_MAP, ()).score.precision == 1  # seen after all, so it is there
+    assert room_scores(part, PLAN, T_BIM_MAP, {"room0"}).score.recall == 1
+    with pytest.raises(UserError, match="no wall surface 'room0' in the plan"):
+        wall_scores(part, PLAN, T_BIM_MAP, {"room0"})
+    with pytest.raises(UserError, match="no room 'hall'"):
+        room_scores(part, PLAN, T_BIM_MAP, {"hall"})
+
+
+def test_nothing_seen_and_nothing_planned() -> None:
+    empty = SceneGraph("map")
+    for s, a in ((empty, PLAN), (mapped(), empty), (empty, empty)):
+        walls, rooms = wall_scores(s, a, T_BIM_MAP), room_scores(s, a, T_BIM_MAP)
+        assert walls.score.right == rooms.score.found == 0 and walls.offset_mm is rooms.centroid is None
+        assert walls.score.precision == (0 if s.wall_surfaces else None)
+        assert rooms.score.recall == (0 if a.rooms else None)
+
+
+def room_of(polygon: list[tuple[float, float]], name: str) -> Room:
+    """A room of the map, given in the plan's frame."""
+    return mapped(a_graph([polygon]), name).rooms[0]
+
+
+def test_a_room_cut_in_two_and_two_in_one() -> None:
+    plan = a_graph([box(0, 0, 4, 3), box(4.1, 0, 4, 3), box(8.2, 0, 2, 3)])
+    parts = SceneGraph("map", (room_of(box(0, 0, 1.2, 3), "small"), room_of(box(1.2, 0, 2.8, 3), "large")))
+    result = room_scores(parts, plan, T_BIM_MAP)
+    assert result.pairs == (("largeroom0", "room0"),) and result.false == ("smallroom0",)
+    assert result.iou == (pytest.approx(0.7),) and result.centroid_m == (pytest.approx(0.6),)
+    assert (result.score.right, result.score.answered, result.score.expected) == (1, 2, 3)
+    joined = SceneGraph("map", (room_of(box(4.1, 0, 6.1, 3), "both"),))
+    assert true_matches(joined, plan, T_BIM_MAP).rooms == {"bothroom0": "room1"}
+    assert room_scores(joined, plan, T_BIM_MAP).iou == (pytest.approx(12 / 18.3),)
+    outside = SceneGraph("map", (room_of(box(50, 0, 4, 3), "far"),))
+    assert room_scores(outside, plan, T_BIM_MAP).score.precision == 0
+
+
+def test_rooms_without_polygons_are_known_by_their_walls() -> None:
+    def bare(graph: SceneGraph) -> SceneGraph:
+        return dataclasses.replace(graph, rooms=tuple(dataclasses.replace(r, polygon=None) for r in graph.rooms))
+
+    for s, a in ((bare(mapped()), PLAN), (mapped(), bare(PLAN)), (bare(mapped()), bare(PLAN))):
+        assert true_matches(s, a, T_BIM_MAP).rooms == {f"s/{r.id}": r.id for r in PLAN.rooms}
+        result = room_scores(s, a, T_BIM_MAP)
+        assert result.score.f1 == 1 and result.mean_iou is None and result.centroid is not None
+    without_walls = dataclasses.replace(bare(mapped()), wall_surfaces=())
+    assert true_matches(without_walls, PLAN, T_BIM_MAP).rooms == {}
+
+
+def test_lengths_may_be_unknown() -> None:
+    walls = tuple(dataclasses.replace(w, length=None) for w in mapped().wall_surfaces)
+    result = wall_scores(dataclasses.replace(mapped(), wall_surfaces=walls), PLAN, T_BIM_MAP)
+    assert result.score.precision == 1
+    assert set(result.pairs) == {(f"s/{w.id}", w.id) for w in PLAN.wall_surfaces}
+
+
+def test_a_tilted_map_frame_is_levelled_and_others_are_refused() -> None:
+    tilt = np.eye(4)
+    tilt[:3, :3] = Rotation.from_rotvec([0.2, -0.3, 0.0]).as_matrix()  # the smallest turn that levels the map
+    assert np.allclose(plan_motion(T_BIM_MAP @ tilt), plan_motion(T_BIM_MAP), atol=1e-12)
+    assert np.allclose(plan_motion(T_BIM_MAP), se2.inverse(np.array(T_MAP_BIM)), atol=1e-12)
+    for T, message in (
+        (np.diag([1.0, -1, -1, 1]), "upside down"), (np.eye(3), "rigid"), (np.diag([1.0, 1, -1, 1]), "rigid"),
+        (np.eye(4) * np.nan, "rigid"),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=message):
+            wall_scores(mapped(), PLAN, T)
+
+
+def test_storeys_are_not_laid_on_each_other() -> None:
+    tower = merged(PLAN, a_graph(offices([3.0, 4.0, 3.5], [5.0, 5.6]), "upper", "upper"))
+    for metric in (wall_scores, room_scores, true_matches):
+        with pytest.raises(UserError, match=r"2 storeys.*on_floor"):
+            metric(mapped(), tower, T_BIM_MAP)
+    assert true_matches(mapped(), tower.on_floor("upper"), T_BIM_MAP).floor == "upper"
+
+
+def test_the_bearers_are_the_longest_piece_and_the_larger_room() -> None:
+    perfect = mapped()
+    wall = perfect.wall_surfaces[0]
+    s = with_walls(perfect, piece(wall, "p0", 0, 0.4), piece(wall, "p1", 0.45, 1), without=wall.id)
+    rooms, walls = bearers(true_matches(s, PLAN, T_BIM_MAP), s)
+    assert walls == {w.id for w in s.wall_surfaces} - {"p0"} and rooms == {r.id for r in s.rooms}
+    parts = SceneGraph("map", (room_of(box(0, 0, 1, 5), "small"), room_of(box(1, 0, 2, 5), "large")))
+    assert bearers(true_matches(parts, PLAN, T_BIM_MAP), parts)[0] == {"largeroom0"}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_true_matches_of_noisy_maps_are_those_they_were_drawn_from(seed: int) -> None:
+    plan = a_graph(flat(np.random.default_rng(seed)), "ground")
+    truth = draw(plan, np.random.default_rng(seed), 6, Noise(clutter=0.0))
+    found = true_matches(truth.s, plan, se2_to_se3(*truth.T_a_s.tolist()))
+    agreeing = sum(found.wall_surfaces.get(s) == a for s, a in truth.wall_surfaces.items())
+    assert agreeing >= 0.97 * len(truth.wall_surfaces)
+    assert found.rooms == truth.rooms and found.floor == truth.floor
+    assert np.allclose(found.T_a_s, truth.T_a_s)
+
+
+@pytest.mark.parametrize("far", [0.0, 3e6])
+def test_the_rigid_fit_recovers_a_motion_and_does_best_on_a_bent_map(far: float) -> None:
+    plan = moved(PLAN, 0.3, far, far)
+    matches = {f"s/{w.id}": w.id for w in PLAN.wall_surfaces}
+    fit = best_rigid_fit(mapped(), plan, matches)
+    expected = se2.compose(np.array([0.3, far, far]), se2.inverse(np.array(T_MAP_BIM)))
+    assert np.allclose(fit, expected, atol=1e-8, rtol=0)
+    drawn = draw(PLAN, np.random.default_rng(1), 5, dataclasses.replace(REAL, drift_yaw=0.03, drift_xy=0.1))
+    fit = best_rigid_fit(drawn.s, PLAN, drawn.wall_surfaces)
+
+    def cost(T_a_s: Any) -> float:
+        walls = [(drawn.s.surface_by_id[s], PLAN.surface_by_id[a]) for s, a in drawn.wall_surfaces.items()]
+        return sum(
+            float((se2.apply(T_a_s, np.array(end)) - a.centroid) @ a.normal) ** 2 for s, a in walls for end in s.ends()
+        )
+
+    for nudge in np.vstack([np.eye(3), -np.eye(3)]) * [1e-3, 1e-2, 1e-2]:
+        assert cost(fit + nudge) > cost(fit)
+
+
+def test_a_rigid_fit_that_is_not_determined_is_refused() -> None:
+    corridor = {f"s/{w.id}": w.id for w in PLAN.wall_surfaces if abs(w.normal[0]) < 0.1}
+    stranger = {"s/room0/0": "x"}
+    for matches, message in ((corridor, "parallel"), ({}, "0 true matches"), (stranger, "no wall surface 'x'")):
+        with pytest.raises(UserError, match=message):
+            best_rigid_fit(mapped(), PLAN, matches)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}")
+def test_true_matches_on_real_floors() -> None:
+    agreeing = total = 0
+    names = sorted(p.stem for p in (SHARED / "data/floorplans/swiss_floors").glob("*.json"))[:6]
+    for n, name in enumerate(names):
+        plan = swiss(name)
+        truth = draw(plan, np.random.default_rng(n), 6)
+        found = true_matches(truth.s, plan, se2_to_se3(*truth.T_a_s.tolist()))
+        # What sticks out less than the noise of its ends is not where it was drawn from.
+        long = {s: a for s, a in truth.wall_surfaces.items() if (plan.surface_by_id[a].length or 0.0) > 0.6}
+        agreeing += sum(found.wall_surfaces.get(s) == a for s, a in long.items())
+        total += len(long)
+        assert found.rooms == truth.rooms
+    assert total > 100 and agreeing >= 0.98 * total
