@@ -131,6 +131,13 @@ class IfcWriter:
         for number, root in enumerate(self.model.by_type("IfcRoot")):
             own = uuid.uuid5(uuid.NAMESPACE_OID, f"{self._name}/{number}")
             root.GlobalId = ifcopenshell.guid.compress(own.hex)
+        # ifcopenshell keeps these in sets, whose order changes from call to call
+        for ifc_class, name in (
+            ("IfcUnitAssignment", "Units"), ("IfcRelContainedInSpatialStructure", "RelatedElements"),
+            ("IfcRelAggregates", "RelatedObjects"),
+        ):  # fmt: skip
+            for entity in self.model.by_type(ifc_class):
+                setattr(entity, name, sorted(getattr(entity, name), key=lambda member: member.id()))
         self.model.header.file_name.name = f"{self._name}.ifc"  # not the path: it shall not change the bytes
         self.model.header.file_name.time_stamp = STAMP
         write_atomically(path, self.model.to_string())

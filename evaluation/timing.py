@@ -46,16 +46,21 @@ def seconds_of_run(scan_dir: Path, bim: Path | None) -> dict[str, float]:
 def _run(command: list[str], folder: str) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise UserError(f"{' '.join(command[:4])} failed: {done.stderr.strip().splitlines()[-1:]}")
+        what = "sgslam.run" if "sgslam.run" in command else "KISS-ICP's pipeline"
+        said = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
+        raise UserError(f"{what} failed on this folder: {said[-1].strip() if said else 'it says nothing'}")
 
 
 def main() -> int:
     """The command line."""
     parser = Parser(prog="python -m evaluation.timing", description="A run's time against KISS-ICP's own pipeline.")
-    parser.add_argument("--scan-dir", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--bim", type=Path, metavar="FILE")
+    add = parser.add_argument
+    add("--scan-dir", type=Path, required=True, metavar="DIR", help="folder of scans (.bin for KISS-ICP)")
+    parser.add_argument("--bim", type=Path, metavar="FILE", help="the building")
     parser.add_argument("--repeat", type=int, default=3, metavar="N", help="times that each is run (default 3)")
     options = parser.parse_args()
+    if options.repeat < 1:
+        raise UserError(f"--repeat {options.repeat}: must be at least 1")
     if not options.scan_dir.is_dir():
         raise UserError(f"--scan-dir {options.scan_dir}: no such folder")
     if options.bim is not None:

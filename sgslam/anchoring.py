@@ -1,5 +1,6 @@
 """When the S-graph is matched, and what of a match becomes an anchor."""
 
+import logging
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,6 +16,7 @@ from sgslam.scene import Scene
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
 
 
 class Match(Protocol):
@@ -104,6 +106,20 @@ class Anchoring:
             return None
         return self._anchors(scene, walls, T_map_local)
 
+    def confirm(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
+        """Whether the matcher, with the whole building open to it, says of `scene` what was committed to.
+
+        Where it does not, the commitment is withdrawn. True where there was none.
+        """
+        committed, self.committed = self.committed, None
+        self._try(scene, walls, T_map_local)
+        if committed is None or self.committed is not None:
+            return True
+        self._pairs = set()
+        assert self.match is not None
+        _log.warning("the match that the anchors stood on is withdrawn: %s", self.match.reason)
+        return False
+
     def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
         T_level_map = walls.T_level_map
         fixed = self.committed.floor if self.committed is not None else None
@@ -113,6 +129,7 @@ class Anchoring:
         if self.match.status == "unique" and self._agrees(self.match, T_level_map, T_map_local):
             self.committed = self.match
             self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in self.match.wall_surfaces}
+        _log.info("matching %d rooms: %s, %s", len(scene.graph.rooms), self.match.status, self.match.reason)
 
     def bim_from_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) the map in the BIM frame, from the back end's estimate."""

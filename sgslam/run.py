@@ -13,6 +13,9 @@ from data.cli import Parser, run_command
 from data.errors import UserError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from data.scans import ScanFolder
     from data.scene_graph import SceneGraph
     from data.trajectory import Trajectory
@@ -37,6 +40,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     config = load_config(options.config, options.set)
     start = None if options.start is None else _start(options.start)
+    if options.bim is None and (options.storey is not None or options.start is not None):
+        raise UserError("--storey and --start say where in the building; give --bim too")
     scans = ScanFolder(options.scan_dir)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     if truth is not None and not len(associate(scans.stamps_ns, truth.stamps_ns)[0]):
@@ -51,10 +56,16 @@ def main(arguments: list[str] | None = None) -> int:
         if notice:
             logging.getLogger("sgslam").warning("%s", notice)
     slam = SceneGraphSlam(a_graph, _matcher(config.matching.method, start), config)
+    log = logging.getLogger("sgslam")
+    log.info("%d scans in %s; building: %s", len(scans), scans.path, options.bim or "none")
     broken = _feed(slam, scans, seconds)
+    for skipped in scans.skipped:
+        log.warning("%s is skipped: %s", skipped.path.name, skipped.reason)
     result = slam.finish()
     seconds["total"] = perf_counter() - began
+    log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
     more: dict[str, Any] = {"scans_skipped": len(scans.skipped), "seconds": {**result.seconds, **seconds}}
+    more["told"] = {"storey": options.storey, "start": start}
     if truth is not None:
         more["accuracy"] = _accuracy(result, truth)
     metrics = save_result(result, out, a_graph=None if bim is None else bim.graph, truth=truth, more=more)
@@ -158,6 +169,8 @@ def _feed(slam: "SceneGraphSlam", scans: "ScanFolder", seconds: dict[str, float]
         try:
             for scan in scans:
                 seconds["reading"] += perf_counter() - waiting
+                if not fed:
+                    _doubt_units(scan.points)
                 slam.add_scan(scan.stamp_ns, scan.points)
                 fed += 1
                 progress.update(task, completed=scan.index + 1)
@@ -166,7 +179,20 @@ def _feed(slam: "SceneGraphSlam", scans: "ScanFolder", seconds: dict[str, float]
             if not fed:
                 raise
             return str(error)
+        except KeyboardInterrupt:
+            if not fed:
+                raise
+            return f"interrupted after {fed} of {len(scans)} scans"
     return None
+
+
+def _doubt_units(points: "NDArray[np.float64]") -> None:
+    """Warns where the first scan is a building's size in millimetres."""
+    import numpy as np
+
+    far = float(np.median(np.linalg.norm(points, axis=1)))
+    if far > 500.0:
+        logging.getLogger("sgslam").warning("half of the points are over %.0f m away: are the scans in metres?", far)
 
 
 def _accuracy(result: Any, truth: "Trajectory") -> dict[str, Any]:

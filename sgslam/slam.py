@@ -109,8 +109,8 @@ class SceneGraphSlam:
         assert self._scene is not None
         if self._anchoring is not None:
             with self._clock("matching"):  # the answer that is given is the one on the final map
-                self._anchoring.update(self._scene, self._walls, self._backend.T_map_bim, last=True)
-            if self._anchoring.committed is not None and not self.anchored:
+                confirmed = self._anchoring.confirm(self._scene, self._walls, self._backend.T_map_bim)
+            if not confirmed or (self._anchoring.committed is not None and not self.anchored):
                 self._optimise(last=True)
         return finished(
             self._scans, self._backend, self._scene, self._walls, self._bim, self._anchoring, self._first_anchor_ns,
@@ -151,7 +151,9 @@ class SceneGraphSlam:
             self._backend.optimise(self._walls.seen, rooms, anchors, steps=20 if last else 6)
         newest = self._backend.keyframes[-1]
         self._scans[-1].T_map_sensor = newest.T_map_sensor
-        if anchors is not None and self._first_anchor_ns is None:
+        if not self.anchored:
+            self._first_anchor_ns = None
+        elif self._first_anchor_ns is None:
             self._first_anchor_ns = newest.stamp_ns
         with self._clock("surfaces"):
             T_level_map = level_map(self._backend.floor_in_map, self._front_end.height)
@@ -173,8 +175,11 @@ class SceneGraphSlam:
             self._scene = build_scene(self._backend.keyframes, self._walls, self._backend.floor_in_map, self._config)
 
     def _checked(self, stamp_ns: int, points: Floats, T_odom_sensor: Floats | None) -> Floats:
-        points = np.ascontiguousarray(points, dtype=np.float64)
         where = f"scan at {stamp_ns} ns"
+        try:
+            points = np.ascontiguousarray(points, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise UserError(f"{where}: points must be an array (N, 3) of numbers") from None
         # the sum is finite only where every number is
         if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points.sum()):
             raise UserError(f"{where}: points must be (N, 3), at least one, and finite")

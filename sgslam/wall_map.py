@@ -94,7 +94,8 @@ class WallMap:
         """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes
         (4,)."""
         self.T_level_map = T_level_map
-        self.planes_in_map = dict(planes_in_map)
+        observed = {s.wall for s in self.seen}
+        self.planes_in_map = {wall: plane for wall, plane in planes_in_map.items() if wall in observed}
         self._extent, self._intervals, self._lines = {}, [], None
         if not self.seen:
             return

@@ -192,6 +192,7 @@ def test_mistakes_with_settings_and_the_rest(scans: Path, tmp_path: Path) -> Non
     (tmp_path / "config.yaml").write_text("keyframes: {distanse: 1.0}")
     assert_refused(run("--scan-dir", scans, "--config", tmp_path / "config.yaml"), "distanse", "keyframes.distance")
     assert_refused(run("--scan-dir", scans, "--start", "1,2"), "X,Y,YAW")
+    assert_refused(run("--scan-dir", scans, "--start", "1,2,0"), "--bim")
     (tmp_path / "file").write_text("")
     assert_refused(run("--scan-dir", scans, "--out", tmp_path / "file" / "out"), "--out")
     assert_refused(run("--scan-dir", scans, "--ground-truth", tmp_path / "truth.tum"), "truth.tum")

@@ -185,6 +185,24 @@ class KnowingMatcher:
         return Answer(self.status, (), tuple(pairs), (yaw, float(t[0]), float(t[1])), a.floors[0].id)
 
 
+class WaveringMatcher(KnowingMatcher):
+    """Is certain while the map is small and no longer on the whole of it."""
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> Answer:
+        answer = super().match(s, a)
+        return replace(answer, status="unique" if len(s.keyframes) < 45 else "ambiguous")
+
+
+def test_a_commitment_that_the_final_map_does_not_confirm_is_withdrawn(drive: Drive) -> None:
+    slam = SceneGraphSlam(drive.bim, WaveringMatcher(drive.truth.poses[0], "unique"))
+    anchored_on_the_way = [slam.add_scan(*scan).anchored for scan in drive.scans]
+    result = slam.finish()
+    assert any(anchored_on_the_way)
+    assert not result.anchored and result.T_bim_map is None and result.first_anchor_s is None
+    assert result.matches is not None and result.matches["status"] == "ambiguous"
+    assert result.deviations == []
+
+
 @pytest.mark.parametrize("status", ["unique", "ambiguous", "none"])
 def test_only_a_unique_answer_of_a_matcher_anchors(drive: Drive, status: str) -> None:
     """Any object with `match` serves. The first 100 scans see two rooms of three."""
