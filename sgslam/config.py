@@ -14,7 +14,7 @@ class OdometrySettings(_Settings):
     max_range: float = Field(60.0, gt=0, description="m")
     min_range: float = Field(0.3, ge=0, description="m")
     iterations: int = Field(100, ge=1, description="of the registration at most")
-    convergence: float = Field(1e-3, gt=0, description="m and rad at which the registration stops")
+    convergence: float = Field(3e-3, gt=0, description="m and rad at which the registration stops")
     max_step: float = Field(1.5, gt=0, description="m from scan to scan; a longer step is searched anew")
     max_turn: float = Field(0.8, gt=0, description="rad from scan to scan, likewise")
     max_tip: float = Field(0.25, gt=0, description="rad by which the vertical tips from scan to scan, likewise")
@@ -26,10 +26,10 @@ class OdometrySettings(_Settings):
 class TrackingSettings(_Settings):
     """Each scan against the walls known so far."""
 
-    points: int = Field(150, ge=20, description="of the floor that are used, and twice as many of walls")
+    points: int = Field(100, ge=20, description="of the floor that are used, and twice as many of walls")
     every_column: int = Field(3, ge=1, description="of a scan that is used, for odometry too")
     reach: float = Field(20.0, gt=0, description="m to the walls that are used")
-    gates: tuple[float, ...] = Field((0.5, 0.25, 0.12), description="m from a wall, one for each step")
+    gates: tuple[float, ...] = Field((0.4, 0.12), description="m from a wall, one for each step")
     sigma_point: float = Field(0.05, gt=0, description="m; neighbouring points share their errors")
     huber: float = Field(0.03, gt=0, description="m")
     sigma_height: float = Field(0.03, gt=0, description="m by which the sensor's height above the floor changes")
@@ -42,9 +42,9 @@ class TrackingSettings(_Settings):
 class KeyframeSettings(_Settings):
     """A keyframe is taken when any of these is reached, and at the last scan."""
 
-    distance: float = Field(0.5, gt=0, description="m")
-    angle: float = Field(0.45, gt=0, description="rad")
-    scans: int = Field(10, ge=1, description="scans while moving: odometry that slips shows no distance")
+    distance: float = Field(0.8, gt=0, description="m")
+    angle: float = Field(0.6, gt=0, description="rad")
+    scans: int = Field(15, ge=1, description="scans while moving: odometry that slips shows no distance")
     standing: int = Field(50, ge=1, description="scans while standing still")
 
 
@@ -82,10 +82,10 @@ class RoomSettings(_Settings):
 class BackendSettings(_Settings):
     """Noise of the factors and the schedule of the optimisation."""
 
-    scene_keyframes: int = Field(25, ge=1, description="keyframes between two cuts into rooms, at the least")
-    scene_growth: float = Field(0.12, ge=0, description="and this share of all keyframes")
-    every_keyframes: int = Field(15, ge=1, description="keyframes between two optimisations, at the least")
-    growth: float = Field(0.05, ge=0, description="and this share of all keyframes")
+    scene_keyframes: int = Field(16, ge=1, description="keyframes between two cuts into rooms, at the least")
+    scene_growth: float = Field(0.25, ge=0, description="and this share of all keyframes")
+    every_keyframes: int = Field(12, ge=1, description="keyframes between two optimisations, at the least")
+    growth: float = Field(0.08, ge=0, description="and this share of all keyframes")
     sigma_normal: float = Field(0.004, gt=0, description="rad, floor of a wall observation's normal")
     sigma_offset: float = Field(0.008, gt=0, description="m, floor of a wall observation's offset")
     sigma_floor_offset: float = Field(0.01, gt=0, description="m")
