@@ -27,7 +27,7 @@ class TrackingSettings(_Settings):
     """Each scan against the walls known so far."""
 
     points: int = Field(100, ge=20, description="of the floor that are used, and twice as many of walls")
-    every_column: int = Field(3, ge=1, description="of a scan that is used, for odometry too")
+    every_column: int = Field(4, ge=1, description="of a scan that is used, for odometry too")
     reach: float = Field(20.0, gt=0, description="m to the walls that are used")
     gates: tuple[float, ...] = Field((0.4, 0.12), description="m from a wall, one for each step")
     sigma_point: float = Field(0.05, gt=0, description="m; neighbouring points share their errors")
