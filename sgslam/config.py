@@ -110,7 +110,6 @@ class MatchingSettings(_Settings):
     """When and how the S-graph is matched."""
 
     method: str = "voting"
-    min_rooms: int = Field(2, ge=1, description="rooms seen before the first try")
 
 
 class Config(_Settings):
