@@ -9,6 +9,7 @@ from data.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.trajectory import matched
 from sgslam.accuracy import TOLERANCE_NS
+from sgslam.frames import local_coordinates
 
 Array = NDArray[np.float64]
 DOF = 6
@@ -46,14 +47,12 @@ def nees(estimate: Trajectory, truth: Trajectory, covariances: Array, tolerance_
     time, so that the mean scatters more than the bounds say. Raises UserError where no pose matches or a covariance
     is not symmetric and positive definite.
     """
-    import gtsam
-
     covariances = np.asarray(covariances, dtype=float)
     if covariances.shape != (len(estimate), DOF, DOF):
         raise UserError(f"NEES: covariances of shape {covariances.shape} for {len(estimate)} poses; give (N, 6, 6)")
     both = matched(estimate, truth, tolerance_ns)
     errors = np.array([
-        gtsam.Pose3(ours).localCoordinates(gtsam.Pose3(true))
+        local_coordinates(ours, true)
         for ours, true in zip(both.estimate, both.truth, strict=True)
     ])  # fmt: skip
     squared = [

@@ -67,3 +67,10 @@ def level_map(floor_in_map: Floats | None, height: float) -> Floats:
         T[:3, :3] = levelling(floor_in_map[:3])
         T[2, 3] = floor_in_map[3]
     return T
+
+
+def local_coordinates(T_a_b: Floats, T_a_c: Floats) -> Floats:
+    """(6,) the pose (4, 4) of c as seen from b, in GTSAM's local coordinates: rotation first, then translation."""
+    import gtsam
+
+    return gtsam.Pose3(T_a_b).localCoordinates(gtsam.Pose3(T_a_c))
