@@ -25,7 +25,9 @@ def test_a_new_section_goes_to_the_end_of_the_page_which_is_made_where_missing(t
     assert page.read_text() == "<!-- one -->\nfirst\n<!-- /one -->\n\n<!-- two -->\nsecond\n<!-- /two -->\n"
 
 
-@pytest.mark.parametrize("text", ["<!-- one -->", "<!-- /one --> <!-- one -->", "<!-- one --><!-- one --><!-- /one -->"])
+@pytest.mark.parametrize(
+    "text", ["<!-- one -->", "<!-- /one --> <!-- one -->", "<!-- one --><!-- one --><!-- /one -->"]
+)
 def test_a_page_with_broken_markers_is_refused_and_kept(tmp_path, text):
     page = tmp_path / "BENCHMARKS.md"
     page.write_text(text)
