@@ -30,6 +30,8 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None) -> Bim:
     cannot be read, or has no walls.
     """
     path = Path(path)
+    if path.is_dir():
+        raise UserError(f"{path}: is a folder; give an IFC file (.ifc, .ifczip) or an A-graph (.json)")
     if not path.is_file():
         raise UserError(f"{path}: no such file; give an IFC file (.ifc, .ifczip) or an A-graph (.json)")
     if path.suffix.lower() == ".json":

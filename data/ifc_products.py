@@ -29,14 +29,23 @@ class IfcProduct:
 
 
 def open_ifc(path: Path | str) -> ifcopenshell.file:
-    """Opens an IFC file; raises UserError where it is missing or not IFC."""
+    """Opens an IFC file; raises UserError where it is missing, not IFC, or cut off."""
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file; give an IFC file")
+    if path.suffix.lower() == ".ifc" and not _is_whole(path):
+        raise UserError(f"{path}: not IFC, or cut off (it does not end in END-ISO-10303-21); give a whole IFC file")
     try:
         return ifcopenshell.open(str(path))
     except Exception as error:  # ifcopenshell raises its own kinds, OSError and RuntimeError
         raise UserError(f"{path}: cannot be read as IFC ({type(error).__name__}); give an IFC file") from None
+
+
+def _is_whole(path: Path) -> bool:
+    """Whether the end mark of a STEP file is there; ifcopenshell reads a file that was cut off without a word."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - 1000))
+        return b"END-ISO-10303-21" in file.read()
 
 
 def products(model: ifcopenshell.file, classes: tuple[str, ...]) -> Iterator[IfcProduct]:

@@ -25,9 +25,7 @@ if TYPE_CHECKING:
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 0 when done, also when nothing could be anchored. Raises UserError."""
     options = _parser().parse_args(arguments)
-    if options.demo:
-        _make_demo(options)
-    if options.scan_dir is None:
+    if options.scan_dir is None and not options.demo:
         raise UserError("--scan-dir is missing: give the folder that holds the scans, or --demo")
     # libraries are loaded only now, so that --help and a missing argument answer at once
     from data.bim import load_bim
@@ -40,6 +38,8 @@ def main(arguments: list[str] | None = None) -> int:
 
     config = load_config(options.config, options.set)
     start = None if options.start is None else _start(options.start)
+    if options.demo:
+        _make_demo(options)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start say where in the building; give --bim too")
     scans = ScanFolder(options.scan_dir)
@@ -99,6 +99,7 @@ def _dated_folder() -> Path:
 
 def _make_demo(options: argparse.Namespace) -> None:
     """Writes the demo building and a simulated drive into the out folder, and points the options at them."""
+    from data.bim import load_bim
     from data.demo_building import DEMO_STOREY, write_demo_building
     from data.simulate import simulate
     from sgslam.output import prepare_folder
@@ -112,6 +113,7 @@ def _make_demo(options: argparse.Namespace) -> None:
         raise UserError(f"{options.out}: holds a demo already; give another --out")
     print(f"demo: writing a building of two storeys, {options.bim}")
     write_demo_building(options.bim)
+    _storey(load_bim(options.bim).graph, options.storey)  # a wrong name is told before the drive
     print(f"demo: driving through its '{DEMO_STOREY}' with a simulated LiDAR, {drive}")
     simulate(options.bim, DEMO_STOREY, drive, seed=options.seed, min_rooms=6, min_length=50.0)
     options.scan_dir, options.ground_truth = drive / "scans", drive / "truth.tum"

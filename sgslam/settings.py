@@ -67,18 +67,24 @@ def _check_names(values: Any, model: type[BaseModel], prefix: str, where: str) -
         raise UserError(f"{where}: '{prefix.rstrip('.')}' is a group of settings: {', '.join(model.model_fields)}")
     for name, value in values.items():
         if name not in model.model_fields:
-            raise UserError(f"{where}: no setting '{prefix}{name}'; the nearest is '{_nearest(f'{prefix}{name}')}'")
+            hint = _nearest(f"{prefix}{name}", isinstance(value, dict))
+            raise UserError(f"{where}: no setting '{prefix}{name}'; {hint}")
         kind = model.model_fields[name].annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             _check_names(value, kind, f"{prefix}{name}.", where)
 
 
-def _nearest(name: str) -> str:
+def _nearest(name: str, is_group: bool) -> str:
+    """What may have been meant: the nearest group for a table's name, the nearest setting for a value's."""
+    groups = list(Config.model_fields)
+    close_groups = difflib.get_close_matches(name, groups, 1, 0.5)
+    if is_group:
+        return f"the nearest is '{close_groups[0]}'" if close_groups else f"there are the groups {', '.join(groups)}"
     names = [f"{group}.{key}" for group, values in Config().model_dump().items() for key in values]
     by_key = {known.split(".")[1]: known for known in names}
     close = difflib.get_close_matches(name, names, 1, 0.6)
     key = difflib.get_close_matches(name.split(".")[-1], list(by_key), 1, 0.0)
-    return close[0] if close else by_key[key[0]]
+    return f"the nearest is '{close[0] if close else by_key[key[0]]}'"
 
 
 def _merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:

@@ -256,7 +256,7 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     graphless = tmp_path / "graph.json"
     graphless.write_text("{}")
     for path, say in (
-        (empty, "has no walls"), (garbage, "cannot be read as IFC"), (graphless, "not a scene graph"),
+        (empty, "has no walls"), (garbage, "not IFC"), (graphless, "not a scene graph"),
         (tmp_path / "none.ifc", "no such file"), (Path(__file__), "neither an IFC file"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=say) as error:

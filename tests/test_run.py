@@ -107,12 +107,11 @@ def scans(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def box_scan(x: float) -> np.ndarray:
     """A 6 x 4 x 2.6 m room seen from 1 m height at (x, 0)."""
-    azimuth, elevation = np.meshgrid(np.linspace(-np.pi, np.pi, 360, endpoint=False), np.radians(np.arange(-15, 16, 2)))
+    azimuth, elevation = np.meshgrid(1e-3 + np.radians(np.arange(-180, 180)), np.radians(np.arange(-15, 16, 2)))
     d = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1)
     d = d.reshape(-1, 3)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        hits = np.stack([np.where(d > 0, (high - o) / d, (low - o) / d)
-                         for d, o, low, high in ((d[:, 0], x, -3, 3), (d[:, 1], 0, -2, 2), (d[:, 2], 0, -1, 1.6))])
+    hits = np.stack([np.where(d > 0, (high - o) / d, (low - o) / d)
+                     for d, o, low, high in ((d[:, 0], x, -3, 3), (d[:, 1], 0, -2, 2), (d[:, 2], 0, -1, 1.6))])
     return d * hits.min(axis=0)[:, None]
 
 
@@ -182,11 +181,20 @@ def test_mistakes_with_the_building(scans: Path, building: Path, tmp_path: Path)
     )
     assert_refused(run("--scan-dir", scans, "--bim", tmp_path / "bare.ifc"), "bare.ifc", "walls")
     assert_refused(run("--scan-dir", scans, "--bim", building, "--storey", "attic"), "attic", "there are")
+    assert_refused(run("--scan-dir", scans, "--bim", tmp_path), "folder", "IFC")
+    (tmp_path / "cut.ifc").write_bytes(building.read_bytes()[:-500])
+    assert_refused(run("--scan-dir", scans, "--bim", tmp_path / "cut.ifc"), "cut.ifc", "cut off")
+
+
+def test_a_demo_with_a_wrong_storey_is_refused_before_the_drive(tmp_path: Path) -> None:
+    assert_refused(run("--demo", "--storey", "attic", "--out", tmp_path / "out"), "attic", "there are")
+    assert not (tmp_path / "out" / "demo_drive").exists()
 
 
 def test_mistakes_with_settings_and_the_rest(scans: Path, tmp_path: Path) -> None:
     wrong = "odometry.voxl_size"
     assert_refused(run("--scan-dir", scans, "--set", f"{wrong}=1"), wrong, "odometry.voxel_size")
+    assert_refused(run("--scan-dir", scans, "--set", "odometri.voxel_size=1"), "odometri", "'odometry'")
     assert_refused(run("--scan-dir", scans, "--set", "odometry.voxel_size=-1"), "odometry.voxel_size")
     assert_refused(run("--scan-dir", scans, "--set", "odometry"), "a.b=c")
     (tmp_path / "config.yaml").write_text("keyframes: {distanse: 1.0}")
