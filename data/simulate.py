@@ -1,9 +1,10 @@
 """Simulates a robot that drives a building with a spinning LiDAR: an IFC file in, scans and the truth out.
 
-    python -m data.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M]
+    python -m data.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M] [--moved-walls SHARE]
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
-frame) and `run.json` (what was driven). Each scan is a snapshot of one instant, without motion distortion.
+frame), `run.json` (what was driven) and, where the building stands otherwise than planned, `changes.json`. Each
+scan is a snapshot of one instant, without motion distortion.
 All doors stand open (their leaves are left out), furniture is included, window panes are opaque.
 """
 
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from data.changes import Change, Changes
 from data.cli import Parser, run_command
 from data.drive import Robot, drive
 from data.errors import UserError
@@ -52,7 +54,7 @@ class VisitedRoom:
 class SimulatedRun:
     """What was driven: `rooms` as they were entered, the start's first; `truth` is T_bim_sensor of each scan.
 
-    Metres, seconds, radians; `start_yaw` is in the BIM frame.
+    Metres, seconds, radians; `start_yaw` is in the BIM frame. `changes` are what stands otherwise than planned.
     """
 
     out_dir: Path
@@ -62,6 +64,7 @@ class SimulatedRun:
     start_yaw: float
     rooms: tuple[VisitedRoom, ...]
     truth: Trajectory
+    changes: tuple[Change, ...] = ()
 
     @property
     def rooms_entered(self) -> int:
@@ -80,13 +83,15 @@ def simulate(
     robot: Robot = ROBOT,
     sensor_height: float = 0.8,
     scan_format: str = "bin",
+    changes: Changes | None = None,
 ) -> SimulatedRun:
     """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
 
     The robot enters `min_rooms` rooms (all, where fewer can be reached), drives `min_length` metres at least,
-    and returns. The level sensor stands `sensor_height` metres above the storey's floor. The same seed gives
-    the same bytes. Raises UserError for an unreadable IFC file, an unknown storey, one on which the robot
-    cannot move, an `out_dir` that is not empty, and settings that cannot be.
+    and returns. The level sensor stands `sensor_height` metres above the storey's floor. `changes` are made to the
+    building that is driven, not to its plan. The same seed gives the same bytes. Raises UserError for an unreadable
+    IFC file, an unknown storey, one on which the robot cannot move, an `out_dir` that is not empty, and settings
+    that cannot be.
     """
     from data.occupancy import build_grid
     from data.raycast import TriangleScene
@@ -95,7 +100,7 @@ def simulate(
 
     out = Path(out_dir)
     _check(out, scan_format, sensor_height, seed)
-    model = load_storey(ifc, storey)
+    model = load_storey(ifc, storey, changes, seed)
     scene = TriangleScene(model.solid)
     grid = build_grid(model, scene, max(ROBOT_TOP, sensor_height + SENSOR_TOP))
     rng = np.random.default_rng(seed)
@@ -105,7 +110,7 @@ def simulate(
     T_bim_sensor = _sensor_poses(poses, model.level + sensor_height)
     truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
     length = sum(curve_length(leg) for leg in legs)
-    run = SimulatedRun(out, model.name, seed, length, start_yaw, _visited(grid, stamps, poses), truth)
+    run = SimulatedRun(out, model.name, seed, length, start_yaw, _visited(grid, stamps, poses), truth, model.changes)
     settings = {"bim": Path(ifc).name, "sensor": asdict(sensor), "robot": asdict(robot)}
     _write(run, scene, sensor, scan_format, {**settings, "sensor_height_m": sensor_height})
     return run
@@ -156,6 +161,8 @@ def _write(
         stamps = run.truth.stamps_ns.tolist()
         write_atomically(scans / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
         run.truth.write_tum(unfinished / "truth.tum")
+        if run.changes:
+            write_json(unfinished / "changes.json", [asdict(change) for change in run.changes])
         write_json(unfinished / "run.json", {
             "storey": run.storey, "seed": run.seed, "scans": len(run.truth), "length_m": run.length,
             "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
@@ -178,6 +185,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=0, help="same seed, same bytes (default 0)")
     add("--min-rooms", type=int, default=8, metavar="N", help="rooms to enter (default 8; all, where fewer)")
     add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
+    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, moved 10 to 30 cm (default 0)")
+    add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
     add("--speed", type=float, default=ROBOT.speed, help="metres a second (default 0.8)")
     add("--sensor-height", type=float, default=0.8, help="metres above the floor (default 0.8)")
     add("--format", default="bin", choices=SCAN_WRITERS, help="of the scans (default bin)")
@@ -190,9 +199,11 @@ def main() -> int:
     run = simulate(
         args.bim, args.storey, args.out, args.seed, args.min_rooms, args.min_length,
         robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
+        changes=Changes(args.moved_walls, args.absent_walls),
     )  # fmt: skip
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of '{run.storey}'"
-    print(f"{run.out_dir}: {len(run.truth)} scans, {driven}")
+    changed = f"; {len(run.changes)} walls stand otherwise than planned" if run.changes else ""
+    print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
     return 0
 
 

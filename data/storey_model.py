@@ -9,6 +9,7 @@ import ifcopenshell.util.unit
 import numpy as np
 from numpy.typing import NDArray
 
+from data.changes import Change, Changes, as_built, draw_changes
 from data.errors import UserError
 from data.ifc_products import IfcProduct, open_ifc, products
 from data.raycast import TriangleScene
@@ -42,7 +43,8 @@ class Space:
 class StoreyModel:
     """`solid` is the whole building's; all else is the storey's. Metres, BIM frame.
 
-    `level` is the z of the finished floor, `extent` are the lowest and the highest x y, (2,) each.
+    `level` is the z of the finished floor, `extent` are the lowest and the highest x y, (2,) each. `changes` tells
+    what stands otherwise than the plan has it; the spaces are the plan's.
     """
 
     id: str
@@ -52,10 +54,11 @@ class StoreyModel:
     solid: Triangles
     doors: tuple[Triangles, ...]
     extent: tuple[Xy, Xy]
+    changes: tuple[Change, ...] = ()
 
 
-def load_storey(ifc: Path | str, storey: str) -> StoreyModel:
-    """Reads the model; `storey` is a name, long name or GlobalId.
+def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0) -> StoreyModel:
+    """Reads the model; `storey` is a name, long name or GlobalId. `changes` are made to the storey's walls, by `seed`.
 
     Spaces that have hardly a floor or ceiling in the model lend their lower and upper faces as such. Raises
     UserError for an unreadable file, an unknown storey, or a storey with nothing on it.
@@ -64,12 +67,16 @@ def load_storey(ifc: Path | str, storey: str) -> StoreyModel:
     entity = _find_storey(model, storey, ifc)
     classes = sorted({e.is_a() for e in model.by_type("IfcElement") if not _is_any(e, NOT_SOLID)})
     solid = [p for p in products(model, tuple(classes)) if not _is_any(model.by_guid(p.global_id), NOT_SOLID)]
+    walls = [p for p in solid if p.storey == entity.GlobalId and model.by_guid(p.global_id).is_a("IfcWall")]
+    made = draw_changes(walls, changes, seed) if changes is not None else ()
+    solid = as_built(model, solid, made)
     own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
     rooms = [p for p in products(model, ("IfcSpace",)) if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
     if not solid or not (spaces or own):
         raise UserError(f"{ifc}: storey '{storey}' has no geometry to drive in; take another storey")
-    doors = tuple(_triangles(p) for p in products(model, ("IfcDoor",)) if p.storey == entity.GlobalId)
+    leaves = as_built(model, list(products(model, ("IfcDoor",))), made)
+    doors = tuple(_triangles(p) for p in leaves if p.storey == entity.GlobalId)
     corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
     triangles = np.concatenate([_triangles(p) for p in solid])
     stairs = [_triangles(p) for p in solid if p.ifc_class in STAIRS]
@@ -80,7 +87,7 @@ def load_storey(ifc: Path | str, storey: str) -> StoreyModel:
     solid_triangles = np.concatenate([triangles, *floors, *ceilings])
     extent = (corners.min(axis=0), corners.max(axis=0))
     level = _measured_floor(TriangleScene(solid_triangles), level, extent)
-    return StoreyModel(entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent)
+    return StoreyModel(entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent, made)
 
 
 def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifcopenshell.entity_instance:

@@ -26,6 +26,7 @@ class OdometrySettings(_Settings):
 class TrackingSettings(_Settings):
     """Each scan against the walls known so far."""
 
+    correct: bool = Field(True, description="correct each scan; false where the odometry is to be trusted")
     points: int = Field(100, ge=20, description="of the floor that are used, and twice as many of walls")
     every_column: int = Field(4, ge=1, description="of a scan that is used, for odometry too")
     reach: float = Field(20.0, gt=0, description="m to the walls that are used")

@@ -82,6 +82,8 @@ class SceneGraphSlam:
         guess = predict(last.T_map_sensor, last.T_odom_sensor, T_odom_sensor)
         if not trust_tilt:
             guess = upright_step(guess, last.T_map_sensor, T_level_map[2, :3])
+        if not self._config.tracking.correct:
+            return guess
         T_map_sensor, _ = align(columns, self._walls.lines, guess, T_level_map, self._front_end.carried(), self._config)
         self._front_end.follow(T_level_map @ T_map_sensor)
         return T_map_sensor

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from small_ifc import CUPBOARD, DOORS, PIT, ROOMS, Box, SmallBuilding, write_small_ifc
+from small_ifc import CUPBOARD, DOORS, PANE, PIT, ROOMS, WALLS, Box, SmallBuilding, write_small_ifc
 
+from data.changes import Changes
 from data.drive import Robot, drive
 from data.errors import UserError
 from data.occupancy import build_grid
@@ -268,6 +269,37 @@ def test_every_format_is_read_back(scan_format: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_points(tmp_path / f"a.{scan_format}"), points)
     SCAN_WRITERS[scan_format](tmp_path / f"none.{scan_format}", points[:0])
     assert len(read_points(tmp_path / f"none.{scan_format}")) == 0
+
+
+def test_moved_walls_are_scanned_where_they_stand(building: SmallBuilding, tmp_path: Path) -> None:
+    changed = simulate(
+        building.path, "Ground", tmp_path / "run", seed=4, min_length=20.0, sensor=SENSOR, changes=Changes(moved=0.5)
+    )
+    listed = json.loads((tmp_path / "run" / "changes.json").read_text())
+    assert [c["id"] for c in listed] == [c.id for c in changed.changes] and len(listed) == 3
+    offsets = np.array([c["offset_in_bim"] for c in listed])
+    sizes = np.linalg.norm(offsets, axis=1)
+    assert ((sizes >= 0.1) & (sizes <= 0.3)).all() and {c["kind"] for c in listed} == {"moved"}
+    local = np.abs(offsets @ building.T_bim_building[:2, :2])  # a wall moves across: along one axis of the building
+    assert (local.min(axis=1) < 1e-6).all()
+    points = points_in_building(changed, building)
+    off = distance_to_surface(points, building.solids)
+    assert np.mean(off > 0.06) > 0.1  # a good part of what is seen is not where the plan has it
+    again = load_storey(building.path, "Ground", Changes(moved=0.5), seed=4)
+    assert again.changes == changed.changes
+    assert load_storey(building.path, "Ground", Changes(moved=0.5), seed=5).changes != changed.changes
+
+
+def test_the_window_goes_with_its_wall_and_an_absent_wall_is_open(building: SmallBuilding) -> None:
+    plain, bare = (load_storey(building.path, "Ground", c) for c in (None, Changes(absent=1.0)))
+    assert len(bare.changes) == len(WALLS) and {c.kind for c in bare.changes} == {"absent"}
+    pane = building.T_bim_building[:2, :2] @ [(PANE[0] + PANE[3]) / 2, (PANE[1] + PANE[4]) / 2]
+    centre = np.array([*(pane + building.T_bim_building[:2, 3]), building.T_bim_building[2, 3] + 1.5])
+    inward = building.T_bim_building[:3, :3] @ [0.0, -1.0, 0.0]
+    seen = [TriangleScene(s.solid).distances(centre + inward, -inward[None])[0] for s in (plain, bare)]
+    assert abs(seen[0] - 0.98) < 1e-3 and seen[1] == np.inf
+    with pytest.raises(UserError, match="0 to 1"):
+        Changes(moved=0.7, absent=0.7)
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
