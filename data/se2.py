@@ -1,0 +1,34 @@
+"""Proper motions of the plane: (..., 3) arrays of (yaw, x, y), p_a = R(yaw) p_b + (x, y) for T_a_b."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap(angle: Array) -> Array:
+    """Angles to [-pi, pi)."""
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def rotate(yaw: Array | float, points: Array) -> Array:
+    """(..., 2) points turned by yaw; yaw broadcasts against the points' leading axes."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = points[..., 0], points[..., 1]
+    return np.stack((c * x - s * y, s * x + c * y), axis=-1)
+
+
+def apply(T_a_b: Array, points_b: Array) -> Array:
+    """(..., 2) points in a; the motion's leading axes broadcast against the points'."""
+    return rotate(T_a_b[..., 0], points_b) + T_a_b[..., 1:]
+
+
+def compose(T_a_b: Array, T_b_c: Array) -> Array:
+    """T_a_c."""
+    yaw = wrap(T_a_b[..., 0] + T_b_c[..., 0])
+    return np.concatenate((yaw[..., None], apply(T_a_b, T_b_c[..., 1:])), axis=-1)
+
+
+def inverse(T_a_b: Array) -> Array:
+    """T_b_a."""
+    return np.concatenate((-T_a_b[..., :1], rotate(-T_a_b[..., 0], -T_a_b[..., 1:])), axis=-1)
