@@ -4,21 +4,16 @@ import time
 from functools import partial
 from typing import Protocol
 
-import numpy as np
-
 from data.errors import UserError
 from data.scene_graph import SceneGraph
-from matching import se2
 from matching.complete import complete
 from matching.hypotheses import Placement, search
 from matching.result import Hypothesis, MatchResult
-from matching.se2 import Array
+from matching.start import Start, near_start
 from matching.verification import verify
 from matching.walls import Walls, arrays, storeys
 
-START_M, START_RAD = 3.0, np.radians(60)
 LISTED = 10  # hypotheses in the answer
-Start = tuple[float, float, float]
 
 
 class Method(Protocol):
@@ -43,7 +38,7 @@ class VotingMatcher:
             if empty:
                 return MatchResult("none", f"the {what} has no wall surface")
         walls = arrays(s, None, list(s.wall_surfaces))
-        found = search(walls, candidates, None if start is None else partial(_near, start))
+        found = search(walls, candidates, None if start is None else partial(near_start, start))
         if not found:
             near = "" if start is None else " near the start that was given"
             reason = f"no wall corner of the map has its like in the plan{near}"
@@ -100,11 +95,6 @@ def _answer(found: list[Placement], candidates: list[Walls], began: float) -> Ma
 def _triple(placement: Placement) -> tuple[float, float, float]:
     yaw, x, y = placement.T_a_s.tolist()
     return yaw, x, y
-
-
-def _near(start: Start, T_a_s: Array) -> bool:
-    turn = abs(se2.wrap(T_a_s[:1] - start[2])[0])
-    return bool(np.hypot(T_a_s[1] - start[0], T_a_s[2] - start[1]) <= START_M and turn <= START_RAD)
 
 
 def _since(began: float) -> float:

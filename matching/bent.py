@@ -1,0 +1,168 @@
+"""From proposals to distinct hypotheses, each a field of motions over the map.
+
+Local motions are voted for (`local_motions`); from the part of the map where one is sure it grows over its
+neighbours, room by room, each room's walls speaking as soon as a neighbour has found its place (`grow`); every field
+is scored by its evidence (`bent_evidence`). The plan's own likenesses of the best place are added as rivals
+(`rivals`), so that a twin is never overlooked because nobody proposed it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from matching import se2
+from matching.bent_evidence import evidence
+from matching.field import Fields, Scene, judge, motions, partners, step
+from matching.groups import Groups
+from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
+from matching.local_motions import local_motions, seeds
+from matching.plan_walls import PlanWalls
+from matching.proposals import TopK
+from matching.rivals import rivals
+from matching.se2 import Array
+from matching.walls import Index, Walls
+
+SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls speak ever more sharply
+SEEDS = 16
+FOLLOWED = 8  # fields that are polished and scored
+MOST_STEPS = 10  # of growth; larger maps grow by several rooms a step
+
+
+@dataclass(frozen=True)
+class Bent:
+    """K distinct hypotheses, best first: fields with (K, Ns, P) partners, `score` in nats, the rigid motion (K, 3)
+    that is nearest to each, between own frames."""
+
+    scene: Scene
+    fields: Fields
+    table: Index
+    score: Array
+    rigid: Array
+
+    def __len__(self) -> int:
+        return len(self.score)
+
+    def motion(self, k: int) -> Array:
+        """(3,) rigid motion of one hypothesis between the graphs' frames."""
+        return between_graphs(self.scene.s, self.scene.plan.storeys[int(self.fields.storey[k])], self.rigid[k])
+
+
+def search(
+    parts: Groups, s: Walls, storeys: list[Walls], proposals: TopK, allowed: Callable[[Array], bool] | None = None
+) -> Bent:
+    """Distinct hypotheses, best first; none where the proposals agree on no motion.
+
+    `proposals` of s's walls for those of the storeys, one storey after the other. `allowed` is asked of T_a_s (3,).
+    """
+    scene = Scene(s, parts, PlanWalls.of(storeys))
+    fields, sure = seeds(scene, local_motions(scene, proposals), SEEDS)
+    fields, sure = _allowed(scene, fields, sure, allowed)
+    if not len(fields):
+        return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
+    found = _scored(scene, grow(scene, fields, sure))
+    more = rivals(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
+    if len(more):
+        found = _merged(found, _scored(scene, _polished(scene, more)))
+    kept = [k for k in range(len(found)) if allowed is None or allowed(found.motion(k))]
+    return _chosen(found, np.array(kept, dtype=np.int64))
+
+
+def _allowed(
+    scene: Scene, fields: Fields, sure: Index, allowed: Callable[[Array], bool] | None
+) -> tuple[Fields, Index]:
+    if allowed is None or not len(fields):
+        return fields, sure
+    rigid = motions(scene, fields.state)[:, 0]
+    storeys = scene.plan.storeys
+    kept = [k for k in range(len(rigid)) if allowed(between_graphs(scene.s, storeys[fields.storey[k]], rigid[k]))]
+    chosen = np.array(kept, dtype=np.int64)
+    return fields[chosen], sure[chosen]
+
+
+def grow(scene: Scene, fields: Fields, sure: Index) -> Fields:
+    """Lets each field grow from its sure group over the map; those that come to explain most are polished."""
+    hops = scene.groups.hops[sure]  # (K, G)
+    pace = max(1, int(np.ceil(hops.max() / MOST_STEPS)))
+    turn = -(-hops // pace)  # the step in which a group begins to speak
+    state = fields.state
+    table = partners(scene, fields)
+    for n in range(1, int(turn.max()) + 1):
+        age = n - turn
+        sigma = np.where(age >= 0, SIGMAS[np.clip(age, 0, len(SIGMAS) - 1)], np.inf)
+        state = step(scene, table, state, sigma)
+        if n % 4 == 0:
+            table = partners(scene, Fields(fields.storey, state))
+    fields = Fields(fields.storey, state)
+    quality = judge(scene, partners(scene, fields), state, 0.3).quality.max(axis=2, initial=0.0)
+    best = np.argsort(-(quality @ scene.s.weight), kind="stable")
+    apart = _distinct(scene, fields[best], _rigid(scene, fields[best], quality[best]))
+    followed = best[apart[:FOLLOWED]]
+    return _polished(scene, fields[followed])
+
+
+def _polished(scene: Scene, fields: Fields) -> Fields:
+    state = fields.state
+    for sigma in SIGMAS[1:].tolist():
+        table = partners(scene, Fields(fields.storey, state))
+        for _ in range(2):
+            state = step(scene, table, state, np.full(state.shape[:2], sigma))
+    return Fields(fields.storey, state)
+
+
+def _scored(scene: Scene, fields: Fields) -> Bent:
+    table = partners(scene, fields)
+    score = evidence(scene, fields, table)
+    quality = judge(scene, table, fields.state, 0.15).quality.max(axis=2, initial=0.0)
+    rigid = _rigid(scene, fields, quality)
+    order = np.argsort(-score, kind="stable")
+    found = Bent(scene, fields[order], table[order], score[order], rigid[order])
+    return _chosen(found, _distinct(scene, found.fields, found.rigid))
+
+
+def _chosen(found: Bent, chosen: Index) -> Bent:
+    return Bent(found.scene, found.fields[chosen], found.table[chosen], found.score[chosen], found.rigid[chosen])
+
+
+def _merged(one: Bent, other: Bent) -> Bent:
+    width = max(one.table.shape[2], other.table.shape[2])
+    tables = [
+        np.pad(t, ((0, 0), (0, 0), (0, width - t.shape[2])), constant_values=-1) for t in (one.table, other.table)
+    ]
+    storey = np.concatenate((one.fields.storey, other.fields.storey))
+    state = np.concatenate((one.fields.state, other.fields.state))
+    score = np.concatenate((one.score, other.score))
+    order = np.argsort(-score, kind="stable")
+    both = Bent(
+        one.scene, Fields(storey, state)[order], np.concatenate(tables)[order], score[order],
+        np.concatenate((one.rigid, other.rigid))[order],
+    )  # fmt: skip
+    return _chosen(both, _distinct(both.scene, both.fields, both.rigid))
+
+
+def _rigid(scene: Scene, fields: Fields, quality: Array) -> Array:
+    """(K, 3) the rigid motions nearest to the fields, by the ends of the walls that they explain."""
+    s, group = scene.s, scene.groups.of_wall
+    moved = motions(scene, fields.state)[:, group]
+    weight = np.tile(s.weight * quality + 1e-6, 2)
+    arm = s.half[:, None] * s.tangent
+    p = np.concatenate((s.centre + arm, s.centre - arm))
+    q = se2.apply(np.concatenate((moved, moved), axis=1), p[None])
+    weight = weight / weight.sum(axis=1, keepdims=True)
+    p_mean, q_mean = weight @ p, np.einsum("kn,knd->kd", weight, q)
+    dp, dq = p[None] - p_mean[:, None], q - q_mean[:, None]
+    cross, dot = dp[..., 0] * dq[..., 1] - dp[..., 1] * dq[..., 0], np.sum(dp * dq, axis=-1)
+    yaw = np.arctan2(np.sum(weight * cross, axis=1), np.sum(weight * dot, axis=1))
+    return np.column_stack((yaw, q_mean - se2.rotate(yaw, p_mean)))
+
+
+def _distinct(scene: Scene, fields: Fields, rigid: Array) -> Index:
+    """Indices of those that differ from all earlier ones: in storey, at S's centroid (the origin) or in yaw."""
+    kept: list[int] = []
+    for n in range(len(rigid)):
+        off = np.hypot(*(rigid[kept] - rigid[n])[:, 1:].T)
+        turn = np.abs(se2.wrap(rigid[kept][:, 0] - rigid[n, 0]))
+        same = (fields.storey[kept] == fields.storey[n]) & (off <= DISTINCT_M) & (turn <= DISTINCT_RAD)
+        if not same.any():
+            kept.append(n)
+    return np.array(kept, dtype=np.int64)

@@ -1,0 +1,79 @@
+"""`BentMatcher`: proposals of any source, laid into the plan by a field of motions, verified and completed."""
+
+import time
+from functools import partial
+
+import numpy as np
+
+from data.scene_graph import SceneGraph
+from matching import bent
+from matching.bent_complete import complete
+from matching.bent_verification import verify
+from matching.groups import groups
+from matching.proposals import Proposer, TopK
+from matching.result import Hypothesis, MatchResult
+from matching.start import Start, near_start
+from matching.walls import Walls, arrays, storeys
+
+LISTED = 10  # hypotheses in the answer
+
+
+class BentMatcher:
+    """A matcher by the contract of `Matcher`, over whatever proposes pairs; the map may bend from room to room."""
+
+    def __init__(self, proposer: Proposer) -> None:
+        self._propose = proposer
+
+    def match(
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
+        """As `Matcher.match`."""
+        began = time.perf_counter()
+        candidates = [w for w in storeys(a) if floor is None or w.floor == floor]
+        for what, empty in (("S-graph", not s.wall_surfaces), ("A-graph", not candidates)):
+            if empty:
+                return MatchResult("none", f"the {what} has no wall surface")
+        proposals = among(self._propose(s, a).walls, a, candidates)
+        walls = arrays(s, None, list(s.wall_surfaces))
+        parts = groups(walls, [d.rooms for d in s.doors])
+        allowed = None if start is None else partial(near_start, start)
+        found = bent.search(parts, walls, candidates, proposals, allowed)
+        if not len(found):
+            near = "" if start is None else " near the start that was given"
+            reason = f"no wall corner of the map has its like in the plan{near}"
+            return MatchResult("none", reason, seconds=time.perf_counter() - began)
+        return answer(found, began)
+
+
+def among(proposals: TopK, a: SceneGraph, candidates: list[Walls]) -> TopK:
+    """The proposals of a plan's surfaces as those of some storeys' walls, one storey after the other."""
+    place = {name: n for n, name in enumerate(name for w in candidates for name in w.ids)}
+    index = np.array([*(place.get(w.id, -1) for w in a.wall_surfaces), -1])  # the last is for -1
+    partner = index[proposals.partner]
+    return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
+
+
+def answer(found: bent.Bent, began: float) -> MatchResult:
+    """The result of hypotheses, best first, at least one."""
+    s = found.scene.s
+    pairs = [complete(found, k) for k in range(min(len(found), LISTED))]
+    verdict = verify(found, pairs[0])
+    hypotheses = []
+    for k, of in enumerate(pairs):
+        storey = found.scene.plan.storeys[int(found.fields.storey[k])]
+        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in of.rooms)
+        hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
+    a = found.scene.plan.storeys[int(found.fields.storey[0])]
+    sure = verdict.probability
+    return MatchResult(
+        verdict.status, verdict.reason,
+        tuple((s.rooms[r].id, a.rooms[q].id, c * sure) for r, q, c in pairs[0].rooms),
+        tuple((s.ids[i], a.ids[j], c * sure) for i, j, c in pairs[0].surfaces),
+        None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
+        time.perf_counter() - began,
+    )  # fmt: skip
+
+
+def _triple(found: bent.Bent, k: int) -> tuple[float, float, float]:
+    yaw, x, y = found.motion(k).tolist()
+    return yaw, x, y

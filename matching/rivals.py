@@ -1,0 +1,65 @@
+"""Where else a hypothesis may lie: the plan's own likenesses of the place.
+
+What the map explains of the plan is laid upon the plan itself, without noise and without bend, by the same votes of
+corners that match a map. Every other place where it fits is a rival, however the first one was found.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from matching import se2
+from matching.evidence import SEEN
+from matching.field import Fields, Scene, judge
+from matching.scoring import SIGMA_SCORE, Pairing, explained
+from matching.se2 import Array
+from matching.voting import marks, vote
+from matching.walls import Index, Walls
+
+MOST_PLACES = 12  # of each yaw mode
+SIGMA = 0.4  # metres across: places that are alike, not equal
+LEAST = 0.5  # of the walls' weight that a likeness explains
+MOST = 6
+
+
+def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
+    """Fields that are the best one (K = 1), moved to where the plan is alike; `table` (Ns, P) its partners."""
+    storey = int(best.storey[0])
+    home, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
+    quality = judge(scene, table[None], best.state, SIGMA_SCORE).quality[0]
+    used = np.unique(table[quality > SEEN]) - first
+    if len(used) < 3:
+        return Fields(np.zeros(0, dtype=np.int64), np.zeros((0, *best.state.shape[1:])))
+    part = _part(home, used)
+    found = [(w, st, m) for st, a in enumerate(scene.plan.storeys) for w, m in _likenesses(part, a, st == storey)]
+    found = sorted(found, key=lambda f: -f[0])[:MOST]
+    states = [_moved(scene, best.state[0], m) for _, _, m in found]
+    shape = (0, *best.state.shape[1:])
+    return Fields(np.array([st for _, st, _ in found], dtype=np.int64), np.array(states).reshape(-1, *shape[1:]))
+
+
+def _part(a: Walls, used: Index) -> Walls:
+    return replace(
+        a, ids=tuple(a.ids[j] for j in used), centre=a.centre[used], heading=a.heading[used], half=a.half[used],
+        known=a.known[used], room=a.room[used],
+    )  # fmt: skip
+
+
+def _likenesses(part: Walls, a: Walls, at_home: bool) -> list[tuple[float, Array]]:
+    """(share explained, motion (3,)) of the places in a storey that are like the part, its own place aside."""
+    found: list[tuple[float, Array]] = []
+    middle = part.centre.mean(axis=0)
+    for voted in vote(marks(part), marks(a), MOST_PLACES):
+        worth = explained(Pairing.near(part, a, voted.yaw), voted.motions, SIGMA) / part.weight.sum()
+        for w, m in zip(worth.tolist(), voted.motions, strict=True):
+            off = np.hypot(*(se2.apply(m, middle) - middle))
+            own = at_home and off < 0.4 and abs(se2.wrap(m[:1])[0]) < np.radians(4)
+            if w > LEAST and not own:
+                found.append((w, m))
+    return found
+
+
+def _moved(scene: Scene, state: Array, motion: Array) -> Array:
+    """(G, 3) the state after a motion of the plan."""
+    at = se2.apply(motion, state[:, 1:])
+    return np.column_stack((se2.wrap(state[:, 0] + motion[0]), at))
