@@ -83,7 +83,8 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     T_graph_own = np.array([grid, *centre.mean(axis=0)])
     own = se2.rotate(-grid, centre - centre.mean(axis=0))
     heading = se2.wrap(heading - grid)
-    half = np.where(known, half, _half_from_room(own, heading, room))
+    if not known.all():
+        half = np.where(known, half, _half_from_room(own, heading, room))
     return Walls(tuple(w.id for w in surfaces), floor, own, heading, half, known, room, tuple(rooms), T_graph_own)
 
 

@@ -1,0 +1,240 @@
+"""A scene graph as what the network sees: nodes, their neighbours, and how these lie to each other.
+
+Everything that the network is given is relative: offsets in the frame of a wall surface (its inward normal, and
+its tangent to the left), angles between normals, gaps, lengths. So a graph may be moved at will, not mirrored.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scene_graph import SceneGraph
+from matching.se2 import Array
+from matching.walls import Index, Walls, arrays, storeys
+
+Array32 = NDArray[np.float32]
+NEIGHBOURS = 16  # of each node
+ROOM_NEIGHBOURS = 5  # of them at most, of a room, are rooms; the others are its longest walls
+THICKEST_M = 0.35  # wall whose two sides are told to be such
+ACROSS_WAVES = (1.2, 3.0, 8.0, 20.0)  # metres: offsets across a wall are sharp,
+ALONG_WAVES = (3.0, 8.0, 20.0)  # those along it are not: the ends of walls slide
+GAP_SCALES = (0.3, 1.5)  # metres
+NODE_SIZE = 9
+EDGE_SIZE = 2 * (2 * len(ACROSS_WAVES) + 2 * len(ALONG_WAVES)) + 4 + 2 + 2 + len(GAP_SCALES) + 2 + 3
+SAMPLED_M, SEARCHED = 2.0, 48  # points on walls, among the nearest of which the neighbours are looked up
+
+
+@dataclass(frozen=True)
+class GraphFeatures:
+    """N wall surfaces and M rooms (those that have one), together V nodes.
+
+    `centre` and `heading` are in a frame of the storey's own: only differences within a storey may be used.
+    """
+
+    walls: tuple[str, ...]  # (N) ids
+    rooms: tuple[str, ...]  # (M)
+    wall_node: Index  # (N,)
+    room_node: Index  # (M,)
+    centre: Array32  # (V, 2) metres; a room's is the mean of its walls' by their lengths
+    heading: Array32  # (V,) radians, of the inward normal; zero for rooms
+    half: Array32  # (V,) metres, half the length or a guess of it; zero for rooms
+    home: Index  # (V,) the node of a wall's room, -1 where not known and for rooms
+    floor: Index  # (V,) a number for each storey
+    node: Array32  # (V, NODE_SIZE)
+    neighbour: Index  # (V, NEIGHBOURS) nodes, nearest first, walls before rooms; -1 where there are fewer
+    edge: Array32  # (V, NEIGHBOURS, EDGE_SIZE)
+
+    def __len__(self) -> int:
+        return len(self.centre)
+
+
+@dataclass(frozen=True)
+class PairRows:
+    """Which rows of a batch's walls and rooms belong to one pair of graphs: (first, last + 1)."""
+
+    s_walls: tuple[int, int]
+    a_walls: tuple[int, int]
+    s_rooms: tuple[int, int]
+    a_rooms: tuple[int, int]
+
+
+def plan_features(a: SceneGraph) -> GraphFeatures:
+    """Features of an A-graph of any number of storeys."""
+    return joined([_features(w, f) for f, w in enumerate(storeys(a))])
+
+
+def map_features(s: SceneGraph) -> GraphFeatures:
+    """Features of an S-graph, all taken as one storey."""
+    surfaces = list(s.wall_surfaces)
+    return joined([_features(arrays(s, None, surfaces), 0)] if surfaces else [])
+
+
+def _features(walls: Walls, floor: int) -> GraphFeatures:
+    n, m = len(walls), len(walls.rooms)
+    home = np.where(walls.room >= 0, walls.room + n, -1)
+    nearest, near = _nearest_walls(walls)
+    beside = _rooms_beside(walls, nearest, near)
+    centre = np.concatenate((walls.centre, _room_centres(walls)))
+    neighbour = np.full((n + m, NEIGHBOURS), -1, dtype=np.int64)
+    gap = np.full(neighbour.shape, np.inf)
+    neighbour[:n, :-1], gap[:n, :-1] = nearest, near
+    neighbour[:n, -1] = home
+    for r in range(m):
+        own = np.nonzero(walls.room == r)[0]
+        own = own[np.argsort(-walls.half[own], kind="stable")][: NEIGHBOURS - ROOM_NEIGHBOURS]
+        others = [n + q for q in beside[r]]
+        neighbour[n + r, : len(own) + len(others)] = [*own, *others]
+    edge = _edges(walls, centre, home, neighbour, gap)
+    return GraphFeatures(
+        walls.ids, tuple(r.id for r in walls.rooms), np.arange(n), np.arange(n, n + m), centre.astype(np.float32),
+        _pad(walls.heading, m), _pad(walls.half, m), np.concatenate((home, np.full(m, -1))),
+        np.full(n + m, floor), _nodes(walls), neighbour, edge,
+    )  # fmt: skip
+
+
+def _pad(values: Array, rooms: int) -> Array32:
+    return np.concatenate((values, np.zeros(rooms))).astype(np.float32)
+
+
+def _nearest_walls(walls: Walls) -> tuple[Index, Array]:
+    """(N, NEIGHBOURS - 1) the nearest other walls, -1 where there are fewer, and their gaps in metres.
+
+    The gap is from the nearer of one wall's ends and mid point to the other wall, the lesser way round.
+    """
+    from scipy.spatial import cKDTree  # slow to import
+
+    n, size = len(walls), NEIGHBOURS - 1
+    owner = np.repeat(np.arange(n), 2 + np.ceil(2 * walls.half / SAMPLED_M).astype(np.int64))
+    first = np.searchsorted(owner, np.arange(n))
+    share = (np.arange(len(owner)) - first[owner]) / (np.bincount(owner)[owner] - 1) * 2 - 1
+    points = walls.centre[owner] + (share * walls.half[owner])[:, None] * walls.tangent[owner]
+    near = cKDTree(points).query(points, min(SEARCHED, len(points)))[1].reshape(len(points), -1)
+    pair = np.unique(np.concatenate((owner[:, None] * n + owner[near], owner[near] * n + owner[:, None])))
+    i, j = (x[pair // n != pair % n] for x in (pair // n, pair % n))
+    gap = np.minimum(_gap(walls, i, j), _gap(walls, j, i))
+    order = np.lexsort((j, gap, i))
+    i, j, gap = i[order], j[order], gap[order]
+    rank = np.arange(len(i)) - np.searchsorted(i, i)
+    kept = rank < size
+    nearest, gaps = np.full((n, size), -1, dtype=np.int64), np.full((n, size), np.inf)
+    nearest[i[kept], rank[kept]], gaps[i[kept], rank[kept]] = j[kept], gap[kept]
+    return nearest, gaps
+
+
+def _gap(walls: Walls, i: Index, j: Index) -> Array:
+    """(P,) metres from the ends and the mid point of walls j to walls i."""
+    gap = np.full(len(i), np.inf)
+    for side in (-1, 0, 1):
+        away = walls.centre[j] + side * walls.half[j, None] * walls.tangent[j] - walls.centre[i]
+        past = np.maximum(np.abs(np.sum(away * walls.tangent[i], axis=-1)) - walls.half[i], 0.0)
+        gap = np.minimum(gap, np.hypot(np.sum(away * walls.normal[i], axis=-1), past))
+    return gap
+
+
+def _rooms_beside(walls: Walls, nearest: Index, gap: Array) -> list[list[int]]:
+    """For each room those whose walls are neighbours of its own, nearest first."""
+    reach: list[dict[int, float]] = [{} for _ in walls.rooms]
+    for i, k in zip(*np.nonzero(nearest >= 0), strict=True):
+        r, q = int(walls.room[i]), int(walls.room[nearest[i, k]])
+        if r >= 0 and q >= 0 and q != r:
+            reach[r][q] = min(reach[r].get(q, np.inf), float(gap[i, k]))
+    return [sorted(of, key=lambda q: of[q])[:ROOM_NEIGHBOURS] for of in reach]
+
+
+def _room_centres(walls: Walls) -> Array:
+    """(M, 2) the same in both graphs: a map's room has no footprint."""
+    housed = walls.room >= 0
+    weight = walls.half[housed] + 0.1
+    total = np.bincount(walls.room[housed], weight, len(walls.rooms))
+    sums = [np.bincount(walls.room[housed], weight * walls.centre[housed, k], len(walls.rooms)) for k in (0, 1)]
+    return np.stack(sums, axis=-1) / total[:, None]
+
+
+def _nodes(walls: Walls) -> Array32:
+    """(N + M, NODE_SIZE): is a wall, length known, length, its log, has a room; is a room, extents, walls."""
+    n, m = len(walls), len(walls.rooms)
+    node = np.zeros((n + m, NODE_SIZE), dtype=np.float32)
+    length = 2 * walls.half
+    node[:n, 0] = 1.0
+    node[:n, 1] = walls.known
+    node[:n, 2] = np.minimum(length, 20.0) / 5
+    node[:n, 3] = np.log(length + 0.1)
+    node[:n, 4] = walls.room >= 0
+    node[n:, 5] = 1.0
+    for r in range(m):
+        own = np.nonzero(walls.room == r)[0]
+        longest = own[np.argmax(walls.half[own])]
+        arm = walls.half[own, None] * walls.tangent[own]
+        points = np.concatenate((walls.centre[own] + arm, walls.centre[own] - arm))
+        node[n + r, 6] = np.ptp(points @ walls.tangent[longest]) / 5
+        node[n + r, 7] = np.ptp(points @ walls.normal[longest]) / 5
+        node[n + r, 8] = len(own) / 6
+    return node
+
+
+def _edges(walls: Walls, centre: Array, home: Index, neighbour: Index, gap: Array) -> Array32:
+    """(V, NEIGHBOURS, EDGE_SIZE) how each neighbour lies to the node; zero where there is none.
+
+    Offsets in the frames of those of the two that are walls; a room has none, its angles and gaps are zero.
+    """
+    n, v = len(walls), len(centre)
+    normal = np.concatenate((walls.normal, np.zeros((v - n, 2))))
+    tangent = np.concatenate((walls.tangent, np.zeros((v - n, 2))))
+    half = np.concatenate((walls.half, np.zeros(v - n)))
+    known = np.concatenate((walls.known, np.zeros(v - n)))
+    room = np.where(np.arange(v) < n, np.concatenate((home, np.zeros(v - n))), np.arange(v))
+    i, j = np.broadcast_to(np.arange(v)[:, None], neighbour.shape), np.maximum(neighbour, 0)
+    away = centre[j] - centre[i]
+    across = [np.sum(away * normal[i], axis=-1), -np.sum(away * normal[j], axis=-1)]
+    along = [np.sum(away * tangent[i], axis=-1), -np.sum(away * tangent[j], axis=-1)]
+    both = (i < n) & (j < n)
+    cos, sin = np.sum(normal[i] * normal[j], axis=-1), np.sum(tangent[i] * normal[j], axis=-1)
+    apart = np.where(both, gap, np.hypot(away[..., 0], away[..., 1]))
+    same = (room[i] == room[j]) & (room[i] >= 0)
+    overlap = np.abs(along[0]) < half[i] + half[j]
+    facing = both & (cos < -0.9) & (across[0] < 0) & (across[0] > -THICKEST_M) & overlap
+    columns: list[NDArray[Any]] = [wave for d in across for wave in _waves(d, ACROSS_WAVES)]
+    columns += [wave for d in along for wave in _waves(d, ALONG_WAVES)]
+    columns += [np.clip(d / 5, -4, 4) for d in (*across, *along)]
+    columns += [cos, sin, np.minimum(half[j], 10.0) / 2.5, known[j], *(np.exp(-apart / g) for g in GAP_SCALES)]
+    columns += [same, facing, both, (i < n) & (j >= n), (i >= n) & (j < n)]
+    edge = np.stack(columns, axis=-1).astype(np.float32)
+    return np.asarray(np.where(neighbour[..., None] >= 0, edge, np.float32(0)))
+
+
+def _waves(d: Array, lengths: tuple[float, ...]) -> list[Array]:
+    return [f(2 * np.pi * d / length) for length in lengths for f in (np.sin, np.cos)]
+
+
+def joined(parts: list[GraphFeatures]) -> GraphFeatures:
+    """Several graphs (storeys of one, or pairs of a batch) as one, without a neighbour in common."""
+    parts = parts or [_nothing()]
+    first = np.cumsum([0] + [len(p) for p in parts[:-1]])
+    floors = np.cumsum([0] + [int(p.floor.max(initial=-1)) + 1 for p in parts[:-1]])
+
+    def stack(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(p, name) for p in parts])
+
+    def nodes(name: str) -> Index:
+        rows = [getattr(p, name) for p in parts]
+        return np.concatenate([np.where(x >= 0, x + k, -1) for x, k in zip(rows, first, strict=True)])
+
+    return GraphFeatures(
+        sum((p.walls for p in parts), ()), sum((p.rooms for p in parts), ()), nodes("wall_node"), nodes("room_node"),
+        stack("centre"), stack("heading"), stack("half"), nodes("home"),
+        np.concatenate([p.floor + k for p, k in zip(parts, floors, strict=True)]), stack("node"),
+        nodes("neighbour"), stack("edge"),
+    )  # fmt: skip
+
+
+def _nothing() -> GraphFeatures:
+    def none(*shape: int) -> Array32:
+        return np.zeros((0, *shape), dtype=np.float32)
+
+    index = np.zeros(0, dtype=np.int64)
+    return GraphFeatures(
+        (), (), index, index, none(2), none(), none(), index, index, none(NODE_SIZE),
+        np.zeros((0, NEIGHBOURS), dtype=np.int64), none(NEIGHBOURS, EDGE_SIZE),
+    )  # fmt: skip
