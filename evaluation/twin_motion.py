@@ -12,7 +12,7 @@ from data.se2 import Array
 from matching.hypotheses import groups_of
 from matching.walls import Index, Walls
 
-TURNED = float(np.radians(3))
+SIGMA_TURN, TURNED = float(np.radians(1)), float(np.radians(3))
 NO_WALL = 4.0  # nats
 SHORT, NO_WALL_SHORT = 0.8, 2.0  # m, nats: niches and pillars are often drawn otherwise
 LOOSENED = (3.0, 2.0, 1.0, 1.0)  # by how much the gates are wider, step by step
@@ -72,7 +72,7 @@ def lay(part: Part, storey: Walls, motion: Array) -> Laid:
 
 
 def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Array, Index, Array, Array]:
-    """(N,) cost and partner, (N, 3) off across and at both ends in sigmas, (N, 2) places of the middles."""
+    """(N,) cost and partner, (N, 4) off across, at both ends and in direction in sigmas, (N, 2) where the middles are."""
     walls = part.walls
     yaw = state[part.group, 0]
     placed = se2.rotate(yaw, walls.centre - part.centre[part.group]) + state[part.group, 1:]
@@ -82,11 +82,11 @@ def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Ar
     slack = walls.half[:, None] - storey.half[None]
     known = walls.known[:, None] & storey.known[None]
     ends = [np.where(known, along + side * slack, 0.0) / SIGMA_END for side in (1, -1)]
-    off = np.stack((across / SIGMA_ACROSS, *ends), axis=-1)
+    turned = se2.wrap(walls.heading[:, None] + yaw[:, None] - storey.heading[None])
+    off = np.stack((across / SIGMA_ACROSS, *ends, turned / SIGMA_TURN), axis=-1)
     cost = 0.5 * np.einsum("ijk,ijk->ij", off, off) / loosened**2
-    turned = np.abs(se2.wrap(walls.heading[:, None] + yaw[:, None] - storey.heading[None]))
     beside = np.abs(along) < walls.half[:, None] + storey.half[None]
-    cost = np.where((turned < TURNED * loosened) & beside, cost, np.inf)
+    cost = np.where((np.abs(turned) < TURNED * loosened) & beside, cost, np.inf)
     n, best = np.arange(len(walls)), cost.argmin(axis=1)
     most = np.where(2 * walls.half < SHORT, NO_WALL_SHORT, NO_WALL)
     least = cost[n, best]
@@ -107,8 +107,10 @@ def _step(part: Part, storey: Walls, state: Array, loosened: float) -> Array:
         rows[np.arange(len(on)), group] = np.column_stack((turn, d))
         both.append(rows.reshape(len(on), 3 * groups))
     across, along = both
+    turned = np.zeros((len(on), groups, 3))
+    turned[np.arange(len(on)), group, 0] = 1 / SIGMA_TURN
     residual, bent = _bent(part, state)
-    J = np.concatenate((across, along, along, bent))
+    J = np.concatenate((across, along, along, turned.reshape(len(on), 3 * groups), bent))
     r = np.concatenate((off[on].T.ravel(), residual))
     step = np.linalg.solve(J.T @ J + HOLD * np.eye(3 * groups), -J.T @ r)
     return np.asarray(state + step.reshape(groups, 3))

@@ -11,8 +11,8 @@ The evidence to be expected between two Gaussian hypotheses that differ by d_k i
 sum d_k^2 / (2 sigma_k^2), least over the motion of the map and, where it is bent, of its rooms with the drift as
 prior (the same as the drift marginalised). A wall costs 4 nats at most (2, if shorter than 0.8 m): that much speaks
 against a place where there is none, since the map's may be clutter. To that comes, for better or worse, what is not
-in the map though it stands in the rooms that were entered. Directions must agree within 3 degrees and decide nothing
-within them: hardly a plan is drawn, or a wall built, as true as a LiDAR measures its direction.
+in the map though it stands in the rooms that were entered. Directions count with a sigma of 1 degree and must agree
+within 3: hardly a plan is drawn, or a wall built, as true as a LiDAR measures its direction.
 """
 
 from dataclasses import dataclass

@@ -1,0 +1,118 @@
+"""Which maps of which buildings are ambiguous by themselves, and what the true motions leave to be assigned."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from plans import a_graph, box, flat, merged, moved, offices
+
+from data import SceneGraph, se2
+from data.s_graph_regimes import DrawnGraph, draw
+from evaluation.matching_metrics import matching_scores, unique_is_wrong
+from evaluation.matching_oracle import oracle_match
+from evaluation.true_matches import TrueMatches
+from evaluation.twins import is_twin, twins
+from matching import MatchResult
+
+PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
+
+
+def seen(a: SceneGraph, rooms: list[str], bent: bool = False) -> DrawnGraph:
+    """A perfect map of these rooms, in the A-graph's own frame."""
+    part = SceneGraph(
+        "map", tuple(r for r in a.rooms if r.id in rooms), tuple(w for w in a.wall_surfaces if w.room in rooms)
+    )
+    own = {r.id: r.id for r in part.rooms}
+    floor = part.rooms[0].floor
+    still = (0.0, 0.0, 0.0)
+    walls = {w.id: w.id for w in part.wall_surfaces}
+    return DrawnGraph(part, own, walls, still, dict.fromkeys(own, still), floor, bent)
+
+
+def test_a_rectangular_room_alone_has_its_half_turn_as_a_twin() -> None:
+    plan = a_graph([box(0, 0, 5, 3), box(5.1, 0, 4.2, 3.9)])
+    (twin,) = twins(seen(plan, ["room0"]), plan)
+    assert abs(abs(twin.T_a_s[0]) - np.pi) < 1e-6 and np.allclose(twin.T_a_s[1:], (5, 3), atol=1e-6)
+    assert abs(twin.nats) < 1e-6
+    assert not is_twin(seen(plan, ["room0", "room1"]), plan)
+
+
+def test_a_mirrored_flat_is_a_twin_only_if_a_motion_reaches_it() -> None:
+    rooms = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
+    left, right = a_graph(rooms, "f"), a_graph(rooms, "f", "right")
+    mirrored = merged(left, moved(right, 0, 30, 0, mirror=True))
+    turned = merged(left, moved(right, np.pi, 30, 0))
+    drawn = seen(left, ["room0", "room1", "room2"])
+    assert not is_twin(drawn, mirrored)
+    (twin,) = twins(drawn, turned)
+    assert np.allclose(np.abs(twin.T_a_s), (np.pi, 30, 0), atol=1e-6)
+
+
+@pytest.mark.parametrize(("deeper", "expected"), [(0.0, True), (0.15, True), (0.6, False)])
+def test_equal_offices_are_twins_as_far_as_noise_hides_their_difference(deeper: float, expected: bool) -> None:
+    plan = a_graph([box(0, 0, 5, 3), box(20, 0, 5, 3 + deeper), box(40, 0, 8, 7)])
+    elsewhere = [t for t in twins(seen(plan, ["room0"]), plan) if 15 < np.hypot(*t.T_a_s[1:]) < 30]
+    assert bool(elsewhere) == expected
+
+
+def test_a_row_of_offices_hides_where_one_is_until_its_end_is_seen() -> None:
+    row = a_graph([*offices([3.0] * 6, [3.0] * 6), box(19, -4, 6, 5.5)])
+    assert is_twin(seen(row, ["room1", "room2"]), row)
+    assert not is_twin(seen(row, [r.id for r in row.rooms]), row)  # the odd room breaks the symmetry
+
+
+def test_equal_storeys_are_twins_and_others_are_not() -> None:
+    equal = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
+    other = merged(PLAN, a_graph(flat(np.random.default_rng(4)), "upper", "upper"))
+    for seed in range(3):
+        drawn = draw(PLAN, "drift", np.random.default_rng(seed), 6)
+        assert not is_twin(drawn, other)
+        (twin,) = twins(drawn, equal)
+        assert twin.floor == "upper" and twin.nats < 0.1
+        assert np.allclose(twin.T_a_s, drawn.T_a_s, atol=0.05)
+
+
+def test_what_the_map_did_not_see_decides_too() -> None:
+    """Three walls of an office fit into a corner of a hall; that the hall's others are missing speaks against it."""
+    plan = a_graph([box(0, 0, 5, 3), [(20, 0), (25, 0), (25, 3), (31, 3), (31, 9), (29, 9), (29, 6), (20, 6)]])
+    drawn = seen(plan, ["room0"])
+    assert all(abs(abs(t.T_a_s[0]) - np.pi) < 0.1 and np.hypot(*t.T_a_s[1:]) < 10 for t in twins(drawn, plan))
+
+
+def test_a_bent_map_may_lie_where_a_rigid_one_cannot() -> None:
+    """The two rows differ by 0.3 m in how far their rooms are shifted against each other."""
+    rooms = [box(0, 0, 5, 3), box(5.1, 1.0, 4, 6), box(40, 0, 5, 3), box(45.1, 1.3, 4, 6)]
+    plan = a_graph(rooms)
+    assert not is_twin(seen(plan, ["room0", "room1"]), plan)
+    assert is_twin(seen(plan, ["room0", "room1"], bent=True), plan)
+
+
+def test_the_frames_do_not_matter() -> None:
+    row = a_graph(offices([3.0] * 5, [3.0, 3.0, 3.6, 3.0, 3.0]))
+    T = np.array([1.1, 5000.0, -80.0])
+    away = moved(row, *T)
+    for seed in range(4):
+        drawn = draw(row, "real", np.random.default_rng(seed), 2)
+        there = dataclasses.replace(drawn, T_a_s=tuple(se2.compose(T, np.array(drawn.T_a_s)).tolist()))
+        here, far = twins(drawn, row), twins(there, away)
+        assert [t.nats for t in far] == pytest.approx([t.nats for t in here], abs=1e-3)
+
+
+def judged(result: MatchResult, drawn: DrawnGraph) -> tuple[float, float, bool]:
+    x, y = drawn.s_graph.centroid().tolist()
+    truth = TrueMatches(drawn.rooms, drawn.wall_surfaces, drawn.T_a_s, drawn.floor, (x, y))
+    scores = matching_scores(result, truth, drawn.s_graph)
+    return scores.rooms.f1 or 0.0, scores.wall_surfaces.f1 or 0.0, unique_is_wrong(result, truth, drawn.bent)
+
+
+@pytest.mark.parametrize("regime", ["real", "drift", "messy"])
+def test_the_oracle_is_nearly_right_also_where_the_building_repeats_itself(regime: str) -> None:
+    row = a_graph(offices([3.0] * 6, [3.0] * 6), "f")
+    walls = []
+    for plan in (PLAN, row):
+        for seed in range(6):
+            drawn = draw(plan, regime, np.random.default_rng(seed), 6)
+            rooms, found, wrong = judged(oracle_match(drawn, plan), drawn)
+            assert rooms > 0.8 and not (wrong and rooms == 1.0)
+            walls.append(found)
+    assert np.mean(walls) > 0.94
