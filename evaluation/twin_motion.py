@@ -72,7 +72,7 @@ def lay(part: Part, storey: Walls, motion: Array) -> Laid:
 
 
 def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Array, Index, Array, Array]:
-    """(N,) cost and partner, (N, 4) off across, at both ends and in direction in sigmas, (N, 2) where the middles are."""
+    """(N,) cost and partner, (N, 4) off across, at both ends and in direction, in sigmas, (N, 2) the middles."""
     walls = part.walls
     yaw = state[part.group, 0]
     placed = se2.rotate(yaw, walls.centre - part.centre[part.group]) + state[part.group, 1:]
