@@ -1,0 +1,52 @@
+"""Intervals of shares and means by resampling whole buildings, and the bound of a rare event's share."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+DRAWS = 2000
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def ratio(numerator: ArrayLike, denominator: ArrayLike, cluster: Sequence[str], seed: int = 0) -> Estimate | None:
+    """The ratio of two sums (N,), with the percentile interval of B. Efron's bootstrap over clusters.
+
+    Pairs of one building are not independent, so that buildings (`cluster`, N names) are drawn with replacement, each
+    with all of its pairs; where there is but one, its pairs are. A mean over pairs has ones as its denominator. None
+    where the denominators sum to nothing.
+    """
+    sums = np.stack((np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)), axis=1)
+    if not len(sums) or sums[:, 1].sum() <= 0:
+        return None
+    names, of = np.unique(np.asarray(cluster), return_inverse=True)
+    if len(names) > 1:
+        sums = np.stack([np.bincount(of, column) for column in sums.T], axis=1)
+    n = len(sums)
+    times = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=DRAWS)
+    drawn = times @ sums
+    drawn = drawn[drawn[:, 1] > 0]
+    tail = 50 * (1 - LEVEL)
+    low, high = np.percentile(drawn[:, 0] / drawn[:, 1], (tail, 100 - tail))
+    total = sums.sum(axis=0)
+    return Estimate(float(total[0] / total[1]), float(low), float(high))
+
+
+def most_of(count: int, of: int) -> float:
+    """The exact 97.5 % upper bound of a share of which `count` of `of` were seen (Clopper and Pearson, 1934).
+
+    A resampled interval of what was never seen is empty; this one is not.
+    """
+    from scipy.stats import beta  # slow to import
+
+    return 1.0 if count >= of else float(beta.ppf((1 + LEVEL) / 2, count + 1, of - count))

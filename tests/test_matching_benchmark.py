@@ -1,0 +1,158 @@
+"""`python -m evaluation.matching` as a user runs it: the same rows whatever happens to the run."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from plans import a_graph, flat
+
+from data.cli import run_command
+from data.plans import Plan
+from evaluation.matching import main
+from evaluation.matching_pairs import Candidate, pairs_of_cell
+from evaluation.matching_rows import Row, read_rows
+from evaluation.matching_worker import Task, run_tasks
+from matching.result import MatchResult
+
+
+@pytest.fixture(scope="module")
+def plans(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("plans")
+    for seed in (3, 4):
+        a_graph(flat(np.random.default_rng(seed)), "ground").save(folder / f"flat_{seed}.json")
+    return folder
+
+
+def command(plans: Path, out: Path, *more: str) -> list[str]:
+    given = [str(plans / f"flat_{n}.json") for n in (3, 4)]
+    small = ["--regimes", "real", "elsewhere", "--rooms", "2", "all", "--pairs", "6"]
+    return [sys.executable, "-m", "evaluation.matching", "--out", str(out), "--plans", *given, *small, *more]
+
+
+def told(rows: list[Row]) -> list[Row]:
+    """Without what no two runs have in common."""
+    return sorted((replace(r, seconds=0.0) for r in rows), key=lambda r: repr(r.key))
+
+
+def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_rows(
+    plans: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "PAGE.md"
+    assert main(command(plans, tmp_path / "whole")[3:]) == 0
+    rows = read_rows(tmp_path / "whole" / "rows.jsonl")
+    assert len(rows) == 6 * (2 * 2 + 2)  # no oracle where there is no truth
+    path = tmp_path / "killed" / "rows.jsonl"
+    with subprocess.Popen(command(plans, path.parent), stdout=subprocess.DEVNULL) as process:
+        while not path.exists() or path.read_bytes().count(b"\n") < 5:
+            assert process.poll() is None
+            time.sleep(0.002)
+        os.kill(process.pid, signal.SIGKILL)
+    assert 5 <= len(read_rows(path)) < len(rows)
+    with path.open("ab") as file:
+        file.write(b'{"method":"voting","reg')
+    again = subprocess.run(command(plans, path.parent, "--page", str(page)), capture_output=True, text=True, check=True)
+    assert told(read_rows(path)) == told(rows)
+    assert len(path.read_text().splitlines()) == len(rows)
+    assert "0 matches to make" not in again.stdout and "min left" in capfd.readouterr().out
+    text = page.read_text()
+    assert text.startswith("<!-- matching -->\n## Matching") and "| real | voting |" in text
+    assert "`python -m evaluation.matching" in text and " cores, " in text
+    made = {p.name for p in path.parent.iterdir()}
+    assert made >= {"table.md", "table_full.md", "table.tex", "f1.svg", "reliability.svg", "time.svg", "commands.jsonl"}
+    before = (path.parent / "table.md").read_text()
+    main(["--out", str(path.parent), "--report-only"])
+    assert (path.parent / "table.md").read_text() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (["--regimes", "dreamt"], "dreamt"),
+        (["--methods", "magic"], "no matching method 'magic'"),
+        (["--rooms", "two"], "--rooms two"),
+        (["--pairs", "0"], "--pairs 0"),
+        (["--pairs-of", "magic:3"], "--pairs-of magic:3"),
+        (["--plans", "nowhere"], "nowhere"),
+        (["--generated", "castle:2"], "castle:2"),
+    ],
+)
+def test_a_users_mistake_is_one_line(
+    plans: Path, tmp_path: Path, change: list[str], message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        run_command(lambda: main(command(plans, tmp_path / "out", *change)[3:]))
+    error = capfd.readouterr().err
+    assert ended.value.code == 2 and message in error and len(error.splitlines()) == 1
+
+
+def test_a_report_of_nothing_is_a_mistake(tmp_path: Path) -> None:
+    line = [sys.executable, "-m", "evaluation.matching", "--out", str(tmp_path), "--report-only"]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "no rows" in done.stderr
+
+
+def candidates() -> list[Candidate]:
+    graphs = {seed: a_graph(flat(np.random.default_rng(seed)), "ground") for seed in range(3, 7)}
+    return [Candidate("flats", Plan(f"flat_{seed}", f"house_{seed}", graph)) for seed, graph in graphs.items()]
+
+
+def test_pairs_depend_neither_on_the_order_of_the_plans_nor_on_how_many_pairs_are_wanted() -> None:
+    plans = candidates()
+    for regime in ("real", "elsewhere"):
+        few, many = (pairs_of_cell(plans[::step], regime, 3, n, 0) for step, n in ((1, 6), (-1, 8)))
+        keys = [[(p.target.plan.name, p.source.plan.name, p.index) for p in pairs] for pairs in (few, many)]
+        assert keys[1][:6] == keys[0]
+        assert few[5].prepare().drawn == many[5].prepare().drawn
+        assert few[0].prepare().drawn != few[4].prepare().drawn  # the same plan again, another map
+        assert {p.target.plan.name for p in few} == {f"flat_{n}" for n in range(3, 7)}
+        assert all((p.source is not p.target) == (regime == "elsewhere") for p in many)
+    assert pairs_of_cell(plans, "real", 500, 3, 0) == []  # no plan is so large
+    assert pairs_of_cell(plans[:1], "elsewhere", 2, 3, 0) == []  # there is no other building
+
+
+class _Slow:
+    """A method that does not come back for large maps, and raises for one of them."""
+
+    def match(self, s: Any, a: Any) -> MatchResult:
+        if len(s.rooms) == 3:
+            raise ValueError("three is\ntoo many")
+        time.sleep(60 if len(s.rooms) > 3 else 0)
+        return MatchResult("none", "nothing")
+
+
+def test_the_limit_of_time_holds_and_a_failure_is_a_row(tmp_path: Path) -> None:
+    """In a process of its own, whose workers know the method because they import the script as their main module."""
+    script = tmp_path / "slow.py"
+    here = Path(__file__).parent
+    script.write_text(
+        f"import sys; sys.path[:0] = [{str(here)!r}, {str(here.parent)!r}]\n"
+        "from matching import Matcher\n"
+        "from test_matching_benchmark import _Slow, slow_rows\n"
+        "Matcher.load = staticmethod(lambda name: _Slow())\n"
+        "if __name__ == '__main__': slow_rows()\n"
+    )
+    began = time.perf_counter()
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    rows = json.loads(done.stdout)
+    assert rows == [
+        [1, "slow", "none"], [1, "oracle", "unique"], [3, "slow", "failed"], [3, "oracle", "unique"],
+        [5, "slow", "late"], [5, "oracle", "unique"],
+    ]  # fmt: skip
+    assert time.perf_counter() - began < 30
+
+
+def slow_rows() -> None:
+    """Prints what becomes of pairs on which the slow method answers, raises, and does not come back."""
+    pairs = [pair for rooms in (1, 3, 5) for pair in pairs_of_cell(candidates(), "real", rooms, 1, 0)]
+    rows = list(run_tasks([Task(pair, ("slow", "oracle")) for pair in pairs], jobs=1, limit_s=0.7))
+    late = [r for r in rows if r.status == "late"]
+    assert all(r.seconds == 0.7 and r.wall_tally.true > 10 and not r.completed for r in late)
+    print(json.dumps([[r.rooms, r.method, r.status] for r in rows]))
