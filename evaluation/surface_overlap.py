@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.errors import UserError
+from data.line_fit import fit_to_lines
 from matching import se2
 from matching.walls import arrays
 from sgslam.accuracy import yaw_errors
@@ -130,14 +131,7 @@ def best_rigid_fit(s_graph: SceneGraph, a_graph: SceneGraph, wall_surfaces: Mapp
         raise UserError(f"{len(j)} true matches whose walls are few or parallel: they do not place the map")
     turn = np.exp(1j * (a.heading[j] - s.heading[i])) @ s.half[i]
     reach = s.half[i, None] * s.tangent[i]
-    ends, of = np.concatenate([s.centre[i] + reach, s.centre[i] - reach]), np.concatenate([normal, normal])
-    on_line = np.einsum("ij,ij->i", np.concatenate([a.centre[j]] * 2), of)
-    T = np.array([np.angle(turn), 0.0, 0.0])
-    middle = ends.mean(axis=0)  # the yaw is about it, so that far coordinates do no harm
-    shift = np.linalg.lstsq(of, on_line - np.einsum("ij,ij->i", se2.rotate(T[0], ends - middle), of), rcond=None)[0]
-    for _ in range(5):
-        arm = se2.rotate(T[0], ends - middle)
-        rows = np.column_stack([of[:, 1] * arm[:, 0] - of[:, 0] * arm[:, 1], of])
-        step = np.linalg.lstsq(rows, on_line - np.einsum("ij,ij->i", arm + shift, of), rcond=None)[0]
-        T[0], shift = T[0] + step[0], shift + step[1:]
-    return np.array([se2.wrap(T[:1])[0], *(shift - se2.rotate(T[0], middle))])
+    ends, lines = np.concatenate([s.centre[i] + reach, s.centre[i] - reach]), np.concatenate([j, j])
+    yaw = float(np.angle(turn))
+    start = np.array([yaw, *(a.centre[j].mean(axis=0) - se2.rotate(yaw, s.centre[i].mean(axis=0)))])
+    return fit_to_lines(ends, a.centre[lines], a.normal[lines], start)
