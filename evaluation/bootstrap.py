@@ -47,6 +47,6 @@ def most_of(count: int, of: int) -> float:
 
     A resampled interval of what was never seen is empty; this one is not.
     """
-    from scipy.stats import beta  # slow to import
+    from scipy.special import betaincinv  # slow to import
 
-    return 1.0 if count >= of else float(beta.ppf((1 + LEVEL) / 2, count + 1, of - count))
+    return 1.0 if count >= of else float(betaincinv(count + 1, of - count, (1 + LEVEL) / 2))
