@@ -69,18 +69,19 @@ def scene_graph_of(drawing: Drawing, merge_collinear: bool = True) -> SceneGraph
     published matcher's graphs (Modified Swiss Dwellings apartments).
     """
     rooms = _without_overlaps(drawing) if merge_collinear else list(drawing.rooms)
-    rooms = [_tidied(r) if merge_collinear else r for r in rooms if r.area.area > 0]
-    edges = [_edges(r.area, holes=merge_collinear) for r in rooms]
-    gaps = _passages(rooms, edges, drawing.walls) if merge_collinear else {}
+    rooms = [replace(r, area=tidied(r.area)) if merge_collinear else r for r in rooms if r.area.area > 0]
+    edges = [edges_of(r.area, holes=merge_collinear) for r in rooms]
+    gaps = rooms_behind([(r.area, r.floor) for r in rooms], edges, OPEN, drawing.walls) if merge_collinear else {}
     surfaces: list[WallSurface] = []
     for k, room in enumerate(rooms):
-        surfaces += _surfaces(room, edges[k], gaps.get(k, {}), MIN_EDGE if merge_collinear else 0.0)
+        surfaces += surfaces_of(room, edges[k], gaps.get(k, {}), MIN_EDGE if merge_collinear else 0.0)
     doors = [_door(*door, rooms) for door in drawing.doors] + _open_doors(rooms, edges, gaps)
     known = tuple(d for d in doors if d.rooms)
-    return SceneGraph("bim", tuple(_room(r) for r in rooms), tuple(surfaces), known, tuple(drawing.floors))
+    return SceneGraph("bim", tuple(room_of(r) for r in rooms), tuple(surfaces), known, tuple(drawing.floors))
 
 
-def _room(room: DrawnRoom) -> Room:
+def room_of(room: DrawnRoom) -> Room:
+    """The graph's room: its outer ring and that ring's centroid."""
     outer = np.asarray(room.area.exterior.coords)[:-1]
     centre = shapely.Polygon(room.area.exterior).centroid
     ring = tuple((float(x), float(y)) for x, y in outer)
@@ -110,20 +111,20 @@ def _without_overlaps(drawing: Drawing) -> list[DrawnRoom]:
     return [replace(r, area=of_id[r.id]) for r in drawing.rooms if r.id in of_id]
 
 
-def _tidied(room: DrawnRoom) -> DrawnRoom:
-    """With needless corners taken out; each ring begins at its corner farthest from the middle, which stays."""
+def tidied(area: Area) -> Area:
+    """A polygon without needless corners; each ring begins at its corner farthest from the middle, which stays."""
     rings = []
-    for ring in (room.area.exterior, *room.area.interiors):
+    for ring in (area.exterior, *area.interiors):
         points = np.asarray(ring.coords)[:-1]
         first = int(np.argmax(np.hypot(*(points - points.mean(axis=0)).T).round(6)))
         points = np.roll(points, -first, axis=0)
         line = shapely.simplify(shapely.LinearRing(points), FLAT)
         rings.append(np.asarray(line.coords) if len(line.coords) > 3 else np.asarray(ring.coords))
-    area = shapely.Polygon(rings[0], [r for r in rings[1:] if shapely.Polygon(r).area > FLAT])
-    return replace(room, area=area) if area.is_valid else room
+    tidy = shapely.Polygon(rings[0], [r for r in rings[1:] if shapely.Polygon(r).area > FLAT])
+    return tidy if tidy.is_valid else area
 
 
-def _edges(area: Area, holes: bool) -> Points:
+def edges_of(area: Area, holes: bool = True) -> Points:
     """(N, 2, 2) the edges of the rings, the room to their left."""
     rings = [orient(area).exterior, *(orient(area).interiors if holes else ())]
     edges = [np.stack([p[:-1], p[1:]], axis=1) for p in (np.asarray(ring.coords) for ring in rings)]
@@ -131,7 +132,7 @@ def _edges(area: Area, holes: bool) -> Points:
     return every[np.hypot(*(every[:, 1] - every[:, 0]).T) > 1e-6]
 
 
-def _frame(edges: Points) -> tuple[Points, Points, NDArray[np.float64]]:
+def frame_of(edges: Points) -> tuple[Points, Points, NDArray[np.float64]]:
     """Unit vectors along the edges and into the room, and the lengths."""
     step = edges[:, 1] - edges[:, 0]
     length = np.hypot(*step.T)
@@ -139,24 +140,29 @@ def _frame(edges: Points) -> tuple[Points, Points, NDArray[np.float64]]:
     return along, np.stack([-along[:, 1], along[:, 0]], axis=1), length
 
 
-Gaps = dict[int, dict[int, list[tuple[int, Intervals]]]]  # by room, edge: other room and where, in metres along it
+Gaps = dict[int, dict[int, list[tuple[int, Intervals]]]]  # room, edge: rooms behind it and where, in metres along
 
 
-def _passages(rooms: Sequence[DrawnRoom], edges: list[Points], walls: Area) -> Gaps:
-    """Where another room lies right behind an edge and no wall between."""
+def rooms_behind(
+    rooms: Sequence[tuple[Area, str | None]], edges: Sequence[Points], reach: float, walls: Area | None = None
+) -> Gaps:
+    """Where another room of the same floor is met `reach` metres behind an edge, other than through `walls`.
+
+    `rooms` are areas with their floors, `edges` the edges of each.
+    """
     owner = np.repeat(np.arange(len(rooms)), [len(e) for e in edges])
     number = np.concatenate([np.arange(len(e)) for e in edges]) if edges else np.zeros(0, int)
     every = np.concatenate(edges) if edges else np.zeros((0, 2, 2))
-    along, inward, _ = _frame(every)
-    behind = shapely.linestrings(every - OPEN * inward[:, None])
-    tree = shapely.STRtree([r.area for r in rooms])
-    built = walls.buffer(OPEN)
+    along, inward, _ = frame_of(every)
+    behind = shapely.linestrings(every - reach * inward[:, None])
+    tree = shapely.STRtree([area for area, _ in rooms])
+    built = walls.buffer(OPEN) if walls is not None else shapely.Polygon()
     gaps: Gaps = {}
     for line, other in tree.query(behind, predicate="intersects").T.tolist():
         room = int(owner[line])
-        if other == room or rooms[other].floor != rooms[room].floor:
+        if other == room or rooms[other][1] != rooms[room][1]:
             continue
-        seen = difference(overlap(behind[line], rooms[other].area), built)
+        seen = difference(overlap(behind[line], rooms[other][0]), built)
         spans = _spans(seen, every[line, 0], along[line])
         if spans:
             gaps.setdefault(room, {}).setdefault(int(number[line]), []).append((other, spans))
@@ -169,11 +175,12 @@ def _spans(seen: Area, start: Points, along: Points) -> Intervals:
     return united([(float(u.min()), float(u.max())) for u in reach])
 
 
-def _surfaces(
+def surfaces_of(
     room: DrawnRoom, edges: Points, gaps: dict[int, list[tuple[int, Intervals]]], shortest: float
 ) -> list[WallSurface]:
-    along, inward, lengths = _frame(edges)
-    surfaces = []
+    """The room's wall surfaces: its edges without their gaps."""
+    along, inward, lengths = frame_of(edges)
+    surfaces: list[WallSurface] = []
     for k, length in enumerate(lengths.tolist()):
         spans: Intervals = [(0.0, length)]
         if k in gaps:
@@ -214,7 +221,7 @@ def _open_doors(rooms: Sequence[DrawnRoom], edges: list[Points], gaps: Gaps) -> 
     """One passage for each pair of rooms with no wall between them, at the middle of their widest common opening."""
     widest: dict[tuple[int, int], tuple[float, tuple[float, float]]] = {}
     for room, of_edge in gaps.items():
-        along, _, _ = _frame(edges[room])
+        along, _, _ = frame_of(edges[room])
         for k, found in of_edge.items():
             for other, spans in found:
                 low, high = max(spans, key=lambda s: s[1] - s[0])
