@@ -24,6 +24,7 @@ class Part:
     """Walls that move together where the map is rigid, room by room where it is bent."""
 
     walls: Walls
+    goes_on: NDArray[np.bool_]  # (N, 2) the wall goes on beyond its end, against and along its tangent
     group: Index  # (N,)
     centre: Array  # (G, 2)
     links: Index  # (L, 2) groups between which the map may bend
@@ -49,12 +50,12 @@ class Laid:
         return np.array([yaw, *(self.state[:, 1:].mean(axis=0) - se2.rotate(yaw, part.centre.mean(axis=0)))])
 
 
-def part_of(walls: Walls, bent: bool) -> Part:
+def part_of(walls: Walls, goes_on: NDArray[np.bool_], bent: bool) -> Part:
     """The rooms are linked as a tree, the nearest first, if the map is bent; else all is one group."""
     group = groups_of(walls) if bent else np.zeros(len(walls), dtype=np.int64)
     size = np.bincount(group)
     centre = np.stack([np.bincount(group, walls.centre[:, k]) / size for k in (0, 1)], axis=-1)
-    return Part(walls, group, centre, _tree(centre))
+    return Part(walls, goes_on, group, centre, _tree(centre))
 
 
 def lay(part: Part, storey: Walls, motion: Array) -> Laid:
@@ -81,7 +82,11 @@ def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Ar
     along = np.einsum("ijk,jk->ij", apart, storey.tangent)
     slack = walls.half[:, None] - storey.half[None]
     known = walls.known[:, None] & storey.known[None]
-    ends = [np.where(known, along + side * slack, 0.0) / SIGMA_END for side in (1, -1)]
+    beyond = along + slack, along - slack  # of the ends along the tangent and against it; a wall that goes on may be
+    beyond = np.maximum(beyond[0], np.where(part.goes_on[:, 1:], 0.0, -np.inf)), np.minimum(  # longer there
+        beyond[1], np.where(part.goes_on[:, :1], 0.0, np.inf)
+    )
+    ends = [np.where(known, end, 0.0) / SIGMA_END for end in beyond]
     turned = se2.wrap(walls.heading[:, None] + yaw[:, None] - storey.heading[None])
     off = np.stack((across / SIGMA_ACROSS, *ends, turned / SIGMA_TURN), axis=-1)
     cost = 0.5 * np.einsum("ijk,ijk->ij", off, off) / loosened**2
@@ -107,10 +112,11 @@ def _step(part: Part, storey: Walls, state: Array, loosened: float) -> Array:
         rows[np.arange(len(on)), group] = np.column_stack((turn, d))
         both.append(rows.reshape(len(on), 3 * groups))
     across, along = both
+    ends = [np.where((off[on, k] == 0)[:, None], 0.0, along) for k in (1, 2)]  # nothing holds a wall that may go on
     turned = np.zeros((len(on), groups, 3))
     turned[np.arange(len(on)), group, 0] = 1 / SIGMA_TURN
     residual, bent = _bent(part, state)
-    J = np.concatenate((across, along, along, turned.reshape(len(on), 3 * groups), bent))
+    J = np.concatenate((across, *ends, turned.reshape(len(on), 3 * groups), bent))
     r = np.concatenate((off[on].T.ravel(), residual))
     step = np.linalg.solve(J.T @ J + HOLD * np.eye(3 * groups), -J.T @ r)
     return np.asarray(state + step.reshape(groups, 3))

@@ -1,11 +1,12 @@
 """Pairs that no method can be blamed for leaving ambiguous: where the building repeats itself.
 
 What the S-graph saw of the building, the true A surfaces of its surfaces, is laid elsewhere into the A-graph: turned,
-in another row of offices, on another storey. The S-graph's own noise plays no part, only what it saw does. Another
-place is a twin when even an observer who knows the noise of maps (`data.s_graph_noise`: walls are off by 0.061 m
-across, each end by 0.346 m along, one wall in ten is missing; `data.s_graph_regimes`: from room to room 0.15 m and
-1.5 degrees, where the map is bent) must expect less than ln(199) = 5.3 nats for the truth over it: in every second
-map such an observer would not be 99.5 % sure of the truth.
+in another row of offices, on another storey. The S-graph's own noise plays no part, only what it saw does (a wall
+that was seen short of its end by more than noise counts as far as it was seen). Another place is a twin when even an
+observer who knows the noise of maps (`data.s_graph_noise`: walls are off by 0.061 m across, each end by 0.346 m
+along, one wall in ten is missing; `data.s_graph_regimes`: from room to room 0.15 m and 1.5 degrees, where the map is
+bent) must expect less than ln(199) = 5.3 nats for the truth over it: in every second map such an observer would not
+be 99.5 % sure of the truth.
 
 The evidence to be expected between two Gaussian hypotheses that differ by d_k in the measurements k is
 sum d_k^2 / (2 sigma_k^2), least over the motion of the map and, where it is bent, of its rooms with the drift as
@@ -25,6 +26,7 @@ from data.s_graph_noise import MISSING, SHORTEST, SIGMA_END
 from data.s_graph_regimes import DrawnGraph
 from data.se2 import Array
 from evaluation.twin_motion import Laid, lay, part_of
+from evaluation.twin_sight import sight
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.scoring import Pairing, explained
 from matching.voting import candidates
@@ -56,15 +58,15 @@ def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
 
     Raises KeyError where the truth names what is not in the A-graph.
     """
-    surfaces = [a.surface_by_id[key] for key in dict.fromkeys(drawn.wall_surfaces.values())]
-    if not surfaces:
+    seen = sight(drawn, a)
+    if not seen.surfaces:
         return []
-    part = part_of(arrays(a, drawn.floor, surfaces), drawn.bent)
+    part = part_of(arrays(a, drawn.floor, list(seen.surfaces)), seen.goes_on, drawn.bent)
     floors = storeys(a)
     home = next(s for s in floors if part.walls.ids[0] in s.ids)
     index = {key: n for n, key in enumerate(home.ids)}
     at_home = np.array([index[key] for key in part.walls.ids])
-    entered = _entered(home, at_home)
+    entered = _entered(home, at_home, part.walls.half)
     truth = _completeness(home, np.unique(entered[entered >= 0]), at_home)
     found = []
     for storey in floors:
@@ -117,12 +119,12 @@ def _distinct(found: list[Twin], drawn: DrawnGraph) -> list[Twin]:
     return twins
 
 
-def _entered(home: Walls, seen: Index) -> Index:
+def _entered(home: Walls, seen: Index, half: Array) -> Index:
     """(N,) the room of each seen wall, -1 where most of the room's walls, by length, are not in the map."""
     housed = home.room >= 0
     size = np.bincount(home.room[housed], home.half[housed], len(home.rooms) + 1)
     rooms = home.room[seen]
-    share = np.bincount(rooms[rooms >= 0], home.half[seen[rooms >= 0]], len(size)) / np.maximum(size, 1e-9)
+    share = np.bincount(rooms[rooms >= 0], half[rooms >= 0], len(size)) / np.maximum(size, 1e-9)
     return np.where((rooms >= 0) & (share[rooms] >= ENTERED), rooms, -1)
 
 

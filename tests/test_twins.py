@@ -79,6 +79,22 @@ def test_what_the_map_did_not_see_decides_too() -> None:
     assert all(abs(abs(t.T_a_s[0]) - np.pi) < 0.1 and np.hypot(*t.T_a_s[1:]) < 10 for t in twins(drawn, plan))
 
 
+def test_a_wall_seen_short_of_its_end_fits_where_one_ends_elsewhere() -> None:
+    """The rooms differ in their depth only; the back wall was not seen, nor the ends of the side walls."""
+    plan = a_graph([box(0, 0, 3, 9), box(20, 0, 3, 12)])
+    whole = seen(plan, ["room0"])
+    assert not any(np.hypot(*t.T_a_s[1:]) > 15 for t in twins(whole, plan))
+    front = [w for w in plan.surfaces_of_room["room0"] if w.normal[1] > -0.5]
+    half = [
+        dataclasses.replace(w, length=4.0, centroid=(w.centroid[0], 2.0)) if w.length == 9 else w for w in front
+    ]  # fmt: skip
+    short = dataclasses.replace(
+        whole, s_graph=dataclasses.replace(whole.s_graph, wall_surfaces=tuple(half)),
+        wall_surfaces={w.id: w.id for w in half},
+    )  # fmt: skip
+    assert sorted(np.round(t.T_a_s[1:], 3).tolist() for t in twins(short, plan)) == [[3, 9], [20, 0], [23, 12]]
+
+
 def test_a_bent_map_may_lie_where_a_rigid_one_cannot() -> None:
     """The two rows differ by 0.3 m in how far their rooms are shifted against each other."""
     rooms = [box(0, 0, 5, 3), box(5.1, 1.0, 4, 6), box(40, 0, 5, 3), box(45.1, 1.3, 4, 6)]
@@ -93,7 +109,8 @@ def test_the_frames_do_not_matter() -> None:
     away = moved(row, *T)
     for seed in range(4):
         drawn = draw(row, "real", np.random.default_rng(seed), 2)
-        there = dataclasses.replace(drawn, T_a_s=tuple(se2.compose(T, np.array(drawn.T_a_s)).tolist()))
+        motions = {r: tuple(se2.compose(T, np.array(m)).tolist()) for r, m in drawn.T_a_s_by_room.items()}
+        there = dataclasses.replace(drawn, T_a_s=next(iter(motions.values())), T_a_s_by_room=motions)
         here, far = twins(drawn, row), twins(there, away)
         assert [t.nats for t in far] == pytest.approx([t.nats for t in here], abs=1e-3)
 
