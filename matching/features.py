@@ -75,15 +75,16 @@ def _features(walls: Walls, floor: int) -> GraphFeatures:
     n, m = len(walls), len(walls.rooms)
     home = np.where(walls.room >= 0, walls.room + n, -1)
     nearest, near = _nearest_walls(walls)
-    beside = _rooms_beside(walls, nearest, near)
     centre = np.concatenate((walls.centre, _room_centres(walls)))
+    beside = _rooms_beside(walls, nearest, near, centre[n:])
     neighbour = np.full((n + m, NEIGHBOURS), -1, dtype=np.int64)
     gap = np.full(neighbour.shape, np.inf)
     neighbour[:n, :-1], gap[:n, :-1] = nearest, near
     neighbour[:n, -1] = home
     for r in range(m):
         own = np.nonzero(walls.room == r)[0]
-        own = own[np.argsort(-walls.half[own], kind="stable")][: NEIGHBOURS - ROOM_NEIGHBOURS]
+        side = np.sum((centre[n + r] - walls.centre[own]) * (walls.normal[own] + 2 * walls.tangent[own]), axis=-1)
+        own = own[np.argsort(0.01 * side - walls.half[own])][: NEIGHBOURS - ROOM_NEIGHBOURS]
         others = [n + q for q in beside[r]]
         neighbour[n + r, : len(own) + len(others)] = [*own, *others]
     edge = _edges(walls, centre, home, neighbour, gap)
@@ -114,7 +115,10 @@ def _nearest_walls(walls: Walls) -> tuple[Index, Array]:
     pair = np.unique(np.concatenate((owner[:, None] * n + owner[near], owner[near] * n + owner[:, None])))
     i, j = (x[pair // n != pair % n] for x in (pair // n, pair % n))
     gap = np.minimum(_gap(walls, i, j), _gap(walls, j, i))
-    order = np.lexsort((j, gap, i))
+    # Walls that meet have no gap at all: what else they have decides, so that the choice is no matter of rounding.
+    away = walls.centre[j] - walls.centre[i]
+    side = np.sum(away * (walls.normal[i] + 2 * walls.tangent[i]), axis=-1)
+    order = np.lexsort((gap + 0.03 * np.hypot(away[:, 0], away[:, 1]) + 0.001 * side, i))
     i, j, gap = i[order], j[order], gap[order]
     rank = np.arange(len(i)) - np.searchsorted(i, i)
     kept = rank < size
@@ -133,13 +137,14 @@ def _gap(walls: Walls, i: Index, j: Index) -> Array:
     return gap
 
 
-def _rooms_beside(walls: Walls, nearest: Index, gap: Array) -> list[list[int]]:
+def _rooms_beside(walls: Walls, nearest: Index, gap: Array, centre: Array) -> list[list[int]]:
     """For each room those whose walls are neighbours of its own, nearest first."""
     reach: list[dict[int, float]] = [{} for _ in walls.rooms]
     for i, k in zip(*np.nonzero(nearest >= 0), strict=True):
         r, q = int(walls.room[i]), int(walls.room[nearest[i, k]])
         if r >= 0 and q >= 0 and q != r:
-            reach[r][q] = min(reach[r].get(q, np.inf), float(gap[i, k]))
+            apart = float(gap[i, k] + 0.1 * np.hypot(*(centre[q] - centre[r])))
+            reach[r][q] = min(reach[r].get(q, np.inf), apart)
     return [sorted(of, key=lambda q: of[q])[:ROOM_NEIGHBOURS] for of in reach]
 
 

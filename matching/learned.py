@@ -53,11 +53,12 @@ class LearnedProposer:
         with torch.inference_mode():
             encoded = self._network.encode(GraphTensors.of(seen))
             output = self._network(encoded, plan.encoded, [PairRows(*((0, len(x)) for x in sizes))])
-            wall_score = output.walls[-1].softmax(dim=-1)[:, :-1]
+            column, table = output.walls[-1]
+            wall_score = table.softmax(dim=-1)[:, :-1]
             room_score = output.rooms[-1].softmax(dim=-1)[:, :-1]
         of_s = [w.id for w in s.wall_surfaces], [r.id for r in s.rooms]
         of_a = [w.id for w in a.wall_surfaces], [r.id for r in a.rooms]
-        walls = _best(wall_score, output.partner, _places(seen.walls, of_s[0]), _places(plan.features.walls, of_a[0]))
+        walls = _best(wall_score, column, _places(seen.walls, of_s[0]), _places(plan.features.walls, of_a[0]))
         if seen.rooms and plan.features.rooms:
             every = torch.arange(room_score.shape[1]).expand_as(room_score)
             rows, columns = _places(seen.rooms, of_s[1]), _places(plan.features.rooms, of_a[1])

@@ -10,11 +10,11 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import Tensor, nn
 
-from matching.consensus import PAIR_SIZE, Candidates, Consensus, support
+from matching.candidates import NOTHING, Batched, Candidates, expanded, first_candidates, homes
+from matching.consensus import PAIR_SIZE, Consensus, support
 from matching.encoder import Encoder, GraphTensors
 from matching.features import PairRows
 
-NOTHING = -1e4  # a logit that is as good as minus infinity
 SHARE_SIZE = 6
 
 
@@ -24,8 +24,10 @@ class Settings:
 
     width: int = 64
     layers: int = 3
-    candidates: int = 16
-    rounds: int = 4
+    candidates: int = 12  # by their vectors
+    more: int = 4  # in each later cycle, by where the neighbours are
+    cycles: int = 3
+    rounds: int = 2  # of each cycle
     state: int = 32
 
 
@@ -43,13 +45,12 @@ class Encoded:
 class Output:
     """Log odds for N S walls and M S rooms. Columns are A's walls and rooms of the pair, counted from its first.
 
-    The last column of all tables is "none". `partner` are the columns of the K candidates, -1 where there are
-    fewer; the tables of rounds are the first guess, then after each round.
+    The last column of all tables is "none". Tables of walls come with the columns of their K candidates, -1 where
+    there are fewer; rooms' tables are the first guess, then after each round.
     """
 
     dense: Tensor  # (N, most A walls + 1) from the vectors alone
-    partner: Tensor  # (N, K)
-    walls: list[Tensor]  # (N, K + 1)
+    walls: list[tuple[Tensor, Tensor]]  # after each round (N, K) candidates, (N, K + 1) log odds
     rooms: list[Tensor]  # (M, most A rooms + 1)
 
 
@@ -74,22 +75,36 @@ class MatchingNetwork(nn.Module):
         rooms = nn.functional.normalize(self.room_vector(nodes[graph.room_node]), dim=-1)
         return Encoded(graph, nodes, walls, rooms)
 
-    def forward(self, s: Encoded, a: Encoded, pairs: list[PairRows], truth: Tensor | None = None) -> Output:
-        """`truth` (N,), in training: the column of each S wall's partner, made sure to be a candidate, -1 for none."""
+    def forward(self, s: Encoded, a: Encoded, pairs: list[PairRows]) -> Output:
+        """What is likely, for every pair of a batch; each has at least one wall on both sides."""
+        batched = Batched.of(s.graph, a.graph, pairs)
         rooms = self._room_table(s, a, pairs)
         dense = self._wall_table(s, a, pairs, rooms)
-        partner = _candidates(dense[:, :-1].detach(), self.settings.candidates, truth)
-        first_wall = _spread([(p.s_walls, p.a_walls[0]) for p in pairs], partner)
-        first_room = _spread([(p.s_walls, p.a_rooms[0]) for p in pairs], partner)
-        logit = dense.gather(1, partner.clamp(min=0)).masked_fill(partner < 0, NOTHING)
-        row = torch.where(partner >= 0, partner + first_wall[:, None], -1)
-        candidates = Candidates(row, logit, dense[:, -1])
-        a_room = a.graph.numbers(a.graph.room_node)[a.graph.home[a.graph.wall_node]]
-        a_room = torch.where(a.graph.home[a.graph.wall_node] >= 0, a_room, -1)
-        column = a_room[row.clamp(min=0)] - first_room[:, None] if len(a_room) else row
-        column = torch.where((row >= 0) & (column >= 0), column, -1)
-        pair = _spread([(p.s_walls, k) for k, p in enumerate(pairs)], partner)
-        return self._rounds(s.graph, a.graph, candidates, partner, dense, rooms, column, pair)
+        candidates = first_candidates(dense, batched, self.settings.candidates)
+        output = Output(dense, [], [rooms])
+        for cycle in range(self.settings.cycles):
+            if cycle > 0:
+                likely = output.walls[-1][1].softmax(dim=-1)[:, :-1]
+                more = self.settings.more
+                candidates = expanded(s.graph, a.graph, batched, dense, candidates, likely, more)
+            self._cycle(s.graph, a.graph, batched, candidates, output)
+        return output
+
+    def _cycle(self, s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, output: Output) -> None:
+        """Rounds of consensus among given candidates; their tables are added to the output."""
+        combinations = support(s, a, c)
+        weight = self.consensus.weights(combinations)
+        size = torch.sqrt((2 * s.half[s.wall_node]).clamp(0.35, 6.0))
+        first, likely = output.rooms[0], c.likely
+        state = None
+        for _ in range(self.settings.rounds):
+            feature = _feature(s, a, batched, c, likely, output.rooms[-1])
+            state = self.consensus.begun(feature) if state is None else state
+            state = self.consensus.round(state, feature, likely.flatten(), combinations, weight)
+            output.walls.append((c.column, self.consensus.logits(state, c)))
+            likely = output.walls[-1][1].softmax(dim=-1)[:, :-1]
+            told = self.room_step(_shares(batched, c, likely, size, first))[..., 0]
+            output.rooms.append(torch.cat((first[:, :-1] + told, first[:, -1:]), dim=-1))
 
     def _room_table(self, s: Encoded, a: Encoded, pairs: list[PairRows]) -> Tensor:
         none = self.no_room(s.nodes[s.graph.room_node])
@@ -100,7 +115,7 @@ class MatchingNetwork(nn.Module):
         """Walls by their vectors, and by the odds of their rooms where both have one."""
         none = self.no_wall(s.nodes[s.graph.wall_node])
         told = rooms.log_softmax(dim=-1).clamp(min=-12)
-        s_home, a_home = _homes(s.graph), _homes(a.graph)
+        s_home, a_home = homes(s.graph), homes(a.graph)
         tables = []
         for p in pairs:
             table = self.sharpness[0] * s.walls[slice(*p.s_walls)] @ a.walls[slice(*p.a_walls)].T
@@ -111,27 +126,6 @@ class MatchingNetwork(nn.Module):
                 table = table + self.sharpness[2] * torch.where(housed, of_room, -3.0)
             tables.append(table)
         return torch.cat((_stacked(tables), none), dim=-1)
-
-    def _rounds(
-        self, s: GraphTensors, a: GraphTensors, candidates: Candidates, partner: Tensor, dense: Tensor,
-        rooms: Tensor, column: Tensor, pair: Tensor,
-    ) -> Output:  # fmt: skip
-        combinations = support(s, a, candidates)
-        weight = self.consensus.weights(combinations)
-        walls = [torch.cat((candidates.logit, candidates.dustbin[:, None]), dim=-1)]
-        tables, home = [rooms], _homes(s)
-        size = torch.sqrt((2 * s.half[s.wall_node]).clamp(0.35, 6.0))
-        state = None
-        for _ in range(self.settings.rounds):
-            likely = walls[-1].softmax(dim=-1)[:, :-1]
-            feature = _feature(s, a, candidates, likely, tables[-1], home, column, pair)
-            state = self.consensus.begun(feature) if state is None else state
-            state = self.consensus.round(state, feature, likely.flatten(), combinations, weight)
-            walls.append(self.consensus.logits(state, candidates))
-            share = _shares(a, walls[-1].softmax(dim=-1)[:, :-1], home, column, size, rooms)
-            told = self.room_step(share)[..., 0]
-            tables.append(torch.cat((rooms[:, :-1] + told, rooms[:, -1:]), dim=-1))
-        return Output(dense, partner, walls, tables)
 
     def to_dict(self) -> dict[str, int]:
         """The settings, as they are kept beside the weights."""
@@ -144,57 +138,35 @@ def _stacked(tables: list[Tensor]) -> Tensor:
     return torch.cat([nn.functional.pad(t, (0, wide - t.shape[1]), value=NOTHING) for t in tables])
 
 
-def _spread(values: list[tuple[tuple[int, int], int]], like: Tensor) -> Tensor:
-    """(N,) a value for all rows of each pair."""
-    return torch.cat([torch.full((last - first,), v, device=like.device) for (first, last), v in values])
-
-
-def _homes(g: GraphTensors) -> Tensor:
-    """(N,) the row of each wall's room among the rooms, -1 where not known."""
-    home = g.home[g.wall_node]
-    return torch.where(home >= 0, g.numbers(g.room_node)[home.clamp(min=0)], -1)
-
-
-def _candidates(dense: Tensor, most: int, truth: Tensor | None) -> Tensor:
-    """(N, K) columns, best first; `truth` takes the last place where it is not among them."""
-    value, partner = dense.topk(min(most, dense.shape[1]), dim=1)
-    partner = torch.where(value > NOTHING / 2, partner, -1)
-    if truth is not None and partner.shape[1]:
-        missed = (truth >= 0) & ~(partner == truth[:, None]).any(dim=1)
-        partner[missed, -1] = truth[missed]
-    return partner
-
-
 def _feature(
-    s: GraphTensors, a: GraphTensors, candidates: Candidates, likely: Tensor, rooms: Tensor, home: Tensor,
-    column: Tensor, pair: Tensor,
-) -> Tensor:  # fmt: skip
+    s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, likely: Tensor, rooms: Tensor
+) -> Tensor:
     """(N K, PAIR_SIZE) what is known of each candidate by itself, and of its rivals for the A wall."""
-    row = candidates.partner
-    rival = torch.where(row >= 0, row + 1, 0) + (len(a.wall_node) + 1) * pair[:, None]
+    rival = torch.where(c.row >= 0, c.row + 1, 0) + (len(a.wall_node) + 1) * batched.pair[:, None]
     taken = torch.zeros(int(rival.max()) + 1, device=likely.device).index_add(0, rival.flatten(), likely.flatten())
-    of_room = rooms.softmax(dim=-1)
-    told = of_room[home.clamp(min=0)].gather(1, column.clamp(min=0)) if len(of_room) else torch.zeros_like(likely)
-    housed = (home >= 0)[:, None] & (column >= 0)
-    longer = s.half[s.wall_node][:, None] - a.half[a.wall_node[row.clamp(min=0)]] if len(a.wall_node) else likely
+    housed = (batched.s_home >= 0)[:, None] & (c.room >= 0)
+    told = torch.zeros_like(likely)
+    if len(rooms):
+        told = rooms.softmax(dim=-1)[batched.s_home.clamp(min=0)].gather(1, c.room.clamp(min=0))
+    longer = s.half[s.wall_node][:, None] - a.half[a.wall_node[c.row.clamp(min=0)]]
     columns = [
-        candidates.logit.clamp(min=-30) / 10, likely, likely / (taken[rival] + 1e-3), torch.where(housed, told, 0.0),
+        c.logit.clamp(min=-30) / 10, likely, likely / (taken[rival] + 1e-3), torch.where(housed, told, 0.0),
         housed.float(), longer.clamp(min=0), (-longer).clamp(min=0),
     ]  # fmt: skip
     assert len(columns) == PAIR_SIZE
     return torch.stack(columns, dim=-1).flatten(0, 1)
 
 
-def _shares(a: GraphTensors, likely: Tensor, home: Tensor, column: Tensor, size: Tensor, rooms: Tensor) -> Tensor:
+def _shares(batched: Batched, c: Candidates, likely: Tensor, size: Tensor, rooms: Tensor) -> Tensor:
     """(M, A rooms, SHARE_SIZE) how far the walls of an S room are those of an A room, and the first guess."""
-    shape = rooms.shape[0], rooms.shape[1] - 1
-    housed = (home >= 0)[:, None] & (column >= 0)
-    at = (home[:, None] * shape[1] + column)[housed]
-    by_size = torch.zeros(shape, device=rooms.device).flatten().index_add(0, at, (likely * size[:, None])[housed])
-    by_count = torch.zeros(shape, device=rooms.device).flatten().index_add(0, at, likely[housed])
+    shape, home = (rooms.shape[0], rooms.shape[1] - 1), batched.s_home
+    nothing = torch.zeros(shape[0] * shape[1], device=rooms.device)
+    housed = (home >= 0)[:, None] & (c.room >= 0)
+    at = (home[:, None] * shape[1] + c.room)[housed]
+    by_size = nothing.index_add(0, at, (likely * size[:, None])[housed]).view(shape)
+    count = nothing.index_add(0, at, likely[housed]).view(shape)
     own = torch.zeros(shape[0], device=rooms.device).index_add(0, home[home >= 0], size[home >= 0])
-    share = by_size.view(shape) / (own[:, None] + 1e-3)
+    share = by_size / (own[:, None] + 1e-3)
     claimed = share / (share.sum(dim=0, keepdim=True) + 1e-2)
     guess = rooms.log_softmax(dim=-1)[:, :-1].clamp(min=-12) / 5
-    count = by_count.view(shape)
     return torch.stack((share, torch.sqrt(share + 1e-4), count.clamp(max=8) / 4, claimed, guess, guess.exp()), dim=-1)

@@ -1,0 +1,107 @@
+"""`python -m matching.train`: trains the network that proposes matches, on plans drawn and read."""
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from data.cli import Parser, run_command
+from data.errors import UserError
+
+if TYPE_CHECKING:
+    from data.plans import Plan
+
+GENERATED, GENERATED_HELD_OUT = 120, 40  # seeds of generated plans of each kind
+HELD_OUT_SEED = 7
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command. Raises UserError."""
+    given = sys.argv[1:] if arguments is None else arguments
+    parser = Parser(
+        prog="python -m matching.train",
+        description="Trains the matching network on generated plans and on the plans given. Goes on where it was "
+        "stopped when --out holds a run. Writes learned.pt, curve.csv, curve.png, model_card.json.",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
+    parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
+    parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="steps at most (default: 20000)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
+    parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between looks (default: 250)")
+    parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes that draw data (default: 1)")
+    parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU where there is one")
+    options = parser.parse_args(given)
+    if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
+        raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
+
+    import torch  # slow to import, as is what follows
+
+    from matching.network import Settings
+    from matching.trainer import Limits, Row, Training, train
+    from matching.training_data import Drawing, held_out
+    from matching.training_report import draw_curve, write_card, write_curve
+    from matching.training_stream import batches
+    from matching.weights_file import save_network
+
+    device = torch.device(_device(options.device, torch.cuda.is_available()))
+    out: Path = options.out
+    out.mkdir(parents=True, exist_ok=True)
+    own, others = _split(options.plans)
+    drawing = Drawing(tuple(own), tuple(range(GENERATED)))
+    watched = held_out(Drawing(tuple(others), tuple(range(GENERATED, GENERATED + GENERATED_HELD_OUT))), HELD_OUT_SEED)
+    training = Training.begin(Settings(), options.seed, device)
+    checkpoint = out / "checkpoint.pt"
+    if checkpoint.exists():
+        training.load(checkpoint)
+        print(f"goes on after step {training.step}")
+
+    def looked(row: Row) -> None:
+        training.save(checkpoint)
+        save_network(out / "learned.pt", training.best_network())
+        write_curve(out, training.curve)
+        shown = "  ".join(f"{k} {row[k]:.3f}" for k in ("loss", "walls", "rooms", "none", "within", "first"))
+        print(f"step {int(row['step'])}  {row['minutes']:.1f} min  {shown}", flush=True)
+
+    limits = Limits(options.steps, options.minutes, options.every)
+    with batches(drawing, options.seed, training.step, options.workers) as stream:
+        ended = train(training, stream, watched, limits, looked)
+    print(ended)
+    draw_curve(out, training.curve)
+    best = max(training.curve, key=lambda row: row["walls"])
+    write_card(out, {
+        "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
+        "settings": training.network.to_dict(), "parameters": sum(p.numel() for p in training.network.parameters()),
+        "command": shlex.join(["python", "-m", "matching.train", *given]), "seed": options.seed, "ended": ended,
+        "data": {
+            "generated": f"seeds below {GENERATED}, held out {GENERATED} to {GENERATED + GENERATED_HELD_OUT - 1}",
+            "files": [str(p) for p in options.plans],
+            "plans": len(own), "plans_held_out": len(others), "batches": training.step,
+        },
+        "held_out": best,
+    })  # fmt: skip
+    return 0
+
+
+def _device(name: str, gpu: bool) -> str:
+    if name not in ("auto", "cpu", "cuda"):
+        raise UserError(f"--device {name}: give cpu, cuda or auto")
+    if name == "cuda" and not gpu:
+        raise UserError("--device cuda: no GPU that torch can use; leave it out to train on the processor")
+    return name if name != "auto" else "cuda" if gpu else "cpu"
+
+
+def _split(paths: list[Path]) -> tuple[list["Plan"], list["Plan"]]:
+    """The files' plans to train on and those held out, by building; the test buildings are in neither."""
+    if not paths:
+        return [], []
+    from data.plan_splits import split_of  # type: ignore[import-not-found]
+
+    from data.plans import read_plans
+
+    plans = [p for path in paths for p in read_plans(path) if p.graph.rooms]
+    return [p for p in plans if split_of(p.building) == "train"], [p for p in plans if split_of(p.building) == "val"]
+
+
+if __name__ == "__main__":
+    run_command(main)

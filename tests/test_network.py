@@ -1,0 +1,239 @@
+"""The network and its features: invariances, consensus, learning, files."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import torch
+from plans import a_graph, box, flat, merged
+
+from data import Floor, Room, SceneGraph, UserError, WallSurface, se2
+from data.s_graph_regimes import DrawnGraph, draw
+from matching.encoder import GraphTensors
+from matching.features import map_features, plan_features
+from matching.learned import LearnedProposer
+from matching.network import MatchingNetwork, Settings
+from matching.training_data import Batch, batch_of, part, varied
+from matching.training_loss import accuracies, loss, run
+from matching.weights_file import load_network, save_network
+
+SMALL = Settings(width=32, layers=2, candidates=8, cycles=2, rounds=2)
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    torch.set_num_threads(1)
+
+
+@pytest.fixture(scope="module")
+def plan() -> SceneGraph:
+    return a_graph(flat(np.random.default_rng(3), 10, 8))
+
+
+@pytest.fixture(scope="module")
+def drawn(plan: SceneGraph) -> DrawnGraph:
+    return draw(plan, "drift", np.random.default_rng(1), 3)
+
+
+def untrained(settings: Settings = SMALL) -> MatchingNetwork:
+    torch.manual_seed(0)
+    return MatchingNetwork(settings).eval().requires_grad_(False)
+
+
+def moved(g: SceneGraph, T: tuple[float, float, float], mirror: bool = False) -> SceneGraph:
+    """The graph after a motion, mirrored before it."""
+    def point(p: tuple[float, float]) -> tuple[float, float]:
+        x, y = se2.apply(np.array(T), np.array([-p[0] if mirror else p[0], p[1]])).tolist()
+        return x, y
+
+    def normal(n: tuple[float, float]) -> tuple[float, float]:
+        x, y = se2.rotate(T[0], np.array([-n[0] if mirror else n[0], n[1]])).tolist()
+        return x, y
+
+    return dataclasses.replace(
+        g, rooms=tuple(dataclasses.replace(r, centroid=point(r.centroid), polygon=None) for r in g.rooms),
+        wall_surfaces=tuple(
+            dataclasses.replace(w, centroid=point(w.centroid), normal=normal(w.normal)) for w in g.wall_surfaces
+        ),
+    )  # fmt: skip
+
+
+def table(proposer: LearnedProposer, s: SceneGraph, a: SceneGraph) -> dict[tuple[str, str], float]:
+    """All proposals by ids."""
+    found = proposer.propose(s, a)
+    pairs = {}
+    for of, in_s, in_a in ((found.walls, s.wall_surfaces, a.wall_surfaces), (found.rooms, s.rooms, a.rooms)):
+        for k, (partner, score) in enumerate(zip(of.partner, of.score, strict=True)):
+            pairs |= {(in_s[k].id, in_a[j].id): float(p) for j, p in zip(partner, score, strict=True) if j >= 0}
+    return pairs
+
+
+def assert_same(found: dict[tuple[str, str], float], expected: dict[tuple[str, str], float]) -> None:
+    """The same but for the least likely, whose order is chance."""
+    for pair, p in expected.items():
+        assert found.get(pair, 0.0) == pytest.approx(p, abs=2e-3) or p < 0.05, pair
+
+
+@pytest.mark.parametrize("T", [(0.0, 400000.0, 5600000.0), (2.3, -3.0, 8.0), (np.pi / 2, 0.0, 0.0)])
+def test_proposals_do_not_know_where_the_graphs_lie(plan: SceneGraph, drawn: DrawnGraph, T: tuple[float, float, float]):
+    proposer = LearnedProposer(untrained())
+    expected = table(proposer, drawn.s_graph, plan)
+    assert_same(table(proposer, moved(drawn.s_graph, T), plan), expected)
+    assert_same(table(proposer, drawn.s_graph, moved(plan, T)), expected)
+
+
+def test_proposals_do_not_know_the_order_of_nodes(plan: SceneGraph, drawn: DrawnGraph):
+    rng = np.random.default_rng(0)
+
+    def shuffled(g: SceneGraph) -> SceneGraph:
+        walls, rooms = rng.permutation(len(g.wall_surfaces)), rng.permutation(len(g.rooms))
+        surfaces = tuple(g.wall_surfaces[k] for k in walls)
+        return dataclasses.replace(g, wall_surfaces=surfaces, rooms=tuple(g.rooms[k] for k in rooms))
+
+    proposer = LearnedProposer(untrained())
+    found = table(proposer, shuffled(drawn.s_graph), shuffled(plan))
+    assert_same(found, table(proposer, drawn.s_graph, plan))
+
+
+def test_a_mirrored_building_looks_different(plan: SceneGraph):
+    network = untrained()
+
+    def vectors(g: SceneGraph) -> torch.Tensor:
+        return network.encode(GraphTensors.of(plan_features(g))).walls
+
+    seen, turned = vectors(plan), vectors(moved(plan, (0.7, 3.0, 1.0)))
+    mirrored = vectors(moved(plan, (0.0, 0.0, 0.0), mirror=True))
+    noise = float((seen - turned).abs().max())
+    assert noise < 1e-4
+    assert (seen - mirrored).abs().max() > 20 * noise
+
+
+def test_only_nodes_of_one_storey_are_neighbours(plan: SceneGraph):
+    lower = a_graph(flat(np.random.default_rng(3), 14, 10), "low", "l")
+    upper = a_graph(flat(np.random.default_rng(3), 14, 10), "high", "u")
+    both = dataclasses.replace(merged(lower, upper), floors=(Floor("low"), Floor("high")))
+    f = plan_features(both)
+    real = f.neighbour >= 0
+    assert (f.floor[f.neighbour] == f.floor[:, None])[real].all()
+    alone = plan_features(lower)
+    assert np.allclose(f.edge[: len(alone)], alone.edge, atol=1e-5)
+    assert f.rooms == tuple(r.id for r in both.rooms)
+
+
+def test_neighbours_are_the_nearest_and_facing_sides_are_told():
+    f = plan_features(a_graph([box(0, 0, 4, 3), box(4.2, 0, 4, 3)]))
+    index = {w: k for k, w in enumerate(f.walls)}
+    facing = -5  # same room, facing, both walls, wall of room, room of wall
+    pairs = {
+        (f.walls[i], f.walls[f.neighbour[i, k]])
+        for i in index.values() for k in range(f.edge.shape[1]) if f.edge[i, k, facing + 1] > 0
+    }  # fmt: skip
+    assert len(pairs) == 2  # one wall between the rooms, seen from either side
+    (p, q), (q_, p_) = sorted(pairs)
+    assert (p, q) == (p_, q_) and p.split("/")[0] != q.split("/")[0]
+
+
+def learned_pair(plan: SceneGraph, drawn: DrawnGraph) -> tuple[MatchingNetwork, Batch, list[float]]:
+    torch.manual_seed(0)
+    network, batch = MatchingNetwork(SMALL), batch_of([(plan, [drawn])])
+    optimizer = torch.optim.AdamW(network.parameters(), 3e-3)
+    losses = []
+    for _ in range(60):
+        value = loss(*run(network, batch, CPU))
+        optimizer.zero_grad()
+        value.backward()
+        optimizer.step()
+        losses.append(value.item())
+    return network, batch, losses
+
+
+def test_a_pair_is_learned_by_heart(plan: SceneGraph, drawn: DrawnGraph):
+    network, batch, losses = learned_pair(plan, drawn)
+    assert losses[1] < losses[0] and losses[-1] < 0.3 * losses[0]
+    found = accuracies(*run(network, batch, CPU))
+    assert found["walls"][0] > 0.9 and found["rooms"][0] == 1.0
+    proposer = LearnedProposer(network.eval().requires_grad_(False))
+    told = table(proposer, moved(drawn.s_graph, (1.0, 5.0, 6.0)), plan)
+    right = [told.get(pair, 0.0) > 0.5 for pair in drawn.wall_surfaces.items()]
+    assert np.mean(right) > 0.85
+    sums = proposer.propose(drawn.s_graph, plan).walls.score.sum(axis=1)
+    assert (sums <= 1 + 1e-5).all()
+
+
+def test_batches_are_worked_on_as_single_pairs_are(plan: SceneGraph, drawn: DrawnGraph):
+    other = a_graph(flat(np.random.default_rng(8), 11, 9))
+    second, third = (draw(g, "real", np.random.default_rng(2), 3) for g in (plan, other))
+    network = untrained()
+    whole, _ = run(network, batch_of([(plan, [drawn, second]), (other, [third])]), CPU)
+    first = 0
+    for g, d in ((plan, drawn), (plan, second), (other, third)):
+        alone, _ = run(network, batch_of([(g, [d])]), CPU)
+        rows = slice(first, first + len(d.s_graph.wall_surfaces))
+        first = rows.stop
+        value, expected = (o.walls[-1][1].softmax(dim=-1) for o in (whole, alone))
+        assert torch.allclose(value[rows].sort(dim=1).values[:, -3:], expected.sort(dim=1).values[:, -3:], atol=1e-3)
+
+
+def test_empty_graphs_and_walls_without_rooms_are_answered(plan: SceneGraph, drawn: DrawnGraph):
+    proposer, nothing = LearnedProposer(untrained()), SceneGraph("map")
+    assert proposer.propose(nothing, plan).walls.partner.shape[0] == 0
+    assert (proposer.propose(drawn.s_graph, nothing).walls.partner >= 0).sum() == 0
+    stray = dataclasses.replace(
+        drawn.s_graph, rooms=(Room("empty", (0.0, 0.0)),),
+        wall_surfaces=tuple(dataclasses.replace(w, room=None, length=None) for w in drawn.s_graph.wall_surfaces),
+    )  # fmt: skip
+    found = proposer.propose(stray, plan)
+    assert len(found.rooms.partner) == 1 and (found.rooms.partner >= 0).sum() == 0
+    assert np.isfinite(found.walls.score).all() and (found.walls.partner >= 0).any()
+    one = SceneGraph("map", (), (WallSurface("w", None, (0.0, 0.0), (1.0, 0.0), 2.0),))
+    assert np.isfinite(proposer.propose(one, plan).walls.score).all()
+    assert np.isfinite(proposer.propose(one, one).walls.score).all()
+    assert len(map_features(nothing)) == 0
+
+
+def test_a_network_is_read_as_it_was_written(tmp_path: Path, plan: SceneGraph, drawn: DrawnGraph):
+    network = untrained()
+    save_network(tmp_path / "n.pt", network)
+    again = LearnedProposer.load(tmp_path / "n.pt")
+    expected = table(LearnedProposer(network), drawn.s_graph, plan)
+    found = table(again, drawn.s_graph, plan)
+    assert all(abs(found.get(k, 0.0) - v) < 0.05 for k, v in expected.items())
+
+
+def test_files_that_are_no_networks_are_refused(tmp_path: Path):
+    save_network(tmp_path / "n.pt", untrained())
+    value = torch.load(tmp_path / "n.pt", weights_only=True)
+    for name, broken in (
+        ("short", {**value, "state": dict(list(value["state"].items())[1:])}),
+        ("size", {**value, "settings": {**value["settings"], "width": 64}}),
+        ("version", {**value, "version": 99}),
+        ("other", {"weights": 1}),
+    ):
+        torch.save(broken, tmp_path / name)
+        with pytest.raises(UserError, match=name):
+            load_network(tmp_path / name)
+    (tmp_path / "text").write_text("not a network")
+    (tmp_path / "cut").write_bytes((tmp_path / "n.pt").read_bytes()[:500])
+    for name in ("text", "cut", "missing"):
+        with pytest.raises(UserError, match=name):
+            load_network(tmp_path / name)
+
+
+def test_varied_plans_keep_their_walls_on_their_rooms(plan: SceneGraph):
+    for seed in range(4):
+        a = varied(plan, np.random.default_rng(seed))
+        for w in a.wall_surfaces:
+            room = shapely.Polygon(a.room_by_id[w.room or ""].polygon)
+            step = np.array(w.centroid) + 0.02 * np.array(w.normal)
+            assert shapely.contains_xy(room, *step)
+            assert all(room.exterior.distance(shapely.Point(e)) < 1e-6 for e in w.ends())
+
+
+def test_parts_of_plans_are_whole_rooms(plan: SceneGraph):
+    a = part(plan, 20, np.random.default_rng(0))
+    assert 20 < len(a.wall_surfaces) < len(plan.wall_surfaces)
+    for r in a.rooms:
+        assert {w.id for w in a.surfaces_of_room[r.id]} == {w.id for w in plan.surfaces_of_room[r.id]}
