@@ -1,4 +1,4 @@
-"""Simulates a robot that drives a building with a spinning LiDAR: an IFC file in, scans and the truth out.
+"""Simulates a robot that drives a building with a spinning LiDAR: an IFC file or a mesh in, scans and the truth out.
 
     python -m data.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M] [--moved-walls SHARE]
 
@@ -23,6 +23,7 @@ from data.cli import Parser, run_command
 from data.drive import Robot, drive
 from data.errors import UserError
 from data.files import write_atomically, write_json
+from data.mesh_files import MESH_SUFFIXES, is_mesh
 from data.scan_writers import SCAN_WRITERS
 from data.sensor import SpinningSensor
 from data.stamps import ns_to_seconds
@@ -84,15 +85,21 @@ def simulate(
     sensor_height: float = 0.8,
     scan_format: str = "bin",
     changes: Changes | None = None,
+    and_back: bool = False,
 ) -> SimulatedRun:
     """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
 
+    `ifc` may be a building's mesh too (see `data.mesh_plan`); `storey` is then the name of one of its levels, or empty
+    for the lowest.
+
     The robot enters `min_rooms` rooms (all, where fewer can be reached), drives `min_length` metres at least,
     and returns. The level sensor stands `sensor_height` metres above the storey's floor. `changes` are made to the
-    building that is driven, not to its plan. The same seed gives the same bytes. Raises UserError for an unreadable
+    building that is driven, not to its plan. With `and_back` the whole way is then driven in the other direction, so
+    that every place is seen twice. The same seed gives the same bytes. Raises UserError for an unreadable
     IFC file, an unknown storey, one on which the robot cannot move, an `out_dir` that is not empty, and settings
     that cannot be.
     """
+    from data.mesh_storey import mesh_storey
     from data.occupancy import build_grid
     from data.raycast import TriangleScene
     from data.route import curve_length, plan_tour
@@ -100,12 +107,14 @@ def simulate(
 
     out = Path(out_dir)
     _check(out, scan_format, sensor_height, seed)
-    model = load_storey(ifc, storey, changes, seed)
+    model = mesh_storey(ifc, storey, changes) if is_mesh(ifc) else load_storey(ifc, storey, changes, seed)
     scene = TriangleScene(model.solid)
     grid = build_grid(model, scene, max(ROBOT_TOP, sensor_height + SENSOR_TOP))
     rng = np.random.default_rng(seed)
     start_yaw = float(rng.uniform(-np.pi, np.pi))
     legs = plan_tour(grid, robot.radius, min_rooms, min_length, rng)
+    if and_back:
+        legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
     stamps, poses = drive(legs, start_yaw, robot, sensor.rate)
     T_bim_sensor = _sensor_poses(poses, model.level + sensor_height)
     truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
@@ -179,14 +188,15 @@ def _parser() -> argparse.ArgumentParser:
     about = "Simulates a robot that drives a building with a spinning LiDAR: IFC in, scans and truth out."
     parser = Parser(prog="python -m data.simulate", description=about)
     add = parser.add_argument
-    add("--bim", required=True, metavar="FILE", help="IFC file")
-    add("--storey", required=True, metavar="NAME", help="name or GlobalId of the storey to drive")
+    add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
+    add("--storey", default="", metavar="NAME", help="name or GlobalId of the storey to drive (a mesh needs none)")
     add("--out", required=True, metavar="DIR", help="new folder for scans and truth")
     add("--seed", type=int, default=0, help="same seed, same bytes (default 0)")
     add("--min-rooms", type=int, default=8, metavar="N", help="rooms to enter (default 8; all, where fewer)")
     add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
     add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, moved 10 to 30 cm (default 0)")
     add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
+    add("--and-back", action="store_true", help="drive the whole way back again")
     add("--speed", type=float, default=ROBOT.speed, help="metres a second (default 0.8)")
     add("--sensor-height", type=float, default=0.8, help="metres above the floor (default 0.8)")
     add("--format", default="bin", choices=SCAN_WRITERS, help="of the scans (default bin)")
@@ -199,7 +209,7 @@ def main() -> int:
     run = simulate(
         args.bim, args.storey, args.out, args.seed, args.min_rooms, args.min_length,
         robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
-        changes=Changes(args.moved_walls, args.absent_walls),
+        changes=Changes(args.moved_walls, args.absent_walls), and_back=args.and_back,
     )  # fmt: skip
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of '{run.storey}'"
     changed = f"; {len(run.changes)} walls stand otherwise than planned" if run.changes else ""

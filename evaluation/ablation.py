@@ -1,69 +1,182 @@
-"""`python -m evaluation.ablation --out DIR`: sequences x seeds x arms, a CSV row a run, a table of means.
+"""`python -m evaluation.ablation --out DIR`: sequences x seeds x arms, a CSV row a run, tables, plots, one page.
 
 What is in the CSV already is skipped, so that a run that was killed goes on where it was.
 """
 
+import argparse
 import csv
 import io
-import statistics
+import multiprocessing
+import shlex
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from hashlib import sha256
+from multiprocessing.connection import Connection
 from pathlib import Path
 from time import perf_counter
 
 from data.cli import Parser, run_command
 from data.errors import UserError
 from data.files import write_atomically
-from evaluation.arms import ARMS, Row, as_record, run_arm
+from evaluation.ablation_rows import COLUMNS, KEY, Record, Records, as_record, errors_file
+from evaluation.arms import ARMS, WITHOUT_BIM, checked_arm, config_of, run_arms
+from evaluation.conditions import NORMAL, Conditions
 from evaluation.sequences import SequenceSpec, prepare, read_specs
 
 DEMO = [SequenceSpec("demo", "demo", min_rooms=6, min_length=50.0)]
-Records = list[dict[str, str]]
 
 
-def ablate(specs: list[SequenceSpec], seeds: list[int], arms: list[str], out: Path) -> Records:
-    """Runs what is not in `out`/runs.csv yet and returns all of its records."""
-    out.mkdir(parents=True, exist_ok=True)
+@dataclass(frozen=True)
+class Task:
+    """One run; `arms` are those that it gives rows of."""
+
+    spec: SequenceSpec
+    seed: int
+    arms: tuple[str, ...]
+    conditions: Conditions
+    out: Path
+
+    def key(self, arm: str) -> tuple[str, ...]:
+        """What a record is known by."""
+        return (self.spec.name, self.conditions.name, str(self.seed), arm)
+
+
+def ablate(
+    specs: list[SequenceSpec], seeds: list[int], arms: list[str], out: Path, conditions: Conditions = NORMAL,
+    jobs: int = 1, listed_in: Path | None = None,
+) -> Records:  # fmt: skip
+    """Runs what is not in `out`/runs.csv yet and returns all of its records, those of this call in its order.
+
+    Each run has a process of its own. `listed_in` is the file that the sequences are from, for the rows' commands.
+    Raises UserError for what a run refuses.
+    """
+    (out / "errors").mkdir(parents=True, exist_ok=True)
+    (out / "configs").mkdir(exist_ok=True)
     path = out / "runs.csv"
     records = _read(path)
-    every = [(spec, seed, arm) for spec in specs for seed in seeds for arm in arms]
-    todo = [(spec, seed, arm) for spec, seed, arm in every if _find(records, spec.name, seed, arm) is None]
+    planned = list(_tasks(specs, seeds, arms, conditions, out))
+    order = {task.key(arm): k for k, (task, arm) in enumerate((t, a) for t in planned for a in t.arms)}
+    known = {_key(r) for r in records}
+    todo = [task for task in planned if any(task.key(arm) not in known for arm in task.arms)]
     began = perf_counter()
-    for done, (spec, seed, arm) in enumerate(todo):
-        sequence = prepare(spec, seed, out)
-        graph = _find(records, spec.name, seed, "graph")
-        row = run_arm(arm, sequence, float(graph["rmse_bim_m"]) if graph is not None else None)
-        command = f"python -m evaluation.ablation --sequences {spec.name} --seeds {seed} --arms {arm}"
-        records.append({name: str(value) for name, value in as_record(row).items()} | {"command": command})
-        _write(path, records)
-        left = (perf_counter() - began) / (done + 1) * (len(todo) - done - 1)
-        error = "not anchored" if row.rmse_bim_m is None else f"{row.rmse_bim_m:.4f} m"
-        told = f"{done + 1}/{len(todo)} {spec.name} seed {seed} {arm}: {error}"
-        print(f"{told}; about {left / 60:.0f} min left", flush=True)
+    for done, (task, fresh) in enumerate(_run_all(todo, jobs), 1):
+        new = [r | {"command": _command(task, r["arm"], listed_in)} for r in fresh]
+        records = [r for r in records if _key(r) not in {_key(n) for n in new}] + new
+        records.sort(key=lambda r: order.get(_key(r), -1))
+        _write(path, _with_drift_reduction(records))
+        left = (perf_counter() - began) / done * (len(todo) - done)
+        told = ", ".join(f"{r['arm']} {_metres(r)}" for r in new)
+        where = f"{done}/{len(todo)} {task.spec.name} {task.conditions.name} seed {task.seed}"
+        print(f"{where}: {told}; about {left / 60:.0f} min left", flush=True)
+    return _with_drift_reduction(records)
+
+
+def _tasks(
+    specs: list[SequenceSpec], seeds: list[int], arms: list[str], conditions: Conditions, out: Path
+) -> Iterator[Task]:
+    """A user's own drive is the same for every seed, so that it is run with the first one only."""
+    units = [tuple(arm for arm in arms if arm in WITHOUT_BIM), *((arm,) for arm in arms if arm not in WITHOUT_BIM)]
+    for spec in specs:
+        for seed in seeds if spec.simulated else seeds[:1]:
+            yield from (Task(spec, seed, unit, conditions, out) for unit in units if unit)
+
+
+def _run_all(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Records]]:
+    """Drives are made one at a time, what is run on one of them `jobs` at a time."""
+    for group in _by_drive(tasks):
+        first = group[0]
+        prepare(first.spec, first.seed, first.out, first.conditions)
+        with ThreadPoolExecutor(jobs) as pool:
+            running = {pool.submit(_run_apart, task): task for task in group}
+            for future in as_completed(running):
+                yield running[future], future.result()
+
+
+def _run_apart(task: Task) -> Records:
+    """Runs in a process of its own, so that its peak memory is its own too. Raises what the run raises."""
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(sender, task))
+    process.start()
+    sender.close()
+    try:
+        answer: Records | BaseException = receiver.recv()
+    except EOFError:
+        process.join()
+        what = f"{task.spec.name}, seed {task.seed}, {' and '.join(task.arms)}"
+        raise UserError(f"{what}: the run's process ended with {process.exitcode}; too little memory?") from None
+    process.join()
+    if isinstance(answer, BaseException):
+        raise answer
+    return answer
+
+
+def _answer(sender: Connection, task: Task) -> None:
+    try:
+        sender.send(_run(task))
+    except Exception as error:
+        sender.send(error)
+
+
+def _by_drive(tasks: list[Task]) -> list[list[Task]]:
+    groups: dict[tuple[str, int], list[Task]] = {}
+    for task in tasks:
+        groups.setdefault((task.spec.name, task.seed), []).append(task)
+    return list(groups.values())
+
+
+def _run(task: Task) -> Records:
+    """One run; the errors over time and the configuration go into files of their own."""
+    import yaml
+
+    from sgslam.settings import save_config
+
+    sequence = prepare(task.spec, task.seed, task.out, task.conditions)
+    config = save_config(config_of(task.arms[0], sequence))
+    config += yaml.safe_dump({"ablation": dict(zip(KEY, task.key(" ".join(task.arms)), strict=True))})
+    name = f"configs/{sha256(config.encode()).hexdigest()[:12]}.yaml"
+    write_atomically(task.out / name, config)
+    records = []
+    for run in run_arms(task.arms, sequence):
+        record = as_record(run.row) | {"config": name}
+        if run.errors is not None:
+            lines = [f"{t:.3f},{e:.5f}" for t, e in run.errors.tolist()]
+            write_atomically(errors_file(task.out, record), "\n".join(["seconds,error_m", *lines]) + "\n")
+        records.append(record)
     return records
 
 
-def table(records: Records) -> str:
-    """Markdown: mean and standard deviation over the seeds, for each sequence and arm."""
-    columns = ("rmse_bim_m", "max_bim_m", "yaw_rmse_deg", "drift_reduction", "first_anchor_s", "wall_offset_mm")
-    lines = ["| sequence | arm | runs | anchored | " + " | ".join(columns) + " |"]
-    lines.append("|" + "---|" * (4 + len(columns)))
-    for key in dict.fromkeys((r["sequence"], r["arm"]) for r in records):
-        own = [r for r in records if (r["sequence"], r["arm"]) == key]
-        anchored = sum(r["anchored"] == "True" for r in own)
-        cells = [_mean([float(r[c]) for r in own if r[c]]) for c in columns]
-        lines.append(f"| {key[0]} | {key[1]} | {len(own)} | {anchored} | " + " | ".join(cells) + " |")
-    return "\n".join(lines) + "\n"
+def _command(task: Task, arm: str, listed_in: Path | None) -> str:
+    """The command that makes the row anew; the graph goes with an anchored arm for its drift reduction."""
+    arms = [arm] if arm in WITHOUT_BIM else ["graph", arm]
+    words = ["python", "-m", "evaluation.ablation", "--out", str(task.out)]
+    words += [] if listed_in is None else ["--list", str(listed_in)]
+    words += ["--sequences", task.spec.name, "--seeds", str(task.seed), "--arms", *arms]
+    return shlex.join([*words, *" ".join(task.conditions.options()).split()])
 
 
-def _mean(values: list[float]) -> str:
-    if not values:
-        return ""
-    spread = f" ± {statistics.stdev(values):.2g}" if len(values) > 1 else ""
-    return f"{statistics.mean(values):.3g}{spread}"
+def _with_drift_reduction(records: Records) -> Records:
+    """Filled in wherever the graph without anchors is known."""
+    drifted = {_key(r)[:3]: float(r["rmse_bim_m"]) for r in records if r["arm"] == "graph" and r["rmse_bim_m"]}
+
+    def reduction(record: Record) -> str:
+        reference = drifted.get(_key(record)[:3])
+        if record["arm"] in WITHOUT_BIM or not record["rmse_bim_m"] or not reference:
+            return ""
+        from evaluation.trajectory import drift_reduction
+
+        return str(drift_reduction(float(record["rmse_bim_m"]), reference))
+
+    return [r | {"drift_reduction": reduction(r)} for r in records]
 
 
-def _find(records: Records, sequence: str, seed: int, arm: str) -> dict[str, str] | None:
-    key = (sequence, str(seed), arm)
-    return next((r for r in records if (r["sequence"], r["seed"], r["arm"]) == key), None)
+def _metres(record: Record) -> str:
+    return f"{float(record['rmse_bim_m']):.4f} m" if record["rmse_bim_m"] else "not anchored"
+
+
+def _key(record: Record) -> tuple[str, ...]:
+    return tuple(record[name] for name in KEY)
 
 
 def _read(path: Path) -> Records:
@@ -71,28 +184,41 @@ def _read(path: Path) -> Records:
         return []
     with path.open(newline="") as file:
         records = list(csv.DictReader(file))
-    if records and set(records[0]) != {*Row.__dataclass_fields__, "command"}:
+    if records and tuple(records[0]) != COLUMNS:
         raise UserError(f"{path}: has other columns than this version writes; give another --out")
     return records
 
 
 def _write(path: Path, records: Records) -> None:
     text = io.StringIO()
-    writer = csv.DictWriter(text, [*Row.__dataclass_fields__, "command"], lineterminator="\n")
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
     writer.writerows(records)
     write_atomically(path, text.getvalue())
 
 
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m evaluation.ablation", description="The system with parts of it left out, measured.")
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="for runs.csv, tables, plots, ablation.md and drives")
+    add("--list", type=Path, metavar="FILE", help="YAML list of sequences (default: the demo building)")
+    add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
+    add("--arms", nargs="+", default=list(ARMS), metavar="ARM", help=f"{', '.join(ARMS)}, anchored:METHOD")
+    add("--weaken", action="store_true", help="a weak front end: its odometry's own error exceeds 0.5 m")
+    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls stand 10 to 30 cm off their plan")
+    add("--wrong-matches", type=int, default=0, metavar="N", help="rooms, with their walls, are matched wrongly")
+    add("--loops", action="store_true", help="the whole way is driven back again")
+    add("--jobs", type=int, default=1, metavar="N", help="runs at a time (default 1)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'ablation' is to be written")
+    return parser
+
+
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.ablation", description="The system with parts of it left out, measured.")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for runs.csv, table.md and drives")
-    parser.add_argument("--list", type=Path, metavar="FILE", help="YAML list of sequences (default: the demo building)")
-    parser.add_argument("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N")
-    parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=ARMS, metavar="ARM", help=", ".join(ARMS))
-    options = parser.parse_args()
+    from evaluation.ablation_page import write_page
+
+    options = _parser().parse_args()
     specs = DEMO if options.list is None else read_specs(options.list)
     if options.sequences is not None:
         unknown = set(options.sequences) - {spec.name for spec in specs}
@@ -100,12 +226,12 @@ def main() -> int:
             names = ", ".join(spec.name for spec in specs)
             raise UserError(f"--sequences {' '.join(sorted(unknown))}: not in the list; there are: {names}")
         specs = [spec for spec in specs if spec.name in options.sequences]
-    # the graph without anchors comes first, because the others' drift reduction is against it
-    arms = sorted(options.arms, key=list(ARMS).index)
-    records = ablate(specs, options.seeds, arms, options.out)
-    text = table(records)
-    write_atomically(options.out / "table.md", text)
-    print(text)
+    if options.jobs < 1:
+        raise UserError(f"--jobs {options.jobs}: must be at least 1")
+    arms = list(dict.fromkeys(checked_arm(arm) for arm in options.arms))
+    conditions = Conditions(options.weaken, options.moved_walls, options.wrong_matches, options.loops)
+    records = ablate(specs, options.seeds, arms, options.out, conditions, options.jobs, options.list)
+    print(write_page(records, options.out, options.benchmarks))
     return 0
 
 

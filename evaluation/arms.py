@@ -1,121 +1,163 @@
 """The arms of the ablation: one sequence run with a part of the system left out or given."""
 
-from dataclasses import asdict, dataclass
+import resource
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from data.scans import ScanFolder
-from data.scene_graph import SceneGraph
+from data.errors import UserError
+from data.mesh_files import is_mesh
+from data.scans import Scan, ScanFolder
 from data.trajectory import Trajectory
-from evaluation.map_metrics import room_scores, wall_scores
-from evaluation.sequences import Sequence
-from evaluation.trajectory import drift_reduction, error_in_bim
-from evaluation.true_matches import true_matches
-from matching import Hypothesis, MatchResult
-from sgslam.config import AnchorSettings, Config
+from evaluation.ablation_rows import Row, errors_over_time, map_numbers, trajectory_numbers
+from evaluation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
+from evaluation.sequences import Sequence, storey_of
+from evaluation.stand_in_matchers import OracleMatcher, WrongMatches
+from evaluation.weakened import shortened
+from matching import Matcher
+from sgslam.anchoring import AnyMatcher
+from sgslam.config import AnchorSettings, Config, MatchingSettings
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
 ARMS = {
     "odometry": "the odometry alone, its first pose set to the truth",
+    "icp-to-bim": "each scan registered to the BIM's surfaces, the true start given",
     "graph": "the S-graph without anchors, its first pose set to the truth",
     "planes": "plane anchors only",
     "rooms": "room anchors only",
-    "anchored": "plane and room anchors",
+    "anchored": "plane and room anchors; anchored:METHOD by another matcher",
     "oracle": "plane and room anchors, the true matches given",
 }
+WITHOUT_BIM = ("odometry", "graph")  # two trajectories of one run
 
 
-@dataclass(frozen=True)
-class Row:
-    """One run. Errors in the BIM frame without alignment, over all scans; None where there is nothing to measure.
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A row, and (M, 2) seconds and position errors where there is a trajectory in the BIM frame."""
 
-    `drift_reduction` is against the same graph without anchors. Walls and rooms: of the S-graph against the storey's
-    A-graph under the true motion, those of the storey that were never seen included in the recall.
-    """
-
-    sequence: str
-    seed: int
-    arm: str
-    anchored: bool
-    rmse_bim_m: float | None
-    max_bim_m: float | None
-    yaw_rmse_deg: float | None
-    drift_reduction: float | None
-    matched_poses: int
-    total_poses: int
-    first_anchor_s: float | None
-    wall_precision: float | None
-    wall_offset_mm: float | None
-    room_precision: float | None
-    room_centroid_m: float | None
-    seconds: float
-    reason: str
+    row: Row
+    errors: NDArray[np.float64] | None
 
 
-class OracleMatcher:
-    """Answers with the true matches, from the true T_bim_map (4, 4)."""
-
-    def __init__(self, T_bim_map: np.ndarray[Any, Any], floor: str | None) -> None:
-        self._T, self._floor = T_bim_map, floor
-
-    def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
-        """As any matcher."""
-        truth = true_matches(s, a.on_floor(self._floor), self._T)
-        if len(truth.wall_surfaces) < 4:
-            return MatchResult("none", "fewer than four true matches so far")
-        rooms = tuple((s_id, a_id, 1.0) for s_id, a_id in truth.rooms.items())
-        walls = tuple((s_id, a_id, 1.0) for s_id, a_id in truth.wall_surfaces.items())
-        sole = Hypothesis(0.0, truth.T_a_s, self._floor, tuple(truth.rooms.items()))
-        return MatchResult("unique", "the truth was given", rooms, walls, truth.T_a_s, self._floor, (sole,))
+def checked_arm(arm: str) -> str:
+    """The arm itself; raises UserError for one that does not exist."""
+    kind, _, method = arm.partition(":")
+    if kind not in ARMS or (":" in arm and (kind != "anchored" or not method)):
+        raise UserError(f"no arm '{arm}'; there are {', '.join(ARMS)} and anchored:METHOD")
+    if method:
+        Matcher.load(method)
+    return arm
 
 
-def run_arm(arm: str, sequence: Sequence, graph_rmse: float | None) -> Row:
-    """Runs one arm; `graph_rmse` is the arm `graph`'s, for the drift reduction, where it is known already."""
+def config_of(arm: str, sequence: Sequence) -> Config:
+    """The settings of an arm's run."""
+    method = arm.partition(":")[2] or Config().matching.method
+    return Config(
+        anchors=AnchorSettings(planes=arm != "rooms", rooms=arm != "planes"), matching=MatchingSettings(method=method)
+    )
+
+
+def run_arms(arms: tuple[str, ...], sequence: Sequence) -> list[Run]:
+    """Runs arms that share one run: a single one, or those without a BIM."""
+    if arms == ("icp-to-bim",):
+        return [_registered(sequence)]
+    config = config_of(arms[0], sequence)
+    bim = None if arms[0] in WITHOUT_BIM else sequence.a_graph
+    slam = SceneGraphSlam(bim, _matcher(arms[0], sequence, config), config)
+    odometry = None if sequence.weak is None else sequence.weak.trajectory.poses
     began = perf_counter()
-    T_bim_map = sequence.truth.poses[0]
-    floor = storey_of(sequence.a_graph, T_bim_map)
-    config = Config(anchors=AnchorSettings(planes=arm != "rooms", rooms=arm != "planes"))
-    bim = None if arm in ("odometry", "graph") else sequence.a_graph
-    slam = SceneGraphSlam(bim, OracleMatcher(T_bim_map, floor) if arm == "oracle" else None, config)
-    for scan in ScanFolder(sequence.scan_dir):
-        slam.add_scan(scan.stamp_ns, scan.points)
+    for k, scan in enumerate(scans := _Scans(sequence)):
+        slam.add_scan(scan.stamp_ns, scan.points, T_odom_sensor=None if odometry is None else odometry[k])
     result = slam.finish()
-    estimate = _estimate(arm, result, T_bim_map)
-    error = None if estimate is None else error_in_bim(estimate, sequence.truth)
-    walls = wall_scores(result.s_graph, sequence.a_graph.on_floor(floor), T_bim_map)
-    rooms = room_scores(result.s_graph, sequence.a_graph.on_floor(floor), T_bim_map)
-    rmse = None if error is None else error.position.rmse
-    return Row(
-        sequence.name, sequence.seed, arm, result.anchored, rmse,
-        None if error is None else error.position.max,
-        None if error is None else float(np.degrees(error.yaw.rmse)),
-        drift_reduction(rmse, graph_rmse) if rmse is not None and graph_rmse is not None else None,
-        0 if error is None else error.matched_poses, len(result.trajectory), result.first_anchor_s,
-        walls.score.precision, None if walls.offset_mm is None else walls.offset_mm.median,
-        rooms.score.precision, None if rooms.centroid is None else rooms.centroid.median,
-        perf_counter() - began, result.reason,
+    seconds = perf_counter() - began
+    return [_measured(arm, sequence, result, seconds, scans.seconds) for arm in arms]
+
+
+class _Scans:
+    """The sequence's scans, as the conditions leave them; `seconds` is the time their reading took."""
+
+    def __init__(self, sequence: Sequence) -> None:
+        self._folder, self._weak, self.seconds = ScanFolder(sequence.scan_dir), sequence.weak is not None, 0.0
+
+    def __iter__(self) -> Iterator[Scan]:
+        scans = iter(self._folder)
+        while True:
+            began = perf_counter()
+            scan = next(scans, None)
+            self.seconds += perf_counter() - began
+            if scan is None:
+                return
+            yield replace(scan, points=shortened(scan.points)) if self._weak else scan
+
+
+def _matcher(arm: str, sequence: Sequence, config: Config) -> AnyMatcher | None:
+    if arm in WITHOUT_BIM:
+        return None
+    T_bim_map = sequence.truth.poses[0]
+    if arm == "oracle":
+        return OracleMatcher(T_bim_map, storey_of(sequence.a_graph, T_bim_map))
+    matcher: AnyMatcher = Matcher.load(config.matching.method)
+    wrong = sequence.conditions.wrong_matches
+    return WrongMatches(matcher, wrong, sequence.seed) if wrong else matcher
+
+
+def _measured(arm: str, sequence: Sequence, result: Result, seconds: float, reading: float) -> Run:
+    estimate = _estimate(arm, result, sequence.truth.poses[0])
+    stages: dict[str, Any] = {f"seconds_{stage}": spent for stage, spent in result.seconds.items()}
+    if arm == "odometry":
+        seconds, stages = reading + result.seconds["odometry"], {"seconds_odometry": result.seconds["odometry"]}
+    row = Row(
+        **_heading(arm, sequence), anchored=result.anchored, total_poses=len(result.trajectory),
+        scans=len(result.trajectory), seconds=seconds, seconds_reading=reading, **stages,
+        first_anchor_s=result.first_anchor_s, reason=result.reason, peak_memory_mb=_peak_memory_mb(),
+        **trajectory_numbers(estimate, sequence.truth), **({} if arm == "odometry" else map_numbers(result, sequence)),
     )  # fmt: skip
+    return Run(row, None if estimate is None else errors_over_time(estimate, sequence.truth))
 
 
-def storey_of(a_graph: SceneGraph, T_bim_sensor: np.ndarray[Any, Any]) -> str | None:
-    """The storey whose floor lies next below a sensor pose (4, 4)."""
-    below = [f for f in a_graph.floors if f.elevation is not None and f.elevation <= T_bim_sensor[2, 3]]
-    return max(below, key=lambda f: f.elevation or 0.0).id if below else None
+def _registered(sequence: Sequence) -> Run:
+    if is_mesh(sequence.bim):
+        from data.mesh_plan import read_mesh
+
+        surfaces = read_mesh(sequence.bim).triangles
+    elif sequence.bim.suffix.lower() == ".json":
+        surfaces = surfaces_of_graph(sequence.a_graph)
+    else:
+        surfaces = surfaces_of_ifc(sequence.bim)
+    began = perf_counter()
+    scans = _Scans(sequence)
+    estimate = register_to_bim(scans, surfaces, sequence.truth.poses[0])
+    row = Row(
+        **_heading("icp-to-bim", sequence), anchored=True, total_poses=len(estimate), scans=len(estimate),
+        seconds=perf_counter() - began, seconds_reading=scans.seconds, peak_memory_mb=_peak_memory_mb(),
+        reason="the true start was given", **trajectory_numbers(estimate, sequence.truth),
+    )  # fmt: skip
+    return Run(row, errors_over_time(estimate, sequence.truth))
 
 
-def _estimate(arm: str, result: Result, T_bim_first: np.ndarray[Any, Any]) -> Trajectory | None:
+def _heading(arm: str, sequence: Sequence) -> dict[str, Any]:
+    weakening = "" if sequence.weak is None else sequence.weak.told()
+    if arm == "icp-to-bim" and weakening:
+        weakening = weakening.split(";")[0] + "; it uses no odometry"
+    return {
+        "sequence": sequence.name, "conditions": sequence.conditions.name, "seed": sequence.seed, "arm": arm,
+        "weakening": weakening,
+    }  # fmt: skip
+
+
+def _estimate(arm: str, result: Result, T_bim_first: NDArray[np.float64]) -> Trajectory | None:
     """The arm's trajectory in the BIM frame; None where an arm with anchors was not anchored."""
-    if arm in ("odometry", "graph"):
+    if arm in WITHOUT_BIM:
         own = result.trajectory_odometry if arm == "odometry" else result.trajectory_map
         return own.transformed(T_bim_first @ np.linalg.inv(own.poses[0]))
     return result.trajectory if result.anchored else None
 
 
-def as_record(row: Row) -> dict[str, Any]:
-    """A CSV line's values by column; empty for None."""
-    return {name: "" if value is None else value for name, value in asdict(row).items()}
-
-
+def _peak_memory_mb() -> float:
+    """Of this process since it began."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

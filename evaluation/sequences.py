@@ -1,14 +1,21 @@
 """What is measured on: scans, building and truth; simulated by seed, or a user's own, listed in YAML."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from data.bim import load_bim
+from data.changes import Changes
 from data.errors import UserError
+from data.mesh_files import is_mesh
+from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
+from evaluation.conditions import NORMAL, Conditions
+from evaluation.weakened import WeakOdometry, weaken_odometry
 
 
 @dataclass(frozen=True)
@@ -24,22 +31,40 @@ class SequenceSpec:
     min_rooms: int = 8
     min_length: float = 120.0
 
+    @property
+    def simulated(self) -> bool:
+        """Whether it is driven by the simulator."""
+        return self.scans is None
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether the building is a mesh."""
+        return is_mesh(self.bim)
+
 
 @dataclass(frozen=True)
 class Sequence:
-    """Ready to run: the whole building's A-graph, and the truth (sensor poses in the BIM frame)."""
+    """Ready to run: the whole building's A-graph, and the truth (sensor poses in the BIM frame).
+
+    `bim` is the file that the A-graph was made from. `weak` is the odometry to be used where the conditions ask for a
+    weak one.
+    """
 
     name: str
     seed: int
     scan_dir: Path
+    bim: Path
     a_graph: SceneGraph
     truth: Trajectory
+    conditions: Conditions = NORMAL
+    weak: WeakOdometry | None = None
 
 
 def read_specs(path: Path) -> list[SequenceSpec]:
     """Reads a YAML list of sequences; raises UserError for what is missing or unknown.
 
-    A user's own takes six lines:
+    Paths are taken from the folder that the command is run in. A user's own takes six lines (for an IFC file or an
+    A-graph; the truth in TUM format, sensor poses in the building's frame):
 
         - name: my building
           bim: building.ifc
@@ -60,7 +85,7 @@ def read_specs(path: Path) -> list[SequenceSpec]:
     for spec in specs:
         if (spec.scans is None) != (spec.truth is None):
             raise UserError(f"{path}: '{spec.name}' needs both scans and truth, or neither")
-        if spec.scans is None and spec.storey is None and spec.bim != "demo":
+        if spec.simulated and spec.storey is None and spec.bim != "demo" and not spec.is_mesh:
             raise UserError(f"{path}: '{spec.name}' is to be simulated and names no storey")
     names = [spec.name for spec in specs]
     if len(set(names)) != len(names):
@@ -68,22 +93,71 @@ def read_specs(path: Path) -> list[SequenceSpec]:
     return specs
 
 
-def prepare(spec: SequenceSpec, seed: int, folder: Path) -> Sequence:
-    """Simulates what is not there yet, into `folder`, and loads the rest."""
-    bim, storey = Path(spec.bim), spec.storey
-    if spec.bim == "demo":
-        from data.demo_building import DEMO_STOREY, write_demo_building
+def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions = NORMAL) -> Sequence:
+    """Simulates what is not there yet, into `folder`, and loads the rest.
 
-        bim, storey = folder / "demo.ifc", storey or DEMO_STOREY
-        if not bim.exists():
-            write_demo_building(bim)
+    Raises UserError for conditions that the sequence cannot have, and for what the simulator and the readers refuse.
+    """
+    bim, storey = _building(spec, folder)
+    graph = _a_graph(bim)
     if spec.scans is not None and spec.truth is not None:
-        scan_dir, truth = Path(spec.scans), Path(spec.truth)
+        if conditions.of_the_drive:
+            raise UserError(f"'{spec.name}' is not simulated: its walls cannot be moved and its way stays as it is")
+        scan_dir, truth_path, kept = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-{seed}.odometry.tum"
     else:
-        drive = folder / f"{spec.name}-{seed}"
+        drive = folder / f"{spec.name}-{seed}{conditions.of_the_drive}"
         if not drive.exists():
-            from data.simulate import simulate
+            _simulate(spec, bim, storey, drive, seed, conditions)
+        scan_dir, truth_path, kept = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
+    truth = Trajectory.read_tum(truth_path)
+    sequence = Sequence(spec.name, seed, scan_dir, bim, graph, truth, conditions)
+    if not conditions.weaken:
+        return sequence
+    if not kept.exists():
+        _own_odometry(scan_dir).write_tum(kept)
+    return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(kept), truth, seed))
 
-            simulate(bim, str(storey), drive, seed=seed, min_rooms=spec.min_rooms, min_length=spec.min_length)
-        scan_dir, truth = drive / "scans", drive / "truth.tum"
-    return Sequence(spec.name, seed, scan_dir, load_bim(bim).graph, Trajectory.read_tum(truth))
+
+def _building(spec: SequenceSpec, folder: Path) -> tuple[Path, str]:
+    if spec.bim != "demo":
+        return Path(spec.bim), spec.storey or ""
+    from data.demo_building import DEMO_STOREY, write_demo_building
+
+    bim = folder / "demo.ifc"
+    if not bim.exists():
+        write_demo_building(bim)
+    return bim, spec.storey or DEMO_STOREY
+
+
+def _a_graph(bim: Path) -> SceneGraph:
+    if is_mesh(bim):
+        from data.mesh_plan import read_mesh
+
+        return read_mesh(bim).graph
+    return load_bim(bim).graph
+
+
+def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int, conditions: Conditions) -> None:
+    from data.simulate import simulate
+
+    changes = Changes(moved=conditions.moved_walls) if conditions.moved_walls else None
+    simulate(
+        bim, storey, drive, seed=seed, min_rooms=spec.min_rooms, min_length=spec.min_length, changes=changes,
+        and_back=conditions.loops,
+    )  # fmt: skip
+
+
+def _own_odometry(scan_dir: Path) -> Trajectory:
+    """KISS-ICP on the whole scans, as a run without a plan has it."""
+    from sgslam.slam import SceneGraphSlam
+
+    slam = SceneGraphSlam()
+    for scan in ScanFolder(scan_dir):
+        slam.add_scan(scan.stamp_ns, scan.points)
+    return slam.finish().trajectory_odometry
+
+
+def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:
+    """The storey whose floor lies next below a sensor pose (4, 4)."""
+    below = [f for f in a_graph.floors if f.elevation is not None and f.elevation <= T_bim_sensor[2, 3]]
+    return max(below, key=lambda f: f.elevation or 0.0).id if below else None

@@ -1,17 +1,26 @@
-"""The ablation's list, its CSV and its table; one arm run on a user's own sequence."""
+"""The ablation: its list, its rows, its tables and page; killed and resumed; on a user's own sequence."""
 
 import csv
+import os
+import signal
 import subprocess
 import sys
+import time
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from small_ifc import STOREY, write_small_ifc
 
 from data.errors import UserError
 from data.simulate import simulate
-from evaluation.ablation import ablate, table
+from evaluation.ablation import ablate
+from evaluation.ablation_rows import Records
+from evaluation.ablation_tables import ACCURACY, against_oracle, latex, markdown
+from evaluation.arms import checked_arm
+from evaluation.conditions import Conditions
 from evaluation.sequences import SequenceSpec, read_specs
 
 
@@ -26,22 +35,85 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:
     )
 
 
-def test_arms_are_run_once_and_measured(own: SequenceSpec, tmp_path: Path) -> None:
-    first = ablate([own], [0], ["graph"], tmp_path)
-    before = (tmp_path / "runs.csv").read_bytes()
-    assert ablate([own], [0], ["graph"], tmp_path) == first
-    assert (tmp_path / "runs.csv").read_bytes() == before
-    records = ablate([own], [0], ["graph", "oracle"], tmp_path)
-    assert [r["arm"] for r in records] == ["graph", "oracle"] and records[0] == first[0]
-    graph, oracle = records
-    assert float(graph["rmse_bim_m"]) < 0.05 and graph["anchored"] == "False"
+@pytest.fixture(scope="module")
+def listed(own: SequenceSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("list") / "list.yaml"
+    path.write_text(yaml.safe_dump([{k: v for k, v in asdict(own).items() if v is not None}]))
+    return path
+
+
+def command(listed: Path, out: Path, *more: str) -> list[str]:
+    words = [sys.executable, "-m", "evaluation.ablation", "--out", str(out), "--list", str(listed)]
+    return [*words, "--seeds", "0", "--arms", "odometry", "graph", "oracle", *more]
+
+
+def without_times(out: Path) -> list[dict[str, str]]:
+    with (out / "runs.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    changing = [name for name in rows[0] if name.startswith("seconds")] + ["peak_memory_mb", "command"]
+    return [{k: v for k, v in row.items() if k not in changing} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def whole(listed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that nobody kills, with everything it leaves."""
+    out = tmp_path_factory.mktemp("whole")
+    page = out / "BENCHMARKS.md"
+    done = subprocess.run(command(listed, out, "--benchmarks", str(page)), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "min left" in done.stdout
+    return out
+
+
+def test_rows_say_what_was_run_and_how_it_went(whole: Path) -> None:
+    with (whole / "runs.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [r["arm"] for r in rows] == ["odometry", "graph", "oracle"]
+    odometry, graph, oracle = rows
+    assert float(graph["rmse_bim_m"]) < 0.05 and graph["anchored"] == "False" and graph["drift_reduction"] == ""
     assert oracle["anchored"] == "True" and float(oracle["rmse_bim_m"]) < 0.03
     expected = 1 - float(oracle["rmse_bim_m"]) / float(graph["rmse_bim_m"])
     assert np.isclose(float(oracle["drift_reduction"]), expected)
-    with (tmp_path / "runs.csv").open(newline="") as file:
-        assert list(csv.DictReader(file)) == records
-    rows = table(records).splitlines()
-    assert len(rows) == 4 and rows[3].startswith("| own | oracle | 1 | 1 |")
+    for row in rows:
+        assert row["matched_poses"] == row["total_poses"] == row["scans"] != "0"
+        assert 30 < float(row["peak_memory_mb"]) < 4000 and float(row["seconds"]) > 0
+        assert "--seeds 0 --arms" in row["command"] and row["arm"] in row["command"].split()
+    assert odometry["wall_precision"] == "" and float(oracle["wall_precision"]) > 0.5
+    assert float(oracle["match_precision"]) > 0.9
+    stages = sum(float(oracle[f"seconds_{s}"]) for s in ("odometry", "surfaces", "rooms", "matching", "optimisation"))
+    assert stages <= float(oracle["seconds"])
+    settings = yaml.safe_load((whole / oracle["config"]).read_text())
+    assert settings["ablation"]["arm"] == "oracle" and settings["anchors"]["planes"] is True
+
+
+def test_the_page_has_tables_and_plots(whole: Path) -> None:
+    page = (whole / "ablation.md").read_text()
+    assert "| own | normal | oracle | 1 | 1 |" in page and "## Commands" in page
+    for line in page.splitlines():
+        if line.startswith("!["):
+            picture = whole / line.split("(")[-1].rstrip(")")
+            assert picture.read_text().lstrip().startswith("<?xml")
+    assert r"\toprule" in (whole / "table.tex").read_text()
+    section = (whole / "BENCHMARKS.md").read_text()
+    assert section.startswith("<!-- ablation -->") and "| own | normal | oracle" in section and "cores" in section
+    assert (whole / "docs" / "ablation-drift-reduction.svg").exists()
+
+
+def test_killed_three_times_and_resumed_it_is_the_same(listed: Path, whole: Path, tmp_path: Path) -> None:
+    def rows() -> int:
+        return len((tmp_path / "runs.csv").read_text().splitlines()) if (tmp_path / "runs.csv").exists() else 0
+
+    for enough in (lambda: (tmp_path / "configs").exists(), lambda: rows() >= 3, lambda: rows() >= 4):
+        run = subprocess.Popen(command(listed, tmp_path), stdout=subprocess.DEVNULL, start_new_session=True)
+        while not enough() and run.poll() is None:
+            time.sleep(0.02)
+        os.killpg(run.pid, signal.SIGKILL)
+        assert run.wait() in (-signal.SIGKILL, 0)
+    subprocess.run(command(listed, tmp_path), check=True, capture_output=True)
+    assert without_times(tmp_path) == without_times(whole)
+    before = (tmp_path / "runs.csv").read_bytes()
+    again = subprocess.run(command(listed, tmp_path), check=True, capture_output=True, text=True)
+    assert (tmp_path / "runs.csv").read_bytes() == before and "min left" not in again.stdout
 
 
 def test_a_csv_of_another_version_is_refused(own: SequenceSpec, tmp_path: Path) -> None:
@@ -50,11 +122,18 @@ def test_a_csv_of_another_version_is_refused(own: SequenceSpec, tmp_path: Path) 
         ablate([own], [0], ["graph"], tmp_path)
 
 
+def test_what_a_run_refuses_reaches_the_user(own: SequenceSpec, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="not simulated"):
+        ablate([own], [0], ["graph"], tmp_path, Conditions(moved_walls=0.3))
+
+
 def test_list_of_sequences(tmp_path: Path) -> None:
     path = tmp_path / "list.yaml"
     path.write_text("- name: a\n  bim: a.ifc\n  storey: Ground\n- {name: b, bim: b.json, scans: s, truth: t.tum}\n")
     first, second = read_specs(path)
     assert (first.storey, first.scans, second.truth) == ("Ground", None, "t.tum")
+    path.write_text("- {name: a, bim: mesh.stl}")
+    assert read_specs(path)[0].is_mesh
     for text, what in (
         ("- {name: a, bim: a.ifc, scans: s}", "truth"), ("- {name: a, bim: a.ifc}", "storey"), ("name: a", "list"),
         ("- {name: a, bim: a.ifc, storey: G, colour: red}", "colour"), ("- {name: [", "YAML"),
@@ -65,7 +144,40 @@ def test_list_of_sequences(tmp_path: Path) -> None:
             read_specs(path)
 
 
+def records(**errors: list[float]) -> Records:
+    """Runs of arms with these errors."""
+    return [
+        {
+            **dict.fromkeys(ACCURACY, ""), "sequence": "a_b", "conditions": "normal", "arm": arm, "seed": str(seed),
+            "rmse_bim_m": str(error), "anchored": "True", "matched_poses": "9", "total_poses": "10", "weakening": "",
+        }
+        for arm, own in errors.items()
+        for seed, error in enumerate(own)
+    ]  # fmt: skip
+
+
+def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
+    some = records(anchored=[0.01, 0.02, 0.03], oracle=[0.01, 0.01, 0.01])
+    first = markdown(some, ACCURACY).splitlines()[2]
+    assert first.startswith("| a_b | normal | anchored | 3 | 3 | 27 of 30 | 0.02 ± 0.01 |")
+    assert r"a\_b & normal & anchored & 3 & 3 & 27 of 30 & 0.02 $\pm$ 0.01 &" in latex(some, ACCURACY)
+    assert "| 0.0200 | 0.0100 | +100 % |" in against_oracle(some)
+    assert against_oracle(records(anchored=[0.01])) == ""
+
+
 def test_mistakes_on_the_command_line(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "evaluation.ablation", "--out", str(tmp_path), "--sequences", "castle"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    base = [sys.executable, "-m", "evaluation.ablation", "--out", str(tmp_path)]
+    done = subprocess.run([*base, "--sequences", "castle"], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2 and "castle" in done.stderr and len(done.stderr.splitlines()) == 1
+    for arm, what in (("fast", "no arm"), ("oracle:x", "no arm"), ("anchored:guessing", "no matching method")):
+        with pytest.raises(UserError, match=what):
+            checked_arm(arm)
+    with pytest.raises(UserError, match="share"):
+        Conditions(moved_walls=2.0)
+
+
+def test_conditions_are_told_by_their_options() -> None:
+    assert Conditions().name == "normal" and not list(Conditions().options())
+    hard = Conditions(weaken=True, moved_walls=0.33, wrong_matches=2, loops=True)
+    assert list(hard.options()) == ["--weaken", "--moved-walls 0.33", "--wrong-matches 2", "--loops"]
+    assert hard.name == "weaken moved-walls-0.33 wrong-matches-2 loops" and hard.of_the_drive == "-moved0.33-loops"
