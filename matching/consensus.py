@@ -54,8 +54,8 @@ def _support(
     row_i, row_j = n + first, j[n, m]
     in_s = s.wall_node[row_i], s.wall_node[row_j]
     in_a = a.wall_node[candidate[row_i, at]], a.wall_node[candidate[row_j, bt]]
-    feature, alike = compared(s, a, in_s, in_a)
-    return (row_i * k + at)[alike], (row_j * k + bt)[alike], feature[alike]
+    kept, feature = compared(s, a, in_s, in_a)
+    return (row_i * k + at)[kept], (row_j * k + bt)[kept], feature
 
 
 class Consensus(nn.Module):

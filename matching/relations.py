@@ -6,7 +6,8 @@ from torch import Tensor
 from matching.encoder import GraphTensors
 
 HEARD = 10  # neighbours of a wall that have a say
-OFFSET_M = 2.5  # pairs further off are not alike
+OFFSET_M = 2.5  # pairs whose distance differs by more are not looked at,
+LEFT_M = 1.2  # nor those whose offsets differ by more where walls may slide
 LEAST_COS = 0.9  # of the angle by which two pairs differ
 SCALES_M = (0.12, 0.35, 1.0)
 COMPARED_SIZE = 4 * len(SCALES_M) + 2 * len(SCALES_M) + 9
@@ -45,7 +46,14 @@ def _left(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> tuple[l
 
 
 def compared(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> tuple[Tensor, Tensor]:
-    """(E, COMPARED_SIZE) how alike two pairs of walls are, seen in all ways; and (E,) whether they are at all."""
+    """Which of E pairs of walls are alike at all, (F,) of them; and (F, COMPARED_SIZE) how alike, seen in all ways."""
+    _, left, turn = _left(s, a, in_s, in_a)
+    kept = ((turn.cos() > LEAST_COS) & (torch.stack(left).amax(dim=0) < LEFT_M)).nonzero()[:, 0]
+    in_s, in_a = (in_s[0][kept], in_s[1][kept]), (in_a[0][kept], in_a[1][kept])
+    return kept, _columns(s, a, in_s, in_a)
+
+
+def _columns(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> Tensor:
     (i, j), (p, q) = in_s, in_a
     off, left, turn = _left(s, a, in_s, in_a)
     across, along, _, _, angle = relation(s, in_s)
@@ -58,8 +66,7 @@ def compared(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> tupl
     housed = (s.home[i] >= 0) & (s.home[j] >= 0)
     slide = (s.half[i] - a.half[p]).abs() + (s.half[j] - a.half[q]).abs()
     columns += [(same_s & housed).float(), (same_s == same_a).float() * housed, (p == q).float(), slide]
-    alike = (turn.cos() > LEAST_COS) & (left[0] < OFFSET_M) & (left[1] < OFFSET_M)
-    return torch.stack(columns, dim=-1), alike
+    return torch.stack(columns, dim=-1)
 
 
 def close(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> Tensor:

@@ -14,8 +14,8 @@ from data.scene_graph import SceneGraph, Xy
 from matching.features import GraphFeatures, PairRows, joined, map_features, plan_features
 from matching.walls import Index
 
-REGIMES = {"real": 0.3, "drift": 0.35, "messy": 0.25, "paper": 0.1}
-ROOMS: dict[int | None, float] = {1: 0.06, 2: 0.16, 3: 0.14, 4: 0.18, 6: 0.14, 9: 0.16, None: 0.16}
+REGIMES = {"real": 0.32, "drift": 0.36, "messy": 0.26, "paper": 0.06}
+ROOMS: dict[int | None, float] = {1: 0.06, 2: 0.18, 3: 0.16, 4: 0.2, 6: 0.16, 9: 0.17, None: 0.07}
 KIND_SHARES = {
     "apartment": 0.22, "office": 0.16, "corridor": 0.14, "l_shape": 0.14, "skewed": 0.12, "mirrored_twins": 0.08,
     "tower": 0.12, "campus": 0.02,
