@@ -70,7 +70,7 @@ def draw(
     storey = _choose(a, floor, rng)
     while True:  # of a small part of a plan it may happen that nothing is seen
         drawn = _paper(storey, rng) if regime == "paper" else _mapped(storey, regime, rng, rooms)
-        if drawn.wall_surfaces:
+        if drawn.rooms:
             return drawn
 
 

@@ -16,7 +16,7 @@ in the map though it stands in the rooms that were entered. Directions count wit
 within 3: hardly a plan is drawn, or a wall built, as true as a LiDAR measures its direction.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtr
@@ -35,7 +35,8 @@ from matching.walls import Index, Walls, arrays, storeys
 SURE = float(np.log(199))  # nats
 ENTERED = 0.5  # of a room's walls, by length, are in the map
 SIGMA_SEARCH = 0.35  # metres
-HOPEFUL = 0.7  # of the weight of what was seen is explained by a rigid motion
+HOPEFUL = 0.7  # of the weight of what was seen is explained by a rigid motion,
+FEW, HOPEFUL_OF_FEW = 16, 0.5  # and of its longest walls
 MOST = 8  # places that are worked out on each storey
 
 
@@ -82,10 +83,15 @@ def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
 def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
     """Motions between own frames that lay most walls on walls, roughly, the best first; none near the truth."""
     rough: list[tuple[float, Array]] = []
-    least = HOPEFUL * float(seen.weight.sum())
+    few = _longest(seen, FEW)
     for voted in candidates(seen, storey):
-        worth = explained(Pairing.near(seen, storey, voted.yaw), voted.motions, SIGMA_SEARCH)
-        rough += [(float(w), m) for w, m in zip(worth, voted.motions, strict=True) if w >= least]
+        motions = voted.motions
+        for walls, share in ((few, HOPEFUL_OF_FEW), (seen, HOPEFUL)):
+            worth = explained(Pairing.near(walls, storey, voted.yaw), motions, SIGMA_SEARCH) / walls.weight.sum()
+            motions, worth = motions[worth >= share], worth[worth >= share]
+            if not len(motions):
+                break
+        rough += zip(worth.tolist(), motions, strict=True)
     taken = [se2.compose(se2.inverse(storey.T_graph_own), seen.T_graph_own)] if storey is home else []
     given = len(taken)
     for _, motion in sorted(rough, key=lambda r: -r[0]):
@@ -94,6 +100,15 @@ def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
         if all(_apart(motion, other) for other in taken):
             taken.append(motion)
     return taken[given:]
+
+
+def _longest(walls: Walls, most: int) -> Walls:
+    """So many of the walls, by length: to try many places with."""
+    chosen = np.argsort(-walls.half, kind="stable")[:most]
+    return replace(
+        walls, ids=tuple(walls.ids[n] for n in chosen), centre=walls.centre[chosen], heading=walls.heading[chosen],
+        half=walls.half[chosen], known=walls.known[chosen], room=walls.room[chosen],
+    )  # fmt: skip
 
 
 def _apart(motion: Array, other: Array) -> bool:
