@@ -11,7 +11,7 @@ from data.errors import UserError
 if TYPE_CHECKING:
     from data.plans import Plan
 
-GENERATED, GENERATED_HELD_OUT = 120, 40  # seeds of generated plans of each kind
+GENERATED = 180  # seeds of generated plans of each kind
 HELD_OUT_SEED = 7
 
 
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     from matching.network import Settings
     from matching.trainer import Limits, Row, Training, train
-    from matching.training_data import Drawing, held_out
+    from matching.training_data import Drawing, held_out, seeds_of
     from matching.training_report import draw_curve, write_card, write_curve
     from matching.training_stream import batches
     from matching.weights_file import save_network
@@ -48,8 +48,8 @@ def main(arguments: list[str] | None = None) -> int:
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
     own, others = _split(options.plans)
-    drawing = Drawing(tuple(own), tuple(range(GENERATED)))
-    watched = held_out(Drawing(tuple(others), tuple(range(GENERATED, GENERATED + GENERATED_HELD_OUT))), HELD_OUT_SEED)
+    drawing = Drawing(tuple(own), seeds_of("train", GENERATED))
+    watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
     training = Training.begin(Settings(), options.seed, device)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
@@ -72,15 +72,21 @@ def main(arguments: list[str] | None = None) -> int:
     write_card(out, {
         "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
         "settings": training.network.to_dict(), "parameters": sum(p.numel() for p in training.network.parameters()),
-        "command": shlex.join(["python", "-m", "matching.train", *given]), "seed": options.seed, "ended": ended,
+        "command": shlex.join(["python", "-m", "matching.train", *(_named(g) for g in given)]), "seed": options.seed, "ended": ended,
         "data": {
-            "generated": f"seeds below {GENERATED}, held out {GENERATED} to {GENERATED + GENERATED_HELD_OUT - 1}",
-            "files": [str(p) for p in options.plans],
+            "generated": f"of each kind the seeds below {GENERATED} that are in the split 'train'",
+            "held_out": "the split 'validation' of both; 'test' was not looked at",
+            "files": [p.name for p in options.plans],
             "plans": len(own), "plans_held_out": len(others), "batches": training.step,
         },
         "held_out": best,
     })  # fmt: skip
     return 0
+
+
+def _named(argument: str) -> str:
+    """Paths of this machine mean nothing to others; their names may."""
+    return Path(argument).name if Path(argument).is_absolute() else argument
 
 
 def _device(name: str, gpu: bool) -> str:
@@ -93,14 +99,12 @@ def _device(name: str, gpu: bool) -> str:
 
 def _split(paths: list[Path]) -> tuple[list["Plan"], list["Plan"]]:
     """The files' plans to train on and those held out, by building; the test buildings are in neither."""
-    if not paths:
-        return [], []
-    from data.plan_splits import split_of  # type: ignore[import-not-found]
-
+    from data.plan_splits import split_of
     from data.plans import read_plans
 
     plans = [p for path in paths for p in read_plans(path) if p.graph.rooms]
-    return [p for p in plans if split_of(p.building) == "train"], [p for p in plans if split_of(p.building) == "val"]
+    own = [p for p in plans if split_of(p.building) == "train"]
+    return own, [p for p in plans if split_of(p.building) == "validation"]
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
 """Pairs of graphs with their truth, drawn afresh for every step: step k of a seed is always the same batch."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from data.plan_generator import generate_plan
+from data.plan_splits import Split, split_of
 from data.plans import Plan
 from data.s_graph_regimes import DrawnGraph, draw
 from data.scene_graph import SceneGraph, Xy
@@ -20,6 +21,7 @@ KIND_SHARES = {
     "apartment": 0.22, "office": 0.16, "corridor": 0.14, "l_shape": 0.14, "skewed": 0.12, "mirrored_twins": 0.08,
     "tower": 0.12, "campus": 0.02,
 }  # fmt: skip
+FROM_FILES = 0.3
 FOREIGN = 0.04  # maps of another plan: nothing is to be found
 LENGTHLESS, ROOMLESS = 0.05, 0.04
 PLANS, DRAWS = 4, 3  # of a batch, and maps of each plan
@@ -42,11 +44,10 @@ class Batch:
 
 @dataclass(frozen=True)
 class Drawing:
-    """What a batch is drawn from: files' plans, and generated ones with seeds below `generated`."""
+    """What batches are drawn from: the plans of files, and generated ones by their kinds and seeds."""
 
     plans: tuple[Plan, ...]
-    seeds: tuple[int, ...]
-    share_of_files: float = 0.3
+    seeds: Mapping[str, tuple[int, ...]]
 
     def batch(self, seed: int, step: int) -> Batch:
         """The batch of one step."""
@@ -62,10 +63,10 @@ class Drawing:
 
     def plan(self, rng: np.random.Generator) -> Plan:
         """One of the plans."""
-        if self.plans and (not self.seeds or rng.random() < self.share_of_files):
+        if self.plans and (not self.seeds or rng.random() < FROM_FILES):
             return self.plans[int(rng.integers(len(self.plans)))]
         kind = str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
-        return _generated(kind, self.seeds[int(rng.integers(len(self.seeds)))])
+        return _generated(kind, self.seeds[kind][int(rng.integers(len(self.seeds[kind])))])
 
     def _draw(self, a: SceneGraph, rng: np.random.Generator) -> DrawnGraph | None:
         foreign = rng.random() < FOREIGN
@@ -81,6 +82,13 @@ class Drawing:
         if foreign:
             return dataclasses.replace(drawn, rooms={}, wall_surfaces={})
         return dataclasses.replace(drawn, s_graph=_poorer(drawn.s_graph, rng))
+
+
+def seeds_of(split: Split, below: int) -> dict[str, tuple[int, ...]]:
+    """The seeds below a number whose generated buildings are in a split, by kind."""
+    return {
+        kind: tuple(k for k in range(below) if split_of(f"generated/{kind}_{k}") == split) for kind in KIND_SHARES
+    }  # fmt: skip
 
 
 @lru_cache(maxsize=2048)

@@ -22,7 +22,7 @@ CPU = torch.device("cpu")
 @pytest.fixture(scope="module")
 def drawing() -> Drawing:
     graphs = [a_graph(flat(np.random.default_rng(k), 9, 7)) for k in range(3)]
-    return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(graphs)), ())
+    return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(graphs)), {})
 
 
 def test_a_step_has_the_same_batch_whoever_draws_it(drawing: Drawing):
@@ -75,6 +75,6 @@ def test_help_does_not_load_torch():
 
 
 def test_mistakes_are_told_in_one_line(tmp_path: Path):
-    for arguments in (("--steps", "0"), ("--device", "abacus")):
+    for arguments in (("--steps", "0"), ("--plans", str(tmp_path / "none")), ("--device", "abacus")):
         done = command("--out", str(tmp_path / "out"), *arguments)
         assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
