@@ -37,7 +37,7 @@ def likelihood_ratios(pairing: Pairing, state: Array, fitted: Fit) -> Array:
     turned = se2.wrap(s.heading + state[0, pairing.group, 0] - a.heading[j])
     density = normal_density(off, SIGMAS)
     here = fitted.beside[n, 0, best] * np.exp(-0.5 * (turned / SIGMA_HEADING) ** 2)
-    ratio = (here / chance_density(pairing))[:, None] * density
+    ratio = (here / chance_density(pairing)[n, a.building[j]])[:, None] * density
     known = s.known & a.known[j]
     length = np.maximum(2 * a.half[j], 1.0)[:, None]
     ends = np.ones((len(s), len(END_SIGMAS)))
@@ -56,9 +56,14 @@ def normal_density(x: Array, sigmas: Array) -> Array:
 
 
 def chance_density(pairing: Pairing) -> Array:
-    """(Ns,) how many A walls of its direction an S wall meets a metre across, at a random place."""
-    met = np.where(np.isfinite(pairing.half), 2 * (pairing.half + pairing.s.half[:, None]), 0.0)
-    return np.asarray(np.maximum(met.sum(axis=1) / pairing.a.extent.prod(), LEAST_DENSITY))
+    """(Ns, buildings) how many A walls of its direction an S wall meets a metre across, at a random place of each."""
+    s, a = pairing.s, pairing.a
+    real = np.isfinite(pairing.half)
+    building = a.building[pairing.partner]
+    met = np.where(real, 2 * (pairing.half + s.half[:, None]), 0.0)
+    total = np.zeros((len(s), len(a.building_areas)))
+    np.add.at(total, (np.arange(len(s))[:, None], building), met)
+    return np.asarray(np.maximum(total / a.building_areas, LEAST_DENSITY))
 
 
 def evidence(pairing: Pairing, state: Array, expected: Array, fitted: Fit) -> float:

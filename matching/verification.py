@@ -41,7 +41,7 @@ def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> V
     if best.fraction < LEAST_FRACTION:
         share = f"{100 * best.fraction:.0f} % of its walls' length"
         return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
-    by_chance = np.log(PLACES_PER_M2 * sum(a.extent.prod() for a in storeys))
+    by_chance = np.log(PLACES_PER_M2 * sum(a.area for a in storeys))
     least = by_chance + LEAST_EVIDENCE + LEAST_EVIDENCE_PER_WALL * walls
     if best.score < least or len(pairs.surfaces) < LEAST_SURFACES:
         return Verdict("none", f"too little evidence at the best place ({told}): see more rooms", probability)

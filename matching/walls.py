@@ -11,6 +11,7 @@ from matching import se2
 from matching.se2 import Array
 
 Index = NDArray[np.int64]
+BUILDING_GAP = 10.0  # metres
 UNKNOWN_HALF_LENGTH = 1.0  # metres, where neither the graph nor the room's other walls tell
 
 
@@ -49,6 +50,26 @@ class Walls:
         """(2,) size of the box about the walls' mid points, a metre added."""
         return np.asarray(np.ptp(self.centre, axis=0) + 1.0)
 
+    @property
+    def area(self) -> float:
+        """Square metres on which there are walls."""
+        return float(self.building_areas.sum())
+
+    @cached_property
+    def building(self) -> Index:
+        """(N,) which building each wall is of: one further than 10 m from all others is of another."""
+        return _buildings(self.centre, self.tangent, self.half)
+
+    @cached_property
+    def building_areas(self) -> Array:
+        """(buildings,) square metres, of boxes along the walls about their mid points, a metre added."""
+        areas = []
+        for k in range(int(self.building.max()) + 1):
+            own = self.building == k
+            turned = se2.rotate(-_grid(self.heading[own], self.half[own]), self.centre[own])
+            areas.append((np.ptp(turned, axis=0) + 1.0).prod())
+        return np.array(areas)
+
     @cached_property
     def weight(self) -> Array:
         """(N,) what a surface counts: grows with its length, but a long one is still one observation."""
@@ -70,7 +91,8 @@ def storeys(graph: SceneGraph) -> list[Walls]:
 
 def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) -> Walls:
     """The arrays of some wall surfaces (at least one) of a graph, taken as one storey."""
-    rooms = [r for r in graph.rooms if r.id in {w.room for w in surfaces}]
+    faced = {w.room for w in surfaces}
+    rooms = [r for r in graph.rooms if r.id in faced]
     index = {r.id: k for k, r in enumerate(rooms)}
     centre = np.array([w.centroid for w in surfaces], dtype=float)
     normal = np.array([w.normal for w in surfaces], dtype=float)
@@ -78,8 +100,7 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     known = np.array([w.length is not None for w in surfaces])
     half = np.array([(w.length or 0.0) / 2 for w in surfaces])
     room = np.array([index[w.room] if w.room is not None else -1 for w in surfaces], dtype=np.int64)
-    # Walls of a building stand at right angles mostly: the fourth harmonic has the direction of the grid.
-    grid = np.angle(np.sum(np.where(known, half, 0.5) * np.exp(4j * heading))) / 4
+    grid = _grid(heading, np.where(known, half, 0.5))
     T_graph_own = np.array([grid, *centre.mean(axis=0)])
     own = se2.rotate(-grid, centre - centre.mean(axis=0))
     heading = se2.wrap(heading - grid)
@@ -101,6 +122,26 @@ def crossings(centre: Array, heading: Array) -> tuple[Array, Array]:
     slope = np.sin(turn)
     parallel = np.abs(slope) < np.sin(np.radians(30))
     return np.where(parallel, np.inf, offset / np.where(parallel, 1.0, slope)), turn
+
+
+def _grid(heading: Array, weight: Array) -> float:
+    """Walls of a building stand at right angles mostly: the fourth harmonic has the direction of the grid."""
+    return float(np.angle(np.sum(weight * np.exp(4j * heading))) / 4)
+
+
+def _buildings(centre: Array, tangent: Array, half: Array) -> Index:
+    """(N,) labels, equal for walls that are near each other; walls are looked at as rows of points."""
+    from scipy.sparse import coo_matrix  # slow to import
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    count = np.ceil(2 * half / BUILDING_GAP).astype(np.int64) + 1
+    wall = np.repeat(np.arange(len(half)), count)
+    step = np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count)
+    along = (2 * step / (count[wall] - 1) - 1) * half[wall]
+    i, j = cKDTree(centre[wall] + along[:, None] * tangent[wall]).query_pairs(BUILDING_GAP, output_type="ndarray").T
+    near = coo_matrix((np.ones(len(i)), (wall[i], wall[j])), shape=(len(half), len(half)))
+    return np.asarray(connected_components(near, directed=False)[1], dtype=np.int64)
 
 
 def _half_from_room(centre: Array, heading: Array, room: Index) -> Array:
