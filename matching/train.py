@@ -72,7 +72,8 @@ def main(arguments: list[str] | None = None) -> int:
     write_card(out, {
         "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
         "settings": training.network.to_dict(), "parameters": sum(p.numel() for p in training.network.parameters()),
-        "command": shlex.join(["python", "-m", "matching.train", *(_named(g) for g in given)]), "seed": options.seed, "ended": ended,
+        "command": shlex.join(["python", "-m", "matching.train", *(_named(g) for g in given)]),
+        "seed": options.seed, "ended": ended,
         "data": {
             "generated": f"of each kind the seeds below {GENERATED} that are in the split 'train'",
             "held_out": "the split 'validation' of both; 'test' was not looked at",
