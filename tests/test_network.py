@@ -11,10 +11,12 @@ from plans import a_graph, box, flat, merged
 
 from data import Floor, Room, SceneGraph, UserError, WallSurface, se2
 from data.s_graph_regimes import DrawnGraph, draw
+from matching.candidates import Batched, expanded, first_candidates
 from matching.encoder import GraphTensors
-from matching.features import map_features, plan_features
+from matching.features import PairRows, map_features, plan_features
 from matching.learned import LearnedProposer
 from matching.network import MatchingNetwork, Settings
+from matching.relations import close, compared
 from matching.training_data import Batch, batch_of, part, varied
 from matching.training_loss import accuracies, loss, run
 from matching.weights_file import load_network, save_network
@@ -237,3 +239,32 @@ def test_parts_of_plans_are_whole_rooms(plan: SceneGraph):
     assert 20 < len(a.wall_surfaces) < len(plan.wall_surfaces)
     for r in a.rooms:
         assert {w.id for w in a.surfaces_of_room[r.id]} == {w.id for w in plan.surfaces_of_room[r.id]}
+
+
+def test_candidates_spread_from_neighbour_to_neighbour(plan: SceneGraph):
+    """Where every other wall knows its partner, the others are offered theirs."""
+    s, a = (GraphTensors.of(plan_features(g)) for g in (moved(plan, (0.4, 3.0, 1.0)), plan))
+    n = len(plan.wall_surfaces)
+    batched = Batched.of(s, a, [PairRows((0, n), (0, n), (0, len(plan.rooms)), (0, len(plan.rooms)))])
+    dense = torch.full((n, n + 1), -9.0)
+    told = torch.arange(n) % 2 == 0
+    own = torch.arange(n)
+    dense[own, torch.where(told, own, (own + 7) % n)] = 9.0
+    known = first_candidates(dense, batched, 1)
+    found = expanded(s, a, batched, dense, known, known.likely * told[:, None], more=2)
+    offered = (found.column == own[:, None]).any(dim=1)
+    assert offered[told].all() and offered[~told].float().mean() > 0.9
+    assert (found.likely.sum(dim=1) <= 1 + 1e-5).all()
+    right = found.likely.gather(1, (found.column == own[:, None]).long().argmax(dim=1, keepdim=True))[:, 0]
+    assert (right[~told & offered] > 0).all()
+
+
+def test_support_is_for_combinations_that_are_alike(plan: SceneGraph):
+    s, a = (GraphTensors.of(plan_features(g)) for g in (moved(plan, (-2.0, 3.0, 1.0)), plan))
+    mirrored = GraphTensors.of(plan_features(moved(plan, (0.0, 0.0, 0.0), mirror=True)))
+    i, j = torch.arange(6), torch.arange(1, 7)
+    assert (close(s, a, (i, j), (i, j)) > 0.99).all()
+    assert (close(s, mirrored, (i, j), (i, j)) < 0.5).any()
+    kept, feature = compared(s, a, (i, j), (i, j))
+    assert len(kept) == 6 and torch.isfinite(feature).all()
+    assert len(compared(s, a, (i, j), (i, j + 9))[0]) < 6
