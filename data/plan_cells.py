@@ -28,20 +28,36 @@ def apartment_program(rng: Rng, rooms: int) -> list[tuple[str, float]]:
 
 
 def treemap(rng: Rng, area: Polygon, program: Sequence[tuple[str, float]], tilt: float = 0.0) -> list[Cell]:
-    """A convex area cut in two, again and again, so that each room gets its share; `tilt` (rad) skews the cuts."""
+    """A convex area (a rectangle where `tilt` is 0) cut in two, again and again, so that each room gets its share.
+
+    `tilt` (rad) skews the cuts.
+    """
     if len(program) == 1:
         return [Cell(area, program[0][0])]
     shuffled = [program[k] for k in rng.permutation(len(program))]
     cut = int(rng.integers(1, len(program))) if len(program) < 4 else int(rng.integers(2, len(program) - 1))
     first, second = shuffled[:cut], shuffled[cut:]
     share = sum(a for _, a in first) / sum(a for _, a in program)
-    low, high = _cut(area, share, float(rng.uniform(-tilt, tilt)), across=_wider(area) != (rng.random() < 0.12))
+    across = _wider(area) != (rng.random() < 0.12)
+    if tilt:
+        low, high = _cut(area, share, float(rng.uniform(-tilt, tilt)), across)
+    else:
+        low, high = _halves(area, share, across)
     return treemap(rng, low, first, tilt) + treemap(rng, high, second, tilt)
 
 
 def _wider(area: Polygon) -> bool:
     x0, y0, x1, y1 = area.bounds
     return bool(x1 - x0 > y1 - y0)
+
+
+def _halves(area: Polygon, share: float, across: bool) -> tuple[Polygon, Polygon]:
+    x0, y0, x1, y1 = area.bounds
+    if across:
+        x = x0 + share * (x1 - x0)
+        return box(x0, y0, x, y1), box(x, y0, x1, y1)
+    y = y0 + share * (y1 - y0)
+    return box(x0, y0, x1, y), box(x0, y, x1, y1)
 
 
 def _cut(area: Polygon, share: float, tilt: float, across: bool) -> tuple[Polygon, Polygon]:
@@ -59,7 +75,7 @@ def _cut(area: Polygon, share: float, tilt: float, across: bool) -> tuple[Polygo
         return area.intersection(shapely.Polygon([*corners, *(c - big * normal for c in corners[::-1])]))
 
     low, high = float(reach.min()), float(reach.max())
-    for _ in range(20):
+    for _ in range(12):
         level = (low + high) / 2
         low, high = (level, high) if before(level).area < share * area.area else (low, level)
     part = before((low + high) / 2)

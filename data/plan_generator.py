@@ -72,7 +72,7 @@ def _apartment(rng: Rng) -> list[Storey]:
 
 def _office(rng: Rng) -> list[Storey]:
     rooms = int(rng.integers(20, 81))
-    cells = racetrack(rng, rooms) if rng.random() < 0.25 else wing_cells(rng, wings_drawn(rng, rooms, 0))
+    cells = racetrack(rng, rooms) if rng.random() < 0.3 else wing_cells(rng, wings_drawn(rng, rooms, 0))
     return [_storey(cells, rng, float(rng.choice([0.0, 0.03, 0.15])))]
 
 
@@ -100,7 +100,7 @@ def _skewed(rng: Rng) -> list[Storey]:
         cells = wing_cells(rng, wings_drawn(rng, int(rng.integers(12, 41)), int(rng.integers(0, 2))))
     x0, y0, x1, y1 = shapely.total_bounds(np.array([c.area for c in cells], dtype=object)).tolist()
     shear = float(rng.uniform(-0.3, 0.3))
-    narrowing = rng.uniform(-0.25, 0.25, 2) / np.array([x1 - x0, y1 - y0])
+    narrowing = rng.uniform(-0.25, 0.25, 2) / max(x1 - x0, y1 - y0)
 
     def skew(points: Points) -> Points:  # a projective map
         p = points - [(x0 + x1) / 2, (y0 + y1) / 2]

@@ -12,23 +12,40 @@ from data.plan_cells import apartment_program, carved, joined_cells, row, treema
 from data.plan_storey import Cell
 
 Rng = np.random.Generator
+LONGEST = 50.0  # m: longer buildings have another wing
 
 
 def apartment(rng: Rng, rooms: int, tilt: float = 0.0) -> list[Cell]:
-    """4 to 12 rooms: along a corridor, about a hall, or through one another; some L-shaped."""
+    """4 to 12 rooms: along a corridor, about a hall, or through one another; some L-shaped. The best of a few tries."""
+    tries = [_apartment(rng, rooms, tilt) for _ in range(8 if tilt else 16)]
+    cells = min(tries, key=_worst)
+    return cells if tilt else carved(rng, cells, 0.3)
+
+
+def _worst(cells: Sequence[Cell]) -> float:
+    """How much the least usable room lacks: too narrow for its kind, or too long for its width."""
+    worst = 0.0
+    for cell in cells:
+        x0, y0, x1, y1 = cell.area.bounds
+        long = max(x1 - x0, y1 - y0)
+        narrow = cell.area.area / long
+        if cell.kind != "corridor":
+            least = 1.15 if cell.area.area < 3.0 else 1.5 if cell.area.area < 8.0 else 2.4
+            worst = max(worst, least / narrow, long / narrow / 2.2)
+    return max(worst, 1.0)
+
+
+def _apartment(rng: Rng, rooms: int, tilt: float) -> list[Cell]:
     program = apartment_program(rng, rooms)
     total = sum(area for _, area in program)
     width = float(np.sqrt(total * rng.uniform(1.0, 2.2)))
     depth = total / width
     style = rng.random()
     if tilt or style < 0.3:
-        cells = treemap(rng, _outline(rng, width, depth, tilt), program, tilt)
-        cells = _with_hall(cells)
-    elif style < 0.75 or rooms < 6:
-        cells = _along_corridor(rng, program, width, depth)
-    else:
-        cells = _l_shaped(rng, program, width, depth)
-    return cells if tilt else carved(rng, cells, 0.3)
+        return _with_hall(treemap(rng, _outline(rng, width, depth, tilt), program, tilt))
+    if style < 0.75 or rooms < 6:
+        return _along_corridor(rng, program, width, depth)
+    return _l_shaped(rng, program, width, depth)
 
 
 def _outline(rng: Rng, width: float, depth: float, tilt: float) -> shapely.Polygon:
@@ -119,6 +136,9 @@ class Wings:
 def wings_drawn(rng: Rng, rooms: int, branches: int) -> Wings:
     """Sizes for about so many rooms, as real offices, schools and clinics have them."""
     module = float(rng.choice([2.5, 2.7, 3.0, 3.6, 4.2, 5.0])) * float(rng.uniform(0.96, 1.04))
+    run = rooms * module
+    while branches < 3 and run > LONGEST * (2 + branches):
+        branches += 1
     single = branches == 0 and rooms < 30 and rng.random() < 0.15
     upper = float(rng.uniform(3.8, 6.5))
     lower = 0.0 if single else upper if rng.random() < 0.5 else float(rng.uniform(3.2, 6.5))
@@ -129,7 +149,7 @@ def wings_drawn(rng: Rng, rooms: int, branches: int) -> Wings:
     length = float(max(run * share[0], (branches + 1) * (2 * upper + corridor), 4 * module))
     sides = rng.random(branches) < 0.7
     # wings on one side must not run into each other
-    xs = (np.arange(branches) + rng.uniform(0.35, 0.65, branches)) * length / max(branches, 1)
+    xs = (np.arange(branches) + rng.uniform(0.4, 0.6, branches)) * length / max(branches, 1)
     drawn = tuple(
         Branch(float(x), float(max(run * s, 2 * module)), bool(u)) for x, s, u in zip(xs, share[1:], sides, strict=True)
     )

@@ -10,13 +10,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from data.areas import Area, largest, overlap
+from data.areas import Area, closed, largest, opened, overlap
 from data.plan_graph import Gaps, Points, edges_of, frame_of, rooms_behind, tidied
 from data.scene_graph import Xy
 
 DOOR = 0.9  # m, with its frame
 DOOR_CLEAR = 0.9  # m: nothing stands closer to the middle of a door
 MIN_ROOM = 1.2  # m2
+SLIVER = 0.2  # m: no part of a room is narrower
 HALLS = ("corridor", "hall", "stairs")
 
 
@@ -76,12 +77,12 @@ class Storey:
 
 def built(cells: Sequence[Cell], walls: Walls, rng: np.random.Generator) -> Storey:
     """Rooms half a wall inside their cells and a whole outer wall inside the outline; every room has a door."""
-    outline = shapely.union_all([c.area for c in cells], grid_size=1e-6)
+    outline = closed(shapely.union_all([c.area for c in cells]), 0.02)  # no hairline between cells
     inside = outline.buffer(-walls.outer, join_style="mitre")
     rooms, kinds = [], []
     for cell in cells:
         half = (walls.corridor if cell.kind in HALLS else walls.inner) / 2
-        area = largest(overlap(cell.area.buffer(-half, join_style="mitre"), inside))
+        area = largest(opened(overlap(cell.area.buffer(-half, join_style="mitre"), inside), SLIVER / 2))
         if area.area >= MIN_ROOM and not area.interiors:
             rooms.append(tidied(area))
             kinds.append(cell.kind)

@@ -12,8 +12,9 @@ from data.bim import IFC_SUFFIXES, load_bim
 from data.errors import UserError
 from data.plan_graph import Plan
 from data.plans_json import Buildings, read_json_plan
+from data.plans_msd import read_msd
 
-__all__ = ["Plan", "read_plans"]
+__all__ = ["Plan", "read_msd", "read_plans"]
 
 _log = logging.getLogger(__name__)
 MAX_MEMBER = 50_000_000  # bytes: no plan is larger
@@ -28,8 +29,9 @@ def read_plans(
 ) -> Iterator[Plan]:
     """Reads plans one by one, in the order of their names (a table's in its own order), at most `limit` of them.
 
-    `path` is a folder of plan JSON files or one of them (see `plans_json`), a `.tar.gz` of such files, an `.ifc`
-    or `.ifczip`, or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one
+    `path` is a folder of plan JSON files or one of them (see `plans_json`), a `.tar.gz` of such files, Modified
+    Swiss Dwellings' `.csv` (its apartments; `plans_msd.read_msd` gives whole floors too), an `.ifc` or `.ifczip`,
+    or an A-graph as `.json`. Of many plans those that cannot be used are left out, each with one
     line to `on_skip`; a single one raises. `merge_collinear=False`: see `scene_graph_of`.
 
     Raises UserError where the path is none of these or where none of the plans can be used.
@@ -51,6 +53,8 @@ def _plans(path: Path, merge_collinear: bool, on_skip: Callable[[str], None]) ->
         yield from _usable(_members(path), path, merge_collinear, on_skip)
     elif name.endswith(IFC_SUFFIXES):
         yield Plan(path.stem, path.stem, load_bim(path).graph)
+    elif name.endswith(".csv"):
+        yield from read_msd(path, merge_collinear=merge_collinear, outside=not merge_collinear, on_skip=on_skip)
     elif name.endswith(".json"):
         yield _one(path, merge_collinear)
     else:

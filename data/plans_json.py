@@ -34,10 +34,14 @@ def is_room(kind: str, outside: bool = False) -> bool:
 
 
 def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) -> Plan:
-    """One plan; raises UserError, naming `where`, where the form is not kept or nothing is left to match."""
+    """One plan; raises UserError, naming `where`, where the form is not kept or nothing is left to match.
+
+    Balconies, shafts and rooms below `MIN_AREA` are left out; with `merge_collinear=False` (see `scene_graph_of`)
+    shafts and voids alone, as in the published matcher's data.
+    """
     try:
         value = json.loads(text)
-        drawing = _drawing(value)
+        drawing = _drawing(value, everything=not merge_collinear)
         name = str(value.get("name") or where)
     except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
         raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {error})") from None
@@ -49,7 +53,7 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     return Plan(name, str(value.get("building") or name), graph)
 
 
-def _drawing(value: Any) -> Drawing:
+def _drawing(value: Any, everything: bool) -> Drawing:
     if value.get("unit", "m") != "m":
         raise UserError(f"the unit is '{value['unit']}'; give the plan in metres ('m')")
     elements = value.get("elements") or {}
@@ -60,7 +64,7 @@ def _drawing(value: Any) -> Drawing:
         kind = str(item.get("type") or item.get("name") or "")
         parts = shapely.get_parts(_area(item))
         for n, part in enumerate(parts):
-            if is_room(kind) and part.area >= MIN_AREA:
+            if is_room(kind, outside=everything) and (everything or part.area >= MIN_AREA):
                 rooms.append(DrawnRoom(f"room{k}" + (f".{n}" if len(parts) > 1 else ""), part, kind))
     walls = united(_area(e) for kind in WALLS for e in elements.get(kind, ()))
     return Drawing(rooms, [(f"door{k}", door, None) for k, door in enumerate(doors)], walls)

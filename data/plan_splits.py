@@ -1,0 +1,34 @@
+"""Which plans a matcher may learn from, which only reports may use, and how plans are split."""
+
+import hashlib
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal
+
+Use = Literal["training", "report"]
+Split = Literal["train", "validation", "test"]
+
+# MSD in full is for training only without the buildings that reports use; its 50 single units and the whole Swiss
+# floors come from the same makers, the other report sources are of other kinds of buildings altogether.
+USE_OF_SOURCE: Mapping[str, Use] = MappingProxyType({
+    "generated": "training",
+    "resplan": "training",
+    "lifull": "training",
+    "msd_table": "training",
+    "msd": "report",
+    "swiss_floors": "report",
+    "ifc": "report",
+    "slam_graphs": "report",
+})  # fmt: skip
+SHARES: Mapping[Split, float] = MappingProxyType({"train": 0.7, "validation": 0.15, "test": 0.15})
+
+
+def split_of(building: str, seed: int = 0) -> Split:
+    """The split of all plans of a building, by a hash: the same on every machine and whatever else there is."""
+    digest = hashlib.sha256(f"{seed}:{building}".encode()).digest()
+    at = int.from_bytes(digest[:8], "big") / 2**64
+    for split, share in SHARES.items():
+        if at < share:
+            return split
+        at -= share
+    return "test"

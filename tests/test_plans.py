@@ -1,0 +1,210 @@
+"""Floor plans of every source as A-graphs: walls on the rooms' outlines, doors, twins, and what is refused."""
+
+import io
+import json
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import shapely.geometry
+from plans import SHARED, a_graph, box
+
+from data import SceneGraph, UserError
+from data.plan_splits import USE_OF_SOURCE, split_of
+from data.plans import Plan, read_plans
+
+FLOORPLANS = SHARED / "data" / "floorplans"
+
+
+def drawn(polygons: list, kinds: list[str] | None = None, **elements: list) -> dict:
+    """A plan in the JSON form; polygons are rings or (ring, holes)."""
+    shapes = [shapely.Polygon(*p) if isinstance(p, tuple) else shapely.Polygon(p) for p in polygons]
+    rooms = [{"type": k, "polygon": shapely.geometry.mapping(s)} for s, k in zip(shapes, kinds or ["room"] * 99, strict=False)]
+    parts = {k: [{"polygon": shapely.geometry.mapping(shapely.Polygon(p))} for p in v] for k, v in elements.items()}
+    return {"name": "plan", "unit": "m", "rooms": rooms, "elements": parts}
+
+
+def read(tmp_path: Path, plan: dict, **options: bool) -> SceneGraph:
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(plan))
+    (only,) = read_plans(path, **options)
+    return only.graph
+
+
+def assert_walls_fit(graph: SceneGraph) -> None:
+    """Every surface lies on its room's outline or a hole in it, and its normal points into the room."""
+    for surface in graph.wall_surfaces:
+        (x, y), (nx, ny) = surface.centroid, surface.normal
+        assert surface.room is not None
+        ring = graph.room_by_id[surface.room].polygon
+        assert ring is not None
+        assert shapely.Polygon(ring).buffer(0.011).contains(shapely.LineString(surface.ends()))
+        assert shapely.Polygon(ring).buffer(0.011).contains(shapely.Point(x + 0.03 * nx, y + 0.03 * ny))
+
+
+def test_collinear_edges_are_one_wall_and_slivers_are_none(tmp_path: Path) -> None:
+    """Corners that stand out by millimetres are merged; a jog of 4 cm keeps both walls, and is none itself."""
+    ring = [(0, 0), (2, 0.003), (4, 0), (4, 3), (2, 3), (2, 3.04), (0, 3.04)]
+    graph = read(tmp_path, drawn([ring]))
+    lengths = sorted(round(w.length or 0, 2) for w in graph.wall_surfaces)
+    assert lengths == [2.0, 2.0, 3.0, 3.04, 4.0]
+    assert_walls_fit(graph)
+    assert len(read(tmp_path, drawn([ring]), merge_collinear=False).wall_surfaces) == len(ring)
+
+
+def test_pillar_gives_surfaces_that_face_the_room(tmp_path: Path) -> None:
+    """A hole's surfaces point away from it."""
+    graph = read(tmp_path, drawn([(box(0, 0, 8, 6), [box(3, 2, 0.5, 0.5)])]))
+    around = [w for w in graph.wall_surfaces if w.length == pytest.approx(0.5)]
+    assert len(around) == 4
+    for surface in around:
+        out = np.array(surface.centroid) - [3.25, 2.25]
+        assert out @ np.array(surface.normal) == pytest.approx(0.25)
+
+
+def test_door_joins_the_rooms_on_its_sides(tmp_path: Path) -> None:
+    """Across its thinner side; an outer door has one room; no wall is lost to either."""
+    rooms = [box(0, 0, 4, 3), box(4.1, 0, 3, 3)]
+    inner, outer = box(4.0, 1, 0.1, 0.9), box(1, -0.3, 0.9, 0.3)
+    graph = read(tmp_path, drawn(rooms, door=[inner], entrance_door=[outer]))
+    assert [set(d.rooms) for d in graph.doors] == [{"room0", "room1"}, {"room0"}]
+    assert len(graph.wall_surfaces) == 8
+
+
+def test_open_side_between_rooms_is_a_passage_not_a_wall(tmp_path: Path) -> None:
+    """Where rooms touch, no wall stands, unless one is drawn there."""
+    rooms = [box(0, 0, 4, 3), box(4, 1, 3, 2)]
+    graph = read(tmp_path, drawn(rooms))
+    assert [set(d.rooms) for d in graph.doors] == [{"room0", "room1"}]
+    right = [w for w in graph.wall_surfaces if w.room == "room0" and w.normal[0] < -0.9]
+    assert [w.length for w in right] == [pytest.approx(1.0)]
+    assert not [w for w in graph.wall_surfaces if w.room == "room1" and w.normal[0] > 0.9]
+    walled = read(tmp_path, drawn(rooms, wall=[box(3.99, 1, 0.02, 2)]))
+    assert len(walled.wall_surfaces) == 8 and not walled.doors
+
+
+def test_rooms_that_overlap_are_cut_and_doubles_dropped(tmp_path: Path) -> None:
+    """The smaller keeps its area."""
+    rooms = [box(0, 0, 8, 5), box(0, 0, 8, 5), box(6, 3, 2, 2)]
+    graph = read(tmp_path, drawn(rooms))
+    areas = sorted(shapely.Polygon(r.polygon).area for r in graph.rooms if r.polygon)
+    assert areas == [pytest.approx(4.0), pytest.approx(36.0)]
+
+
+def test_outside_and_shafts_are_no_rooms(tmp_path: Path) -> None:
+    """Balconies stay out, but not of the published matcher's graphs; shafts always do."""
+    plan = drawn([box(0, 0, 4, 3), box(0, 4, 4, 2), box(5, 0, 1.5, 1.5)], ["bedroom", "Balcony", "shaft"])
+    assert [r.name for r in read(tmp_path, plan).rooms] == ["bedroom"]
+    assert [r.name for r in read(tmp_path, plan, merge_collinear=False).rooms] == ["bedroom", "Balcony"]
+
+
+def test_reading_twice_gives_the_same_ids_and_numbers(tmp_path: Path) -> None:
+    """Whatever corner the drawing begins with, each surface is there once."""
+    ring = [(0, 0), (5, 0), (5, 2), (3, 2), (3, 4), (0, 4)]
+    first, again = read(tmp_path, drawn([ring])), read(tmp_path, drawn([ring]))
+    assert first == again
+    turned = read(tmp_path, drawn([ring[3:] + ring[:3]]))
+    assert {w.centroid for w in turned.wall_surfaces} == {w.centroid for w in first.wall_surfaces}
+
+
+@pytest.mark.parametrize(
+    ("plan", "told"),
+    [
+        (drawn([]), "no room with walls"),
+        ({**drawn([box(0, 0, 4, 3)]), "unit": "mm"}, "metres"),
+        (drawn([box(0, 0, 400, 300)], door=[box(400, 100, 10, 90)]), "doors are 90 m wide"),
+        ({"rooms": [{"polygon": {"type": "Polygon"}}]}, "not a floor plan"),
+        ({"rooms": [{"polygon": {"type": "Point", "coordinates": [1, 2]}}]}, "empty"),
+        (["no", "plan"], "not a floor plan"),
+    ],
+)
+def test_single_plan_that_cannot_be_used_is_refused(tmp_path: Path, plan: object, told: str) -> None:
+    """One line that names the file and says why."""
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(plan))
+    with pytest.raises(UserError, match=told) as error:
+        list(read_plans(path))
+    assert "bad.json" in str(error.value) and "\n" not in str(error.value)
+
+
+def test_folder_leaves_out_what_it_cannot_use_and_knows_twins(tmp_path: Path) -> None:
+    """A plan drawn twice is one building, also where its drawing differs by centimetres."""
+    flat = [box(0, 0, 4, 3), box(4.2, 0, 3, 3), box(0, 3.2, 4, 5), box(4.2, 3.2, 3, 4)]
+    mirrored = [[(-x + 0.002 * x, y) for x, y in ring] for ring in flat]
+    plans = {"a": flat, "b": [*flat[:3], box(4.2, 3.2, 3, 5)], "c": mirrored, "d": []}
+    for name, rooms in plans.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps({**drawn(rooms), "name": name}))
+    notices: list[str] = []
+    read_back = list(read_plans(tmp_path, on_skip=notices.append))
+    assert [(p.name, p.building) for p in read_back] == [("a", "a"), ("b", "b"), ("c", "a")]
+    assert len(notices) == 1 and "d.json" in notices[0]
+    assert [p.name for p in read_plans(tmp_path, limit=1)] == ["a"]
+
+
+def test_archive_is_read_without_being_unpacked(tmp_path: Path) -> None:
+    """Links and paths that lead out are not followed."""
+    path = tmp_path / "plans.tar.gz"
+    with tarfile.open(path, "w:gz") as archive:
+        for name in ("plans/one.json", "../two.json"):
+            raw = json.dumps({**drawn([box(0, 0, 4, 3)]), "name": name}).encode()
+            member = tarfile.TarInfo(name)
+            member.size = len(raw)
+            archive.addfile(member, io.BytesIO(raw))
+        link = tarfile.TarInfo("plans/link.json")
+        link.type, link.linkname = tarfile.SYMTYPE, "/etc/passwd"
+        archive.addfile(link)
+    assert [p.name for p in read_plans(path)] == ["plans/one.json", "../two.json"]
+    assert [p.name for p in tmp_path.parent.glob("two.json")] == [] and list(tmp_path.iterdir()) == [path]
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(UserError, match="tar archive"):
+        list(read_plans(path))
+
+
+def test_scene_graph_file_is_a_plan(tmp_path: Path) -> None:
+    """An A-graph comes back as it was saved."""
+    graph = a_graph([box(0, 0, 4, 3), box(4.2, 0, 3, 3)])
+    graph.save(tmp_path / "house.json")
+    assert list(read_plans(tmp_path / "house.json")) == [Plan("house", "house", graph)]
+
+
+def test_what_is_no_plan_is_refused(tmp_path: Path) -> None:
+    """Missing, empty, of another kind."""
+    (tmp_path / "plan.txt").write_text("x")
+    (tmp_path / "none").mkdir()
+    for path in (tmp_path / "missing", tmp_path / "plan.txt", tmp_path / "none"):
+        with pytest.raises(UserError, match=path.name):
+            list(read_plans(path))
+
+
+def test_split_is_by_building_and_about_as_asked() -> None:
+    """Stable, and independent for another seed."""
+    buildings = [f"site {k}" for k in range(3000)]
+    splits = [split_of(b, 1) for b in buildings]
+    assert splits == [split_of(b, 1) for b in buildings]
+    assert abs(splits.count("train") / 3000 - 0.7) < 0.03 and abs(splits.count("test") / 3000 - 0.15) < 0.03
+    same = np.mean([a == split_of(b, 2) for a, b in zip(splits, buildings, strict=True)])
+    assert abs(same - (0.7**2 + 2 * 0.15**2)) < 0.05
+    assert USE_OF_SOURCE["swiss_floors"] == "report"
+
+
+@pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")
+@pytest.mark.parametrize("source", ["msd", "resplan", "swiss_floors", "lifull.tar.gz"])
+def test_real_plans(source: str) -> None:
+    """Each has rooms with walls that fit."""
+    plans = list(read_plans(FLOORPLANS / source, limit=6, on_skip=lambda _: None))
+    assert len(plans) == 6
+    for plan in plans:
+        assert_walls_fit(plan.graph)
+        assert plan.graph.frame == "bim" and plan.graph.rooms
+        assert np.median([w.length or 0 for w in plan.graph.wall_surfaces]) > 0.4
+
+
+@pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")
+def test_real_twins_share_a_building(tmp_path: Path) -> None:
+    """Two floors of the same building, each drawn by hand."""
+    for name in ("plan_574", "plan_575", "plan_863", "plan_868"):
+        (tmp_path / f"{name}.json").write_bytes((FLOORPLANS / "swiss_floors" / f"{name}.json").read_bytes())
+    building = {p.name: p.building for p in read_plans(tmp_path)}
+    assert building["plan_574"] == building["plan_575"] and len(set(building.values())) == 3
