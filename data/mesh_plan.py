@@ -59,8 +59,8 @@ def read_mesh(path: Path | str) -> MeshBuilding:
         if level.rooms:
             levels.append(level)
             doors += [replace(d, id=f"door-{len(doors) + k}") for k, d in enumerate(_doors(level, openings), 1)]
-    for level, above in zip(levels, [*levels[1:], None], strict=True):
-        top = solid.top if above is None else above.bottom
+    tops = [*(level.bottom for level in levels[1:]), solid.top]
+    for level, top in zip(levels, tops, strict=False):
         surfaces += surfaces_at(replace(level, top=top), [solid])
     if not surfaces:
         raise UserError(f"{path}: no walls that stand on a floor; give the mesh of a building, walls with two sides")

@@ -21,7 +21,7 @@ CLASSES = (
     "IfcStairFlight",
 )  # fmt: skip
 DENSITY = 400.0  # points a square metre of the target: thin walls have two sides
-SOURCE_VOXEL_M = 0.1
+SOURCE_VOXEL_M = 0.2
 CORRESPONDENCE_M = 0.3  # furniture stands higher than that above the floor
 BELOW_M, ABOVE_M = 2.5, 4.0  # of the sensor, that the target reaches
 
