@@ -6,19 +6,22 @@ import numpy as np
 
 from matching import se2
 from matching.bent import Bent
-from matching.complete import LEAST_QUALITY, Pairs
-from matching.field import judge, motions
+from matching.complete import Pairs
+from matching.field import Judged, judge, motions
 from matching.se2 import Array
 from matching.walls import Walls
 
-SIGMA = 0.15  # metres across
+SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, np.radians(4), 0.5  # metres, radians, metres
+CUT_SHORT = 0.25  # of the ends of walls that are not where the plan has them, but before
+LEAST_QUALITY = 0.008
 LEAST_SHARE = 0.25  # of an S room's walls, by length, that lie in its A room
 PART_SHARE = 0.2  # of a room's walls in another A room: it may be two rooms in one
-OTHER_ROOM = 0.4  # what a wall pair is worth whose rooms were not matched to each other
-INSIDE = 0.15  # of share, that a room counts more in which the S room's centroid lies
-DOUBT = 0.1  # quality of a wall of no plan
+OTHER_ROOM, OTHER_PART = 0.1, 0.5  # what a wall pair is worth whose rooms were not matched, or may be, to each other
+CONTESTED = 0.7  # of the best A room's share; where another one has more, the S room is not matched
+INSIDE = 0.05  # of share, that a room counts more in which the S room's centroid lies
+DOUBT = 0.02  # quality of a wall of no plan
+DOUBT_ROOM = 0.1
 COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall
-
 Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, confidence
 
 
@@ -34,8 +37,8 @@ class _Laid:
 def complete(found: Bent, k: int) -> Pairs:
     """The pairs of one hypothesis, indices into S's walls and rooms and into those of its storey.
 
-    A surface pair's confidence is q / (q + q' + 0.1) with its quality q, q' the next best A wall's; a room pair's the
-    same with the shares of the S room's walls, by length.
+    A surface pair's confidence is q / (q + q' + 0.02) with its quality q, q' the next best A wall's; a room pair's
+    the like with the shares of the S room's walls, by length.
     """
     laid = _laid(found, k)
     share = _shares(laid)
@@ -46,12 +49,23 @@ def complete(found: Bent, k: int) -> Pairs:
 def _laid(found: Bent, k: int) -> _Laid:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
     a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
-    now = judge(scene, table[None], found.fields.state[k : k + 1], SIGMA)
+    now = judge(scene, table[None], found.fields.state[k : k + 1], SIGMA_ACROSS)
+    likely = _likely(scene.s, scene.plan.half[table], now)
     i, p = np.nonzero(table >= 0)
     quality, along = np.zeros((len(scene.s), len(a))), np.zeros((len(scene.s), len(a)))
-    quality[i, table[i, p] - first], along[i, table[i, p] - first] = now.quality[0, i, p], now.along[0, i, p]
+    quality[i, table[i, p] - first], along[i, table[i, p] - first] = likely[i, p], now.along[0, i, p]
     moved = motions(scene, found.fields.state[k : k + 1])[0, scene.groups.of_wall]
     return _Laid(scene.s, a, quality, along, moved)
+
+
+def _likely(s: Walls, half: Array, now: Judged) -> Array:
+    """(Ns, P) in [0, 1]: across, in direction, and by both ends, which slide, or stop short of the plan's."""
+    quality = np.exp(-0.5 * (now.across[0] / SIGMA_ACROSS) ** 2 - 0.5 * (now.turned[0] / SIGMA_TURN) ** 2)
+    for side in (-1, 1):
+        beyond = side * now.along[0] + s.half[:, None] - half
+        slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
+        quality *= np.where(beyond > 0, slid, (1 - CUT_SHORT) * slid + CUT_SHORT)
+    return np.asarray(np.where(now.beside[0] > 0, quality, 0.0))
 
 
 def _shares(laid: _Laid) -> Array:
@@ -61,9 +75,7 @@ def _shares(laid: _Laid) -> Array:
     housed = s.room >= 0
     if not housed.any() or not len(a.rooms):
         return share
-    certain = laid.quality.max(axis=1, initial=0.0)
-    each = laid.quality**2
-    each *= (certain / np.maximum(each.sum(axis=1), 1e-12))[:, None]
+    each = laid.quality / (laid.quality.sum(axis=1, keepdims=True) + DOUBT)
     by_room = np.zeros((len(s), len(a.rooms)))
     inside = a.room >= 0
     np.add.at(by_room.T, a.room[inside], each[:, inside].T)
@@ -72,20 +84,23 @@ def _shares(laid: _Laid) -> Array:
 
 
 def _rooms(laid: _Laid, share: Array) -> Matches:
-    """Each S room's best A room; of two S rooms with the same one the lesser keeps it where it is another part."""
+    """Each S room's best A room; of two S rooms with the same one the lesser keeps it where it is another part.
+
+    Two rooms that the map took for one, about equally large, are left unmatched.
+    """
     if not share.size:
         return ()
     merit = share + INSIDE * _inside(laid)
     chosen: dict[int, int] = {}
     for r in np.argsort(-merit.max(axis=1), kind="stable").tolist():
         for q in np.argsort(-merit[r], kind="stable")[:3].tolist():
-            if share[r, q] < LEAST_SHARE:
+            if share[r, q] < LEAST_SHARE or np.delete(share[r], q).max(initial=0.0) > CONTESTED * share[r, q]:
                 continue
             others = [o for o, taken in chosen.items() if taken == q]
             if not others or all(_apart(laid, r, o, q) for o in others):
                 chosen[r] = q
                 break
-    return tuple((r, q, _confidence(merit[r], q)) for r, q in sorted(chosen.items()))
+    return tuple((r, q, _confidence(merit[r], q, DOUBT_ROOM)) for r, q in sorted(chosen.items()))
 
 
 def _apart(laid: _Laid, r: int, o: int, q: int) -> bool:
@@ -123,42 +138,36 @@ def _inside(laid: _Laid) -> Array:
     return inside
 
 
-def _confidence(value: Array, chosen: int) -> float:
+def _confidence(value: Array, chosen: int, doubt: float) -> float:
     others = np.delete(value, chosen)
-    return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + DOUBT))
+    return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + doubt))
 
 
 def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
-    from scipy.optimize import linear_sum_assignment  # slow to import
-
-    s, a, quality = laid.s, laid.a, laid.quality
-    told = np.zeros((len(s.rooms) + 1, len(a.rooms) + 1), dtype=bool)
-    told[:-1, :-1] = share > PART_SHARE
+    """The likeliest pairs first; of several S walls on one A wall those that lie beside each other are its pieces."""
+    s, a = laid.s, laid.a
+    trust = np.where(share > PART_SHARE, OTHER_PART, OTHER_ROOM)
+    trust[~(share > PART_SHARE).any(axis=1)] = 1.0  # nothing is known of them
     for r, q, _ in rooms:
-        told[r, q] = True
-    told[~told.any(axis=1)] = True  # of rooms that lie nowhere, and of walls without a room, nothing is known
-    told[:, -1] = True
-    quality = np.where(told[s.room][:, a.room], quality, OTHER_ROOM * quality)
-    columns = np.nonzero(quality.max(axis=0, initial=0.0) > LEAST_QUALITY)[0]
-    rows, best = linear_sum_assignment(-quality[:, columns])
-    chosen = zip(rows.tolist(), columns[best].tolist(), strict=True)
-    matched = {i: j for i, j in chosen if quality[i, j] > LEAST_QUALITY}
-    for i in np.argsort(-s.half, kind="stable").tolist():  # further pieces of a wall, where they lie beside its others
-        if i in matched or not quality.shape[1]:
-            continue
-        j = int(np.argmax(quality[i]))
-        if quality[i, j] > LEAST_QUALITY and not _covered(laid, i, j, matched):
+        trust[r, q] = 1.0
+    full = np.ones((len(s.rooms) + 1, len(a.rooms) + 1))  # the last of each: of walls without a room
+    full[:-1, :-1] = trust
+    quality = laid.quality * full[s.room][:, a.room]
+    rows, columns = np.nonzero(quality > LEAST_QUALITY)
+    matched: dict[int, int] = {}
+    for e in np.argsort(-quality[rows, columns], kind="stable").tolist():
+        i, j = int(rows[e]), int(columns[e])
+        if i not in matched and not _covered(laid, i, j, matched):
             matched[i] = j
-    return tuple((i, j, _confidence(quality[i], j)) for i, j in sorted(matched.items()))
+    return tuple((i, j, _confidence(quality[i], j, DOUBT)) for i, j in sorted(matched.items()))
 
 
 def _covered(laid: _Laid, i: int, j: int, matched: dict[int, int]) -> bool:
-    """Whether S wall i lies mostly beside others that are matched to the same A wall."""
+    """Whether S wall i, or one that is matched to A wall j, lies mostly beside the other."""
     at, half = laid.along[:, j], laid.s.half
-    common = [
-        min(at[i] + half[i], at[o] + half[o]) - max(at[i] - half[i], at[o] - half[o])
-        for o, taken in matched.items()
-        if taken == j
-    ]
-    return max(common, default=0.0) >= COMMON * 2 * half[i]
-
+    for o, taken in matched.items():
+        if taken == j:
+            common = min(at[i] + half[i], at[o] + half[o]) - max(at[i] - half[i], at[o] - half[o])
+            if common > COMMON * 2 * min(half[i], half[o]):
+                return True
+    return False

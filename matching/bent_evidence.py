@@ -1,9 +1,12 @@
 """How much more likely the map is under a field of motions than by chance, in nats.
 
 As `evidence` for a rigid placement: each S wall is a wall of the plan, off its line by a normal deviation whose
-size is marginalised over, or something else; chance is an A wall of its direction met at a random place. The
-field pays for how it bends between neighbours.
+size is marginalised over, or something else; chance is an A wall of its direction met at a random place. Beyond
+that the walls of an S room are those of one A room, seldom of two, which the map took for one; the A rooms' walls
+should be in the map; and the field pays for how it bends between neighbours.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +22,7 @@ from matching.evidence import (
     SEEN_TO_END,
     SHOWN,
     SIGMAS,
-)  # fmt: skip
+)
 from matching.field import STEP, Fields, Judged, Scene, judge, strain
 from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
@@ -27,15 +30,28 @@ from matching.walls import Index, Walls
 
 MOST_STRAINED = 12.0  # chi^2 of one pair of neighbours
 DIRECTION = np.radians(15)
+ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
+TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
+
+
+@dataclass(frozen=True)
+class _Homes:
+    """Of K fields and R S rooms the A rooms, of the field's storey, where most and second most of the walls are."""
+
+    first: Index  # (K, R), -1 for none
+    second: Index  # (K, R)
 
 
 def evidence(scene: Scene, fields: Fields, table: Index) -> Array:
     """(K,) nats, comparable between fields of one scene, in whatever storey."""
     now = judge(scene, table, fields.state, SIGMA_SCORE)
-    total = _ratios(scene, fields, table, now).sum(axis=1)  # (K, precisions)
-    most = np.logaddexp.reduce(total, axis=1) - np.log(total.shape[1])
-    seen = [_completeness(scene, int(fields.storey[k]), table[k], now.quality[k]) for k in range(len(fields))]
-    return np.asarray(most + np.array(seen) - 0.5 * bending(scene, fields))
+    homes = _homes(scene, table, now.quality)
+    walls = _of_walls(scene, fields, table, now, homes)
+    seen = [
+        _completeness(scene, int(fields.storey[k]), table[k], now.quality[k], homes.first[k])
+        for k in range(len(fields))
+    ]
+    return np.asarray(walls + np.array(seen) - 0.5 * bending(scene, fields))
 
 
 def bending(scene: Scene, fields: Fields) -> Array:
@@ -48,28 +64,63 @@ def bending(scene: Scene, fields: Fields) -> Array:
     return np.asarray(each.mean(axis=1) * (len(groups) - 1))
 
 
-def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged) -> Array:
-    """(K, Ns, precisions) log likelihood ratio of each S wall's best pair against chance."""
+def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:
     s, plan = scene.s, scene.plan
-    best = now.quality.argmax(axis=2)[..., None]
-    beside, off, along, turned = (
-        np.take_along_axis(x, best, axis=2)[..., 0] for x in (now.beside, now.across, now.along, now.turned)
-    )
+    rooms = max((len(a.rooms) for a in plan.storeys), default=0)
+    K, R = len(table), len(s.rooms)
+    votes = np.zeros((K, R + 1, rooms + 1))
+    best = quality.argmax(axis=2)[..., None]
     j = np.take_along_axis(table, best, axis=2)[..., 0]
-    density = np.exp(-0.5 * (off[..., None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
-    here = beside * np.exp(-0.5 * (turned / SIGMA_HEADING) ** 2)
+    sure = np.take_along_axis(quality, best, axis=2)[..., 0]
+    np.add.at(votes, (np.arange(K)[:, None], s.room[None], plan.room[j]), np.where(sure > SEEN, s.weight * sure, 0.0))
+    votes = votes[:, :R, :rooms]
+    if not votes.size:
+        return _Homes(np.full((K, R), -1), np.full((K, R), -1))
+    first = votes.argmax(axis=2)
+    most = np.take_along_axis(votes, first[..., None], axis=2)[..., 0]
+    np.put_along_axis(votes, first[..., None], 0.0, axis=2)
+    second = np.where(votes.max(axis=2) > 0, votes.argmax(axis=2), -1)
+    return _Homes(np.where(most > 0, first, -1), second)
+
+
+def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes) -> Array:
+    """(K,) nats of all S walls, precisions marginalised over."""
+    s, plan = scene.s, scene.plan
+    ratio = _ratios(scene, fields, table, now)  # (K, Ns, P, precisions)
+    other = np.clip(NOT_IN_PLAN / (2 * s.half), *NOT_IN_PLAN_BOUNDS)[None, :, None]
+    at = plan.room[table]
+    housed = np.append(np.arange(len(s.rooms)), -1)[s.room]  # -1 stays the last
+    one, two = (np.pad(h, ((0, 0), (0, 1)), constant_values=-1)[:, housed, None] for h in (homes.first, homes.second))
+    free = (at < 0) | (s.room < 0)[None, :, None] | (one < 0)
+    total = []
+    for home in (at == one, (at == one) | (at == two)):
+        prior = np.where(free | home, 1.0, ELSEWHERE)[..., None]
+        best = (ratio * prior).max(axis=2, initial=0.0)
+        total.append(np.log((1 - other) * best + other))
+    member = (s.room[None] == np.arange(len(s.rooms))[:, None]).astype(float)  # (R, Ns)
+    by_room = [np.einsum("rn,knc->krc", member, t) for t in total]
+    rooms = np.logaddexp(by_room[0] + np.log(1 - TWO_IN_ONE), by_room[1] + np.log(TWO_IN_ONE)).sum(axis=1)
+    stray = total[0][:, s.room < 0].sum(axis=1)
+    return np.asarray(np.logaddexp.reduce(rooms + stray, axis=1) - np.log(ratio.shape[-1]))
+
+
+def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged) -> Array:
+    """(K, Ns, P, precisions) likelihood ratio of each pair against chance."""
+    s, plan = scene.s, scene.plan
+    density = np.exp(-0.5 * (now.across[..., None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
+    here = now.beside * np.exp(-0.5 * (now.turned / SIGMA_HEADING) ** 2)
     rho = np.stack([_chance(s, plan.storeys[st], yaw) for st, yaw in zip(fields.storey, _yaw(fields), strict=True)])
-    ratio = (here / rho)[..., None] * density
-    ends = np.ones((*off.shape, len(END_SIGMAS)))
-    length = np.maximum(2 * plan.half[j], 1.0)[..., None]
+    ratio = (here / rho[..., None])[..., None] * density
+    half = plan.half[table]
+    ends = np.ones((*half.shape, len(END_SIGMAS)))
+    length = np.maximum(2 * half, 1.0)[..., None]
     for side in (-1, 1):
-        gap = (along + side * (s.half - plan.half[j]))[..., None]
+        gap = (now.along + side * (s.half[:, None] - half))[..., None]
         normal = np.exp(-0.5 * (gap / END_SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * END_SIGMAS)
         ends *= SEEN_TO_END * normal * length + 1 - SEEN_TO_END
-    ends = np.where((s.known & plan.known[j])[..., None], ends**END_TRUST, 1.0)
-    other = np.clip(NOT_IN_PLAN / (2 * s.half), *NOT_IN_PLAN_BOUNDS)[None, :, None, None]
-    both = (1 - other) * ratio[..., None] * ends[..., None, :] + other
-    return np.asarray(np.log(both).reshape(*off.shape, -1))
+    known = s.known[:, None] & plan.known[table]
+    ends = np.where(known[..., None], ends**END_TRUST, 1.0)
+    return np.asarray((ratio[..., None] * ends[..., None, :]).reshape(*half.shape, -1))
 
 
 def _yaw(fields: Fields) -> Array:
@@ -84,22 +135,13 @@ def _chance(s: Walls, a: Walls, yaw: float) -> Array:
     return np.asarray(np.maximum(met / a.extent.prod(), LEAST_DENSITY))
 
 
-def _completeness(scene: Scene, storey: int, table: Index, quality: Array) -> float:
+def _completeness(scene: Scene, storey: int, table: Index, quality: Array, home: Index) -> float:
     """Nats of the A walls that the map should show: of the A rooms where most walls of some S room are.
 
     An A room was either entered, and most of its walls are seen, or glimpsed through a door.
     """
-    s, a, first = scene.s, scene.plan.storeys[storey], int(scene.plan.first[storey])
-    best = quality.argmax(axis=1)[:, None]
-    j = np.take_along_axis(table, best, axis=1)[:, 0] - first
-    sure = np.take_along_axis(quality, best, axis=1)[:, 0] > SEEN
-    at = np.where(sure, a.room[j], -1)
-    both = (s.room >= 0) & (at >= 0)
-    if not both.any():
-        return 0.0
-    votes = np.zeros((len(s.rooms), len(a.rooms)))
-    np.add.at(votes, (s.room[both], at[both]), s.weight[both])
-    homes = np.unique(votes.argmax(axis=1)[votes.max(axis=1) > 0])
+    a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
+    homes = np.unique(home[home >= 0])
     wall = (2 * a.half > SHOWN) & np.isin(a.room, homes)
     seen = np.zeros(len(a), dtype=bool)
     seen[table[quality > SEEN] - first] = True

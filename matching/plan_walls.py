@@ -20,6 +20,7 @@ class PlanWalls:
     heading: Array  # (N,)
     half: Array  # (N,)
     known: NDArray[np.bool_]  # (N,) whether the length was given
+    room: Index  # (N,) index into its storey's rooms, -1 where not known
     storey: Index  # (N,)
 
     def __len__(self) -> int:
@@ -33,5 +34,6 @@ class PlanWalls:
             tuple(storeys), np.concatenate(([0], np.cumsum(sizes))), np.concatenate([w.centre for w in storeys]),
             np.concatenate([w.heading for w in storeys]), np.concatenate([w.half for w in storeys]),
             np.concatenate([w.known for w in storeys]),
+            np.concatenate([w.room for w in storeys]),
             np.repeat(np.arange(len(sizes)), sizes),
         )  # fmt: skip
