@@ -5,12 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching import se2
+from matching.confidence import room_confidence, surface_confidence
 from matching.hypotheses import Placement
 from matching.se2 import Array
 
 LEAST_QUALITY = 0.1
 OTHER_ROOM = 0.3  # what a wall pair is worth whose rooms were not matched to each other
 LEAST_SHARE = 0.3  # of an S room's walls that its A room explains
+LEAST_MERIT = 0.65  # of an A room's among the others', for its pair to be told: a room cut wrongly is of two
+DOUBT = 0.1  # quality of a wall of no plan
 
 
 @dataclass(frozen=True)
@@ -24,9 +27,10 @@ class Pairs:
 def complete(placement: Placement) -> Pairs:
     """Rooms by the walls that they share, one to one, parts of a room aside; then surfaces.
 
-    A surface pair's confidence is q / (q + q' + 0.1) with its quality q, exp(-residual^2 / 2 sigma^2) times
-    the share of its length beside the A wall, q' the next best A wall's, and 0.1 for a wall of no plan. A
-    room pair's is the same with the shares of the S room's walls that the A rooms explain.
+    A surface pair's confidence is that of the share q / (q + q' + 0.1) with its quality q, exp(-residual^2 / 2
+    sigma^2) times the share of its length beside the A wall, q' the next best A wall's, and 0.1 for a wall of
+    no plan. A room pair's is the same with the shares of the S room's walls that the A rooms explain. A room
+    that two A rooms explain nearly as well says which walls may match, but its own pair is not told.
     """
     pairing = placement.pairing
     s, a = pairing.s, pairing.a
@@ -35,17 +39,19 @@ def complete(placement: Placement) -> Pairs:
     partner = np.full(len(s.rooms) + 1, -2)
     for r, q, _ in rooms:
         partner[r] = q
-    told = (partner[s.room] >= -1)[:, None] & (a.room >= 0)[None, :]
-    quality = np.where(told & (partner[s.room][:, None] != a.room[None, :]), OTHER_ROOM * quality, quality)
-    return Pairs(rooms, _surfaces(placement, quality))
+    known = (partner[s.room] >= -1)[:, None] & (a.room >= 0)[None, :]
+    quality = np.where(known & (partner[s.room][:, None] != a.room[None, :]), OTHER_ROOM * quality, quality)
+    told = tuple((r, q, room_confidence(c)) for r, q, c in rooms if c >= LEAST_MERIT)
+    return Pairs(told, _surfaces(placement, quality))
 
 
-def _confidence(value: Array, chosen: int, doubt: float) -> float:
+def _share(value: Array, chosen: int) -> float:
     others = np.delete(value, chosen)
-    return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + doubt))
+    return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + DOUBT))
 
 
 def _rooms(placement: Placement, quality: Array) -> tuple[tuple[int, int, float], ...]:
+    """(S room, A room, share of the merit)."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     s, a = placement.pairing.s, placement.pairing.a
@@ -66,7 +72,7 @@ def _rooms(placement: Placement, quality: Array) -> tuple[tuple[int, int, float]
         q = int(np.argmax(merit[r]))
         if r not in taken and inside[r, q] and share[r, q] > 2 * LEAST_SHARE:
             chosen.append((r, q))
-    return tuple((int(r), int(q), _confidence(merit[r], q, 0.1)) for r, q in sorted(chosen))
+    return tuple((int(r), int(q), _share(merit[r], q)) for r, q in sorted(chosen))
 
 
 def _accepted(share: Array, inside: Array, r: int, q: int) -> bool:
@@ -108,4 +114,4 @@ def _surfaces(placement: Placement, quality: Array) -> tuple[tuple[int, int, flo
         common = max((min(span[i, j, 1], o[1]) - max(span[i, j, 0], o[0]) for o in others), default=0.0)
         if quality[i, j] > LEAST_QUALITY and common < 0.5 * 2 * s.half[i]:
             matched[int(i)] = j
-    return tuple((i, j, _confidence(quality[i], j, 0.1)) for i, j in sorted(matched.items()))
+    return tuple((i, j, surface_confidence(_share(quality[i], j))) for i, j in sorted(matched.items()))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching.complete import Pairs
+from matching.confidence import place_probability
 from matching.hypotheses import Placement
 from matching.result import Status
 from matching.walls import Walls
@@ -24,7 +25,7 @@ PLACES_PER_M2 = 40.0  # that a vote can tell apart: four directions of the grid,
 
 @dataclass(frozen=True)
 class Verdict:
-    """`probability` is that of the best placement among those found."""
+    """`probability` is that of the best placement."""
 
     status: Status
     reason: str
@@ -35,13 +36,13 @@ def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> V
     """Judges the placements, best first, at least one; `pairs` are the first one's, `storeys` all that were
     searched."""
     best = placements[0]
-    probability = float(1 / np.exp([p.score - best.score for p in placements]).sum())
     walls = len(best.explained)
+    by_chance = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))
+    probability = place_probability(np.array([p.score for p in placements]), by_chance, walls)
     told = f"{len(pairs.surfaces)} of {walls} wall surfaces and {len(pairs.rooms)} rooms matched"
     if best.fraction < LEAST_FRACTION:
         share = f"{100 * best.fraction:.0f} % of its walls' length"
         return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
-    by_chance = np.log(PLACES_PER_M2 * sum(a.area for a in storeys))
     least = by_chance + LEAST_EVIDENCE + LEAST_EVIDENCE_PER_WALL * walls
     if best.score < least or len(pairs.surfaces) < LEAST_SURFACES:
         return Verdict("none", f"too little evidence at the best place ({told}): see more rooms", probability)
