@@ -45,6 +45,9 @@ def _parser() -> Parser:
     )
     parser.add_argument("--regimes", nargs="+", metavar="NAME", help="of the S-graphs (default: all)")
     parser.add_argument("--rooms", nargs="+", default=ROOMS, metavar="N", help="rooms seen, or 'all'")
+    parser.add_argument(
+        "--sizes", nargs="+", default=["small", "large"], metavar="SIZE", help="small plans, large, or both"
+    )
     parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs a cell (default 100)")
     parser.add_argument("--pairs-of", nargs="+", default=[], metavar="METHOD:N", help="fewer pairs for a slow method")
     parser.add_argument("--seed", type=int, default=0, metavar="N")

@@ -11,11 +11,12 @@ from evaluation.matching_rows import Row, Tally
 from evaluation.statistics import Score
 
 LARGE = 34  # rooms of a large plan, and more
+SIZES = ("small", "large")
 
 
-def group_of(row: Row) -> str:
-    """The size of the plan: "small" below 34 rooms, "large" from there on."""
-    return "large" if row.size >= LARGE else "small"
+def size_of(rooms: int) -> str:
+    """The size of a plan of so many rooms: "small" below 34, "large" from there on."""
+    return SIZES[rooms >= LARGE]
 
 
 @dataclass(frozen=True)

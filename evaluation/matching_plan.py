@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from data.errors import UserError
-from evaluation.matching_cells import LARGE
+from evaluation.matching_cells import SIZES, size_of
 from evaluation.matching_pairs import DRAWN, ELSEWHERE, Pair, pairs_of_cell, read_candidates, slam_pairs
 from evaluation.matching_worker import ORACLE, Task
 from matching import Matcher
@@ -23,6 +23,7 @@ class Wanted:
     pairs: dict[str, int]
     regimes: tuple[str, ...]
     rooms: tuple[int | None, ...]
+    sizes: tuple[str, ...]
     seed: int
     limit_s: float
     jobs: int
@@ -33,6 +34,8 @@ class Wanted:
         regimes = DRAWN if options.regimes is None else tuple(options.regimes)
         if unknown := set(regimes) - set(DRAWN):
             raise UserError(f"--regimes {' '.join(sorted(unknown))}: there are {', '.join(DRAWN)}")
+        if unknown := set(options.sizes) - set(SIZES):
+            raise UserError(f"--sizes {' '.join(sorted(unknown))}: there are {', '.join(SIZES)}")
         for name, value in (("pairs", options.pairs), ("limit", options.limit), ("jobs", options.jobs)):
             if not value > 0:
                 raise UserError(f"--{name} {value:g}: must be more than 0")
@@ -47,7 +50,7 @@ class Wanted:
                 Matcher.load(method)  # raises for a name that does not exist
         return Wanted(
             options.out, tuple(options.plans), tuple(options.generated), options.slam_graphs, pairs, regimes,
-            tuple(map(_rooms, options.rooms)), options.seed, options.limit, options.jobs,
+            tuple(map(_rooms, options.rooms)), tuple(options.sizes), options.seed, options.limit, options.jobs,
         )  # fmt: skip
 
 
@@ -79,7 +82,8 @@ def _cells(wanted: Wanted) -> list[Sequence[Pair]]:
     most = max(wanted.pairs.values())
     if wanted.plans or wanted.generated or wanted.slam_graphs is None:
         candidates = read_candidates(wanted.plans, wanted.generated)
-        for own in ([c for c in candidates if (c.size >= LARGE) is large] for large in (False, True)):
+        for size in wanted.sizes:
+            own = [c for c in candidates if size_of(c.size) == size]
             for regime in wanted.regimes:
                 # the published perturbation drops rooms by itself
                 counts = (None,) if regime == "paper" else wanted.rooms

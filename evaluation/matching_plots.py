@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from evaluation.calibration import merged
-from evaluation.matching_cells import group_of, measure
+from evaluation.matching_cells import SIZES, measure, size_of
 from evaluation.matching_rows import Row
-from evaluation.matching_tables import GROUPS, in_order
+from evaluation.matching_tables import in_order
 
 ALL = 24  # where "all" stands on the axis of rooms
 
@@ -36,7 +36,7 @@ def _f1(rows: Sequence[Row], colour: dict[str, str]) -> Any:
     from matplotlib import pyplot as plt
 
     told = [r for r in rows if r.regime != "elsewhere"]
-    groups = [g for g in GROUPS if any(group_of(r) == g for r in told)]
+    groups = [g for g in SIZES if any(size_of(r.size) == g for r in told)]
     regimes = in_order(told)
     if not told:
         return None
@@ -46,7 +46,7 @@ def _f1(rows: Sequence[Row], colour: dict[str, str]) -> Any:
     for line, group in zip(axes, groups, strict=True):
         for ax, regime in zip(line, regimes, strict=True):
             for method in colour:
-                own = [r for r in told if (group_of(r), r.regime, r.method) == (group, regime, method)]
+                own = [r for r in told if (size_of(r.size), r.regime, r.method) == (group, regime, method)]
                 _curve(ax, own, colour[method], method)
             ax.set_title(f"{regime}, {group} plans", fontsize=9)
             ax.set_xscale("log")

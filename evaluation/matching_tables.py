@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from evaluation.bootstrap import Estimate
-from evaluation.matching_cells import LARGE, Measures, group_of, measure
+from evaluation.matching_cells import LARGE, SIZES, Measures, measure, size_of
 from evaluation.matching_rows import Row
 
 Cell = Callable[[Measures], str]
-GROUPS = ("small", "large")
 REGIME_ORDER = ("paper", "real", "drift", "messy", "elsewhere", "sgslam")
 
 
@@ -25,8 +24,8 @@ class Table:
 def tables(rows: Sequence[Row]) -> list[Table]:
     """For each size of plan: wall F1 and answers against rooms seen, and all measures by regime and method."""
     found = []
-    for group in GROUPS:
-        own = [r for r in rows if group_of(r) == group]
+    for group in SIZES:
+        own = [r for r in rows if size_of(r.size) == group]
         if not own:
             continue
         about = f"{group} plans ({_about(own)})"
@@ -42,9 +41,9 @@ def tables(rows: Sequence[Row]) -> list[Table]:
 def full_tables(rows: Sequence[Row]) -> list[Table]:
     """All measures of every cell: size of plan, regime, method, rooms seen."""
     found = []
-    for group in GROUPS:
+    for group in SIZES:
         for regime in in_order(rows):
-            own = [r for r in rows if group_of(r) == group and r.regime == regime]
+            own = [r for r in rows if size_of(r.size) == group and r.regime == regime]
             if own:
                 keys = [(rooms, method) for rooms in _rooms(own) for method in _methods(own)]
                 lines = []
@@ -151,7 +150,7 @@ def _about(rows: Sequence[Row]) -> str:
     plans = {(r.plans, r.plan): r for r in rows}
     names = sorted({r.plans for r in rows})
     sizes = sorted(r.size for r in plans.values())
-    edge = f"below {LARGE} rooms" if group_of(rows[0]) == "small" else f"{LARGE} rooms and more"
+    edge = f"below {LARGE} rooms" if size_of(rows[0].size) == "small" else f"{LARGE} rooms and more"
     return f"{edge}: {len(plans)} of {', '.join(names)}, {sizes[0]} to {sizes[-1]} rooms"
 
 
