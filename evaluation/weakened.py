@@ -14,7 +14,7 @@ from data.trajectory import Trajectory
 from evaluation.trajectory import ape
 
 Array = NDArray[np.float64]
-RANGE_M = 5.0  # farther points are dropped; a level sensor at 0.8 m needs 3 m to see the floor at all
+RANGE_M = 6.0  # farther points are dropped; a level sensor at 0.8 m needs 3 m to see the floor at all
 SCALE, YAW_RAD = 0.01, float(np.radians(0.3))  # at level 1: share of each step; of a metre driven
 LEAST_ERROR_M = 0.5
 MOST_LEVEL = 64

@@ -290,6 +290,14 @@ def test_moved_walls_are_scanned_where_they_stand(building: SmallBuilding, tmp_p
     assert load_storey(building.path, "Ground", Changes(moved=0.5), seed=5).changes != changed.changes
 
 
+def test_there_and_back_is_the_same_way_twice(building: SmallBuilding, tmp_path: Path) -> None:
+    once = simulate(building.path, "Ground", tmp_path / "once", seed=1, min_length=10.0, sensor=SENSOR)
+    twice = simulate(building.path, "Ground", tmp_path / "twice", seed=1, min_length=10.0, sensor=SENSOR, and_back=True)
+    assert np.isclose(twice.length, 2 * once.length)
+    np.testing.assert_allclose(twice.truth.positions[: len(once.truth) - 3], once.truth.positions[:-3], atol=1e-6)
+    np.testing.assert_allclose(twice.truth.positions[-1], once.truth.positions[0], atol=0.02)
+
+
 def test_the_window_goes_with_its_wall_and_an_absent_wall_is_open(building: SmallBuilding) -> None:
     plain, bare = (load_storey(building.path, "Ground", c) for c in (None, Changes(absent=1.0)))
     assert len(bare.changes) == len(WALLS) and {c.kind for c in bare.changes} == {"absent"}

@@ -1,0 +1,146 @@
+"""What the ablation makes harder, and what it compares with: weak odometry, wrong matches, ICP to the BIM."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_ifc import STOREY, SmallBuilding, write_small_ifc
+
+from data import Room, SceneGraph, WallSurface
+from data.bim import load_bim
+from data.errors import UserError
+from data.scans import ScanFolder
+from data.simulate import SimulatedRun, simulate
+from data.trajectory import Trajectory
+from evaluation.growth import STAGES, measure, picture, table
+from evaluation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
+from evaluation.stand_in_matchers import OracleMatcher, WrongMatches
+from evaluation.trajectory import ape, error_in_bim
+from evaluation.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
+from matching import MatchResult
+
+
+def test_growth_is_told_by_stage(tmp_path: Path) -> None:
+    stages = {f"seconds_{stage}": "1.5" for stage in STAGES}
+    records = [
+        {
+            "sequence": f"{m}m", "scans": str(20 * m), "keyframes": str(2 * m), "rooms": str(m // 10),
+            "wall_surfaces": "9", "seconds": str(m / 10), "peak_memory_mb": "200.4", **stages,
+        }
+        for m in (30, 60)
+    ]  # fmt: skip
+    lines = table(records).splitlines()
+    assert lines[2].startswith("| 30m | 600 | 60 | 3 | 9 | 3.0 | 5.0 | 1.50 |") and lines[3].endswith("| 200 |")
+    picture(records, tmp_path / "growth.svg")
+    first = (tmp_path / "growth.svg").read_bytes()
+    picture(records, tmp_path / "growth.svg")
+    assert b"<svg" in first and (tmp_path / "growth.svg").read_bytes() == first
+    with pytest.raises(UserError, match="above 0"):
+        measure("demo", None, [0.0], tmp_path)
+
+
+def around_a_block(metres: float) -> Trajectory:
+    """A drive of so many metres around a square of 10 x 10 m, 5 cm a scan."""
+    along = np.arange(0.0, metres, 0.05)
+    side, rest = np.divmod(along, 10.0)
+    corners = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+    headings = side % 4 * np.pi / 2
+    poses = np.tile(np.eye(4), (len(along), 1, 1))
+    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(headings)
+    poses[:, 1, 0], poses[:, 0, 1] = np.sin(headings), -np.sin(headings)
+    poses[:, :2, 3] = corners[side.astype(int) % 4] + rest[:, None] * poses[:, :2, 0]
+    return Trajectory(np.arange(len(along), dtype=np.int64) * 100_000_000, poses)
+
+
+def test_odometry_is_weakened_until_its_error_is_large_enough() -> None:
+    truth = around_a_block(60.0)
+    weak = weaken_odometry(truth, truth, seed=3)
+    assert weak.rmse_m > LEAST_ERROR_M and weak.level & (weak.level - 1) == 0
+    assert np.isclose(ape(weak.trajectory, truth, "origin").translation.rmse, weak.rmse_m)
+    steps = np.linalg.norm(np.diff(weak.trajectory.positions, axis=0), axis=1)
+    assert np.allclose(steps[10:180], 0.05 * (1 + weak.level / 100))  # so many per cent too long
+    same, other = (weaken_odometry(truth, truth, seed=s).trajectory.poses for s in (3, 4))
+    assert np.array_equal(same, weak.trajectory.poses) and not np.allclose(other, same)
+    assert f"{weak.level} % too long" in weak.told() and f"{RANGE_M:g} m" in weak.told()
+    assert weaken_odometry(around_a_block(400.0), around_a_block(400.0), seed=3).level < weak.level
+    with pytest.raises(UserError, match="too short"):
+        weaken_odometry(around_a_block(0.5), around_a_block(0.5), seed=0)
+
+
+def test_a_weak_sensor_sees_what_is_near() -> None:
+    ranges = np.linspace(1.0, 20.0, 400)
+    points = np.column_stack([ranges, np.zeros((400, 2))])
+    assert shortened(points)[:, 0].max() < RANGE_M and len(shortened(points)) == np.sum(ranges < RANGE_M)
+    assert len(shortened(points + np.array([50.0, 0.0, 0.0]))) == 50
+
+
+def plan(rooms: int, frame: str) -> SceneGraph:
+    """Rooms of 4 x 3 m in a row, four walls each."""
+    spaces, walls = [], []
+    for k in range(rooms):
+        x = 5.0 * k
+        spaces.append(Room(f"{frame}{k}", (x, 0.0), "f"))
+        for j, (nx, ny) in enumerate(((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))):
+            centre = (x - 2.0 * nx, -1.5 * ny)
+            walls.append(WallSurface(f"{frame}{k}w{j}", f"{frame}{k}", centre, (nx, ny), 3.0 + abs(ny), "f"))
+    return SceneGraph(frame, tuple(spaces), tuple(walls))
+
+
+class Knows:
+    """Answers with equal numbers."""
+
+    def __init__(self, status: str = "unique") -> None:
+        self.status = status
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
+        rooms = tuple((x.id, y.id, 0.9) for x, y in zip(s.rooms, a.rooms, strict=False))
+        walls = tuple((x.id, y.id, 0.9) for x, y in zip(s.wall_surfaces, a.wall_surfaces, strict=False))
+        return MatchResult(self.status, "", rooms, walls, (0.0, 0.0, 0.0), "f")  # type: ignore[arg-type]
+
+
+def test_wrong_matches_take_whole_rooms_elsewhere() -> None:
+    s, a = plan(5, "s"), plan(6, "a")
+    right, wrong = (m.match(s, a) for m in (Knows(), WrongMatches(Knows(), 2, seed=1)))
+    changed = {x[0] for x, y in zip(wrong.rooms, right.rooms, strict=True) if x != y}
+    assert len(changed) == 2
+    elsewhere = {room: target for room, target, _ in wrong.rooms}
+    for mine, true in zip(wrong.wall_surfaces, right.wall_surfaces, strict=True):
+        room = mine[0][:2]
+        if room not in changed:
+            assert mine == true
+        else:
+            surface = a.surface_by_id[mine[1]]
+            assert surface.room == elsewhere[room] != true[1][:2]
+            assert np.allclose(surface.normal, s.surface_by_id[mine[0]].normal)
+    assert WrongMatches(Knows(), 2, seed=1).match(s, a) == wrong
+    assert WrongMatches(Knows("ambiguous"), 2, seed=1).match(s, a) == Knows("ambiguous").match(s, a)
+
+
+def test_the_oracle_answers_with_the_truth() -> None:
+    a = plan(4, "a")
+    s = replace(plan(2, "s"), frame="map")
+    T_bim_map = np.eye(4)
+    T_bim_map[0, 3] = 5.0  # the map's first room is the plan's second
+    answer = OracleMatcher(T_bim_map, "f").match(s, a)
+    assert answer.status == "unique" and dict((x, y) for x, y, _ in answer.rooms) == {"s0": "a1", "s1": "a2"}
+    assert all(y == f"a{int(x[1]) + 1}{x[2:]}" for x, y, _ in answer.wall_surfaces)
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[SmallBuilding, SimulatedRun]:
+    folder = tmp_path_factory.mktemp("icp")
+    building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5)
+    return building, simulate(building.path, STOREY, folder / "drive", seed=2, min_rooms=2, min_length=5.0)
+
+
+@pytest.mark.parametrize("of", ["ifc", "graph"])
+def test_scans_are_registered_to_the_buildings_surfaces(driven: tuple[SmallBuilding, SimulatedRun], of: str) -> None:
+    building, run = driven
+    path: Path = building.path
+    surfaces = surfaces_of_ifc(path) if of == "ifc" else surfaces_of_graph(load_bim(path).graph)
+    scans = [scan for scan in ScanFolder(run.out_dir / "scans") if scan.index < 40]
+    estimate = register_to_bim(scans, surfaces, run.truth.poses[0])
+    assert len(estimate) == 40
+    error = error_in_bim(estimate, run.truth)
+    assert error.horizontal.rmse < 0.02 and error.yaw.max < 0.01
