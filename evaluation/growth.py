@@ -98,8 +98,8 @@ def main() -> int:
         docs.mkdir(exist_ok=True)
         picture(records, docs / PICTURE)
         command = f"python -m evaluation.growth --out {options.out.name} --benchmarks {options.benchmarks.name}"
-        told = f"## Growth with scans, keyframes and rooms\n\n{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
-        write_section(options.benchmarks, "growth", told)
+        told = f"{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
+        write_section(options.benchmarks, "growth", f"## Growth with scans, keyframes and rooms\n\n{told}")
     print(text)
     return 0
 
