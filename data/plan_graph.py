@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
-from data.areas import Area, difference, largest, overlap, polygons_of
+from data.areas import Area, difference, largest, opened, overlap, polygons_of
 from data.intervals import Intervals, united, without
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 
@@ -21,7 +21,9 @@ MIN_EDGE = 0.05  # m: shorter edges are no surfaces
 OPEN = 0.04  # m: rooms that come closer have no wall between them (the published regime's threshold as well)
 REACH = 0.25  # m: a room begins this close to a door's side
 MIN_OVERLAP = 0.01  # m2: less is drawing inaccuracy
+SLIVER = 0.1  # m: parts of rooms that are narrower are drawing inaccuracy
 SAME = 0.9  # of an area: a double
+NARROW = 0.5  # m: no part of a room that was cut is narrower
 
 
 @dataclass(frozen=True)
@@ -89,9 +91,9 @@ def room_of(room: DrawnRoom) -> Room:
 
 
 def _without_overlaps(drawing: Drawing) -> list[DrawnRoom]:
-    """Doubles fall out; of two rooms that overlap the larger loses what the smaller covers, and walls around it."""
+    """Slivers and doubles fall out; of two rooms the larger loses what the smaller covers, and the walls around that."""
     rooms = sorted(drawing.rooms, key=lambda r: r.area.area)
-    areas = [polygons_of(r.area) for r in rooms]
+    areas = [largest(opened(polygons_of(r.area), SLIVER / 2)) for r in rooms]
     tree = shapely.STRtree(areas)
     kept: dict[int, Area] = {}
     for k, room in enumerate(rooms):
@@ -104,7 +106,8 @@ def _without_overlaps(drawing: Drawing) -> list[DrawnRoom]:
                 area = shapely.Polygon()
                 break
             if shared > MIN_OVERLAP:
-                area = largest(difference(difference(area, kept[other]), drawing.walls))
+                rest = difference(difference(area, kept[other]), drawing.walls)
+                area = largest(opened(rest, NARROW / 2))
         if not area.is_empty:
             kept[k] = largest(area)
     of_id = {rooms[k].id: area for k, area in kept.items()}

@@ -132,7 +132,11 @@ class SceneGraph:
     @cached_property
     def surfaces_of_room(self) -> dict[str, tuple[WallSurface, ...]]:
         """The wall surfaces that face each room, in the graph's order."""
-        return {r.id: tuple(w for w in self.wall_surfaces if w.room == r.id) for r in self.rooms}
+        facing: dict[str, list[WallSurface]] = {r.id: [] for r in self.rooms}
+        for surface in self.wall_surfaces:
+            if surface.room is not None:
+                facing[surface.room].append(surface)
+        return {room: tuple(surfaces) for room, surfaces in facing.items()}
 
     def on_floor(self, floor: str | None) -> "SceneGraph":
         """The part of the graph that belongs to one floor."""

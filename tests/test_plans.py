@@ -10,6 +10,7 @@ import pytest
 import shapely
 import shapely.geometry
 from plans import SHARED, a_graph, box
+from small_ifc import write_small_ifc
 
 from data import SceneGraph, UserError
 from data.plan_splits import USE_OF_SOURCE, split_of
@@ -21,7 +22,8 @@ FLOORPLANS = SHARED / "data" / "floorplans"
 def drawn(polygons: list, kinds: list[str] | None = None, **elements: list) -> dict:
     """A plan in the JSON form; polygons are rings or (ring, holes)."""
     shapes = [shapely.Polygon(*p) if isinstance(p, tuple) else shapely.Polygon(p) for p in polygons]
-    rooms = [{"type": k, "polygon": shapely.geometry.mapping(s)} for s, k in zip(shapes, kinds or ["room"] * 99, strict=False)]
+    kinds = kinds or ["room"] * len(polygons)
+    rooms = [{"type": k, "polygon": shapely.geometry.mapping(s)} for s, k in zip(shapes, kinds, strict=True)]
     parts = {k: [{"polygon": shapely.geometry.mapping(shapely.Polygon(p))} for p in v] for k, v in elements.items()}
     return {"name": "plan", "unit": "m", "rooms": rooms, "elements": parts}
 
@@ -91,6 +93,14 @@ def test_rooms_that_overlap_are_cut_and_doubles_dropped(tmp_path: Path) -> None:
     graph = read(tmp_path, drawn(rooms))
     areas = sorted(shapely.Polygon(r.polygon).area for r in graph.rooms if r.polygon)
     assert areas == [pytest.approx(4.0), pytest.approx(36.0)]
+
+
+def test_rim_around_a_neighbour_is_no_room(tmp_path: Path) -> None:
+    """A room drawn with a rim of 3 cm around the next one loses the rim."""
+    rim = [(0, 0), (4, 0), (4, -0.03), (7.03, -0.03), (7.03, 3.03), (4, 3.03), (4, 3), (7, 3), (7, 0), (4, 0.001),
+           (4, 3), (0, 3)]  # fmt: skip
+    graph = read(tmp_path, drawn([rim]))
+    assert sorted(w.length or 0 for w in graph.wall_surfaces) == pytest.approx([3, 3, 4, 4], abs=0.04)
 
 
 def test_outside_and_shafts_are_no_rooms(tmp_path: Path) -> None:
@@ -167,6 +177,14 @@ def test_scene_graph_file_is_a_plan(tmp_path: Path) -> None:
     graph = a_graph([box(0, 0, 4, 3), box(4.2, 0, 3, 3)])
     graph.save(tmp_path / "house.json")
     assert list(read_plans(tmp_path / "house.json")) == [Plan("house", "house", graph)]
+
+
+def test_ifc_model_is_a_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the BIM reader has it."""
+    monkeypatch.setenv("SGSLAM_CACHE_DIR", str(tmp_path))
+    write_small_ifc(tmp_path / "small.ifc")
+    (plan,) = read_plans(tmp_path / "small.ifc")
+    assert plan.name == "small" and {r.name for r in plan.graph.rooms} == {"Hall", "Office", "Store"}
 
 
 def test_what_is_no_plan_is_refused(tmp_path: Path) -> None:
