@@ -39,8 +39,13 @@ def tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def full_tables(rows: Sequence[Row]) -> list[Table]:
-    """All measures of every cell: size of plan, regime, method, rooms seen."""
+    """Wall F1 on each set of plans, and all measures of every cell: size of plan, regime, method, rooms seen."""
     found = []
+    for name in sorted({r.plans for r in rows if r.regime != "elsewhere"}):
+        own = [r for r in rows if r.plans == name and r.regime != "elsewhere"]
+        sizes = sorted({(r.size, r.plan) for r in own})
+        title = f"Wall F1, `{name}` ({len(sizes)} plans of {sizes[0][0]} to {sizes[-1][0]} rooms)"
+        found.append(_by_rooms(title, WALL_NOTE, own, lambda m: told(m.walls.f1)))
     for group in SIZES:
         for regime in in_order(rows):
             own = [r for r in rows if size_of(r.size) == group and r.regime == regime]
