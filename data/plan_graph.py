@@ -91,7 +91,7 @@ def room_of(room: DrawnRoom) -> Room:
 
 
 def _without_overlaps(drawing: Drawing) -> list[DrawnRoom]:
-    """Slivers and doubles fall out; of two rooms the larger loses what the smaller covers, and the walls around that."""
+    """Slivers and doubles fall out; of two rooms the larger loses what the smaller covers, and walls around it."""
     rooms = sorted(drawing.rooms, key=lambda r: r.area.area)
     areas = [largest(opened(polygons_of(r.area), SLIVER / 2)) for r in rooms]
     tree = shapely.STRtree(areas)

@@ -6,6 +6,7 @@ Dwellings' `geometries.csv`) have the columns that are read here; others are ign
 """
 
 import csv
+import logging
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -26,6 +27,7 @@ By = Literal["apartment", "floor"]
 GEOMETRY = ("geom", "geometry")
 BUILDING = ("site_id", "building_id", "plan_id", "floor_id")  # a site's buildings are often alike: they stay together
 NO_AREA = ("structure", "door", "entrance door", "window", "wall", "railing", "column")
+_log = logging.getLogger(__name__)
 LARGEST_FIELD = 10_000_000  # characters
 
 
@@ -45,7 +47,7 @@ def read_msd(
     *,
     merge_collinear: bool = True,
     outside: bool = False,
-    on_skip: Callable[[str], None] = print,
+    on_skip: Callable[[str], None] = _log.warning,
 ) -> Iterator[Plan]:
     """The table's plans in the order in which they first appear; the rows of a plan may lie anywhere in it.
 
