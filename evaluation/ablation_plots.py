@@ -46,7 +46,7 @@ def _errors_over_time(lines: list[tuple[str, Path]], path: Path) -> Path:
     axes.set(xlabel="time (s)", ylabel="position error (m)", yscale="log")
     axes.grid(True, which="both", linewidth=0.3)
     if lines:
-        axes.legend(ncols=4, fontsize=7)
+        _legend(axes)
     return _saved(figure, path)
 
 
@@ -69,8 +69,12 @@ def _bars(records: Records, column: str, label: str, factor: float, path: Path) 
     if column == "drift_reduction":
         axes.set_ylim(-100.0, 100.0)
         axes.axhline(0.0, color="black", linewidth=0.5)
-    axes.legend(ncols=4, fontsize=7)
+    _legend(axes)
     return _saved(figure, path)
+
+
+def _legend(axes: Any) -> None:
+    axes.legend(ncols=7, fontsize=7, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
 
 
 def _colour(arm: str) -> str:

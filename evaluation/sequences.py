@@ -1,5 +1,6 @@
 """What is measured on: scans, building and truth; simulated by seed, or a user's own, listed in YAML."""
 
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -140,6 +141,8 @@ def _a_graph(bim: Path) -> SceneGraph:
 def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int, conditions: Conditions) -> None:
     from data.simulate import simulate
 
+    for unfinished in drive.parent.glob(f".{drive.name}.*"):  # of a run that was killed
+        shutil.rmtree(unfinished)
     changes = Changes(moved=conditions.moved_walls) if conditions.moved_walls else None
     simulate(
         bim, storey, drive, seed=seed, min_rooms=spec.min_rooms, min_length=spec.min_length, changes=changes,
