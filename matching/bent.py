@@ -24,7 +24,8 @@ from matching.se2 import Array
 from matching.walls import Index, Walls
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls speak ever more sharply
-SEEDS = 16
+SEEDS = 14
+WALLS = 2000  # of a map, times the hypotheses that are followed: large maps leave less doubt
 FOLLOWED = 8  # fields that are polished and scored
 MOST_STEPS = 10  # of growth; larger maps grow by several rooms a step
 
@@ -56,7 +57,7 @@ def search(
     `proposals` of s's walls for those of the storeys, one storey after the other. `allowed` is asked of T_a_s (3,).
     """
     scene = Scene(s, parts, PlanWalls.of(storeys))
-    fields, sure = seeds(scene, local_motions(scene, proposals), SEEDS)
+    fields, sure = seeds(scene, local_motions(scene, proposals), int(np.clip(WALLS / len(s), 4, SEEDS)))
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
         return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
@@ -97,7 +98,7 @@ def grow(scene: Scene, fields: Fields, sure: Index) -> Fields:
     quality = judge(scene, partners(scene, fields), state, 0.3).quality.max(axis=2, initial=0.0)
     best = np.argsort(-(quality @ scene.s.weight), kind="stable")
     apart = _distinct(scene, fields[best], _rigid(scene, fields[best], quality[best]))
-    followed = best[apart[:FOLLOWED]]
+    followed = best[apart[: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]]
     return _polished(scene, fields[followed])
 
 

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.scene_graph import Room
 from matching import se2
 from matching.bent import Bent
 from matching.complete import Pairs
 from matching.field import Judged, judge, motions
 from matching.se2 import Array
-from matching.walls import Walls
+from matching.walls import Index, Walls
 
 SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, np.radians(4), 0.5  # metres, radians, metres
 CUT_SHORT = 0.25  # of the ends of walls that are not where the plan has them, but before
@@ -27,11 +28,14 @@ Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, confidence
 
 @dataclass(frozen=True)
 class _Laid:
+    """The pairs (Ns, P) of S walls with A walls of one storey, and the motion (Ns, 3) of each S wall."""
+
     s: Walls
     a: Walls
-    quality: Array  # (Ns, Na)
-    along: Array  # (Ns, Na)
-    moved: Array  # (Ns, 3) motion of each S wall, between own frames
+    partner: Index  # 0 where there is none, with quality 0
+    quality: Array  # in [0, 1]
+    along: Array  # S's mid point from A's
+    moved: Array  # between own frames
 
 
 def complete(found: Bent, k: int) -> Pairs:
@@ -46,16 +50,19 @@ def complete(found: Bent, k: int) -> Pairs:
     return Pairs(rooms, _surfaces(laid, share, rooms))
 
 
+def complete_rooms(found: Bent, k: int) -> Matches:
+    """The rooms alone."""
+    laid = _laid(found, k)
+    return _rooms(laid, _shares(laid))
+
+
 def _laid(found: Bent, k: int) -> _Laid:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
-    a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
     now = judge(scene, table[None], found.fields.state[k : k + 1], SIGMA_ACROSS)
-    likely = _likely(scene.s, scene.plan.half[table], now)
-    i, p = np.nonzero(table >= 0)
-    quality, along = np.zeros((len(scene.s), len(a))), np.zeros((len(scene.s), len(a)))
-    quality[i, table[i, p] - first], along[i, table[i, p] - first] = likely[i, p], now.along[0, i, p]
+    quality = np.where(table >= 0, _likely(scene.s, scene.plan.half[table], now), 0.0)
+    partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
     moved = motions(scene, found.fields.state[k : k + 1])[0, scene.groups.of_wall]
-    return _Laid(scene.s, a, quality, along, moved)
+    return _Laid(scene.s, scene.plan.storeys[storey], partner, quality, now.along[0], moved)
 
 
 def _likely(s: Walls, half: Array, now: Judged) -> Array:
@@ -71,16 +78,11 @@ def _likely(s: Walls, half: Array, now: Judged) -> Array:
 def _shares(laid: _Laid) -> Array:
     """(S rooms, A rooms) of each S room's walls, by length, what lies on walls of the A room."""
     s, a = laid.s, laid.a
-    share = np.zeros((len(s.rooms), len(a.rooms)))
-    housed = s.room >= 0
-    if not housed.any() or not len(a.rooms):
-        return share
     each = laid.quality / (laid.quality.sum(axis=1, keepdims=True) + DOUBT)
-    by_room = np.zeros((len(s), len(a.rooms)))
-    inside = a.room >= 0
-    np.add.at(by_room.T, a.room[inside], each[:, inside].T)
-    np.add.at(share, s.room[housed], (s.half[:, None] * by_room)[housed])
-    return np.asarray(share / np.bincount(s.room[housed], s.half[housed], len(s.rooms))[:, None])
+    share = np.zeros((len(s.rooms) + 1, len(a.rooms) + 1))  # the last of each: of walls without a room
+    np.add.at(share, (s.room[:, None], a.room[laid.partner]), s.half[:, None] * each)
+    size = np.bincount(s.room[s.room >= 0], s.half[s.room >= 0], len(s.rooms))
+    return np.asarray(share[:-1, :-1] / size[:, None])
 
 
 def _rooms(laid: _Laid, share: Array) -> Matches:
@@ -90,14 +92,19 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
     """
     if not share.size:
         return ()
-    merit = share + INSIDE * _inside(laid)
+    s, a = laid.s, laid.a
+    first = np.array([np.flatnonzero(s.room == r)[0] for r in range(len(s.rooms))])
+    own = se2.apply(se2.inverse(s.T_graph_own), np.array([r.centroid for r in s.rooms], dtype=float))
+    placed = se2.apply(a.T_graph_own, se2.apply(laid.moved[first], own))
+    merit = share.copy()
+    for r, q in np.argwhere(share >= LEAST_SHARE).tolist():
+        merit[r, q] += INSIDE * _holds(a.rooms[q], placed[r])
     chosen: dict[int, int] = {}
     for r in np.argsort(-merit.max(axis=1), kind="stable").tolist():
         for q in np.argsort(-merit[r], kind="stable")[:3].tolist():
             if share[r, q] < LEAST_SHARE or np.delete(share[r], q).max(initial=0.0) > CONTESTED * share[r, q]:
                 continue
-            others = [o for o, taken in chosen.items() if taken == q]
-            if not others or all(_apart(laid, r, o, q) for o in others):
+            if all(_apart(laid, r, o, q) for o, taken in chosen.items() if taken == q):
                 chosen[r] = q
                 break
     return tuple((r, q, _confidence(merit[r], q, DOUBT_ROOM)) for r, q in sorted(chosen.items()))
@@ -108,10 +115,12 @@ def _apart(laid: _Laid, r: int, o: int, q: int) -> bool:
     spans: list[dict[int, list[tuple[float, float]]]] = []
     for room in (r, o):
         own: dict[int, list[tuple[float, float]]] = {}
-        for i in np.nonzero(laid.s.room == room)[0]:
-            j = int(np.argmax(np.where(laid.a.room == q, laid.quality[i], 0.0)))
-            if laid.quality[i, j] > LEAST_QUALITY:
-                own.setdefault(j, []).append((laid.along[i, j] - laid.s.half[i], laid.along[i, j] + laid.s.half[i]))
+        for i in np.flatnonzero(laid.s.room == room).tolist():
+            of_room = np.where(laid.a.room[laid.partner[i]] == q, laid.quality[i], 0.0)
+            p = int(np.argmax(of_room))
+            if of_room[p] > LEAST_QUALITY:
+                at, half = laid.along[i, p], laid.s.half[i]
+                own.setdefault(int(laid.partner[i, p]), []).append((at - half, at + half))
         spans.append(own)
     total = min(sum(v - u for parts in own.values() for u, v in parts) for own in spans)
     common = sum(
@@ -123,19 +132,13 @@ def _apart(laid: _Laid, r: int, o: int, q: int) -> bool:
     return common < COMMON * total
 
 
-def _inside(laid: _Laid) -> Array:
-    """(S rooms, A rooms) 1 where the S room's centroid lies in the A room's footprint."""
+def _holds(room: Room, point: Array) -> bool:
+    """Whether a point lies in a room's footprint."""
     import shapely  # slow to import
 
-    s, a = laid.s, laid.a
-    first = np.array([np.nonzero(s.room == r)[0][0] for r in range(len(s.rooms))])
-    own = se2.apply(se2.inverse(s.T_graph_own), np.array([r.centroid for r in s.rooms], dtype=float))
-    placed = se2.apply(a.T_graph_own, se2.apply(laid.moved[first], own))
-    inside = np.zeros((len(s.rooms), len(a.rooms)))
-    for q, room in enumerate(a.rooms):
-        if room.polygon is not None and len(room.polygon) > 2:
-            inside[:, q] = shapely.contains_xy(shapely.Polygon(room.polygon), placed[:, 0], placed[:, 1])
-    return inside
+    if room.polygon is None or len(room.polygon) < 3:
+        return False
+    return bool(shapely.contains_xy(shapely.Polygon(room.polygon), *point))
 
 
 def _confidence(value: Array, chosen: int, doubt: float) -> float:
@@ -150,24 +153,22 @@ def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
     trust[~(share > PART_SHARE).any(axis=1)] = 1.0  # nothing is known of them
     for r, q, _ in rooms:
         trust[r, q] = 1.0
-    full = np.ones((len(s.rooms) + 1, len(a.rooms) + 1))  # the last of each: of walls without a room
-    full[:-1, :-1] = trust
-    quality = laid.quality * full[s.room][:, a.room]
+    trust = np.pad(trust, ((0, 1), (0, 1)), constant_values=1.0)  # the last of each: of walls without a room
+    quality = laid.quality * trust[s.room[:, None], a.room[laid.partner]]
     rows, columns = np.nonzero(quality > LEAST_QUALITY)
-    matched: dict[int, int] = {}
+    matched: dict[int, tuple[int, float]] = {}
+    pieces: dict[int, list[tuple[float, float]]] = {}  # of each A wall: along it, and half the length
     for e in np.argsort(-quality[rows, columns], kind="stable").tolist():
-        i, j = int(rows[e]), int(columns[e])
-        if i not in matched and not _covered(laid, i, j, matched):
-            matched[i] = j
-    return tuple((i, j, _confidence(quality[i], j, DOUBT)) for i, j in sorted(matched.items()))
+        i, p = int(rows[e]), int(columns[e])
+        j, at, half = int(laid.partner[i, p]), float(laid.along[i, p]), float(s.half[i])
+        if i in matched or any(_covers(at, half, *other) for other in pieces.get(j, ())):
+            continue
+        matched[i] = j, _confidence(quality[i], p, DOUBT)
+        pieces.setdefault(j, []).append((at, half))
+    return tuple((i, j, confidence) for i, (j, confidence) in sorted(matched.items()))
 
 
-def _covered(laid: _Laid, i: int, j: int, matched: dict[int, int]) -> bool:
-    """Whether S wall i, or one that is matched to A wall j, lies mostly beside the other."""
-    at, half = laid.along[:, j], laid.s.half
-    for o, taken in matched.items():
-        if taken == j:
-            common = min(at[i] + half[i], at[o] + half[o]) - max(at[i] - half[i], at[o] - half[o])
-            if common > COMMON * 2 * min(half[i], half[o]):
-                return True
-    return False
+def _covers(at: float, half: float, other_at: float, other_half: float) -> bool:
+    """Whether one of two pieces lies mostly beside the other."""
+    common = min(at + half, other_at + other_half) - max(at - half, other_at - other_half)
+    return common > COMMON * 2 * min(half, other_half)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching import se2
 from matching.evidence import (
     END_SIGMAS,
     END_TRUST,
@@ -29,7 +28,7 @@ from matching.se2 import Array
 from matching.walls import Index, Walls
 
 MOST_STRAINED = 12.0  # chi^2 of one pair of neighbours
-DIRECTION = np.radians(15)
+DIRECTION = 15  # degrees
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
 TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
 
@@ -109,8 +108,11 @@ def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged) -> Array:
     s, plan = scene.s, scene.plan
     density = np.exp(-0.5 * (now.across[..., None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
     here = now.beside * np.exp(-0.5 * (now.turned / SIGMA_HEADING) ** 2)
-    rho = np.stack([_chance(s, plan.storeys[st], yaw) for st, yaw in zip(fields.storey, _yaw(fields), strict=True)])
-    ratio = (here / rho[..., None])[..., None] * density
+    rho = np.stack([
+        _chance(s, plan.storeys[int(st)], yaw, np.where(row >= 0, row - plan.first[st], 0))
+        for st, yaw, row in zip(fields.storey, _yaw(fields), table, strict=True)
+    ])  # fmt: skip
+    ratio = (here / rho)[..., None] * density
     half = plan.half[table]
     ends = np.ones((*half.shape, len(END_SIGMAS)))
     length = np.maximum(2 * half, 1.0)[..., None]
@@ -128,11 +130,19 @@ def _yaw(fields: Fields) -> Array:
     return np.asarray(np.arctan2(np.sin(yaw).mean(axis=1), np.cos(yaw).mean(axis=1)))
 
 
-def _chance(s: Walls, a: Walls, yaw: float) -> Array:
-    """(Ns,) how many A walls of its direction an S wall meets a metre across, at a random place."""
-    like = np.abs(se2.wrap(s.heading[:, None] + yaw - a.heading[None])) < DIRECTION
-    met = 2 * (like @ a.half + like.sum(axis=1) * s.half)
-    return np.asarray(np.maximum(met / a.extent.prod(), LEAST_DENSITY))
+def _chance(s: Walls, a: Walls, yaw: float, partner: Index) -> Array:
+    """(Ns, P) how many A walls of its direction an S wall meets a metre across, at a random place of the partner's
+    building; directions are taken by degrees."""
+    buildings = len(a.building_areas)
+    degree = np.round(np.degrees(a.heading)).astype(np.int64) % 360
+    window = np.fft.fft(np.minimum(np.arange(360), 360 - np.arange(360)) <= DIRECTION)
+    total = np.zeros((2, buildings, 360))
+    np.add.at(total[0], (a.building, degree), 1.0)
+    np.add.at(total[1], (a.building, degree), a.half)
+    count, half = np.fft.ifft(np.fft.fft(total) * window).real
+    own = np.round(np.degrees(s.heading + yaw)).astype(np.int64) % 360
+    met = 2 * (half[:, own] + count[:, own] * s.half) / a.building_areas[:, None]  # (buildings, Ns)
+    return np.asarray(np.maximum(met[a.building[partner], np.arange(len(s))[:, None]], LEAST_DENSITY))
 
 
 def _completeness(scene: Scene, storey: int, table: Index, quality: Array, home: Index) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 
 from data.scene_graph import SceneGraph
 from matching import bent
-from matching.bent_complete import complete
+from matching.bent_complete import complete, complete_rooms
 from matching.bent_verification import verify
 from matching.groups import groups
 from matching.proposals import Proposer, TopK
@@ -56,19 +56,20 @@ def among(proposals: TopK, a: SceneGraph, candidates: list[Walls]) -> TopK:
 def answer(found: bent.Bent, began: float) -> MatchResult:
     """The result of hypotheses, best first, at least one."""
     s = found.scene.s
-    pairs = [complete(found, k) for k in range(min(len(found), LISTED))]
-    verdict = verify(found, pairs[0])
+    pairs = complete(found, 0)
+    verdict = verify(found, pairs)
     hypotheses = []
-    for k, of in enumerate(pairs):
+    for k in range(min(len(found), LISTED)):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
-        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in of.rooms)
+        matches = pairs.rooms if k == 0 else complete_rooms(found, k)
+        rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
     sure = verdict.probability
     return MatchResult(
         verdict.status, verdict.reason,
-        tuple((s.rooms[r].id, a.rooms[q].id, c * sure) for r, q, c in pairs[0].rooms),
-        tuple((s.ids[i], a.ids[j], c * sure) for i, j, c in pairs[0].surfaces),
+        tuple((s.rooms[r].id, a.rooms[q].id, c * sure) for r, q, c in pairs.rooms),
+        tuple((s.ids[i], a.ids[j], c * sure) for i, j, c in pairs.surfaces),
         None if verdict.status == "none" else _triple(found, 0), a.floor, tuple(hypotheses),
         time.perf_counter() - began,
     )  # fmt: skip

@@ -8,6 +8,7 @@ met far apart on it.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +25,8 @@ HELD = np.array([np.radians(10), 1.0, 1.0])  # one step of the estimate is at mo
 GATE_M = 2.0  # metres across and beyond the ends, of pairs that are considered at all
 GATE_RAD = np.radians(25)
 PARTNERS = 10
+BLOCK = 96  # S walls whose partners are sought at once
+DENSE = 24  # groups; of more the normal equations are solved as sparse ones
 SIGMA_TILT = np.radians(1.2)  # of a wall's direction in the map against the plan's
 SHARPEST = 0.1  # metres across, with which the directions count in full
 SILENT = 1e3  # metres across: of walls that do not speak
@@ -36,6 +39,20 @@ class Scene:
     s: Walls
     groups: Groups
     plan: PlanWalls
+
+    @cached_property
+    def blocks(self) -> list[Index]:
+        """The S walls in parts that lie together, none too large."""
+        todo, done = [np.arange(len(self.s))], []
+        while todo:
+            rows = todo.pop()
+            if len(rows) <= BLOCK:
+                done.append(rows)
+                continue
+            at = self.s.centre[rows]
+            order = rows[np.argsort(at[:, np.ptp(at, axis=0).argmax()], kind="stable")]
+            todo += [order[: len(rows) // 2], order[len(rows) // 2 :]]
+        return done
 
 
 @dataclass(frozen=True)
@@ -66,29 +83,36 @@ def motions(scene: Scene, state: Array) -> Array:
 
 def partners(scene: Scene, fields: Fields) -> Index:
     """(K, Ns, P) the A walls that each S wall may be, nearest first, -1 where there are fewer."""
-    s, plan, group = scene.s, scene.plan, scene.groups.of_wall
-    table = np.full((len(fields), len(s), PARTNERS), -1)
-    moved = motions(scene, fields.state)[:, group]  # (K, Ns, 3)
-    placed = se2.apply(moved, s.centre[None])
+    table = np.full((len(fields), len(scene.s), PARTNERS), -1)
+    moved = motions(scene, fields.state)[:, scene.groups.of_wall]  # (K, Ns, 3)
+    placed = se2.apply(moved, scene.s.centre[None])
     for k, storey in enumerate(fields.storey.tolist()):
-        a, first = plan.storeys[storey], plan.first[storey]
-        reach = float(s.half.max() + GATE_M)
-        low, high = placed[k].min(axis=0) - reach, placed[k].max(axis=0) + reach
+        a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
         arm = a.half[:, None] * np.abs(a.tangent)
-        inside = np.nonzero(((a.centre + arm > low) & (a.centre - arm < high)).all(axis=1))[0]
-        if not len(inside):
-            continue
-        turned = se2.wrap((s.heading + moved[k, :, 0])[:, None] - a.heading[None, inside])
-        step = placed[k][:, None] - a.centre[None, inside]
-        across = np.abs(np.einsum("ijk,jk->ij", step, a.normal[inside]))
-        beyond = np.abs(np.einsum("ijk,jk->ij", step, a.tangent[inside])) - a.half[inside] - s.half[:, None]
-        cost = across + np.maximum(beyond, 0.0)
-        cost[(np.abs(turned) > GATE_RAD) | (cost > GATE_M)] = np.inf
-        best = np.argsort(cost, axis=1)[:, :PARTNERS]
-        real = np.isfinite(np.take_along_axis(cost, best, axis=1))
-        table[k, :, : best.shape[1]] = np.where(real, first + inside[best], -1)
+        for rows in scene.blocks:
+            reach = float(scene.s.half[rows].max() + GATE_M)
+            low, high = placed[k, rows].min(axis=0) - reach, placed[k, rows].max(axis=0) + reach
+            inside = np.flatnonzero(((a.centre + arm > low) & (a.centre - arm < high)).all(axis=1))
+            best = _nearest(scene.s, rows, placed[k, rows], moved[k, rows, 0], a, inside)
+            table[k, rows, : best.shape[1]] = np.where(best >= 0, first + best, -1)
     used = int((table >= 0).sum(axis=2).max(initial=1))
     return table[:, :, :used]
+
+
+def _nearest(s: Walls, rows: Index, placed: Array, yaw: Array, a: Walls, inside: Index) -> Index:
+    """(rows, P) the nearest A walls of those `inside`, -1 where none is near."""
+    turned = se2.wrap((s.heading[rows] + yaw)[:, None] - a.heading[inside])
+    off_x, off_y = placed[:, :1] - a.centre[inside, 0], placed[:, 1:] - a.centre[inside, 1]
+    n_x, n_y = a.normal[inside].T
+    beyond = np.abs(off_y * n_x - off_x * n_y) - a.half[inside] - s.half[rows, None]
+    cost = np.abs(off_x * n_x + off_y * n_y) + np.maximum(beyond, 0.0)
+    cost[(np.abs(turned) > GATE_RAD) | (cost > GATE_M)] = np.inf
+    if len(inside) > 4 * PARTNERS:
+        some = np.argpartition(cost, PARTNERS, axis=1)[:, :PARTNERS]
+        some = np.take_along_axis(some, np.argsort(np.take_along_axis(cost, some, axis=1), axis=1), axis=1)
+    else:
+        some = np.argsort(cost, axis=1)[:, :PARTNERS]
+    return np.where(np.isfinite(np.take_along_axis(cost, some, axis=1)), inside[some], -1)
 
 
 @dataclass(frozen=True)
@@ -125,14 +149,8 @@ def judge(scene: Scene, table: Index, state: Array, sigma: Array | float) -> Jud
 
 def step(scene: Scene, table: Index, state: Array, sigma: Array) -> Array:
     """One Gauss-Newton step. `sigma` (K, G) metres; infinite for a group whose walls do not speak yet."""
-    K, G = sigma.shape
     H, g = _unary(scene, table, state, sigma)
-    joint = np.zeros((K, G, 3, G, 3))
-    index = np.arange(G)
-    joint[:, index, :, index, :] = H.transpose(1, 0, 2, 3) + np.diag(1 / HELD**2)
-    _add_edges(scene.groups, state, joint, g)
-    change = np.linalg.solve(joint.reshape(K, 3 * G, 3 * G), g.reshape(K, 3 * G, 1))
-    new = state + change.reshape(K, G, 3)
+    new = state + _solved(scene.groups, H + np.diag(1 / HELD**2), g, *_pairwise(scene.groups, state))
     new[..., 0] = se2.wrap(new[..., 0])
     return np.asarray(new)
 
@@ -193,25 +211,45 @@ def _strain(groups: Groups, state: Array) -> tuple[Array, Array, Array]:
     return np.concatenate((turn, shift), axis=-1), arms[0], arms[1]
 
 
-def _add_edges(groups: Groups, state: Array, joint: Array, gradient: Array) -> None:
-    if not len(groups.edges):
-        return
-    residual, arm_g, arm_h = _strain(groups, state)
-    K, E = residual.shape[:2]
+def _pairwise(groups: Groups, state: Array) -> tuple[Array, Array]:
+    """Of the edges: (2, 2, K, E, 3, 3) information of their ends, with each other, and (2, K, E, 3) gradient."""
+    residual, *arms = _strain(groups, state)
     sigma = STEP * groups.slack[:, None]
     chi2 = ((residual / sigma) ** 2).sum(axis=-1, keepdims=True)
     weight = 1 / (sigma * (1 + chi2 / ROBUST**2)) ** 2  # (K, E, 3)
-    J = []
-    for sign, arm in ((-1.0, arm_g), (1.0, arm_h)):
-        j = np.zeros((K, E, 3, 3))
-        j[..., 0, 0] = j[..., 1, 1] = j[..., 2, 2] = sign
-        j[..., 1, 0], j[..., 2, 0] = -sign * arm[..., 1], sign * arm[..., 0]
-        J.append(j)
+    J = np.zeros((2, *residual.shape, 3))
+    for end, (sign, arm) in enumerate(zip((-1.0, 1.0), arms, strict=True)):
+        J[end, ..., 0, 0] = J[end, ..., 1, 1] = J[end, ..., 2, 2] = sign
+        J[end, ..., 1, 0], J[end, ..., 2, 0] = -sign * arm[..., 1], sign * arm[..., 0]
+    weighted = np.swapaxes(J, -1, -2) * weight[..., None, :]
+    return weighted[:, None] @ J[None], -(weighted @ residual[..., None])[..., 0]
+
+
+def _solved(groups: Groups, H: Array, g: Array, information: Array, pull: Array) -> Array:
+    """(K, G, 3) the change of the state; a large map's normal equations are sparse."""
+    from scipy.sparse import bsr_array  # slow to import
+    from scipy.sparse.linalg import spsolve
+
+    K, G = g.shape[:2]
     ends = groups.edges.T
-    for m in (0, 1):
-        weighted = np.swapaxes(J[m], -1, -2) * weight[..., None, :]
-        pull = -(weighted @ residual[..., None])[..., 0]
-        np.add.at(gradient.transpose(1, 0, 2), ends[m], pull.transpose(1, 0, 2))
-        for n in (0, 1):
-            block = (weighted @ J[n]).transpose(1, 0, 2, 3)
-            np.add.at(joint.transpose(1, 3, 0, 2, 4), (ends[m], ends[n]), block)
+    for end in (0, 1):
+        np.add.at(g.transpose(1, 0, 2), ends[end], pull[end].transpose(1, 0, 2))
+    if G <= DENSE:
+        joint = np.zeros((G, G, K, 3, 3))
+        joint[np.arange(G), np.arange(G)] = H.transpose(1, 0, 2, 3)
+        for m, n in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            np.add.at(joint, (ends[m], ends[n]), information[m, n].transpose(1, 0, 2, 3))
+        square = joint.transpose(2, 0, 3, 1, 4).reshape(K, 3 * G, 3 * G)
+        return np.asarray(np.linalg.solve(square, g.reshape(K, 3 * G, 1)).reshape(K, G, 3))
+    for end in (0, 1):
+        np.add.at(H.transpose(1, 0, 2, 3), ends[end], information[end, end].transpose(1, 0, 2, 3))
+    row = np.concatenate((np.arange(G), ends[0], ends[1]))
+    column = np.concatenate((np.arange(G), ends[1], ends[0]))
+    order = np.lexsort((column, row))
+    first = np.searchsorted(row[order], np.arange(G + 1))
+    change = []
+    for k in range(K):
+        blocks = np.concatenate((H[k], information[0, 1, k], information[1, 0, k]))
+        matrix = bsr_array((blocks[order], column[order], first), shape=(3 * G, 3 * G))
+        change.append(spsolve(matrix.tocsc(), g[k].ravel()).reshape(G, 3))
+    return np.array(change)

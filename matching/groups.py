@@ -4,13 +4,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from matching.hypotheses import groups_of
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
 BESIDE = 0.8  # metres between the walls of neighbours: a wall's thickness and its errors
+POINTS = 0.5  # metres between points of a wall
 BEHIND = 1.0  # metres that a room behind a stray wall counts as further away
 MOST_NEIGHBOURS = 6
 NO_DOOR = 2.5  # slack between neighbours of whom no door is known
@@ -36,21 +36,21 @@ def groups(s: Walls, doors: Iterable[Sequence[str]] = ()) -> Groups:
     size = np.bincount(of_wall)
     centre = np.stack([np.bincount(of_wall, s.centre[:, k]) / size for k in (0, 1)], axis=-1)
     joined = _joined(s, of_wall, doors)
-    edges = _edges(np.where(joined, 0.0, _gaps(s, of_wall)), joined)
-    by_door = joined[edges[:, 0], edges[:, 1]]
+    edges = _edges(s, of_wall, centre, joined)
+    by_door = np.array([(g, h) in joined for g, h in edges.tolist()], dtype=bool)
     slack = np.where(by_door, 1.0, NO_DOOR)
-    return Groups(of_wall, centre, edges, slack, _hops(edges, np.where(by_door | ~joined.any(), 1, 2), len(size)))
+    steps = np.where(by_door | (not joined), 1, 2)
+    return Groups(of_wall, centre, edges, slack, _hops(edges, steps, len(size)))
 
 
-def _joined(s: Walls, of_wall: Index, doors: Iterable[Sequence[str]]) -> NDArray[np.bool_]:
-    """(G, G) which groups a door joins."""
+def _joined(s: Walls, of_wall: Index, doors: Iterable[Sequence[str]]) -> set[tuple[int, int]]:
+    """Which groups a door joins, the lesser number first."""
     group = {s.rooms[r].id: int(g) for r, g in zip(s.room.tolist(), of_wall.tolist(), strict=True) if r >= 0}
-    joined = np.zeros((int(of_wall.max()) + 1,) * 2, dtype=bool)
+    found = set()
     for rooms in doors:
-        ends = [group[r] for r in rooms if r in group]
-        joined[np.ix_(ends, ends)] = True
-    np.fill_diagonal(joined, False)
-    return joined
+        ends = sorted({group[r] for r in rooms if r in group})
+        found |= {(g, h) for g in ends for h in ends if g < h}
+    return found
 
 
 def _of_wall(s: Walls) -> Index:
@@ -69,25 +69,39 @@ def _of_wall(s: Walls) -> Index:
     return np.asarray(np.unique(room, return_inverse=True)[1])
 
 
-def _gaps(s: Walls, of_wall: Index) -> Array:
-    """(G, G) metres between the nearest walls of two groups, each taken as the box about it."""
-    arm = np.abs(s.half[:, None] * s.tangent)
-    gap = np.abs(s.centre[:, None] - s.centre[None]) - arm[:, None] - arm[None]
-    apart = np.linalg.norm(np.maximum(gap, 0.0), axis=-1)
-    order = np.argsort(of_wall, kind="stable")
-    first = np.searchsorted(of_wall[order], np.arange(of_wall.max() + 1))
-    rows = np.minimum.reduceat(apart[order][:, order], first, axis=0)
-    return np.asarray(np.minimum.reduceat(rows, first, axis=1))
+def _gaps(s: Walls, of_wall: Index) -> tuple[Index, Array]:
+    """(E, 2) groups whose walls are near each other, and (E,) the metres between them, roughly."""
+    from scipy.spatial import cKDTree  # slow to import
+
+    count = np.maximum(np.ceil(2 * s.half / POINTS).astype(np.int64), 1)
+    wall = np.repeat(np.arange(len(s)), count)
+    place = (np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[wall]
+    points = s.centre[wall] + ((2 * place - 1) * s.half[wall])[:, None] * s.tangent[wall]
+    pairs = cKDTree(points).query_pairs(BESIDE + POINTS / 2, output_type="ndarray")
+    ends = np.sort(of_wall[wall[pairs]], axis=1)
+    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=-1)
+    other = ends[:, 0] != ends[:, 1]
+    near, inverse = np.unique(ends[other], axis=0, return_inverse=True)
+    gap = np.full(len(near), np.inf)
+    np.minimum.at(gap, inverse.reshape(-1), apart[other])
+    return near.reshape(-1, 2), gap
 
 
-def _edges(gaps: Array, joined: NDArray[np.bool_]) -> Index:
+def _edges(s: Walls, of_wall: Index, centre: Array, doors: set[tuple[int, int]]) -> Index:
     """(E, 2) the doors' pairs, near ones, and what joins all."""
-    from scipy.sparse.csgraph import minimum_spanning_tree  # slow to import
+    from scipy.sparse.csgraph import minimum_spanning_tree
 
-    rank = np.argsort(np.argsort(gaps, axis=1, kind="stable"), axis=1, kind="stable")
-    near = (gaps < BESIDE) & ((rank <= MOST_NEIGHBOURS) | (rank.T <= MOST_NEIGHBOURS))
-    tree = minimum_spanning_tree(gaps + 1e-9).toarray() > 0
-    return np.stack(np.nonzero(np.triu(near | tree | tree.T | joined, 1)), axis=-1)
+    near, gap = _gaps(s, of_wall)
+    apart = 10 + np.linalg.norm(centre[:, None] - centre[None], axis=-1)
+    apart[near[:, 0], near[:, 1]] = apart[near[:, 1], near[:, 0]] = gap
+    for g, h in doors:
+        apart[g, h] = apart[h, g] = 1e-6
+    np.fill_diagonal(apart, np.inf)
+    tree = minimum_spanning_tree(np.where(np.isfinite(apart), apart, 0.0)).toarray() > 0
+    ordered = np.argsort(apart, axis=1, kind="stable")[:, :MOST_NEIGHBOURS]
+    kept = np.zeros(apart.shape, dtype=bool)
+    np.put_along_axis(kept, ordered, np.take_along_axis(apart, ordered, axis=1) < 10, axis=1)
+    return np.stack(np.nonzero(np.triu(kept | kept.T | tree | tree.T, 1)), axis=-1)
 
 
 def _hops(edges: Index, steps: Index, count: int) -> Index:

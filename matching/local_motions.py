@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from matching import se2
+from matching.corners import pairs_within
 from matching.field import Fields, Scene, rigid_state
 from matching.proposals import TopK
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
-from matching.walls import Index, crossings
+from matching.walls import Index
 
 OPENING = np.radians(10)  # the angles between two S walls and their A walls differ by less
 LEAST_ANGLE = np.radians(35)
@@ -63,20 +64,25 @@ def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
 
 def _votes(scene: Scene, proposals: TopK) -> _Votes:
     s, plan, group = scene.s, scene.plan, scene.groups.of_wall
-    along, turn = crossings(s.centre, s.heading)
+    i, k = pairs_within(group)
+    turn = se2.wrap(s.heading[k] - s.heading[i])
+    step = s.centre[k] - s.centre[i]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.sum(step * s.normal[k], axis=-1) / np.sin(turn)  # the crossing's place on each wall
+        back = np.sum(step * s.normal[i], axis=-1) / np.sin(turn)
     steep = np.abs(np.abs(turn) - np.pi / 2) < np.pi / 2 - LEAST_ANGLE
-    reach = np.abs(along) < 1.5 * s.half[:, None] + 1.5
-    i, k = np.nonzero(np.triu(steep & reach & reach.T & (group[:, None] == group[None, :])))
+    met = steep & (np.abs(along) < 1.5 * s.half[i] + 1.5) & (np.abs(back) < 1.5 * s.half[k] + 1.5)
+    i, k, turn, along = i[met], k[met], turn[met], along[met]
     width = proposals.partner.shape[1]
     pi, pk = (x.ravel() for x in np.meshgrid(np.arange(width), np.arange(width), indexing="ij"))
     j, m = proposals.partner[i][:, pi], proposals.partner[k][:, pk]
     real = (j >= 0) & (m >= 0) & (plan.storey[j] == plan.storey[m])
     opening = se2.wrap(plan.heading[m] - plan.heading[j])
-    off = se2.wrap(opening - turn[i, k][:, None])
+    off = se2.wrap(opening - turn[:, None])
     v, w = np.nonzero(real & (np.abs(off) < OPENING))
-    i, k, j, m, opening, off = i[v], k[v], j[v, w], m[v, w], opening[v, w], off[v, w]
+    i, k, j, m, opening, off, along = i[v], k[v], j[v, w], m[v, w], opening[v, w], off[v, w], along[v]
     yaw = se2.wrap(plan.heading[j] - s.heading[i] + off / 2)
-    corner = s.centre[i] + along[i, k, None] * s.tangent[i]
+    corner = s.centre[i] + along[:, None] * s.tangent[i]
     # The crossing of the two A lines, from A wall j along its tangent.
     normal = np.stack((np.cos(plan.heading[m]), np.sin(plan.heading[m])), axis=-1)
     tangent = _tangent(plan.heading[j])

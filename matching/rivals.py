@@ -9,17 +9,19 @@ from dataclasses import replace
 import numpy as np
 
 from matching import se2
+from matching.corners import corners
 from matching.evidence import SEEN
 from matching.field import Fields, Scene, judge
 from matching.scoring import SIGMA_SCORE, Pairing, explained
 from matching.se2 import Array
-from matching.voting import marks, vote
+from matching.voting import vote
 from matching.walls import Index, Walls
 
 MOST_PLACES = 12  # of each yaw mode
 SIGMA = 0.4  # metres across: places that are alike, not equal
 LEAST = 0.5  # of the walls' weight that a likeness explains
 MOST = 6
+LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere
 
 
 def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
@@ -28,7 +30,8 @@ def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
     home, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
     quality = judge(scene, table[None], best.state, SIGMA_SCORE).quality[0]
     used = np.unique(table[quality > SEEN]) - first
-    if len(used) < 3:
+    used = used[:: -(-len(used) // MOST_WALLS) or 1]
+    if len(used) < LEAST_WALLS:
         return Fields(np.zeros(0, dtype=np.int64), np.zeros((0, *best.state.shape[1:])))
     part = _part(home, used)
     found = [(w, st, m) for st, a in enumerate(scene.plan.storeys) for w, m in _likenesses(part, a, st == storey)]
@@ -48,13 +51,13 @@ def _part(a: Walls, used: Index) -> Walls:
 def _likenesses(part: Walls, a: Walls, at_home: bool) -> list[tuple[float, Array]]:
     """(share explained, motion (3,)) of the places in a storey that are like the part, its own place aside."""
     found: list[tuple[float, Array]] = []
-    middle = part.centre.mean(axis=0)
-    for voted in vote(marks(part), marks(a), MOST_PLACES):
+    middle, own = part.centre.mean(axis=0), corners(part)
+    for voted in vote(own, corners(a), MOST_PLACES):
         worth = explained(Pairing.near(part, a, voted.yaw), voted.motions, SIGMA) / part.weight.sum()
         for w, m in zip(worth.tolist(), voted.motions, strict=True):
             off = np.hypot(*(se2.apply(m, middle) - middle))
-            own = at_home and off < 0.4 and abs(se2.wrap(m[:1])[0]) < np.radians(4)
-            if w > LEAST and not own:
+            itself = at_home and off < 0.4 and abs(se2.wrap(m[:1])[0]) < np.radians(4)
+            if w > LEAST and not itself:
                 found.append((w, m))
     return found
 

@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 
 from data.scene_graph import SceneGraph
+from matching.corners import corners
 from matching.groups import Groups, groups
 from matching.proposals import Proposals, TopK
 from matching.scoring import Pairing, fit, refine_rigid
 from matching.se2 import Array
-from matching.voting import Marks, candidates, marks, vote
+from matching.voting import Marks, candidates, vote
 from matching.walls import Index, Walls, arrays, storeys
 
 MOST_PARTS = 8
-MOST_PLACES = 24  # of each yaw mode, in a part
+MOST_WALLS = 200  # of a map that votes as a whole
+MOST_PLACES = 40  # of each yaw mode, in a part
 KEPT = 10  # placements of a part that speak
 SIGMA = 0.25  # metres across
 SHARPNESS = 1.0  # of a placement's odds for each unit of weight that it explains
@@ -30,9 +32,9 @@ def voting_proposals(s: SceneGraph, a: SceneGraph) -> Proposals:
     score = np.zeros((len(walls), len(a.wall_surfaces)))
     place = {w.id: n for n, w in enumerate(a.wall_surfaces)}
     column = [np.array([place[i] for i in storey.ids]) for storey in plan]
-    corners = [marks(storey) for storey in plan]
+    plan_corners = [corners(storey) for storey in plan]
     for part in _parts(groups(walls, [d.rooms for d in s.doors])):
-        _speak(_part(walls, part), part, plan, corners, column, score)
+        _speak(_part(walls, part), part, plan, plan_corners, column, score)
     proposals = TopK.of_dense(score)
     return Proposals(proposals, _rooms(s, a, score))
 
@@ -42,7 +44,7 @@ def _parts(of: Groups) -> list[Index]:
     size = np.bincount(of.of_wall, minlength=len(of))
     near = of.hops <= 1
     free = np.ones(len(of), dtype=bool)
-    parts = [np.arange(len(of.of_wall))]
+    parts = [np.arange(len(of.of_wall))] if len(of.of_wall) <= MOST_WALLS or len(of) < 3 else []
     while free.any() and len(parts) <= MOST_PARTS and len(of) > 2:
         best = int(np.argmax(np.where(free, near @ size, -1)))
         free &= ~near[best]
@@ -58,27 +60,27 @@ def _part(s: Walls, chosen: Index) -> Walls:
 
 
 def _speak(
-    part: Walls, rows: Index, plan: list[Walls], corners: list[Marks], column: list[Index], score: Array
+    part: Walls, rows: Index, plan: list[Walls], plan_corners: list[Marks], column: list[Index], score: Array
 ) -> None:
     """Raises the scores of the part's walls to what its placements give them."""
-    own = marks(part)
-    found: list[tuple[float, int, Array]] = []
+    own = corners(part)
+    found: list[tuple[float, int, Pairing, Array]] = []
     for st, a in enumerate(plan):
         few = len(own.point) < SMALL_PART
-        for voted in candidates(part, a) if few else vote(own, corners[st], MOST_PLACES):
+        for voted in candidates(part, a) if few else vote(own, plan_corners[st], MOST_PLACES):
             pairing = Pairing.near(part, a, voted.yaw)
             motions = refine_rigid(pairing, voted.motions, (0.4,))
             quality = fit(pairing, pairing.state(motions), SIGMA).quality
             worth = part.weight @ quality.max(axis=2)
             best = np.argsort(-worth, kind="stable")[:KEPT]
-            found += [(float(worth[k]), st, pairing.table(quality[:, k : k + 1])) for k in best]
+            found += [(float(worth[k]), st, pairing, quality[:, k : k + 1]) for k in best]
     found = sorted(found, key=lambda f: -f[0])[: KEPT * len(plan)]
     if not found:
         return
     odds = np.exp(SHARPNESS * (np.array([f[0] for f in found]) - found[0][0]))
     mixed = [np.zeros((len(part), len(a))) for a in plan]
-    for share, (_, st, table) in zip(odds / odds.sum(), found, strict=True):
-        mixed[st] += share * table
+    for share, (_, st, pairing, quality) in zip(odds / odds.sum(), found, strict=True):
+        mixed[st] += share * pairing.table(quality)
     for st, values in enumerate(mixed):
         at = np.ix_(rows, column[st])
         score[at] = np.maximum(score[at], np.clip(values, 0.0, 1.0))
