@@ -19,6 +19,7 @@ TRUST = 0.5  # most that such a candidate starts with
 class Batched:
     """What the N S walls of a batch need to know of their pair. Columns count A's walls or rooms from its first."""
 
+    rows: tuple[tuple[int, int], ...]  # of the S walls of each pair: first, last + 1
     pair: Tensor  # (N,) the pair's number
     first_wall: Tensor  # (N,) the row of the pair's first A wall
     s_home: Tensor  # (N,) the row of the wall's room, -1 where not known
@@ -35,7 +36,8 @@ class Batched:
             first_room[slice(*p.a_walls)] = p.a_rooms[0]
         room = torch.where(room >= 0, room - first_room, -1)
         numbers = torch.arange(len(pairs), device=device)
-        return Batched(numbers.repeat_interleave(counts), first.repeat_interleave(counts), homes(s), room)
+        rows = tuple(p.s_walls for p in pairs)
+        return Batched(rows, numbers.repeat_interleave(counts), first.repeat_interleave(counts), homes(s), room)
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
+from matching.agreement import AGREEMENTS
 from matching.candidates import NOTHING, Candidates
 from matching.encoder import GraphTensors
 from matching.relations import COMPARED_SIZE, LEAST_COS, OFFSET_M, compared, wall_neighbours
 
-PAIR_SIZE = 7
+PAIR_SIZE = 7 + AGREEMENTS
 CHUNK = 1 << 21  # combinations looked through at once
 
 

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import Tensor, nn
 
+from matching.agreement import agreement
 from matching.candidates import NOTHING, Batched, Candidates, expanded, first_candidates, homes
 from matching.consensus import PAIR_SIZE, Consensus, support
 from matching.encoder import Encoder, GraphTensors
@@ -96,9 +97,10 @@ class MatchingNetwork(nn.Module):
         weight = self.consensus.weights(combinations)
         size = torch.sqrt((2 * s.half[s.wall_node]).clamp(0.35, 6.0))
         first, likely = output.rooms[0], c.likely
+        whole = agreement(s, a, batched, c, likely.detach())
         state = None
         for _ in range(self.settings.rounds):
-            feature = _feature(s, a, batched, c, likely, output.rooms[-1])
+            feature = _feature(s, a, batched, c, likely, output.rooms[-1], whole)
             state = self.consensus.begun(feature) if state is None else state
             state = self.consensus.round(state, feature, likely.flatten(), combinations, weight)
             output.walls.append((c.column, self.consensus.logits(state, c)))
@@ -139,9 +141,9 @@ def _stacked(tables: list[Tensor]) -> Tensor:
 
 
 def _feature(
-    s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, likely: Tensor, rooms: Tensor
+    s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, likely: Tensor, rooms: Tensor, whole: Tensor
 ) -> Tensor:
-    """(N K, PAIR_SIZE) what is known of each candidate by itself, and of its rivals for the A wall."""
+    """(N K, PAIR_SIZE) what is known of each candidate by itself, of its rivals for the A wall, of the `whole` map."""
     rival = torch.where(c.row >= 0, c.row + 1, 0) + (len(a.wall_node) + 1) * batched.pair[:, None]
     taken = torch.zeros(int(rival.max()) + 1, device=likely.device).index_add(0, rival.flatten(), likely.flatten())
     housed = (batched.s_home >= 0)[:, None] & (c.room >= 0)
@@ -153,8 +155,9 @@ def _feature(
         c.logit.clamp(min=-30) / 10, likely, likely / (taken[rival] + 1e-3), torch.where(housed, told, 0.0),
         housed.float(), longer.clamp(min=0), (-longer).clamp(min=0),
     ]  # fmt: skip
-    assert len(columns) == PAIR_SIZE
-    return torch.stack(columns, dim=-1).flatten(0, 1)
+    feature = torch.cat((torch.stack(columns, dim=-1), whole), dim=-1)
+    assert feature.shape[-1] == PAIR_SIZE
+    return feature.flatten(0, 1)
 
 
 def _shares(batched: Batched, c: Candidates, likely: Tensor, size: Tensor, rooms: Tensor) -> Tensor:
