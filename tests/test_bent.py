@@ -1,0 +1,214 @@
+"""Maps that bend, laid into plans by proposals, a field of motions and what verifies it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from plans import a_graph, box, flat, merged, moved, offices
+
+from data import SceneGraph, UserError
+from data.s_graph_regimes import DrawnGraph, draw
+from matching import MatchResult, bent, field, se2
+from matching.bent_matcher import BentMatcher, among
+from matching.corners import corners
+from matching.field import motions
+from matching.groups import groups
+from matching.hypotheses import between_graphs
+from matching.proposals import Proposals, TopK
+from matching.voting import marks
+from matching.voting_proposals import voting_proposals
+from matching.walls import arrays, storeys
+
+MATCHER = BentMatcher(voting_proposals)
+PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
+
+
+def drawn_from(plan: SceneGraph, regime: str, seed: int, rooms: int | None = None) -> DrawnGraph:
+    return draw(plan, regime, np.random.default_rng(seed), rooms)
+
+
+@pytest.fixture(scope="module")
+def drifted() -> DrawnGraph:
+    return drawn_from(PLAN, "drift", 1, 9)
+
+
+def pairs(result: MatchResult) -> set[tuple[str, str]]:
+    return {(s, a) for s, a, _ in (*result.rooms, *result.wall_surfaces)}
+
+
+def share_right(result: MatchResult, truth: DrawnGraph) -> float:
+    return sum(truth.wall_surfaces.get(s) == a for s, a, _ in result.wall_surfaces) / len(truth.wall_surfaces)
+
+
+def found_for(truth: DrawnGraph, plan: SceneGraph) -> bent.Bent:
+    s, floors = truth.s_graph, storeys(plan)
+    walls = arrays(s, None, list(s.wall_surfaces))
+    proposals = among(voting_proposals(s, plan).walls, plan, floors)
+    return bent.search(groups(walls, [d.rooms for d in s.doors]), walls, floors, proposals)
+
+
+def errors_by_room(found: bent.Bent, truth: DrawnGraph) -> tuple[np.ndarray, np.ndarray]:
+    """Metres at the rooms' centroids, of the best field and of the best rigid motion."""
+    s, home = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[0])]
+    own = motions(found.scene, found.fields.state)[0, found.scene.groups.of_wall]
+    errors = []
+    for r, room in enumerate(s.rooms):
+        centre, true = np.array(room.centroid), np.array(truth.T_a_s_by_room[room.id])
+        mine = between_graphs(s, home, own[np.flatnonzero(s.room == r)[0]])
+        at = [se2.apply(T, centre) for T in (true, mine, np.array(truth.T_a_s))]
+        errors.append([np.hypot(*(at[1] - at[0])), np.hypot(*(at[2] - at[0]))])
+    return tuple(np.array(errors).T)
+
+
+def test_every_room_of_a_drifting_map_finds_its_own_motion():
+    plan = a_graph(flat(np.random.default_rng(5), 30, 20), "ground")
+    truth = drawn_from(plan, "drift", 4)
+    field_error, rigid_error = errors_by_room(found_for(truth, plan), truth)
+    assert len(field_error) > 40
+    assert np.median(field_error) < 0.1 and np.quantile(field_error, 0.9) < 0.35
+    assert np.median(field_error) < 0.4 * np.median(rigid_error)
+
+
+def test_a_drifting_map_is_matched_and_decided(drifted):
+    result = MATCHER.match(drifted.s_graph, PLAN)
+    assert result.status == "unique", result.reason
+    assert {(s, a) for s, a, _ in result.rooms} <= set(drifted.rooms.items())
+    assert len(result.rooms) >= 0.9 * len(drifted.rooms)
+    assert share_right(result, drifted) > 0.9
+
+
+def test_rooms_merged_and_cut_are_not_matched_wrongly():
+    for seed in range(6):
+        truth = drawn_from(PLAN, "messy", seed, 8)
+        result = MATCHER.match(truth.s_graph, PLAN)
+        assert {(s, a) for s, a, _ in result.rooms} <= set(truth.rooms.items()), seed
+        assert share_right(result, truth) > 0.85
+
+
+def test_large_maps_are_solved_as_small_ones_are(drifted, monkeypatch):
+    dense = found_for(drifted, PLAN)
+    monkeypatch.setattr(field, "DENSE", 1)
+    monkeypatch.setattr(field, "BLOCK", 7)
+    sparse = found_for(drifted, PLAN)
+    np.testing.assert_allclose(sparse.fields.state[0], dense.fields.state[0], atol=1e-6)
+    np.testing.assert_allclose(sparse.score, dense.score, atol=1e-4)
+
+
+@pytest.mark.parametrize("of", ["map", "plan"])
+def test_does_not_depend_on_where_the_frames_lie(drifted, of):
+    T = np.array([2.1, 310.0, -45.0])
+    s = moved(drifted.s_graph, *T) if of == "map" else drifted.s_graph
+    a = moved(PLAN, *T) if of == "plan" else PLAN
+    before, after = MATCHER.match(drifted.s_graph, PLAN), MATCHER.match(s, a)
+    T_a_s = np.array(before.T_a_s)
+    expected = se2.compose(T_a_s, se2.inverse(T)) if of == "map" else se2.compose(T, T_a_s)
+    difference = np.array(after.T_a_s) - expected
+    assert after.status == before.status and pairs(after) == pairs(before)
+    assert abs(se2.wrap(difference[:1])[0]) < 1e-6 and np.hypot(*difference[1:]) < 1e-3
+
+
+def test_does_not_depend_on_the_order_of_the_nodes(drifted):
+    rng = np.random.default_rng(0)
+
+    def shuffled(graph):
+        rooms, walls = ([x[k] for k in rng.permutation(len(x))] for x in (graph.rooms, graph.wall_surfaces))
+        return dataclasses.replace(graph, rooms=tuple(rooms), wall_surfaces=tuple(walls))
+
+    before, after = MATCHER.match(drifted.s_graph, PLAN), MATCHER.match(shuffled(drifted.s_graph), shuffled(PLAN))
+    assert after.status == before.status and pairs(after) == pairs(before)
+    assert after.T_a_s == pytest.approx(before.T_a_s, abs=1e-4)
+
+
+def test_the_mirror_image_and_another_building_are_never_unique():
+    mirrored = moved(PLAN, 0.4, 5.0, 1.0, mirror=True)
+    other = a_graph(flat(np.random.default_rng(4)), "ground", "other")
+    for seed in range(4):
+        truth = drawn_from(PLAN, "drift", seed, 5 + seed)
+        assert MATCHER.match(truth.s_graph, mirrored).status != "unique"
+        assert MATCHER.match(truth.s_graph, other).status != "unique"
+
+
+def test_a_row_of_equal_offices_and_a_square_room_are_never_unique():
+    row = a_graph(offices([3.0] * 6, [3.0] * 6))
+    square = a_graph([box(0, 0, 4, 4), box(20, 0, 5, 3)])
+    for seed in range(3):
+        assert MATCHER.match(drawn_from(row, "real", seed, 4).s_graph, row).status != "unique"
+        assert MATCHER.match(drawn_from(square, "real", seed, 1).s_graph, square).status != "unique"
+
+
+def test_a_twin_that_nobody_proposed_is_found_all_the_same(drifted):
+    tower = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
+    ground = {w.id for w in PLAN.wall_surfaces}
+
+    def only_ground(s: SceneGraph, a: SceneGraph) -> Proposals:
+        row = {w.id: n for n, w in enumerate(s.wall_surfaces)}
+        walls = np.zeros((len(s.wall_surfaces), len(a.wall_surfaces)))
+        for i, j in drifted.wall_surfaces.items():
+            walls[row[i], [w.id for w in a.wall_surfaces].index(j)] = 1.0
+        return Proposals.of_dense(walls, np.zeros((len(s.rooms), len(a.rooms))))
+
+    result = BentMatcher(only_ground).match(drifted.s_graph, tower)
+    assert result.status == "ambiguous" and "2 storeys" in result.reason
+    assert {h.floor for h in result.hypotheses[:2]} == {"ground", "upper"}
+    known = MATCHER.match(drifted.s_graph, tower, floor="ground")
+    assert (known.status, known.floor) == ("unique", "ground")
+    assert {a for _, a, _ in known.wall_surfaces} <= ground
+
+
+def test_a_rough_start_decides_between_equal_places():
+    row = a_graph(offices([3.0] * 6, [3.0] * 6))
+    truth = drawn_from(row, "real", 2, 5)
+    yaw, x, y = truth.T_a_s
+    result = MATCHER.match(truth.s_graph, row, start=(x + 0.5, y - 0.5, yaw + 0.3))
+    off = np.array(result.hypotheses[0].T_a_s) - (yaw, x, y)
+    assert abs(se2.wrap(off[:1])[0]) < 0.1 and np.hypot(*off[1:]) < 0.5
+    assert MATCHER.match(truth.s_graph, row, start=(x + 500, y, yaw)).status == "none"
+
+
+def test_walls_without_rooms_or_lengths_are_enough(drifted):
+    def bare(graph):
+        walls = tuple(dataclasses.replace(w, room=None, length=None) for w in graph.wall_surfaces)
+        return dataclasses.replace(graph, rooms=(), doors=(), wall_surfaces=walls)
+
+    for s, a in ((bare(drifted.s_graph), PLAN), (drifted.s_graph, bare(PLAN)), (bare(drifted.s_graph), bare(PLAN))):
+        result = MATCHER.match(s, a)
+        assert result.rooms == () and share_right(result, drifted) > 0.6
+
+
+@pytest.mark.parametrize("walls", [0, 1, 2, 3])
+def test_next_to_nothing_seen_or_planned_is_no_match(walls):
+    few = dataclasses.replace(PLAN, rooms=PLAN.rooms[:1], wall_surfaces=PLAN.wall_surfaces[:walls])
+    for s, a in ((few, PLAN), (PLAN, few), (few, few)):
+        result = MATCHER.match(s, a)
+        assert result.status != "unique" and result.reason
+
+
+def test_nothing_proposed_is_no_match(drifted):
+    nothing = BentMatcher(lambda s, a: Proposals.of_dense(np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))),
+                                                          np.zeros((len(s.rooms), len(a.rooms)))))  # fmt: skip
+    assert nothing.match(drifted.s_graph, PLAN).status == "none"
+
+
+def test_the_best_proposals_are_kept_in_order():
+    dense = np.array([[0.1, 0.0, 0.7, 0.2], [0.0, 0.0, 0.0, 0.0]])
+    top = TopK.of_dense(dense, 2)
+    assert top.partner.tolist() == [[2, 3], [-1, -1]] and top.score[0].tolist() == [0.7, 0.2]
+    i, j = np.nonzero(dense)
+    sparse = TopK.of_pairs(i, j, dense[i, j], 2, 2)
+    np.testing.assert_array_equal(sparse.partner, top.partner)
+    np.testing.assert_array_equal(sparse.score, top.score)
+    with pytest.raises(UserError, match="probabilities"):
+        TopK.of_dense(np.array([[1.2]]))
+
+
+@pytest.mark.parametrize("stray", ["none", "some", "all"])
+def test_corners_are_those_that_vote(stray):
+    walls = storeys(PLAN)[0]
+    gone = {"none": 0, "some": 2, "all": 1}[stray]
+    room = walls.room if not gone else np.where(np.arange(len(walls)) % gone == 0, -1, walls.room)
+    walls = dataclasses.replace(walls, room=room)
+
+    def listed(found):
+        return sorted(map(tuple, np.column_stack((found.point, found.heading, found.opening, found.kind)).round(6)))
+
+    assert listed(corners(walls)) == listed(marks(walls))
