@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import factors
 from data import SceneGraph, WallSurface
-from sgslam.backend import Anchors
+from sgslam.backend import Anchors, PlannedWall
 from sgslam.config import Config
 from sgslam.frames import inverse, se2_to_se3, transform_points
 from sgslam.scene import Scene
@@ -186,15 +186,18 @@ class Anchoring:
 
     def _anchors(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Anchors:
         assert self.committed is not None
-        planes: dict[int, dict[str, Floats]] = {}
+        if T_map_local is None:
+            T_map_local = self._place(self.committed, walls.T_level_map)
+        T_local_level = inverse(walls.T_level_map @ T_map_local)
+        planes: dict[int, dict[str, PlannedWall]] = {}
         by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
         for surface, planned in self._held(scene, walls, T_map_local):
             wall = scene.wall_of_surface[surface.id]
-            plane = planes.setdefault(wall, {})[planned.id] = self._local_plane(planned)
+            plane = self._local_plane(planned)
+            middle = np.array([*surface.centroid, np.mean(surface.height or 0.0)])
+            planes.setdefault(wall, {})[planned.id] = PlannedWall(plane, transform_points(T_local_level, middle))
             if surface.room is not None and planned.room is not None:
                 by_rooms.setdefault((surface.room, planned.room), {})[wall] = plane
-        if T_map_local is None:
-            T_map_local = self._place(self.committed, walls.T_level_map)
         elevation, settings = self._elevation(self.committed.floor), self._config.anchors
         rooms = _room_anchors(scene, by_rooms, elevation or 0.0) if settings.rooms else {}
         walls_anchored = {wall: list(p.values()) for wall, p in planes.items()} if settings.planes else {}

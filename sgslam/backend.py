@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, F, O, P, R, X
+from gtsam.symbol_shorthand import B, F, O, P, R, W, X
 from numpy.typing import NDArray
 
 import factors
@@ -33,11 +33,19 @@ class RoomNode:
 
 
 @dataclass(frozen=True)
+class PlannedWall:
+    """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame."""
+
+    plane: Floats
+    place: Floats
+
+
+@dataclass(frozen=True)
 class Anchors:
     """What ties the S-graph to the BIM: walls and rooms by their numbers, the BIM frame near the building."""
 
     T_map_bim: Floats
-    planes: dict[int, list[Floats]]  # wall -> planes (4,) in the BIM frame
+    planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevation: float | None  # of the storey's floor
 
@@ -188,15 +196,18 @@ class Backend:
         start = self.T_map_bim if self.T_map_bim is not None else anchors.T_map_bim
         values.insert(_BIM, gtsam.Pose3(start))
         graph.add(gtsam.PriorFactorPose3(_BIM, gtsam.Pose3(start), factors.noise_of_pose(1.0, 100.0)))
-        for wall, planes in anchors.planes.items():
-            for plane in planes if wall in anchor_of else []:
-                graph.add(factors.anchor_plane(plane, _BIM, X(anchor_of[wall]), P(wall), noise))
+        anchored = [(wall, p) for wall, planned in anchors.planes.items() for p in planned if wall in anchor_of]
+        for number, (wall, planned) in enumerate(anchored, 1):
+            _add_place(graph, values, W(number), planned.place)
+            plane = planned.plane + np.array([0.0, 0.0, 0.0, planned.plane[:3] @ planned.place])
+            graph.add(factors.anchor_plane(plane, W(number), X(anchor_of[wall]), P(wall), noise))
         for room, T_bim_room in anchors.rooms.items():
             if room in rooms:
                 graph.add(factors.anchor_room(T_bim_room, _BIM, R(room), settings.sigma_normal, settings.sigma_room))
         if anchors.elevation is not None and values.exists(_FLOOR):
             level = factors.noise_of_plane(settings.sigma_normal, settings.sigma_floor, None)
-            graph.add(factors.storey_plane(anchors.elevation, _BIM, X(0), _FLOOR, level))
+            _add_place(graph, values, W(0), np.array([*inverse(start)[:2, 3], anchors.elevation]))
+            graph.add(factors.storey_plane(0.0, W(0), X(0), _FLOOR, level))
 
     def _take(self, values: gtsam.Values, anchor_of: dict[int, int]) -> None:
         poses = np.stack([values.atPose3(X(i)).matrix() for i in range(len(self.keyframes))])
@@ -209,3 +220,11 @@ class Backend:
         if values.exists(_FLOOR):
             self.floor_in_map = values.atOrientedPlane3(_FLOOR).planeCoefficients().ravel()
         self.T_map_bim = values.atPose3(_BIM).matrix() if values.exists(_BIM) else None
+
+
+def _add_place(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, key: int, place_in_bim: Floats) -> None:
+    """A frame fixed in the BIM's, for anchors there: seen from the BIM's origin, a small turn of a far wall would pass
+    for its offset."""
+    T_bim_place = gtsam.Pose3(gtsam.Rot3(), place_in_bim)
+    values.insert(key, values.atPose3(_BIM).compose(T_bim_place))
+    graph.add(gtsam.BetweenFactorPose3(_BIM, key, T_bim_place, factors.noise_of_pose(1e-5, 1e-5)))

@@ -8,10 +8,10 @@ from boxes import Array, pose
 from scipy.spatial.transform import Rotation
 
 from sgslam.accuracy import align_se3
-from sgslam.backend import Anchors, Backend, RoomNode
+from sgslam.backend import Anchors, Backend, PlannedWall, RoomNode
 from sgslam.config import Config, OdometrySettings
 from sgslam.floor_extraction import FloorObservation
-from sgslam.frames import inverse, transform_planes
+from sgslam.frames import inverse, transform_planes, transform_points
 from sgslam.keyframes import KeyframeNode
 from sgslam.wall_map import SeenWall
 
@@ -20,6 +20,7 @@ WALLS = np.array([
     [1, 0, 0, 0], [-1, 0, 0, 6], [0, 1, 0, 0], [0, -1, 0, 8],
     [1, 0, 0, -6.2], [-1, 0, 0, 12],
 ], dtype=float)  # fmt: skip
+MIDDLES = np.array([[0, 4, 1], [6, 4, 1], [6, 0, 1], [6, 8, 1], [6.2, 4, 1], [12, 4, 1]], dtype=float)  # of the walls
 FLOOR = np.array([0, 0, 1.0, 0])
 HEIGHT = 0.8
 CONFIG = Config(odometry=OdometrySettings(sigma_rotation=0.01, sigma_translation=0.04))  # as the steps slip here
@@ -117,7 +118,10 @@ def test_wrong_observations_do_little_harm() -> None:
 def anchors_of(run: Run, T_bim_building: Array, guess_off: Array | None = None) -> tuple[Anchors, Array]:
     """The truth as anchors, with T_map_bim guessed `guess_off` away; and T_map_bim."""
     T_map_bim = inverse(T_bim_building @ run.T_building_map)
-    planes = {wall: [transform_planes(T_bim_building, plane)] for wall, plane in enumerate(WALLS)}
+    planes = {
+        wall: [PlannedWall(transform_planes(T_bim_building, plane), transform_points(T_bim_building, MIDDLES[wall]))]
+        for wall, plane in enumerate(WALLS)
+    }
     guess = T_map_bim if guess_off is None else T_map_bim @ guess_off
     return Anchors(guess, planes, {}, float(T_bim_building[2, 3])), T_map_bim
 
@@ -153,16 +157,31 @@ def test_rooms_carry_anchors_too() -> None:
     assert run.errors().max() < 0.02
 
 
+def built_otherwise(anchors: Anchors, wall: int, offset: float) -> Anchors:
+    """The anchors with one wall planned elsewhere by so many metres."""
+    planes = dict(anchors.planes)
+    planes[wall] = [PlannedWall(p.plane + np.array([0, 0, 0, offset]), p.place) for p in planes[wall]]
+    return Anchors(anchors.T_map_bim, planes, anchors.rooms, anchors.elevation)
+
+
+def test_anchors_hold_alike_wherever_the_bim_has_its_origin() -> None:
+    """A wall far from the origin must not answer for its offset by a small turn."""
+    in_bim = []
+    for x, y in ((-6.0, -4.0), (60.0, -40.0)):
+        run = Run()
+        T_bim_building = pose(x, y, 12.5)
+        anchors, _ = anchors_of(run, T_bim_building)
+        run.optimise(built_otherwise(anchors, 3, 0.1))
+        assert run.backend.T_map_bim is not None
+        in_building = inverse(T_bim_building) @ inverse(run.backend.T_map_bim) @ run.backend.poses
+        in_bim.append(in_building[:, :3, 3])
+    np.testing.assert_allclose(in_bim[0], in_bim[1], atol=1e-3)
+
+
 def test_anchors_can_be_withdrawn() -> None:
     run = Run()
     anchors, _ = anchors_of(run, pose(3.0, -8.0, 12.5, 2.5))
-    bent = Anchors(
-        anchors.T_map_bim,
-        {w: [p + np.array([0, 0, 0, 0.3 * (w == 1)]) for p in ps] for w, ps in anchors.planes.items()},
-        {},
-        12.5,
-    )
-    run.optimise(bent)
+    run.optimise(built_otherwise(anchors, 1, 0.3))
     run.optimise()
     assert run.backend.T_map_bim is None
     assert run.errors().max() < 0.02
