@@ -1,8 +1,9 @@
 """The arms of the ablation: one sequence run with a part of the system left out or given."""
 
-import resource
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -158,6 +159,11 @@ def _estimate(arm: str, result: Result, T_bim_first: NDArray[np.float64]) -> Tra
     return result.trajectory if result.anchored else None
 
 
-def _peak_memory_mb() -> float:
-    """Of this process since it began."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+def _peak_memory_mb() -> float | None:
+    """Of this process since its program began, from Linux; `getrusage` would count what it was forked from."""
+    try:
+        status = Path("/proc/self/status").read_text()
+    except OSError:
+        return None
+    found = re.search(r"^VmHWM:\s+(\d+) kB", status, re.MULTILINE)
+    return int(found.group(1)) / 1024 if found else None
