@@ -19,7 +19,7 @@ from matching.walls import Index, Walls
 
 MOST_PLACES = 12  # of each yaw mode
 SIGMA = 0.4  # metres across: places that are alike, not equal
-LEAST = 0.5  # of the walls' weight that a likeness explains
+LEAST = 0.4  # of the walls' weight that a likeness explains
 MOST = 6
 LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere
 
