@@ -10,6 +10,7 @@ import multiprocessing
 import shlex
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from multiprocessing.connection import Connection
@@ -113,10 +114,13 @@ def _run_apart(task: Task) -> Records:
 
 
 def _answer(sender: Connection, task: Task) -> None:
+    answer: Records | Exception
     try:
-        sender.send(_run(task))
+        answer = _run(task)
     except Exception as error:
-        sender.send(error)
+        answer = error
+    with suppress(BrokenPipeError):  # whoever asked has been killed
+        sender.send(answer)
 
 
 def _by_drive(tasks: list[Task]) -> list[list[Task]]:
