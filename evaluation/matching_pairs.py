@@ -204,8 +204,10 @@ def slam_pairs(folder: Path) -> list[SlamPair]:
     """The S-graphs that `evaluation.slam_graphs` left in a folder. Their column is the largest of the table's that they
     fill; all that a drive saw is "all"."""
     found = []
+    buildings: dict[int, str] = {}  # drives of one building share its A-graph
     for drive in read_drives(folder):
-        target = Candidate(folder.resolve().name, Plan(drive.sequence, drive.sequence, drive.a_graph))
+        building = buildings.setdefault(id(drive.a_graph), drive.sequence)
+        target = Candidate(folder.resolve().name, Plan(drive.sequence, building, drive.a_graph))
         for index, graph in enumerate(drive.graphs):
             rooms = None if graph.whole else max(n for n in COLUMNS if n <= max(1, len(graph.drawn.s_graph.rooms)))
             found.append(SlamPair(target, graph.drawn, rooms, index, drive.seed))

@@ -10,9 +10,11 @@ from matching.hypotheses import Placement
 from matching.se2 import Array
 
 LEAST_QUALITY = 0.1
+PART_SHARE = 0.25  # of an S room's walls on an A room's: it may be two rooms in one
 OTHER_ROOM = 0.3  # what a wall pair is worth whose rooms were not matched to each other
 LEAST_SHARE = 0.3  # of an S room's walls that its A room explains
-LEAST_MERIT = 0.65  # of an A room's among the others', for its pair to be told: a room cut wrongly is of two
+INSIDE = 0.1  # of share, that an A room counts more in which the S room's centroid lies
+LEAST_MERIT = 0.55  # of an A room's among the others', for its pair to be told: a room cut wrongly is of two
 DOUBT = 0.1  # quality of a wall of no plan
 
 
@@ -29,18 +31,21 @@ def complete(placement: Placement) -> Pairs:
 
     A surface pair's confidence is that of the share q / (q + q' + 0.1) with its quality q, exp(-residual^2 / 2
     sigma^2) times the share of its length beside the A wall, q' the next best A wall's, and 0.1 for a wall of
-    no plan. A room pair's is the same with the shares of the S room's walls that the A rooms explain. A room
-    that two A rooms explain nearly as well says which walls may match, but its own pair is not told.
+    no plan. A room pair's is the same with the shares of the S room's walls, by length, that the A rooms explain.
+    A room that two A rooms explain nearly as well says which walls may match, but its own pair is not told.
     """
     pairing = placement.pairing
     s, a = pairing.s, pairing.a
     quality = pairing.table(placement.fit.quality)
-    rooms = _rooms(placement, quality)
-    partner = np.full(len(s.rooms) + 1, -2)
+    share, size = _shares(placement, quality)
+    rooms = _rooms(placement, share, size)
+    at_home = np.zeros((len(s.rooms) + 1, len(a.rooms) + 1), dtype=bool)  # the last ones: walls without a room
+    at_home[:-1, :-1] = share > PART_SHARE
     for r, q, _ in rooms:
-        partner[r] = q
-    known = (partner[s.room] >= -1)[:, None] & (a.room >= 0)[None, :]
-    quality = np.where(known & (partner[s.room][:, None] != a.room[None, :]), OTHER_ROOM * quality, quality)
+        at_home[r, q] = True
+    at_home[~at_home.any(axis=1)] = True
+    at_home[:, -1] = True
+    quality = np.where(at_home[s.room][:, a.room], quality, OTHER_ROOM * quality)
     told = tuple((r, q, room_confidence(c)) for r, q, c in rooms if c >= LEAST_MERIT)
     return Pairs(told, _surfaces(placement, quality))
 
@@ -50,21 +55,15 @@ def _share(value: Array, chosen: int) -> float:
     return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + DOUBT))
 
 
-def _rooms(placement: Placement, quality: Array) -> tuple[tuple[int, int, float], ...]:
+def _rooms(placement: Placement, share: Array, size: Array) -> tuple[tuple[int, int, float], ...]:
     """(S room, A room, share of the merit)."""
     from scipy.optimize import linear_sum_assignment  # slow to import
 
     s, a = placement.pairing.s, placement.pairing.a
     if not s.rooms or not a.rooms:
         return ()
-    housed = s.room >= 0
-    size = np.bincount(s.room[housed], s.weight[housed], len(s.rooms))
-    share = np.zeros((len(s.rooms), len(a.rooms)))
-    for q in range(len(a.rooms)):
-        best = quality[:, a.room == q].max(axis=1)
-        share[:, q] = np.bincount(s.room[housed], (s.weight * best)[housed], len(s.rooms)) / size
     inside = _inside(placement)
-    merit = share + np.where(inside, 0.2, 0.0)
+    merit = share + np.where(inside, INSIDE, 0.0)
     one_to_one = zip(*linear_sum_assignment(-merit * size[:, None]), strict=True)
     chosen = [(r, q) for r, q in one_to_one if _accepted(share, inside, r, q)]
     taken = {r for r, _ in chosen}
@@ -73,6 +72,24 @@ def _rooms(placement: Placement, quality: Array) -> tuple[tuple[int, int, float]
         if r not in taken and inside[r, q] and share[r, q] > 2 * LEAST_SHARE:
             chosen.append((r, q))
     return tuple((int(r), int(q), _share(merit[r], q)) for r, q in sorted(chosen))
+
+
+def _shares(placement: Placement, quality: Array) -> tuple[Array, Array]:
+    """(S rooms, A rooms) of each S room's walls, by length, what lies on the A room's; (S rooms,) the length in metres.
+
+    By length, because of a room that is cut wrongly the truth is the A room that most of it is.
+    """
+    s, a = placement.pairing.s, placement.pairing.a
+    best = np.zeros((len(s), len(a.rooms)))
+    for q in range(len(a.rooms)):
+        best[:, q] = quality[:, a.room == q].max(axis=1)
+    squared = best**2  # what lies on walls of several rooms is shared between them
+    each = squared * (best.max(axis=1, initial=0.0) / np.maximum(squared.sum(axis=1), 1e-12))[:, None]
+    housed = s.room >= 0
+    size = np.asarray(np.bincount(s.room[housed], 2 * s.half[housed], len(s.rooms)), dtype=float)
+    share = np.zeros((len(s.rooms), len(a.rooms)))
+    np.add.at(share, s.room[housed], 2 * s.half[housed, None] * each[housed])
+    return share / size[:, None], size
 
 
 def _accepted(share: Array, inside: Array, r: int, q: int) -> bool:
