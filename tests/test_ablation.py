@@ -21,7 +21,7 @@ from evaluation.ablation_rows import Records
 from evaluation.ablation_tables import ACCURACY, against_oracle, latex, markdown
 from evaluation.arms import checked_arm
 from evaluation.conditions import Conditions
-from evaluation.sequences import SequenceSpec, read_specs
+from evaluation.sequences import SequenceSpec, prepare, read_specs
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +125,17 @@ def test_a_csv_of_another_version_is_refused(own: SequenceSpec, tmp_path: Path) 
 def test_what_a_run_refuses_reaches_the_user(own: SequenceSpec, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="not simulated"):
         ablate([own], [0], ["graph"], tmp_path, Conditions(moved_walls=0.3))
+
+
+def test_a_weak_front_end_has_an_odometry_of_its_own(own: SequenceSpec, tmp_path: Path) -> None:
+    sequence = prepare(own, 0, tmp_path, Conditions(weaken=True))
+    assert sequence.weak is not None and len(sequence.weak.trajectory) == len(sequence.truth)
+    kept = tmp_path / "own-0.odometry.tum"
+    before = kept.stat().st_mtime_ns
+    again = prepare(own, 0, tmp_path, Conditions(weaken=True))
+    assert again.weak is not None and again.weak.rmse_m == sequence.weak.rmse_m > 0.5
+    assert kept.stat().st_mtime_ns == before
+    assert prepare(own, 0, tmp_path).weak is None
 
 
 def test_list_of_sequences(tmp_path: Path) -> None:
