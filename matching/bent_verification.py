@@ -15,8 +15,8 @@ from matching.scoring import SIGMA_SCORE
 from matching.verification import LEAST_FRACTION, LEAST_SURFACES, PLACES_PER_M2, Verdict
 
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
-OFFSET, SCORE, WALLS, MARGIN, PLACES = 2.0, 0.34, -0.69, 0.50, -0.55  # of the log odds, see `odds`
-LEAST_ODDS = 2.5
+OFFSET, SCORE, MARGIN, MISSED, PLACES = 2.67, 0.150, 0.40, -1.24, -0.68  # of the log odds, see `odds`
+LEAST_ODDS = 2.3
 
 
 def verify(found: Bent, pairs: Pairs) -> Verdict:
@@ -25,7 +25,7 @@ def verify(found: Bent, pairs: Pairs) -> Verdict:
     told = f"{len(pairs.surfaces)} of {len(s)} wall surfaces and {len(pairs.rooms)} rooms matched"
     now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
     fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
-    log_odds = odds(found)
+    log_odds = odds(found, fraction)
     probability = float(1 / (np.exp(found.score - found.score[0]).sum() + np.exp(min(-log_odds, 50.0))))
     if fraction < LEAST_FRACTION:
         share = f"{100 * fraction:.0f} % of its walls' length"
@@ -40,12 +40,17 @@ def verify(found: Bent, pairs: Pairs) -> Verdict:
     return Verdict("unique", f"{told}; no other place explains the map nearly as well", probability)
 
 
-def odds(found: Bent) -> float:
-    """Log odds that the map is in the plan; its places that are as good as the best one say nothing about it."""
+def odds(found: Bent, fraction: float) -> float:
+    """Log odds that the map is in the plan, which explains a fraction of its walls.
+
+    For it speak the evidence and the margin over wrong places (those that are as good as the best one say nothing);
+    against it walls that are not explained, and the number of places.
+    """
     walls = len(found.scene.s)
     places = np.log(PLACES_PER_M2 * sum(a.area for a in found.scene.plan.storeys))
     margin = min(walls, *(found.score[0] - found.score[found.score <= found.score[0] - LEAST_MARGIN]), np.inf)
-    return float(OFFSET + SCORE * found.score[0] + WALLS * walls + MARGIN * margin + PLACES * places)
+    missed = (1 - fraction) * walls
+    return float(OFFSET + SCORE * found.score[0] + MARGIN * margin + MISSED * missed + PLACES * places)
 
 
 def _what(floors: list[str]) -> str:
