@@ -43,7 +43,7 @@ class Known:
             value = json.loads(path.read_text())
             s_graph, a_graph = (SceneGraph.from_dict(value[of]) for of in ("s_graph", "a_graph"))
             return Known(s_graph, a_graph, *(dict(value["matches"][of]) for of in ("rooms", "wall_surfaces")))
-        except (ValueError, KeyError, TypeError):
+        except (UserError, ValueError, KeyError, TypeError):
             raise UserError(f"{path}: needs s_graph, a_graph and matches, as JSON") from None
 
 
