@@ -20,6 +20,7 @@ from data.s_graph_regimes import draw
 from evaluation.matching import main
 from evaluation.matching_pairs import Candidate, pairs_of_cell, read_candidates, slam_pairs
 from evaluation.matching_rows import Row, read_rows
+from evaluation.matching_tables import markdown, tables
 from evaluation.matching_worker import Task, blank_row, judged, run_tasks
 from evaluation.slam_graph_files import SlamDrive, SlamGraph, write_drive
 from matching import Matcher
@@ -80,9 +81,8 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_rows(plans: Path, t
     assert "`python -m evaluation.matching" in text and " cores, " in text
     made = {p.name for p in path.parent.iterdir()}
     assert made >= {"table.md", "table_full.md", "table.tex", "f1.svg", "reliability.svg", "time.svg", "commands.jsonl"}
-    before = (path.parent / "table.md").read_text()
-    main(["--out", str(path.parent), "--report-only"])
-    assert (path.parent / "table.md").read_text() == before
+    from_rows = "\n".join(map(markdown, tables(read_rows(path))))
+    assert (path.parent / "table.md").read_text().startswith(from_rows)
 
 
 @pytest.mark.parametrize(
