@@ -60,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
         training.save(checkpoint)
         save_network(out / "learned.pt", training.best_network())
         write_curve(out, training.curve)
-        shown = "  ".join(f"{k} {row[k]:.3f}" for k in ("loss", "walls", "rooms", "none", "within", "first"))
+        shown = "  ".join(f"{k} {row[k]:.3f}" for k in ("loss", "surprise", "walls", "rooms", "none", "first"))
         print(f"step {int(row['step'])}  {row['minutes']:.1f} min  {shown}", flush=True)
 
     limits = Limits(options.steps, options.minutes, options.every)
@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         ended = train(training, stream, watched, limits, looked)
     print(ended)
     draw_curve(out, training.curve)
-    best = max(training.curve, key=lambda row: row["walls"])
+    best = min(training.curve, key=lambda row: row["surprise"])
     write_card(out, {
         "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
         "settings": training.network.to_dict(), "parameters": sum(p.numel() for p in training.network.parameters()),

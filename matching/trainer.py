@@ -15,7 +15,7 @@ from data.errors import UserError
 from data.files import write_atomically
 from matching.network import MatchingNetwork, Settings
 from matching.training_data import Batch
-from matching.training_loss import accuracies, loss, run
+from matching.training_loss import accuracies, loss, run, surprise
 
 RATE, WEIGHT_DECAY, WARM_UP = 2e-3, 1e-3, 100  # of AdamW; steps
 LAST_RATE = 0.03  # of the first, at the end of a cosine
@@ -127,14 +127,14 @@ def _step(training: Training, batch: Batch, progress: float) -> float:
 def _look(training: Training, held_out: HeldOut, losses: list[float]) -> Row:
     row: Row = {"step": training.step, "minutes": training.seconds / 60, "loss": sum(losses) / len(losses)}
     row |= judged(training.average, held_out)
-    if all(row["walls"] > earlier["walls"] for earlier in training.curve):
+    if all(row["surprise"] < earlier["surprise"] for earlier in training.curve):
         training.best = copy.deepcopy(training.average.state_dict())
     training.curve.append(row)
     return row
 
 
 def judged(network: MatchingNetwork, held_out: HeldOut) -> Row:
-    """Accuracies of each held-out batch, as `NAME MEASURE`, and their means over the batches."""
+    """Accuracies and surprise of each held-out batch, as `NAME MEASURE`, and their means over the batches."""
     device = next(network.parameters()).device
     row: Row = {}
     with torch.no_grad():
@@ -142,12 +142,13 @@ def judged(network: MatchingNetwork, held_out: HeldOut) -> Row:
         for name, batch in held_out.items():
             output, truth = run(network, batch, device)
             row |= {f"{name} {k}": v for k, (v, count) in accuracies(output, truth).items() if count}
-    for measure in ("walls", "rooms", "none", "within", "first"):
+            row[f"{name} surprise"] = surprise(output, truth)
+    for measure in ("walls", "rooms", "none", "within", "first", "surprise"):
         values = [v for k, v in row.items() if k.endswith(f" {measure}")]
         row[measure] = sum(values) / max(len(values), 1)
     return row
 
 
 def _stale(curve: list[Row]) -> int:
-    walls = [row["walls"] for row in curve]
-    return len(walls) - 1 - walls.index(max(walls)) if walls else 0
+    surprise = [row["surprise"] for row in curve]
+    return len(surprise) - 1 - surprise.index(min(surprise)) if surprise else 0

@@ -10,6 +10,8 @@ from matching.encoder import GraphTensors
 from matching.network import MatchingNetwork, Output
 from matching.training_data import Batch
 
+MOST_SURPRISE = 10.0  # nats of one wall, also of a partner that is no candidate
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -41,6 +43,15 @@ def loss(output: Output, truth: Truth) -> Tensor:
             weight = 0.5 * (k + 1) / (whole + len(output.rooms))
             total = total + weight * cross_entropy(table, _target(truth.rooms, table))
     return total
+
+
+def surprise(output: Output, truth: Truth) -> float:
+    """Mean negative log likelihood of the true partners of walls (or of none) in the end, in nats."""
+    column, table = output.walls[-1]
+    odds = table.log_softmax(dim=-1)
+    at = column == truth.walls[:, None]
+    found = torch.where(at.any(dim=1), odds.gather(1, at.long().argmax(dim=1, keepdim=True))[:, 0], -MOST_SURPRISE)
+    return float(-torch.where(truth.walls >= 0, found, odds[:, -1]).clamp(min=-MOST_SURPRISE).mean())
 
 
 def _target(truth: Tensor, table: Tensor) -> Tensor:
