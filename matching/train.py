@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 GENERATED = 180  # seeds of generated plans of each kind
 HELD_OUT_SEED = 7
+DEVICES = ("auto", "cpu", "cuda")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -34,6 +35,9 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(given)
     if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
         raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
+    if options.device not in DEVICES:
+        raise UserError(f"--device {options.device}: give one of {', '.join(DEVICES)}")
+    own, others = _split(options.plans)
 
     import torch  # slow to import, as is what follows
 
@@ -47,7 +51,6 @@ def main(arguments: list[str] | None = None) -> int:
     device = torch.device(_device(options.device, torch.cuda.is_available()))
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
-    own, others = _split(options.plans)
     drawing = Drawing(tuple(own), seeds_of("train", GENERATED))
     watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
     training = Training.begin(Settings(), options.seed, device)
@@ -91,8 +94,6 @@ def _named(argument: str) -> str:
 
 
 def _device(name: str, gpu: bool) -> str:
-    if name not in ("auto", "cpu", "cuda"):
-        raise UserError(f"--device {name}: give cpu, cuda or auto")
     if name == "cuda" and not gpu:
         raise UserError("--device cuda: no GPU that torch can use; leave it out to train on the processor")
     return name if name != "auto" else "cuda" if gpu else "cpu"
