@@ -68,14 +68,15 @@ def markdown(table: Table) -> str:
 
 
 def latex(table: Table) -> str:
-    """The table as a LaTeX table of the booktabs package."""
+    """The table as a LaTeX table, as wide as the text; needs the packages booktabs and graphicx."""
+    columns = "ll" + "r" * (len(table.header) - 2)
     body = "".join(f"  {' & '.join(map(_escaped, line))} \\\\\n" for line in table.lines)
     return (
         "\\begin{table}\n  \\centering\n"
         f"  \\caption{{{_escaped(table.title)}. {_escaped(table.note)}}}\n"
-        f"  \\begin{{tabular}}{{{'l' * 2}{'r' * (len(table.header) - 2)}}}\n  \\toprule\n"
+        f"  \\resizebox{{\\textwidth}}{{!}}{{\\begin{{tabular}}{{{columns}}}\n  \\toprule\n"
         f"  {' & '.join(map(_escaped, table.header))} \\\\\n  \\midrule\n{body}"
-        "  \\bottomrule\n  \\end{tabular}\n\\end{table}\n"
+        "  \\bottomrule\n  \\end{tabular}}\n\\end{table}\n"
     )
 
 
