@@ -8,7 +8,8 @@ from typing import Any
 from data.errors import UserError
 from evaluation.matching_cells import SIZES, size_of
 from evaluation.matching_pairs import DRAWN, ELSEWHERE, Pair, pairs_of_cell, read_candidates, slam_pairs
-from evaluation.matching_worker import ORACLE, Task
+from evaluation.matching_rows import ORACLE
+from evaluation.matching_worker import Task
 from matching import Matcher
 
 

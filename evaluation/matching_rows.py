@@ -12,6 +12,7 @@ from data.errors import UserError
 from evaluation.calibration import Bin
 
 FILE = "rows.jsonl"
+ORACLE = "oracle"  # the method that is given the true place
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from evaluation.bootstrap import Estimate
 from evaluation.matching_cells import LARGE, SIZES, Measures, measure, size_of
-from evaluation.matching_rows import Row
+from evaluation.matching_rows import ORACLE, Row
 
 Cell = Callable[[Measures], str]
 REGIME_ORDER = ("paper", "real", "drift", "messy", "elsewhere", "sgslam")
@@ -33,7 +33,9 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         if to_find:
             found.append(_by_rooms(f"Wall F1, {about}", WALL_NOTE, to_find, lambda m: told(m.walls.f1)))
             found.append(_by_rooms(f"Room F1, {about}", WALL_NOTE, to_find, lambda m: told(m.rooms.f1)))
-        found.append(_by_rooms(f"Unique answers, and the wrong of them, {about}", UNIQUE_NOTE, own, _unique))
+        asked = [r for r in own if r.method != ORACLE]
+        if asked:
+            found.append(_by_rooms(f"Unique answers, and the wrong of them, {about}", UNIQUE_NOTE, asked, _unique))
         found.append(_summary(f"All measures, {about}", own))
     return found
 

@@ -12,11 +12,10 @@ from typing import Any
 from evaluation.matching_judge import is_wrong, tallies
 from evaluation.matching_oracle import oracle_match
 from evaluation.matching_pairs import Pair, Prepared
-from evaluation.matching_rows import Row
+from evaluation.matching_rows import ORACLE, Row
 from matching import Matcher
 from matching.result import MatchResult
 
-ORACLE = "oracle"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 

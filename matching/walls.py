@@ -46,11 +46,6 @@ class Walls:
         return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
     @property
-    def extent(self) -> Array:
-        """(2,) size of the box about the walls' mid points, a metre added."""
-        return np.asarray(np.ptp(self.centre, axis=0) + 1.0)
-
-    @property
     def area(self) -> float:
         """Square metres on which there are walls."""
         return float(self.building_areas.sum())
