@@ -21,6 +21,7 @@ from matching.plan_walls import PlanWalls
 from matching.proposals import TopK
 from matching.rivals import rivals
 from matching.se2 import Array
+from matching.second_chance import settled
 from matching.walls import Index, Walls
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls speak ever more sharply
@@ -99,7 +100,7 @@ def grow(scene: Scene, fields: Fields, sure: Index) -> Fields:
     best = np.argsort(-(quality @ scene.s.weight), kind="stable")
     apart = _distinct(scene, fields[best], _rigid(scene, fields[best], quality[best]))
     followed = best[apart[: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]]
-    return _polished(scene, fields[followed])
+    return _polished(scene, settled(scene, _polished(scene, fields[followed])))
 
 
 def _polished(scene: Scene, fields: Fields) -> Fields:

@@ -28,6 +28,7 @@ PARTNERS = 10
 BLOCK = 96  # S walls whose partners are sought at once
 DENSE = 24  # groups; of more the normal equations are solved as sparse ones
 SIGMA_TILT = np.radians(1.2)  # of a wall's direction in the map against the plan's
+OFF_LINE = 0.03  # metres, of the ends of a wall: short ones tell less of a direction
 SHARPEST = 0.1  # metres across, with which the directions count in full
 SILENT = 1e3  # metres across: of walls that do not speak
 
@@ -172,7 +173,7 @@ def _unary(scene: Scene, table: Index, state: Array, sigma: Array) -> tuple[Arra
     lever = now.placed - state[:, group, 1:]
     excess = np.sign(along) * np.maximum(np.abs(along) - np.abs(plan.half[j] - s.half), 0.0)
     slide = 0.25 * (per_wall / SIGMA_ALONG) ** 2
-    heading_sigma = np.hypot(SIGMA_TILT, np.minimum(0.1 / s.half, 0.2))
+    heading_sigma = np.hypot(SIGMA_TILT, OFF_LINE / s.half)
     rows = (
         (_turning(normal, lever), *np.moveaxis(normal, -1, 0), across, weight),
         (_turning(tangent, lever), *np.moveaxis(tangent, -1, 0), excess, slide * weight),
