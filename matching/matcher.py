@@ -1,7 +1,9 @@
 """`Matcher`: an S-graph laid into an A-graph by one of the named methods."""
 
 import time
+from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Protocol
 
 from data.errors import UserError
@@ -53,11 +55,16 @@ class Matcher:
         self._method = method
 
     @staticmethod
-    def load(method: str = "voting") -> "Matcher":
-        """A matcher by name; raises UserError for a name that does not exist."""
-        methods = {"voting": VotingMatcher}
+    def load(method: str = "voting", weights: Path | str | None = None) -> "Matcher":
+        """A matcher by name: `voting`, or `learned` with the weights of a file (the shipped ones unless told).
+
+        Raises UserError for a name that does not exist, and for a file that holds no weights.
+        """
+        methods: dict[str, Callable[[], Method]] = {"voting": VotingMatcher, "learned": lambda: _learned(weights)}
         if method not in methods:
             raise UserError(f"no matching method '{method}'; there are: {', '.join(methods)}")
+        if weights is not None and method != "learned":
+            raise UserError(f"the matching method '{method}' takes no weights; 'learned' does")
         return Matcher(methods[method]())
 
     def match(
@@ -69,6 +76,13 @@ class Matcher:
         the BIM frame, metres and radians: placements further than 3 m or 60 degrees from it are dropped.
         """
         return self._method.match(s, a, floor=floor, start=start)
+
+
+def _learned(weights: Path | str | None) -> Method:
+    from matching.bent_matcher import BentMatcher  # torch is slow to import
+    from matching.learned import LearnedProposer
+
+    return BentMatcher(LearnedProposer.load(weights).propose)
 
 
 def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:

@@ -1,6 +1,8 @@
 """The network and its features: invariances, consensus, learning, files."""
 
 import dataclasses
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +13,11 @@ from plans import a_graph, box, flat, merged
 
 from data import Floor, Room, SceneGraph, UserError, WallSurface, se2
 from data.s_graph_regimes import DrawnGraph, draw
+from matching import Matcher
 from matching.candidates import Batched, expanded, first_candidates
 from matching.encoder import GraphTensors
 from matching.features import PairRows, map_features, plan_features
-from matching.learned import LearnedProposer
+from matching.learned import SHIPPED, LearnedProposer
 from matching.network import MatchingNetwork, Settings
 from matching.relations import close, compared
 from matching.training_data import Batch, batch_of, part, varied
@@ -270,3 +273,23 @@ def test_support_is_for_combinations_that_are_alike(plan: SceneGraph):
     kept, feature = compared(s, a, (i, j), (i, j))
     assert len(kept) == 6 and torch.isfinite(feature).all()
     assert len(compared(s, a, (i, j), (i, j + 9))[0]) < 6
+
+
+def test_the_shipped_network_finds_a_map_that_bends(plan: SceneGraph, drawn: DrawnGraph):
+    found = Matcher.load("learned").match(drawn.s_graph, plan)
+    pairs = {(s, a) for s, a, _ in found.wall_surfaces}
+    assert np.mean([pair in pairs for pair in drawn.wall_surfaces.items()]) > 0.85
+    assert {(s, a) for s, a, _ in found.rooms} == set(drawn.rooms.items())
+    assert SHIPPED.stat().st_size < 5e6
+
+
+def test_weights_are_for_the_learned_method_alone(tmp_path: Path):
+    with pytest.raises(UserError, match="takes no weights"):
+        Matcher.load("voting", weights=tmp_path / "n.pt")
+    with pytest.raises(UserError, match="nowhere"):
+        Matcher.load("learned", weights=tmp_path / "nowhere.pt")
+
+
+def test_matching_is_imported_without_torch():
+    code = "import sys, matching, matching.match; matching.Matcher.load(); assert 'torch' not in sys.modules"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
