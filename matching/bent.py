@@ -28,7 +28,7 @@ SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls sp
 SEEDS = 14
 WALLS = 2000  # of a map, times the hypotheses that are followed: large maps leave less doubt
 FOLLOWED = 8  # fields that are polished and scored
-MOST_STEPS = 10  # of growth; larger maps grow by several rooms a step
+MOST_STEPS = 30  # of growth; larger maps grow by several rooms a step
 
 
 @dataclass(frozen=True)
