@@ -15,6 +15,8 @@ FIGURES = "docs"  # beside the page of results
 
 def write_page(records: Records, out: Path, benchmarks: Path | None = None) -> str:
     """Writes table.md, table.tex, plots/*.svg and ablation.md into `out`, and the page's section; returns the table."""
+    order = ["normal", *dict.fromkeys(r["conditions"] for r in records)]
+    records = sorted(records, key=lambda r: order.index(r["conditions"]))
     accuracy = markdown(records, ACCURACY)
     write_atomically(out / "table.md", accuracy)
     tables = [latex(records, columns) for columns in (ACCURACY, MAP, COST)]

@@ -16,6 +16,7 @@ COLOURS = {
     "odometry": "#999999", "icp-to-bim": "#e69f00", "graph": "#56b4e9", "planes": "#009e73", "rooms": "#cc79a7",
     "anchored": "#0072b2", "oracle": "#222222",
 }  # fmt: skip  # Okabe and Ito's, told apart by the colour-blind
+MOST_POINTS = 600  # of a line
 OTHERS = ("#d55e00", "#f0e442")  # anchored by other matchers
 
 
@@ -41,7 +42,8 @@ def plots(records: Records, errors_of: Callable[[Record], Path], folder: Path) -
 def _errors_over_time(lines: list[tuple[str, Path]], path: Path) -> Path:
     figure, axes = _figure(8.0, 3.2)
     for arm, file in lines:
-        seconds, error = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2).T
+        whole = np.loadtxt(file, delimiter=",", skiprows=1, ndmin=2)
+        seconds, error = whole[:: max(1, len(whole) // MOST_POINTS)].T
         axes.plot(seconds, np.maximum(error, 1e-4), color=_colour(arm), linewidth=1.0, label=arm)
     axes.set(xlabel="time (s)", ylabel="position error (m)", yscale="log")
     axes.grid(True, which="both", linewidth=0.3)
