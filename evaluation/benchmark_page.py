@@ -47,6 +47,11 @@ def machine() -> str:
     return f"{_processor()}, {os.cpu_count()} cores"
 
 
+def wall_clock() -> str:
+    """What seconds are worth: how busy the machine has been lately."""
+    return f"Seconds of the wall clock, on a machine whose load has been {os.getloadavg()[2]:.1f} for 15 minutes."
+
+
 def _processor() -> str:
     try:
         found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)

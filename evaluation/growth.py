@@ -15,7 +15,7 @@ from data.errors import UserError
 from data.files import write_atomically
 from evaluation.ablation import ablate
 from evaluation.ablation_rows import Records
-from evaluation.benchmark_page import made_by, write_section
+from evaluation.benchmark_page import made_by, wall_clock, write_section
 from evaluation.sequences import SequenceSpec
 
 STAGES = ("reading", "odometry", "surfaces", "rooms", "matching", "optimisation")
@@ -98,7 +98,7 @@ def main() -> int:
         docs.mkdir(exist_ok=True)
         picture(records, docs / PICTURE)
         command = f"python -m evaluation.growth --out {options.out.name} --benchmarks {options.benchmarks.name}"
-        told = f"{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
+        told = f"{wall_clock()}\n\n{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
         write_section(options.benchmarks, "growth", f"## Growth with scans, keyframes and rooms\n\n{told}")
     print(text)
     return 0
