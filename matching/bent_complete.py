@@ -8,6 +8,7 @@ from data.scene_graph import Room
 from matching import se2
 from matching.bent import Bent
 from matching.complete import Pairs
+from matching.confidence import room_confidence, surface_confidence
 from matching.field import Judged, judge, motions
 from matching.se2 import Array
 from matching.walls import Index, Walls
@@ -23,7 +24,7 @@ INSIDE = 0.05  # of share, that a room counts more in which the S room's centroi
 DOUBT = 0.02  # quality of a wall of no plan
 DOUBT_ROOM = 0.1
 COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall
-Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, confidence
+Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share among what stood to choose
 
 
 @dataclass(frozen=True)
@@ -41,13 +42,14 @@ class _Laid:
 def complete(found: Bent, k: int) -> Pairs:
     """The pairs of one hypothesis, indices into S's walls and rooms and into those of its storey.
 
-    A surface pair's confidence is q / (q + q' + 0.02) with its quality q, q' the next best A wall's; a room pair's
-    the like with the shares of the S room's walls, by length.
+    A surface pair's confidence is that of the share q / (q + q' + 0.02) with its quality q, q' the next best A wall's;
+    a room pair's the like with the shares of the S room's walls, by length.
     """
     laid = _laid(found, k)
     share = _shares(laid)
     rooms = _rooms(laid, share)
-    return Pairs(rooms, _surfaces(laid, share, rooms))
+    told = tuple((r, q, room_confidence(c)) for r, q, c in rooms)
+    return Pairs(told, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(laid, share, rooms)))
 
 
 def complete_rooms(found: Bent, k: int) -> Matches:
@@ -107,7 +109,7 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
             if all(_apart(laid, r, o, q) for o, taken in chosen.items() if taken == q):
                 chosen[r] = q
                 break
-    return tuple((r, q, _confidence(merit[r], q, DOUBT_ROOM)) for r, q in sorted(chosen.items()))
+    return tuple((r, q, _among(merit[r], q, DOUBT_ROOM)) for r, q in sorted(chosen.items()))
 
 
 def _apart(laid: _Laid, r: int, o: int, q: int) -> bool:
@@ -141,7 +143,7 @@ def _holds(room: Room, point: Array) -> bool:
     return bool(shapely.contains_xy(shapely.Polygon(room.polygon), *point))
 
 
-def _confidence(value: Array, chosen: int, doubt: float) -> float:
+def _among(value: Array, chosen: int, doubt: float) -> float:
     others = np.delete(value, chosen)
     return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + doubt))
 
@@ -163,9 +165,9 @@ def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
         j, at, half = int(laid.partner[i, p]), float(laid.along[i, p]), float(s.half[i])
         if i in matched or any(_covers(at, half, *other) for other in pieces.get(j, ())):
             continue
-        matched[i] = j, _confidence(quality[i], p, DOUBT)
+        matched[i] = j, _among(quality[i], p, DOUBT)
         pieces.setdefault(j, []).append((at, half))
-    return tuple((i, j, confidence) for i, (j, confidence) in sorted(matched.items()))
+    return tuple((i, j, merit) for i, (j, merit) in sorted(matched.items()))
 
 
 def _covers(at: float, half: float, other_at: float, other_half: float) -> bool:

@@ -41,7 +41,6 @@ class _Votes:
     group: Index
     storey: Index
     yaw: Array
-    place: Array  # (V, 2) where the motion takes the group's centre
     weight: Array
     shift: Array  # (V, 2) the motion's translation
 
@@ -93,8 +92,7 @@ def _votes(scene: Scene, proposals: TopK) -> _Votes:
     weight = weight * _beside(scene, i, j, motion) * _beside(scene, k, m, motion)
     kept = weight > 1e-6
     g = group[i[kept]]
-    place = se2.apply(motion[kept], scene.groups.centre[g])
-    return _Votes(g, plan.storey[j[kept]], yaw[kept], place, weight[kept], shift[kept])
+    return _Votes(g, plan.storey[j[kept]], yaw[kept], weight[kept], shift[kept])
 
 
 def _tangent(heading: Array) -> Array:
