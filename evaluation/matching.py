@@ -27,9 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     out: Path = options.out
     if not options.report_only:
-        added = _run(options)
-        if added:
-            _remember(out, arguments, added)
+        _run(options, sys.argv[1:] if arguments is None else arguments)
     _report(out, options.page)
     return 0
 
@@ -58,8 +56,8 @@ def _parser() -> Parser:
     return parser
 
 
-def _run(options: object) -> int:
-    """Runs what is not there yet; returns how many rows were added."""
+def _run(options: object, arguments: Sequence[str]) -> None:
+    """Runs what is not there yet."""
     from evaluation.matching_plan import Wanted, tasks_of
     from evaluation.matching_rows import FILE, appending, read_rows
     from evaluation.matching_worker import run_tasks
@@ -69,6 +67,8 @@ def _run(options: object) -> int:
     tasks = tasks_of(wanted, {r.key for r in read_rows(path)})
     total = sum(len(t.methods) for t in tasks)
     print(f"{total} matches to make", flush=True)
+    if total:
+        _remember(wanted.out, arguments)
     began = told = monotonic()
     with appending(path) as append:
         for done, row in enumerate(run_tasks(tasks, wanted.jobs, wanted.limit_s), 1):
@@ -78,15 +78,17 @@ def _run(options: object) -> int:
                 left = (told - began) / done * (total - done) / 60
                 where = f"{row.regime} {row.plan}, {row.rooms or 'all'} rooms, {row.method}: {row.status}"
                 print(f"{done}/{total} {where}; about {left:.0f} min left", flush=True)
-    return total
 
 
-def _remember(out: Path, arguments: Sequence[str] | None, added: int) -> None:
-    given = sys.argv[1:] if arguments is None else arguments
-    line = {"command": shlex.join(["python", "-m", "evaluation.matching", *given]), "machine": machine()}
+def _remember(out: Path, arguments: Sequence[str]) -> None:
+    """Before the first row, so that it is known of a killed run too; a run that goes on is not told twice."""
+    line = {"command": shlex.join(["python", "-m", "evaluation.matching", *arguments]), "machine": machine()}
     path = out / COMMANDS
-    before = path.read_text() if path.exists() else ""
-    write_atomically(path, before + json.dumps(line | {"date": date.today().isoformat(), "rows": added}) + "\n")
+    before = path.read_text().splitlines(keepends=True) if path.exists() else []
+    told = json.dumps(line | {"date": date.today().isoformat()}) + "\n"
+    out.mkdir(parents=True, exist_ok=True)
+    if told not in before:
+        write_atomically(path, "".join([*before, told]))
 
 
 def _report(out: Path, page: Path | None) -> None:
