@@ -27,7 +27,7 @@ from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
-MOST_STRAINED = 12.0  # chi^2 of one pair of neighbours
+MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from one another
 DIRECTION = 15  # degrees
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
 TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
