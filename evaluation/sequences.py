@@ -64,7 +64,7 @@ class Sequence:
 def read_specs(path: Path) -> list[SequenceSpec]:
     """Reads a YAML list of sequences; raises UserError for what is missing or unknown.
 
-    Paths are taken from the folder that the command is run in. A user's own takes six lines (for an IFC file or an
+    Paths are taken from the folder that the command is run in. A user's own takes five lines (for an IFC file or an
     A-graph; the truth in TUM format, sensor poses in the building's frame):
 
         - name: my building
