@@ -26,6 +26,18 @@ def noise_of_pose(
     return _robust(_diagonal([sigma_rotation] * 3 + [sigma_translation] * 3), huber)
 
 
+def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale: float) -> gtsam.noiseModel.Robust:
+    """Noise of a plane's residual under the loss of Geman and McClure (1987): what is far off pulls ever less.
+
+    A whitened residual of `scale` has a quarter of its weight. Start near the optimum: far from it nothing pulls.
+    Raises ValueError as `noise_of_plane`.
+    """
+    if not (np.isfinite(scale) and scale > 0):
+        raise ValueError(f"scale must be positive and finite, not {scale}")
+    loss = gtsam.noiseModel.mEstimator.GemanMcClure.Create(scale)
+    return gtsam.noiseModel.Robust.Create(loss, _diagonal([sigma_normal, sigma_normal, sigma_offset]))
+
+
 def _diagonal(sigmas: list[float]) -> gtsam.noiseModel.Diagonal:
     if not (np.all(np.isfinite(sigmas)) and min(sigmas) > 0):
         raise ValueError(f"sigmas must be positive and finite, not {sigmas}")

@@ -1,63 +1,26 @@
-"""When the S-graph is matched, and what of a match becomes an anchor."""
+"""When the S-graph is matched, what of a match becomes an anchor, and when an anchor is withdrawn."""
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import factors
 from data import SceneGraph, WallSurface
+from sgslam.anchor_log import AnchorLog, Hold, Key
 from sgslam.backend import Anchors, PlannedWall
 from sgslam.config import Config
 from sgslam.frames import inverse, se2_to_se3, transform_points
+from sgslam.holding import Held, Holding, find_place, hold, in_plan_view
+from sgslam.matcher_protocol import AnyMatcher, Match
 from sgslam.scene import Scene
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-
-
-class Match(Protocol):
-    """What a matcher answers; `matching.MatchResult` is one."""
-
-    @property
-    def status(self) -> str:
-        """`unique`, `ambiguous` or `none`."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """One line for the user."""
-        ...
-
-    @property
-    def wall_surfaces(self) -> tuple[tuple[str, str, float], ...]:
-        """(S id, A id, confidence) of the first hypothesis."""
-        ...
-
-    @property
-    def T_a_s(self) -> tuple[float, float, float] | None:  # noqa: N802
-        """(yaw, x, y) of the first hypothesis."""
-        ...
-
-    @property
-    def floor(self) -> str | None:
-        """The storey of the first hypothesis."""
-        ...
-
-    def to_dict(self) -> dict[str, Any]:
-        """The form of matches.json."""
-        ...
-
-
-class AnyMatcher(Protocol):
-    """Any object that finds an S-graph in an A-graph."""
-
-    def match(self, s: SceneGraph, a: SceneGraph) -> Match:
-        """Returns rooms and wall surfaces that correspond, or says that none or several answers fit."""
-        ...
+_APART = 1.0, np.radians(5)  # m and rad at which two answers place the map differently
 
 
 @dataclass(frozen=True)
@@ -78,8 +41,8 @@ class _Growth:
 class Anchoring:
     """Keeps the answer of the matcher, and turns a unique one into anchors.
 
-    `a_graph` in the BIM frame; inside, a frame near the building is used (the BIM's, moved by `origin`), because a
-    site may lie kilometres from zero.
+    `a_graph` in the BIM frame; inside, a frame on the storey is used (the BIM's, moved by `origin`), because a site may
+    lie kilometres from zero, and what is held at zero is held loosely far from it.
     """
 
     def __init__(self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config) -> None:
@@ -87,49 +50,65 @@ class Anchoring:
         self.origin = np.array([*a_graph.centroid(), 0.0])
         self.match: Match | None = None  # the newest answer
         self.committed: Match | None = None  # the answer that the anchors stand on
-        self._pairs: set[tuple[int, str]] = set()  # committed: wall, A surface
+        self.log = AnchorLog()
+        self._pairs: set[Key] = set()  # of the committed answer
+        self._place = np.zeros(3)  # T_local_level of the committed answer, yaw x y
         self._matched: Scene | None = None  # what the newest answer is about
         self._tried = _Growth()
+        self._matches = 0
+        self._moved = False  # what the back end says is of a place that was withdrawn
 
     def update(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> Anchors | None:
-        """Matches if the S-graph has grown enough (or it is the `last` time); returns the anchors that hold now.
+        """Returns the anchors that hold now.
 
-        `T_map_local` is the back end's estimate of the BIM's local frame where there is one. A new answer replaces a
-        committed one only where it is unique and says the same.
+        Where there are none, the matcher is asked if the S-graph has grown enough (or it is the `last` time). Where
+        there are, walls are paired by position, and the matcher is asked again only where too few stand as planned.
+        `T_map_local` is the back end's estimate of the BIM's local frame where there is one.
         """
+        self.log.rename(walls.current)
         self._pairs = {(walls.current(wall), a_id) for wall, a_id in self._pairs}
         growth = _Growth.of(scene.graph)
-        if last or growth.enough_since(self._tried):
-            self._tried = growth
+        holding = self.holding(scene, walls, T_map_local)
+        share = 0.0 if holding is None else holding.share
+        if (last or growth.enough_since(self._tried)) and share < self._config.anchors.least_share:
+            before = self.committed
             self._try(scene, walls, T_map_local)
-        if self.committed is None:
+            if before is not None and self.committed is before and holding is None:
+                self._withdraw(scene, "the walls no longer agree on a place in the plan")
+            holding = self.holding(scene, walls, T_map_local)
+        if growth.enough_since(self._tried):
+            self._tried = growth
+        if holding is None:
             return None
-        return self._anchors(scene, walls, T_map_local)
+        self._note(scene, holding)
+        anchors = self._anchors(scene, walls, holding, T_map_local)
+        self._moved = False
+        return anchors
 
     def confirm(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
         """Whether the matcher, with the whole building open to it, says of `scene` what was committed to.
 
         Where it does not, the commitment is withdrawn. True where there was none.
         """
-        committed, self.committed = self.committed, None
-        self._try(scene, walls, T_map_local)
-        if committed is None or self.committed is not None:
+        if self.committed is None:
+            self._try(scene, walls, None)
             return True
-        self._pairs = set()
+        self._try(scene, walls, T_map_local)
+        if self.committed is self.match:
+            return not self._moved
         assert self.match is not None
-        _log.warning("the match that the anchors stood on is withdrawn: %s", self.match.reason)
+        self._withdraw(scene, self.match.reason)
         return False
 
-    def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
-        T_level_map = walls.T_level_map
-        fixed = self.committed.floor if self.committed is not None else None
-        candidates = self._a if fixed is None else self._a.on_floor(fixed)
-        self.match = self._matcher.match(scene.graph, candidates)
-        self._matched = scene
-        if self.match.status == "unique" and self._agrees(self.match, T_level_map, T_map_local):
-            self.committed = self.match
-            self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in self.match.wall_surfaces}
-        _log.info("matching %d rooms: %s, %s", len(scene.graph.rooms), self.match.status, self.match.reason)
+    def holding(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Holding | None:
+        """The walls of `scene` that stand at planned ones; None where nothing is committed to, or where they do not
+        agree on a place. `T_map_local` as in `update`."""
+        if self.committed is None:
+            return None
+        return hold(
+            scene, walls, self.storey, self.origin[:2], self._known(walls, T_map_local),
+            self._config.anchors,
+        )  # fmt: skip
 
     def bim_from_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) the map in the BIM frame, from the back end's estimate."""
@@ -137,85 +116,100 @@ class Anchoring:
         T[:3, 3] += self.origin
         return T
 
-    def _elevation(self, floor: str | None) -> float | None:
+    def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
+        """Asks the matcher, with the whole building open to it; commits to a unique answer that the walls bear out.
+
+        An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
+        """
+        match = self.match = self._matcher.match(scene.graph, self._a)
+        self._matched = scene
+        self._matches += 1
+        rooms = len(scene.graph.rooms)
+        _log.info("match %d, of %d rooms: %s, %s", self._matches, rooms, match.status, match.reason)
+        place = self._borne_out(match, scene, walls) if match.status == "unique" else None
+        if place is None:
+            return
+        replaced = self.committed is not None and (
+            match.floor != self.committed.floor or _apart(place, self._known(walls, T_map_local), scene)
+        )
+        if replaced:
+            self._withdraw(scene, f"match {self._matches} places the map elsewhere")
+            self._moved = True
+        self.committed, self._place = match, place
+        self.origin[2] = self._elevation or 0.0
+        self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
+
+    def _borne_out(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
+        """The place (3,) T_local_level that most matched walls agree on, near the one that the match tells."""
+        assert match.T_a_s is not None  # a unique answer has a motion
+        pairs = [
+            (scene.graph.surface_by_id[s], self._a.surface_by_id[a]) for s, a, _ in match.wall_surfaces
+        ]  # fmt: skip
+        told = np.array(match.T_a_s) - np.array([0.0, *self.origin[:2]])
+        place = find_place(pairs, scene, walls, self.origin[:2], told, self._config.anchors)
+        if place is None:
+            _log.info("match %d is not committed to: its walls do not agree on a place", self._matches)
+        return place
+
+    def _withdraw(self, scene: Scene, why: str) -> None:
+        self.committed, self._pairs = None, set()
+        self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
+        _log.warning("the match that the anchors stood on is withdrawn: %s", why)
+
+    def _known(self, walls: WallMap, T_map_local: Floats | None) -> Floats:
+        """(3,) T_local_level as far as it is known."""
+        if T_map_local is None or self._moved:
+            return self._place
+        return in_plan_view(inverse(walls.T_level_map @ T_map_local))
+
+    @property
+    def storey(self) -> SceneGraph:
+        """The storey of the plan that was committed to; the whole plan where there is none, or no storey is named."""
+        floor = self.committed.floor if self.committed is not None else None
+        return self._a if floor is None else self._a.on_floor(floor)
+
+    @property
+    def _elevation(self) -> float | None:
+        """Of the committed storey's floor, BIM frame."""
+        floor = self.committed.floor if self.committed is not None else None
         return next((f.elevation for f in self._a.floors if f.id == floor), None)
 
-    def _place(self, match: Match, T_level_map: Floats) -> Floats:
-        assert match.T_a_s is not None  # a unique answer has a motion
-        yaw, x, y = match.T_a_s
-        T_local_level = se2_to_se3(yaw, x, y, self._elevation(match.floor) or 0.0)
-        T_local_level[:3, 3] -= self.origin
-        return inverse(T_local_level @ T_level_map)
+    def _note(self, scene: Scene, holding: Holding) -> None:
+        holds: dict[Key, Hold] = {}
+        for held in holding.walls:
+            key = (scene.wall_of_surface[held.surface.id], held.planned.id)
+            by = f"match {self._matches}" if key in self._pairs else "position"
+            if held.agrees:
+                holds[key] = Hold("tight", by, f"as planned within {1000 * holding.gate:.0f} mm")
+            elif key not in holds:
+                holds[key] = Hold("loose", by, f"{1000 * held.offset:+.0f} mm off the plan")
+        self.log.hold(scene.graph.keyframes[-1].stamp_ns, holds)
 
-    def _agrees(self, match: Match, T_level_map: Floats, T_map_local: Floats | None) -> bool:
-        if T_map_local is None:
-            return True
-        step = inverse(self._place(match, T_level_map)) @ T_map_local
-        turn = np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0))
-        return bool(np.linalg.norm(step[:2, 3]) < 1.0 and turn < np.radians(5))
-
-    def answer(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> dict[str, Any] | None:
-        """The answer in the form of matches.json, by the ids of `scene`: the committed one where there is one."""
-        if self.committed is None or (self.committed is self.match and self._matched is scene):
-            return None if self.match is None else self.match.to_dict()
-        held = self._held(scene, walls, T_map_local)
-        confidence = min((c for _, _, c in self.committed.wall_surfaces), default=0.0)
-        rooms = {(s.room, a.room) for s, a in held if s.room is not None and a.room is not None}
-        return {
-            **self.committed.to_dict(),
-            "rooms": [[s, a, confidence] for s, a in sorted(rooms)],
-            "wall_surfaces": [[s.id, a.id, confidence] for s, a in held],
-        }
-
-    def _held(
-        self, scene: Scene, walls: WallMap, T_map_local: Floats | None
-    ) -> list[tuple[WallSurface, WallSurface]]:
-        """The committed pairs that hold still, by the surfaces of `scene`."""
+    def _anchors(self, scene: Scene, walls: WallMap, holding: Holding, T_map_local: Floats | None) -> Anchors:
         assert self.committed is not None
-        if T_map_local is None:
-            T_map_local = self._place(self.committed, walls.T_level_map)
-        a_ids: dict[int, list[str]] = {}
-        for wall, a_id in sorted(self._pairs):
-            a_ids.setdefault(wall, []).append(a_id)
-        return [
-            (surface, self._a.surface_by_id[a_id])
-            for surface in scene.graph.wall_surfaces
-            for a_id in a_ids.get(scene.wall_of_surface[surface.id], ())
-            if self._holds(surface, self._a.surface_by_id[a_id], walls.T_level_map, T_map_local)
-        ]
-
-    def _anchors(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Anchors:
-        assert self.committed is not None
-        if T_map_local is None:
-            T_map_local = self._place(self.committed, walls.T_level_map)
-        T_local_level = inverse(walls.T_level_map @ T_map_local)
-        planes: dict[int, dict[str, PlannedWall]] = {}
+        T_local_level = se2_to_se3(holding.place[0], holding.place[1], holding.place[2])
+        tight: dict[int, dict[str, PlannedWall]] = {}
+        loose: dict[int, dict[str, PlannedWall]] = {}
         by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
-        for surface, planned in self._held(scene, walls, T_map_local):
-            wall = scene.wall_of_surface[surface.id]
-            plane = self._local_plane(planned)
-            middle = np.array([*surface.centroid, np.mean(surface.height or 0.0)])
-            planes.setdefault(wall, {})[planned.id] = PlannedWall(plane, transform_points(T_local_level, middle))
-            if surface.room is not None and planned.room is not None:
-                by_rooms.setdefault((surface.room, planned.room), {})[wall] = plane
-        elevation, settings = self._elevation(self.committed.floor), self._config.anchors
-        rooms = _room_anchors(scene, by_rooms, elevation or 0.0) if settings.rooms else {}
-        walls_anchored = {wall: list(p.values()) for wall, p in planes.items()} if settings.planes else {}
-        return Anchors(T_map_local, walls_anchored, rooms, elevation)
-
-    def _holds(self, seen: WallSurface, planned: WallSurface, T_level_map: Floats, T_map_local: Floats) -> bool:
-        """Whether a seen surface lies at a planned one, within the gates and beside it."""
+        for held in holding.walls:
+            wall, plane = scene.wall_of_surface[held.surface.id], self._local_plane(held.planned)
+            middle = np.array([*held.surface.centroid, np.mean(held.surface.height or 0.0)])
+            planned = PlannedWall(plane, transform_points(T_local_level, middle))
+            (tight if held.agrees else loose).setdefault(wall, {})[held.planned.id] = planned
+            if held.agrees and held.surface.room is not None and held.planned.room is not None:
+                by_rooms.setdefault((held.surface.room, held.planned.room), {})[wall] = plane
         settings = self._config.anchors
-        T_local_level = inverse(T_level_map @ T_map_local)
-        ends = np.array([[*end, 0.0] for end in seen.ends()])
-        placed = transform_points(T_local_level, ends)[:, :2] + self.origin[:2]
-        normal = np.array(planned.normal)
-        tangent = np.array([-normal[1], normal[0]])
-        off = float(abs((placed.mean(axis=0) - planned.centroid) @ normal))
-        turn = float((T_local_level[:2, :2] @ seen.normal) @ normal)
-        along = np.sort((placed - planned.centroid) @ tangent)
-        beside = planned.length is None or (along[0] < planned.length / 2 and along[1] > -planned.length / 2)
-        return off < settings.gate_offset and turn > np.cos(settings.gate_angle) and beside
+        known = self._known(walls, T_map_local)
+        if T_map_local is None or self._moved or _apart(holding.place, known, scene, settings.gate_offset):
+            T_map_local = inverse(T_local_level @ walls.T_level_map)
+        rooms = _room_anchors(scene, by_rooms) if settings.rooms else {}
+        if not settings.planes:
+            tight = loose = {}
+        return Anchors(
+            T_map_local, {wall: list(p.values()) for wall, p in tight.items()}, rooms,
+            None if self._elevation is None else 0.0,
+            {wall: list(p.values()) for wall, p in loose.items() if wall not in tight},
+        )  # fmt: skip
 
     def _local_plane(self, surface: WallSurface) -> Floats:
         plane = np.array(surface.plane or factors.plane_from_wall(surface.normal, surface.centroid), dtype=float)
@@ -223,10 +217,52 @@ class Anchoring:
         plane[3] += plane[:3] @ self.origin
         return plane
 
+    def answer(self, scene: Scene, holding: Holding | None) -> dict[str, Any] | None:
+        """The answer in the form of matches.json, by the ids of `scene`: the committed one where there is one, less
+        what the walls' positions contradict, and with what they add."""
+        if self.committed is None or holding is None:
+            return None if self.match is None else self.match.to_dict()
+        about_scene = self.committed is self.match and self._matched is scene
+        given = {s: (a, c) for s, a, c in self.committed.wall_surfaces} if about_scene else {}
+        least = min((c for _, _, c in self.committed.wall_surfaces), default=0.0)
+        surfaces = []
+        for held in holding.walls:
+            a_id, confidence = given.get(held.surface.id, (held.planned.id, least))
+            if held.agrees or held.surface.id in given or not about_scene:
+                surfaces.append([held.surface.id, held.planned.id, confidence if a_id == held.planned.id else least])
+        rooms = _rooms_of(holding.walls, self.committed.rooms if about_scene else (), least)
+        return {**self.committed.to_dict(), "rooms": rooms, "wall_surfaces": surfaces}
 
-def _room_anchors(
-    scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]], elevation: float
-) -> dict[int, Floats]:
+
+def _rooms_of(held: list[Held], given: tuple[tuple[str, str, float], ...], least: float) -> list[list[Any]]:
+    """(S room, A room, confidence): as given, unless most of a room's walls stand in another planned room."""
+    votes: dict[str, dict[str, float]] = {}
+    for h in held:
+        if h.surface.room is not None and h.planned.room is not None:
+            own = votes.setdefault(h.surface.room, {})
+            own[h.planned.room] = own.get(h.planned.room, 0.0) + (h.surface.length or 0.0)
+    known = {s: (a, c) for s, a, c in given}
+    rooms: list[list[Any]] = []
+    for s_room in sorted({*votes, *known}):
+        own = votes.get(s_room, {})
+        most = max(own, key=lambda a: (own[a], a), default=None)
+        if s_room in known and (most is None or own.get(known[s_room][0], 0.0) >= 0.5 * own[most]):
+            rooms.append([s_room, *known[s_room]])
+        elif s_room in known or not given:
+            rooms.append([s_room, most, least])
+    return rooms
+
+
+def _apart(place: Floats, other: Floats, scene: Scene, metres: float = _APART[0]) -> bool:
+    """Whether two places (3,) in the plan differ at the map's middle by so many metres, or by five degrees."""
+    c, s = np.cos([place[0], other[0]]), np.sin([place[0], other[0]])
+    x, y = scene.graph.centroid()
+    put = np.column_stack([c * x - s * y, s * x + c * y]) + np.stack([place[1:], other[1:]])
+    turn = (place[0] - other[0] + np.pi) % (2 * np.pi) - np.pi
+    return bool(np.hypot(*(put[0] - put[1])) > metres or abs(turn) > _APART[1])
+
+
+def _room_anchors(scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]]) -> dict[int, Floats]:
     """T_bim_room (4, 4) of each room that has two matched walls of two directions in one planned room."""
     anchors = {}
     for node in scene.rooms:
@@ -236,6 +272,5 @@ def _room_anchors(
         walls = max(choices, key=len)
         fitted = factors.fit_room(list(walls.values()), [node.walls[wall] for wall in walls])
         if fitted is not None:
-            fitted[2, 3] = elevation
             anchors[node.id] = fitted
     return anchors

@@ -5,7 +5,7 @@ ever editing a graph; factors whose variables did not change are reused.
 """
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -16,6 +16,7 @@ import factors
 from sgslam.config import Config
 from sgslam.frames import inverse, transform_planes
 from sgslam.keyframes import KeyframeNode
+from sgslam.uncertainty import Uncertainty
 from sgslam.wall_map import SeenWall
 
 Floats = NDArray[np.float64]
@@ -48,6 +49,7 @@ class Anchors:
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevation: float | None  # of the storey's floor
+    loose: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: walls that stand otherwise
 
 
 class Backend:
@@ -62,6 +64,7 @@ class Backend:
         self._odometry: list[gtsam.NonlinearFactor] = []
         self._observations: dict[tuple[int, int, int], gtsam.NonlinearFactor] = {}
         self._optimised_at = 0
+        self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, int]] | None = None
 
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
         """Adds a keyframe, tied to the one before it by the odometry between them."""
@@ -114,6 +117,18 @@ class Backend:
             _log.warning("the optimisation's error is not finite, the estimates stay")
             return
         self._take(result, anchor_of)
+        self._optimum = graph, result, anchor_of
+
+    def uncertainty(self) -> Uncertainty | None:
+        """What the last optimisation that succeeded says of its own errors; None where there was none, or where it
+        leaves something free."""
+        if self._optimum is None:
+            return None
+        try:
+            return Uncertainty(*self._optimum)
+        except RuntimeError as error:
+            _log.warning("there are no covariances: %s", error)
+            return None
 
     def _add_poses(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> None:
         tight = factors.noise_of_pose(1e-5, 1e-5)
@@ -192,12 +207,18 @@ class Backend:
         rooms: set[int],
     ) -> None:  # fmt: skip
         settings = self._config.anchors
-        noise = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, self._config.backend.huber)
-        start = self.T_map_bim if self.T_map_bim is not None else anchors.T_map_bim
-        values.insert(_BIM, gtsam.Pose3(start))
-        graph.add(gtsam.PriorFactorPose3(_BIM, gtsam.Pose3(start), factors.noise_of_pose(1.0, 100.0)))
-        anchored = [(wall, p) for wall, planned in anchors.planes.items() for p in planned if wall in anchor_of]
-        for number, (wall, planned) in enumerate(anchored, 1):
+        tight = factors.redescending_noise_of_plane(
+            settings.sigma_normal, settings.sigma_offset, settings.redescending
+        )
+        loose = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, self._config.backend.huber)
+        start = gtsam.Pose3(anchors.T_map_bim)
+        values.insert(_BIM, start)
+        graph.add(gtsam.PriorFactorPose3(_BIM, start, factors.noise_of_pose(1.0, 100.0)))
+        anchored = [
+            (wall, p, noise) for held, noise in ((anchors.planes, tight), (anchors.loose, loose))
+            for wall, planned in held.items() for p in planned if wall in anchor_of
+        ]  # fmt: skip
+        for number, (wall, planned, noise) in enumerate(anchored, 1):
             _add_place(graph, values, W(number), planned.place)
             plane = planned.plane + np.array([0.0, 0.0, 0.0, planned.plane[:3] @ planned.place])
             graph.add(factors.anchor_plane(plane, W(number), X(anchor_of[wall]), P(wall), noise))
@@ -206,7 +227,8 @@ class Backend:
                 graph.add(factors.anchor_room(T_bim_room, _BIM, R(room), settings.sigma_normal, settings.sigma_room))
         if anchors.elevation is not None and values.exists(_FLOOR):
             level = factors.noise_of_plane(settings.sigma_normal, settings.sigma_floor, None)
-            _add_place(graph, values, W(0), np.array([*inverse(start)[:2, 3], anchors.elevation]))
+            middle = np.array([*inverse(anchors.T_map_bim)[:2, 3], anchors.elevation])
+            _add_place(graph, values, W(0), middle)
             graph.add(factors.storey_plane(0.0, W(0), X(0), _FLOOR, level))
 
     def _take(self, values: gtsam.Values, anchor_of: dict[int, int]) -> None:

@@ -101,9 +101,16 @@ class AnchorSettings(_Settings):
     rooms: bool = Field(True, description="anchor matched rooms")
     sigma_offset: float = Field(0.006, gt=0, description="m, a wall's offset as built")
     sigma_normal: float = Field(0.004, gt=0, description="rad, a wall's normal as built")
+    sigma_extraction: float = Field(0.004, gt=0, description="m, what all observations of a wall may have in common")
+    tolerance: float = Field(0.03, gt=0, description="m; a wall that is less off the plan stands as planned")
     sigma_room: float = Field(0.03, gt=0, description="m, a room's place as built")
-    gate_offset: float = Field(0.15, gt=0, description="m; a matched wall further off is not anchored")
-    gate_angle: float = Field(0.07, gt=0, description="rad")
+    sigma_loose: float = Field(0.2, gt=0, description="m and rad, a wall that stands otherwise than planned")
+    reach: float = Field(0.4, gt=0, description="m; a wall further off is not the planned one")
+    gate_angle: float = Field(0.07, gt=0, description="rad, likewise")
+    gate_offset: float = Field(0.15, gt=0, description="m by which the back end may be off the walls' consensus")
+    redescending: float = Field(3.0, gt=0, description="whitened residual at which an anchor's pull is a quarter")
+    least_agreeing: float = Field(0.3, gt=0, le=1, description="of a match's walls that must agree on its place")
+    least_share: float = Field(0.5, gt=0, le=1, description="of the walls as planned; below, the matcher is asked")
     sigma_floor: float = Field(0.01, gt=0, description="m, a storey's elevation as built")
 
 

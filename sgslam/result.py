@@ -14,13 +14,17 @@ from data.trajectory import Trajectory
 from sgslam.anchoring import Anchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
-from sgslam.deviations import deviations
+from sgslam.deviations import measured_pieces, moved
 from sgslam.frames import inverse
+from sgslam.holding import Holding
 from sgslam.output import prepare_folder, save_result
+from sgslam.presence import absent, extra
 from sgslam.scene import Scene
+from sgslam.uncertainty import Uncertainty
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
+_COVARIANCES = 50  # poses whose covariance is worked out
 
 
 @dataclass
@@ -45,6 +49,15 @@ class Update:
     anchored: bool
 
 
+@dataclass(frozen=True, eq=False)
+class PoseCovariances:
+    """`trajectory`: some keyframes, evenly over the run, T_bim_sensor; `covariances` (N, 6, 6) of their poses, rotation
+    first (rad), then translation (m), in the sensor's axes."""
+
+    trajectory: Trajectory
+    covariances: Floats
+
+
 @dataclass(frozen=True)
 class Result:
     """A finished run. `trajectory` is in the BIM frame when `anchored`, else in the map frame."""
@@ -59,6 +72,8 @@ class Result:
     a_graph: SceneGraph | None
     matches: dict[str, Any] | None
     deviations: list[dict[str, Any]]
+    anchors: list[dict[str, Any]]  # the log: each with who added it, and what became of it when and why
+    pose_covariances: PoseCovariances | None  # where the run was anchored
     first_anchor_s: float | None
     keyframes: int
     seconds: dict[str, float]
@@ -95,15 +110,45 @@ def finished(
     odometry = Trajectory(stamps, np.stack([s.T_odom_sensor for s in scans]))
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
-    matches = anchoring.answer(scene, walls, backend.T_map_bim) if anchoring is not None else None
+    holding = anchoring.holding(scene, walls, backend.T_map_bim) if anchoring is not None else None
+    matches = anchoring.answer(scene, holding) if anchoring is not None else None
+    uncertainty = backend.uncertainty() if T_bim_map is not None else None
     return Result(
         anchored, _reason(anchoring, anchored),
         trajectory_map if T_bim_map is None else trajectory_map.transformed(T_bim_map),
         trajectory_map, odometry, T_bim_map, scene.graph, bim, matches,
-        deviations(scene.graph, bim, matches, T_bim_map, config) if bim is not None and matches is not None else [],
+        _deviations(anchoring, holding, scene, walls, backend, uncertainty, config),
+        [record.to_dict() for record in anchoring.log.records] if anchoring is not None else [],
+        _covariances(backend, uncertainty, T_bim_map),
         None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
         len(backend.keyframes), dict(seconds), config,
     )  # fmt: skip
+
+
+def _deviations(
+    anchoring: Anchoring | None, holding: Holding | None, scene: Scene, walls: WallMap, backend: Backend,
+    uncertainty: Uncertainty | None, config: Config,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """The form of deviations.json; empty where the run was not anchored."""
+    if anchoring is None or holding is None or uncertainty is None:
+        return []
+    origin, floor = anchoring.origin, anchoring.storey
+    found = moved(measured_pieces(holding, scene, walls, uncertainty, origin, config), config)
+    standing = {h.planned.id for h in holding.walls if h.agrees} | {d["a_id"] for d in found if d["significant"]}
+    found += absent(floor, standing, backend.keyframes, walls.T_level_map, holding.place, origin[:2])
+    return found + extra(scene, walls, floor, holding, origin[:2])
+
+
+def _covariances(
+    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None
+) -> PoseCovariances | None:
+    if uncertainty is None or T_bim_map is None:
+        return None
+    count = len(backend.keyframes)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _COVARIANCES)).astype(int))
+    stamps = np.array([backend.keyframes[i].stamp_ns for i in chosen], dtype=np.int64)
+    covariances = uncertainty.pose_covariances(chosen.tolist())
+    return PoseCovariances(Trajectory(stamps, T_bim_map @ backend.poses[chosen]), covariances)
 
 
 def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:

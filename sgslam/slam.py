@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.bim import Bim
-from sgslam.anchoring import Anchoring, AnyMatcher
+from sgslam.anchoring import Anchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.frames import inverse, is_rigid, level_map, transform_planes
 from sgslam.front_end import FrontEnd, align, level_to_sensor, predict, upright_step
 from sgslam.keyframes import KeyframeNode, KeyframeRule
+from sgslam.matcher_protocol import AnyMatcher
 from sgslam.odometry import KissOdometry, Odometry
 from sgslam.result import Result, ScanPose, Update, finished
 from sgslam.scene import Scene, build_scene
@@ -160,7 +161,7 @@ class SceneGraphSlam:
         with self._clock("surfaces"):
             T_level_map = level_map(self._backend.floor_in_map, self._front_end.height)
             self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
-            if self._walls.split_steps():
+            if not last and self._walls.split_steps():  # at the last all walls shall be those of the graph
                 self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
             if self._walls.join_duplicates() and self._scene is not None:
                 self._scene = self._scene.relabelled(self._walls.current)

@@ -152,6 +152,32 @@ class WallMap:
             result[s.wall] = (min(low, s.heights[0]), max(high, s.heights[1]))
         return result
 
+    def counts(self) -> dict[int, int]:
+        """For each wall how many keyframes saw it."""
+        seen: dict[int, set[int]] = {}
+        for s in self.seen:
+            seen.setdefault(s.wall, set()).add(s.keyframe)
+        return {wall: len(keyframes) for wall, keyframes in seen.items()}
+
+    def lower_ends(self) -> dict[int, float]:
+        """For each wall how far down (m above the floor) a quarter of the keyframes that saw it could see it."""
+        lows: dict[int, list[float]] = {}
+        for s in self.seen:
+            lows.setdefault(s.wall, []).append(s.heights[0])
+        return {wall: float(np.quantile(values, 0.25)) for wall, values in lows.items()}
+
+    def scatter(self) -> dict[int, float]:
+        """For each wall the standard error (m) of its offset by the scatter of its observations; neighbouring
+        keyframes err alike, so that it falls with the fourth root of their number only."""
+        values: dict[int, list[float]] = {}
+        for s, across in zip(self.seen, self._across.tolist(), strict=True):
+            values.setdefault(s.wall, []).append(across)
+        errors = {}
+        for wall, own in values.items():
+            off = np.asarray(own)
+            errors[wall] = 1.48 * float(np.median(np.abs(off - np.median(off)))) / len(own) ** 0.25
+        return errors
+
     def join_duplicates(self) -> int:
         """Relabels walls that have come to lie on one another; returns how many were given up."""
         joined = 0

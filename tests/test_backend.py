@@ -1,5 +1,6 @@
 """The factor graph of a run, on loops whose truth is known."""
 
+from dataclasses import replace
 from time import process_time
 
 import numpy as np
@@ -161,7 +162,7 @@ def built_otherwise(anchors: Anchors, wall: int, offset: float) -> Anchors:
     """The anchors with one wall planned elsewhere by so many metres."""
     planes = dict(anchors.planes)
     planes[wall] = [PlannedWall(p.plane + np.array([0, 0, 0, offset]), p.place) for p in planes[wall]]
-    return Anchors(anchors.T_map_bim, planes, anchors.rooms, anchors.elevation)
+    return replace(anchors, planes=planes)
 
 
 def test_anchors_hold_alike_wherever_the_bim_has_its_origin() -> None:

@@ -1,61 +1,23 @@
 """Whole runs through a small building, whose plan and whose robot's true way are known."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 from boxes import Array, pose
+from drives import Drive, fed, small_drive
 from plans import a_graph, offices
 from scipy.spatial.transform import Rotation
-from small_ifc import write_small_ifc
 
 from data import SceneGraph, UserError
-from data.bim import Bim, load_bim
-from data.drive import Robot
-from data.scans import ScanFolder
-from data.sensor import SpinningSensor
-from data.simulate import simulate
-from data.trajectory import Trajectory
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
-ROBOT = Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0)
-SENSOR = SpinningSensor(azimuths=450, rate=5.0)
-
-
-@dataclass(frozen=True)
-class Drive:
-    """`truth` is T_bim_sensor of each scan; `names` are those of the rooms by GlobalId."""
-
-    bim: Bim
-    scans: list[tuple[int, Array]]
-    truth: Trajectory
-    names: dict[str, str]
-
-    def errors(self, result: Result) -> Array:
-        """(N,) metres in the BIM frame, no alignment."""
-        return np.asarray(
-            np.linalg.norm(result.trajectory.positions - self.truth.positions[: len(result.trajectory)], axis=1)
-        )
-
 
 @pytest.fixture(scope="module")
-def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    folder = tmp_path_factory.mktemp("slam")
-    building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
-    run = simulate(
-        building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=ROBOT
-    )
-    scans = [(scan.stamp_ns, scan.points) for scan in ScanFolder(run.out_dir / "scans")]
-    return Drive(load_bim(building.path, folder / "cache"), scans, run.truth, building.rooms)
-
-
-def fed(slam: SceneGraphSlam, scans: Iterable[tuple[int, Array]]) -> SceneGraphSlam:
-    for stamp_ns, points in scans:
-        slam.add_scan(stamp_ns, points)
-    return slam
+def drive() -> Drive:
+    return small_drive()
 
 
 @pytest.fixture(scope="module")

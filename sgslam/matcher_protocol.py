@@ -1,0 +1,51 @@
+"""What the system asks of a matcher."""
+
+from typing import Any, Protocol
+
+from data import SceneGraph
+
+
+class Match(Protocol):
+    """What a matcher answers; `matching.MatchResult` is one."""
+
+    @property
+    def status(self) -> str:
+        """`unique`, `ambiguous` or `none`."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """One line for the user."""
+        ...
+
+    @property
+    def rooms(self) -> tuple[tuple[str, str, float], ...]:
+        """(S id, A id, confidence) of the first hypothesis."""
+        ...
+
+    @property
+    def wall_surfaces(self) -> tuple[tuple[str, str, float], ...]:
+        """(S id, A id, confidence) of the first hypothesis."""
+        ...
+
+    @property
+    def T_a_s(self) -> tuple[float, float, float] | None:  # noqa: N802
+        """(yaw, x, y) of the first hypothesis."""
+        ...
+
+    @property
+    def floor(self) -> str | None:
+        """The storey of the first hypothesis."""
+        ...
+
+    def to_dict(self) -> dict[str, Any]:
+        """The form of matches.json."""
+        ...
+
+
+class AnyMatcher(Protocol):
+    """Any object that finds an S-graph in an A-graph."""
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> Match:
+        """Returns rooms and wall surfaces that correspond, or says that none or several answers fit."""
+        ...

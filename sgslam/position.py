@@ -1,0 +1,73 @@
+"""Which planned wall a seen one stands at, once the map's place in the plan is known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import WallSurface
+
+Floats = NDArray[np.float64]
+Index = NDArray[np.int64]
+_OTHER_ROOM = 0.1  # m that a planned wall of another room must be nearer to be preferred
+_BESIDE = 0.2  # m, likewise for one that lies beside none of the seen wall's length
+_LEAST_SHARE = 0.3  # of the shorter of two walls that lies beside the other
+
+
+@dataclass(frozen=True)
+class WallArrays:
+    """N wall surfaces in plan view: middles and normals (N, 2), half lengths (N,), and their rooms, -1 for none."""
+
+    centre: Floats
+    normal: Floats
+    half: Floats
+    room: Index
+
+    @staticmethod
+    def of(surfaces: list[WallSurface], rooms: dict[str, int], origin: Floats) -> "WallArrays":
+        """The arrays of surfaces, moved by -`origin` (2,); `rooms` numbers the rooms."""
+        centre = np.array([w.centroid for w in surfaces], dtype=float).reshape(-1, 2) - origin
+        normal = np.array([w.normal for w in surfaces], dtype=float).reshape(-1, 2)
+        half = np.array([0.5 * (w.length or 1.0) for w in surfaces])
+        return WallArrays(centre, normal, half, np.array([rooms.get(w.room or "", -1) for w in surfaces], np.int64))
+
+    def moved(self, T_plan_map: Floats) -> "WallArrays":
+        """The same under a motion (3,), yaw x y."""
+        c, s = np.cos(T_plan_map[0]), np.sin(T_plan_map[0])
+        R = np.array([[c, -s], [s, c]])
+        return WallArrays(self.centre @ R.T + T_plan_map[1:], self.normal @ R.T, self.half, self.room)
+
+
+def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_turned: float) -> Index:
+    """(N,) for each seen wall, placed in the plan, the planned one that it stands at; -1 where there is none.
+
+    A planned wall comes into question that faces the same way (`most_turned`, radians), within `reach` metres across,
+    beside a good part of the seen one. Of several the nearest is taken, and rather one of the room that the seen
+    wall's room mostly stands in.
+    """
+    if not len(seen.half) or not len(planned.half):
+        return np.full(len(seen.half), -1, dtype=np.int64)
+    away = seen.centre[:, None] - planned.centre[None]
+    off = np.abs(np.einsum("ijk,jk->ij", away, planned.normal))
+    along = np.abs(away[..., 1] * planned.normal[:, 0] - away[..., 0] * planned.normal[:, 1])
+    shorter = np.minimum(seen.half[:, None], planned.half[None])
+    beside = np.clip((seen.half[:, None] + planned.half[None] - along) / (2 * shorter), 0.0, 1.0)
+    facing = seen.normal @ planned.normal.T > np.cos(most_turned)
+    cost = np.where(facing & (off < reach) & (beside > _LEAST_SHARE), off + _BESIDE * (1 - beside), np.inf)
+    home = _homes(seen, planned, cost)
+    elsewhere = (home[:, None] >= 0) & (planned.room[None] != home[:, None])
+    cost = cost + np.where(elsewhere, _OTHER_ROOM, 0.0)
+    best = cost.argmin(axis=1)
+    return np.where(np.isfinite(cost[np.arange(len(best)), best]), best, -1)
+
+
+def _homes(seen: WallArrays, planned: WallArrays, cost: Floats) -> Index:
+    """(N,) the planned room that most of the walls of a seen wall's room stand in; -1 where it is not known."""
+    best = cost.argmin(axis=1)
+    told = np.isfinite(cost[np.arange(len(best)), best]) & (seen.room >= 0) & (planned.room[best] >= 0)
+    if not told.any():
+        return np.full(len(best), -1, dtype=np.int64)
+    votes = np.zeros((int(seen.room.max()) + 1, int(planned.room.max()) + 1))
+    np.add.at(votes, (seen.room[told], planned.room[best[told]]), seen.half[told])
+    home = np.where(votes.max(axis=1) > 0, votes.argmax(axis=1), -1)
+    return np.where(seen.room >= 0, home[seen.room], -1)

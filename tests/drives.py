@@ -1,0 +1,63 @@
+"""A drive through a small building, whose plan and whose robot's true way are known; simulated once for all tests."""
+
+import functools
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from boxes import Array
+from small_ifc import write_small_ifc
+
+from data.bim import Bim, load_bim
+from data.drive import Robot
+from data.scans import ScanFolder
+from data.sensor import SpinningSensor
+from data.simulate import simulate
+from data.trajectory import Trajectory
+from sgslam.result import Result
+from sgslam.slam import SceneGraphSlam
+
+ROBOT = Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0)
+SENSOR = SpinningSensor(azimuths=450, rate=5.0)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """`truth` is T_bim_sensor of each scan; `names` are those of the rooms by GlobalId."""
+
+    bim: Bim
+    scans: list[tuple[int, Array]]
+    truth: Trajectory
+    names: dict[str, str]
+
+    def errors(self, result: Result) -> Array:
+        """(N,) metres in the BIM frame, no alignment."""
+        return np.asarray(
+            np.linalg.norm(result.trajectory.positions - self.truth.positions[: len(result.trajectory)], axis=1)
+        )
+
+    def rmse(self, result: Result) -> float:
+        """Metres in the BIM frame, no alignment."""
+        return float(np.sqrt(np.mean(self.errors(result) ** 2)))
+
+
+@functools.cache
+def small_drive() -> Drive:
+    """Through all three rooms of `small_ifc`'s building, which lies far from zero and is turned."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
+        run = simulate(
+            building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=ROBOT
+        )
+        scans = [(scan.stamp_ns, scan.points) for scan in ScanFolder(run.out_dir / "scans")]
+        return Drive(load_bim(building.path, folder / "cache"), scans, run.truth, building.rooms)
+
+
+def fed(slam: SceneGraphSlam, scans: Iterable[tuple[int, Array]]) -> SceneGraphSlam:
+    """The same, after all scans."""
+    for stamp_ns, points in scans:
+        slam.add_scan(stamp_ns, points)
+    return slam
