@@ -64,7 +64,8 @@ def read_mesh(path: Path | str) -> MeshBuilding:
         surfaces += surfaces_at(replace(level, top=top), [solid])
     if not surfaces:
         raise UserError(f"{path}: no walls that stand on a floor; give the mesh of a building, walls with two sides")
-    numbered = tuple(replace(s, id=f"surface-{k}") for k, s in enumerate(surfaces, 1))
+    # what has no source is a wall of its own: all of a mesh is one body
+    numbered = tuple(replace(s, id=f"surface-{k}", source="") for k, s in enumerate(surfaces, 1))
     floors = tuple(Floor(str(v.floor), f"level {v.bottom:.2f}", v.bottom) for v in levels)
     rooms = tuple(room.room for level in levels for room in level.rooms)
     return MeshBuilding(SceneGraph("bim", rooms, numbered, tuple(doors), floors), triangles, tuple(levels))
