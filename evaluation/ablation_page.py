@@ -15,8 +15,7 @@ FIGURES = "docs"  # beside the page of results
 
 def write_page(records: Records, out: Path, benchmarks: Path | None = None) -> str:
     """Writes table.md, table.tex, plots/*.svg and ablation.md into `out`, and the page's section; returns the table."""
-    order = ["normal", *dict.fromkeys(r["conditions"] for r in records)]
-    records = sorted(records, key=lambda r: order.index(r["conditions"]))
+    records = _in_order(records)
     accuracy = markdown(records, ACCURACY)
     write_atomically(out / "table.md", accuracy)
     tables = [latex(records, columns) for columns in (ACCURACY, MAP, COST)]
@@ -30,6 +29,19 @@ def write_page(records: Records, out: Path, benchmarks: Path | None = None) -> s
     if benchmarks is not None:
         write_section(benchmarks, "ablation", _benchmark(sections, drawn, out, benchmarks))
     return accuracy
+
+
+def _in_order(records: Records) -> Records:
+    """Normal conditions first, arms as they are listed; sequences and others as they were first run."""
+    conditions = ["normal", *dict.fromkeys(r["conditions"] for r in records)]
+    sequences = list(dict.fromkeys(r["sequence"] for r in records))
+    arms = [*ARMS, *dict.fromkeys(r["arm"] for r in records)]
+
+    def key(record: dict[str, str]) -> tuple[int, int, int, int]:
+        places = conditions.index(record["conditions"]), sequences.index(record["sequence"])
+        return (*places, arms.index(record["arm"]), int(record["seed"]))
+
+    return sorted(records, key=key)
 
 
 def _sections(records: Records, accuracy: str) -> list[str]:
