@@ -181,6 +181,8 @@ class Anchoring:
             by = f"match {self._matches}" if key in self._pairs else "position"
             if held.agrees:
                 holds[key] = Hold("tight", by, f"as planned within {1000 * holding.gate:.0f} mm")
+            elif held.bent:
+                holds[key] = Hold("tight", by, f"{1000 * held.offset:+.0f} mm off, as all around: the map is bent")
             elif key not in holds:
                 holds[key] = Hold("loose", by, f"{1000 * held.offset:+.0f} mm off the plan")
         self.log.hold(scene.graph.keyframes[-1].stamp_ns, holds)
@@ -189,26 +191,29 @@ class Anchoring:
         assert self.committed is not None
         T_local_level = se2_to_se3(holding.place[0], holding.place[1], holding.place[2])
         tight: dict[int, dict[str, PlannedWall]] = {}
+        settings = self._config.anchors
+        bent: dict[int, dict[str, PlannedWall]] = {}
         loose: dict[int, dict[str, PlannedWall]] = {}
         by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
         for held in holding.walls:
             wall, plane = scene.wall_of_surface[held.surface.id], self._local_plane(held.planned)
             middle = np.array([*held.surface.centroid, np.mean(held.surface.height or 0.0)])
             planned = PlannedWall(plane, transform_points(T_local_level, middle))
-            (tight if held.agrees else loose).setdefault(wall, {})[held.planned.id] = planned
-            if held.agrees and held.surface.room is not None and held.planned.room is not None:
+            pulls = held.bent or abs(held.offset) < settings.doubtful
+            (tight if held.agrees else bent if pulls else loose).setdefault(wall, {})[held.planned.id] = planned
+            if (held.agrees or pulls) and held.surface.room is not None and held.planned.room is not None:
                 by_rooms.setdefault((held.surface.room, held.planned.room), {})[wall] = plane
-        settings = self._config.anchors
         known = self._known(walls, T_map_local)
         if T_map_local is None or self._moved or _apart(holding.place, known, scene, settings.gate_offset):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
         rooms = _room_anchors(scene, by_rooms) if settings.rooms else {}
         if not settings.planes:
-            tight = loose = {}
+            tight = bent = loose = {}
         return Anchors(
             T_map_local, {wall: list(p.values()) for wall, p in tight.items()}, rooms,
             None if self._elevation is None else 0.0,
-            {wall: list(p.values()) for wall, p in loose.items() if wall not in tight},
+            {wall: list(p.values()) for wall, p in loose.items() if wall not in tight and wall not in bent},
+            {wall: list(p.values()) for wall, p in bent.items() if wall not in tight},
         )  # fmt: skip
 
     def _local_plane(self, surface: WallSurface) -> Floats:

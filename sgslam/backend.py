@@ -50,6 +50,7 @@ class Anchors:
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevation: float | None  # of the storey's floor
     loose: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: walls that stand otherwise
+    bent: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: where the map is to be bent back
 
 
 class Backend:
@@ -210,12 +211,14 @@ class Backend:
         tight = factors.redescending_noise_of_plane(
             settings.sigma_normal, settings.sigma_offset, settings.redescending
         )
+        # what is far off pulls as hard as what is near, where the map is bent
+        bent = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, self._config.backend.huber)
         loose = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, self._config.backend.huber)
         start = gtsam.Pose3(anchors.T_map_bim)
         values.insert(_BIM, start)
         graph.add(gtsam.PriorFactorPose3(_BIM, start, factors.noise_of_pose(1.0, 100.0)))
         anchored = [
-            (wall, p, noise) for held, noise in ((anchors.planes, tight), (anchors.loose, loose))
+            (wall, p, noise) for held, noise in ((anchors.planes, tight), (anchors.bent, bent), (anchors.loose, loose))
             for wall, planned in held.items() for p in planned if wall in anchor_of
         ]  # fmt: skip
         for number, (wall, planned, noise) in enumerate(anchored, 1):

@@ -103,6 +103,7 @@ class AnchorSettings(_Settings):
     sigma_normal: float = Field(0.004, gt=0, description="rad, a wall's normal as built")
     sigma_extraction: float = Field(0.004, gt=0, description="m, what all observations of a wall may have in common")
     tolerance: float = Field(0.03, gt=0, description="m; a wall that is less off the plan stands as planned")
+    doubtful: float = Field(0.08, gt=0, description="m; off by less, the map may be off; it still pulls")
     sigma_room: float = Field(0.03, gt=0, description="m, a room's place as built")
     sigma_loose: float = Field(0.2, gt=0, description="m and rad, a wall that stands otherwise than planned")
     reach: float = Field(0.4, gt=0, description="m; a wall further off is not the planned one")

@@ -62,7 +62,7 @@ def measured_pieces(
         tight[wall] = tight.get(wall, 0) + held.agrees
     pieces = []
     for held in holding.walls:
-        if not uncertainty.knows(scene.wall_of_surface[held.surface.id]):
+        if held.bent or not uncertainty.knows(scene.wall_of_surface[held.surface.id]):
             continue
         wall, normal = scene.wall_of_surface[held.surface.id], np.array([*held.planned.normal, 0.0])
         centre = np.array([*held.planned.centroid, 0.0]) - origin

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
+from sgslam.bent import bent_with_neighbours
 from sgslam.config import AnchorSettings
 from sgslam.consensus import Pairs, find_consensus
 from sgslam.frames import transform_planes
@@ -21,12 +22,14 @@ _GROSS = 0.7, np.radians(10)  # m and rad; a matched pair that is further off is
 @dataclass(frozen=True)
 class Held:
     """A seen wall surface and the planned one that it stands at. `offset` (m) along the planned inward normal;
-    `agrees`: it stands where most walls say that it should."""
+    `agrees`: it stands where most walls say that it should; `bent`: it does not, but all around are off alike, so that
+    the map is bent there."""
 
     surface: WallSurface
     planned: WallSurface
     offset: float
     agrees: bool
+    bent: bool = False
 
 
 @dataclass(frozen=True)
@@ -63,13 +66,16 @@ def hold(
             break
         place = found.T_plan_map
     place = found.T_plan_map
-    off = pairs.offsets(place).tolist()
+    off, bent = pairs.offsets(place).tolist(), bent_with_neighbours(pairs, found, settings.gate_angle)
     held = [
-        Held(seen[i], planned[int(which[i])], off[k], bool(found.agree[k])) for k, i in enumerate(paired.tolist())
+        Held(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(bent[k]))
+        for k, i in enumerate(paired.tolist())
     ]  # fmt: skip
+    votes = pairs.votes()
+    share = found.share + float(votes[bent].sum() / votes.sum())
     # a wall that stands nowhere in the plan speaks against the place, as one does that stands off
     length = float(s.half[paired].sum() / s.half.sum())
-    return Holding(held, place, found.gate, found.share * length)
+    return Holding(held, place, found.gate, share * length)
 
 
 def find_place(

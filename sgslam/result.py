@@ -134,7 +134,8 @@ def _deviations(
         return []
     origin, floor = anchoring.origin, anchoring.storey
     found = moved(measured_pieces(holding, scene, walls, uncertainty, origin, config), config)
-    standing = {h.planned.id for h in holding.walls if h.agrees} | {d["a_id"] for d in found if d["significant"]}
+    standing = {h.planned.id for h in holding.walls if h.agrees or h.bent}
+    standing |= {d["a_id"] for d in found if d["significant"]}
     found += absent(floor, standing, backend.keyframes, walls.T_level_map, holding.place, origin[:2])
     return found + extra(scene, walls, floor, holding, origin[:2])
 

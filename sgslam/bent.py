@@ -1,0 +1,33 @@
+"""Where the map is bent: walls that are off the plan together with their neighbours have not been built elsewhere."""
+
+import numpy as np
+
+from sgslam.consensus import Consensus, Flags, Pairs, find_consensus
+
+_NEIGHBOURS = 6.0  # m
+_MOST_OVERALL = 0.5  # of the votes there for the map's own place; where there are more, the map is not bent
+_LEAST_LOCAL = 0.7  # of the votes there for one place of their own
+_LEAST_UNITS = 5
+
+
+def bent_with_neighbours(pairs: Pairs, overall: Consensus, most_turned: float) -> Flags:
+    """(N,) the walls off the `overall` consensus whose neighbourhood agrees on a place of its own.
+
+    Walls that were built elsewhere, and wrong matches, are each off in their own way; drift moves all walls of a
+    neighbourhood alike. `most_turned` in radians, as in `find_consensus`.
+    """
+    bent = np.zeros(len(overall.agree), dtype=bool)
+    votes = pairs.votes()
+    for i in np.argsort(-votes, kind="stable").tolist():
+        if overall.agree[i] or bent[i]:
+            continue
+        near = np.flatnonzero(np.hypot(*(pairs.seen - pairs.seen[i]).T) < _NEIGHBOURS)
+        if votes[near][overall.agree[near]].sum() > _MOST_OVERALL * votes[near].sum():
+            continue
+        local = find_consensus(pairs.only(near), overall.T_plan_map, most_turned)
+        if local is None or local.share < _LEAST_LOCAL:
+            continue
+        agreeing = near[local.agree]
+        if len(np.unique(pairs.unit[agreeing])) >= _LEAST_UNITS:
+            bent[agreeing] = True
+    return bent & ~overall.agree

@@ -1,0 +1,48 @@
+"""Walls that are off alike with all their neighbours are told from walls that were built elsewhere."""
+
+import numpy as np
+
+from sgslam.bent import bent_with_neighbours
+from sgslam.consensus import Pairs, find_consensus
+
+ROOM = 4.0  # m
+TURN = np.radians(4.0)
+
+
+def rooms_in_a_row(count: int, off: np.ndarray) -> Pairs:
+    """Square rooms along x, four walls each; `off` (count, 4) m by which each wall stands before its place."""
+    inward = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    middle = np.arange(count)[:, None, None] * [ROOM, 0.0]
+    planned = (middle - 0.5 * ROOM * inward).reshape(-1, 2)
+    normal = np.tile(inward, (count, 1))
+    seen = planned + normal * off.reshape(-1, 1)
+    return Pairs(seen, normal, planned, normal, np.full(len(seen), ROOM), np.arange(len(seen)))
+
+
+def shifted(by: tuple[float, float]) -> np.ndarray:
+    """(4,) how far before their planned places the walls of a room stand that is moved by a vector."""
+    return np.array([by[0], -by[0], by[1], -by[1]])
+
+
+def bent(pairs: Pairs) -> np.ndarray:
+    overall = find_consensus(pairs, np.zeros(3), TURN)
+    assert overall is not None and np.allclose(overall.T_plan_map, 0.0, atol=0.01)
+    return bent_with_neighbours(pairs, overall, TURN).reshape(-1, 4)
+
+
+def test_rooms_that_drifted_together_are_bent() -> None:
+    off = np.zeros((12, 4))
+    off[8:] = shifted((0.05, 0.15))
+    across = bent(rooms_in_a_row(12, off))[:, 2:]
+    assert across[9:].all() and not across[:8].any()
+
+
+def test_walls_that_were_built_elsewhere_are_not() -> None:
+    rng = np.random.default_rng(1)
+    off = np.zeros(48)
+    off[rng.permutation(48)[:16]] = rng.uniform(0.1, 0.3, 16) * rng.choice([-1, 1], 16)
+    assert not bent(rooms_in_a_row(12, off.reshape(12, 4))).any()
+
+
+def test_a_map_that_agrees_is_not_bent() -> None:
+    assert not bent(rooms_in_a_row(5, np.zeros((5, 4)))).any()
