@@ -105,7 +105,7 @@ class ScanFolder:
         if len(self.skipped) > WORST_SHARE_SKIPPED * len(self):
             first = self.skipped[0]
             raise UserError(
-                f"{self.path}: {len(self.skipped)} of {len(self)} scans cannot be read, more than a fifth; "
+                f"{self.path}: at least {len(self.skipped)} of {len(self)} scans cannot be read, more than a fifth; "
                 f"the first is {first.path.name}: {first.reason}"
             )
 

@@ -38,6 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     config = load_config(options.config, options.set)
     start = None if options.start is None else _start(options.start)
+    matcher = _matcher(config.matching.method, start)
     if options.demo:
         _make_demo(options)
     if options.bim is None and (options.storey is not None or options.start is not None):
@@ -55,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     for notice in [scans.note, *(bim.notices if bim is not None else ())]:
         if notice:
             logging.getLogger("sgslam").warning("%s", notice)
-    slam = SceneGraphSlam(a_graph, _matcher(config.matching.method, start), config)
+    slam = SceneGraphSlam(a_graph, matcher, config)
     log = logging.getLogger("sgslam")
     log.info("%d scans in %s; building: %s", len(scans), scans.path, options.bim or "none")
     broken = _feed(slam, scans, seconds)
@@ -144,7 +145,10 @@ def _storey(a_graph: "SceneGraph", name: str | None) -> "SceneGraph":
 def _matcher(method: str, start: tuple[float, float, float] | None) -> Any:
     from matching import Matcher
 
-    matcher = Matcher.load(method)
+    try:
+        matcher = Matcher.load(method)
+    except UserError as error:
+        raise UserError(f"setting matching.method: {error}") from None
     return matcher if start is None else _StartedMatcher(matcher, start)
 
 
