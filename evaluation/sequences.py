@@ -119,6 +119,11 @@ def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions 
     return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(kept), truth, seed))
 
 
+def plan_of(spec: SequenceSpec, folder: Path) -> SceneGraph:
+    """The whole building's A-graph; the demo building is written into `folder` where it is not there."""
+    return _a_graph(_building(spec, folder)[0])
+
+
 def _building(spec: SequenceSpec, folder: Path) -> tuple[Path, str]:
     if spec.bim != "demo":
         return Path(spec.bim), spec.storey or ""
