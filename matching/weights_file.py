@@ -2,9 +2,12 @@
 
 import io
 import pickle
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
+from torch import Tensor
 
 from data.errors import UserError
 from data.files import write_atomically
@@ -15,10 +18,7 @@ VERSION = 1
 
 def save_network(path: Path, network: MatchingNetwork) -> None:
     """Writes the network atomically."""
-    state = {k: v.detach().cpu().half() for k, v in network.state_dict().items()}
-    buffer = io.BytesIO()
-    torch.save({"version": VERSION, "settings": network.to_dict(), "state": state}, buffer)
-    write_atomically(path, buffer.getvalue())
+    write_weights(path, VERSION, network.to_dict(), {k: v.half() for k, v in network.state_dict().items()})
 
 
 def load_network(path: Path) -> MatchingNetwork:
@@ -26,17 +26,38 @@ def load_network(path: Path) -> MatchingNetwork:
 
     Raises UserError where the file is missing or is not a network of this program.
     """
+    settings, state = read_weights(path, VERSION, "python -m matching.train")
+    try:
+        network = MatchingNetwork(Settings(**settings))
+        network.load_state_dict({k: v.float() for k, v in state.items()}, strict=True)
+    except (KeyError, TypeError, AttributeError, RuntimeError):
+        raise UserError(f"{path}: its network does not fit this program; train it again") from None
+    return network.eval().requires_grad_(False)
+
+
+def write_weights(path: Path, version: int | str, settings: Mapping[str, Any], state: Mapping[str, Tensor]) -> None:
+    """Writes settings and weights of any network atomically."""
+    kept = {k: v.detach().cpu() for k, v in state.items()}
+    buffer = io.BytesIO()
+    torch.save({"version": version, "settings": dict(settings), "state": kept}, buffer)
+    write_atomically(path, buffer.getvalue())
+
+
+def read_weights(path: Path, version: int | str, maker: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """The settings and the weights of a file that `maker`, a command, writes.
+
+    Raises UserError where the file is missing, is no network's, or is of another version.
+    """
     try:
         value = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give a network's file (.pt)") from None
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError):
-        raise UserError(f"{path}: not a network's file; 'python -m matching.train' writes one") from None
+        raise UserError(f"{path}: not a network's file; '{maker}' writes one") from None
     try:
-        if value["version"] != VERSION:
-            raise UserError(f"{path}: a network of version {value['version']}, not {VERSION}; train it again")
-        network = MatchingNetwork(Settings(**value["settings"]))
-        network.load_state_dict({k: v.float() for k, v in value["state"].items()}, strict=True)
-    except (KeyError, TypeError, AttributeError, RuntimeError):
+        found, settings, state = value["version"], value["settings"], value["state"]
+    except (KeyError, TypeError):
         raise UserError(f"{path}: its network does not fit this program; train it again") from None
-    return network.eval().requires_grad_(False)
+    if found != version:
+        raise UserError(f"{path}: a network of version {found}, not {version}; train it again")
+    return settings, state
