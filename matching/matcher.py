@@ -8,6 +8,8 @@ from typing import Protocol
 
 from data.errors import UserError
 from data.scene_graph import SceneGraph
+from matching.combinatorial import CombinatorialMatcher
+from matching.combinatorial_settings import DEVELOP, GRID
 from matching.complete import complete
 from matching.hypotheses import Placement, search
 from matching.result import Hypothesis, MatchResult
@@ -16,6 +18,7 @@ from matching.verification import verify
 from matching.walls import Walls, arrays, storeys
 
 LISTED = 10  # hypotheses in the answer
+WITH_WEIGHTS = ("learned", "paper")
 
 
 class Method(Protocol):
@@ -56,16 +59,27 @@ class Matcher:
 
     @staticmethod
     def load(method: str = "voting", weights: Path | str | None = None) -> "Matcher":
-        """A matcher by name: `voting`, or `learned` with the weights of a file (the shipped ones unless told).
+        """A matcher by name: `voting`, `learned` with the weights of a file (the shipped ones unless told), or
+        iS-Graphs' search: `combinatorial` as released, `combinatorial-grid` as its later branch has it.
+        `paper` is the published matcher with the weights of a file or of a preset (`published` unless told,
+        `repository`). `NAME@WEIGHTS` tells both in one, as `paper@repository`.
 
         Raises UserError for a name that does not exist, and for a file that holds no weights.
         """
-        methods: dict[str, Callable[[], Method]] = {"voting": VotingMatcher, "learned": lambda: _learned(weights)}
-        if method not in methods:
-            raise UserError(f"no matching method '{method}'; there are: {', '.join(methods)}")
-        if weights is not None and method != "learned":
-            raise UserError(f"the matching method '{method}' takes no weights; 'learned' does")
-        return Matcher(methods[method]())
+        name, _, told = method.partition("@")
+        weights = told or weights
+        methods: dict[str, Callable[[], Method]] = {
+            "voting": VotingMatcher,
+            "learned": lambda: _learned(weights),
+            "paper": lambda: _paper(weights),
+            "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
+            "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
+        }
+        if name not in methods:
+            raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
+        if weights is not None and name not in WITH_WEIGHTS:
+            raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
+        return Matcher(methods[name]())
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
@@ -83,6 +97,12 @@ def _learned(weights: Path | str | None) -> Method:
     from matching.learned import LearnedProposer
 
     return BentMatcher(LearnedProposer.load(weights).propose)
+
+
+def _paper(weights: Path | str | None) -> Method:
+    from matching.paper_matcher import PaperMatcher
+
+    return PaperMatcher.load(weights)
 
 
 def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:
