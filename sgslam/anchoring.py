@@ -80,8 +80,8 @@ class Anchoring:
             self._tried = growth
         if holding is None:
             return None
-        self._note(scene, holding)
-        anchors = self._anchors(scene, walls, holding, T_map_local)
+        holds = self._note(scene, holding)
+        anchors = self._anchors(scene, walls, holding, T_map_local, holds)
         self._moved = False
         return anchors
 
@@ -174,7 +174,7 @@ class Anchoring:
         floor = self.committed.floor if self.committed is not None else None
         return next((f.elevation for f in self._a.floors if f.id == floor), None)
 
-    def _note(self, scene: Scene, holding: Holding) -> None:
+    def _note(self, scene: Scene, holding: Holding) -> dict[Key, Hold]:
         holds: dict[Key, Hold] = {}
         for held in holding.walls:
             key = (scene.wall_of_surface[held.surface.id], held.planned.id)
@@ -186,8 +186,11 @@ class Anchoring:
             elif key not in holds:
                 holds[key] = Hold("loose", by, f"{1000 * held.offset:+.0f} mm off the plan")
         self.log.hold(scene.graph.keyframes[-1].stamp_ns, holds)
+        return holds
 
-    def _anchors(self, scene: Scene, walls: WallMap, holding: Holding, T_map_local: Floats | None) -> Anchors:
+    def _anchors(
+        self, scene: Scene, walls: WallMap, holding: Holding, T_map_local: Floats | None, holds: dict[Key, Hold]
+    ) -> Anchors:
         assert self.committed is not None
         T_local_level = se2_to_se3(holding.place[0], holding.place[1], holding.place[2])
         tight: dict[int, dict[str, PlannedWall]] = {}
@@ -198,7 +201,9 @@ class Anchoring:
         for held in holding.walls:
             wall, plane = scene.wall_of_surface[held.surface.id], self._local_plane(held.planned)
             middle = np.array([*held.surface.centroid, np.mean(held.surface.height or 0.0)])
-            planned = PlannedWall(plane, transform_points(T_local_level, middle))
+            told = holds[wall, held.planned.id]
+            place = transform_points(T_local_level, middle)
+            planned = PlannedWall(plane, place, held.planned.id, told.by, told.why)
             pulls = held.bent or abs(held.offset) < settings.doubtful
             (tight if held.agrees else bent if pulls else loose).setdefault(wall, {})[held.planned.id] = planned
             if (held.agrees or pulls) and held.surface.room is not None and held.planned.room is not None:
@@ -213,7 +218,7 @@ class Anchoring:
             T_map_local, {wall: list(p.values()) for wall, p in tight.items()}, rooms,
             None if self._elevation is None else 0.0,
             {wall: list(p.values()) for wall, p in loose.items() if wall not in tight and wall not in bent},
-            {wall: list(p.values()) for wall, p in bent.items() if wall not in tight},
+            {wall: list(p.values()) for wall, p in bent.items() if wall not in tight}, f"match {self._matches}",
         )  # fmt: skip
 
     def _local_plane(self, surface: WallSurface) -> Floats:

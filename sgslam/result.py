@@ -15,6 +15,7 @@ from sgslam.anchoring import Anchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.deviations import measured_pieces, moved
+from sgslam.factor_log import FactorLog
 from sgslam.frames import inverse
 from sgslam.holding import Holding
 from sgslam.output import prepare_folder, save_result
@@ -73,6 +74,7 @@ class Result:
     matches: dict[str, Any] | None
     deviations: list[dict[str, Any]]
     anchors: list[dict[str, Any]]  # the log: each with who added it, and what became of it when and why
+    factors: FactorLog  # of the back end: all that hold, and what was added and withdrawn by whom and why
     pose_covariances: PoseCovariances | None  # where the run was anchored
     first_anchor_s: float | None
     keyframes: int
@@ -119,7 +121,7 @@ def finished(
         trajectory_map, odometry, T_bim_map, scene.graph, bim, matches,
         _deviations(anchoring, holding, scene, walls, backend, uncertainty, config),
         [record.to_dict() for record in anchoring.log.records] if anchoring is not None else [],
-        _covariances(backend, uncertainty, T_bim_map),
+        backend.log, _covariances(backend, uncertainty, T_bim_map),
         None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
         len(backend.keyframes), dict(seconds), config,
     )  # fmt: skip

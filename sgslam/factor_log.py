@@ -1,0 +1,105 @@
+"""The back end's log: which factors hold now, and of each who added it, when and why, and what became of it."""
+
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import gtsam
+import numpy as np
+
+Kind = Literal["start", "odometry", "wall", "floor", "room", "anchor"]
+Key = tuple[int | str, ...]
+KINDS: tuple[Kind, ...] = ("start", "odometry", "wall", "floor", "room", "anchor")
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A factor, `by` whom (odometry, a match, ...) and `why` it is held."""
+
+    factor: gtsam.NonlinearFactor
+    by: str
+    why: str
+
+
+@dataclass(frozen=True)
+class FactorEvent:
+    """What became of a factor when so many keyframes were known; `key` names it among those of its kind."""
+
+    keyframes: int
+    kind: Kind
+    key: Key
+    what: Literal["added", "withdrawn", "barred"]
+    by: str
+    why: str
+
+
+class FactorLog:
+    """All factors in the order in which they came, by kind, so that the same log always gives the same graph."""
+
+    def __init__(self) -> None:
+        self._held: dict[Kind, dict[Key, Entry]] = {kind: {} for kind in KINDS}
+        self._barred: set[tuple[Kind, Key]] = set()
+        self.events: list[FactorEvent] = []
+
+    def held(self, kind: Kind) -> dict[Key, Entry]:
+        """The factors of a kind that hold now, by key."""
+        return self._held[kind]
+
+    def __iter__(self) -> Iterator[tuple[Kind, Key, Entry]]:
+        """All that hold now."""
+        return ((kind, key, entry) for kind in KINDS for key, entry in self._held[kind].items())
+
+    def hold(self, keyframes: int, kind: Kind, entries: dict[Key, Entry], gone: str) -> None:
+        """These factors of a kind hold from now on: new ones are added, those that are missing withdrawn because they
+        are `gone`, those of a known key replaced. What was barred stays out."""
+        before = self._held[kind]
+        if self._barred:
+            entries = {key: entry for key, entry in entries.items() if (kind, key) not in self._barred}
+        for key in [key for key in before if key not in entries]:
+            self.events.append(FactorEvent(keyframes, kind, key, "withdrawn", before[key].by, gone))
+        for key, entry in entries.items():
+            if key not in before:
+                self.events.append(FactorEvent(keyframes, kind, key, "added", entry.by, entry.why))
+        self._held[kind] = entries
+
+    def add(self, keyframes: int, kind: Kind, key: Key, entry: Entry) -> None:
+        """One more factor, under a key that is new."""
+        self._held[kind][key] = entry
+        self.events.append(FactorEvent(keyframes, kind, key, "added", entry.by, entry.why))
+
+    def withdraw(self, keyframes: int, kind: Kind, keys: list[Key], why: str, *, for_good: bool = False) -> None:
+        """Takes factors out; `for_good`: they are barred, and do not come back under the same key."""
+        for key in keys:
+            entry = self._held[kind].pop(key)
+            what: Literal["barred", "withdrawn"] = "barred" if for_good else "withdrawn"
+            self.events.append(FactorEvent(keyframes, kind, key, what, entry.by, why))
+            _log.warning("factor %s %s, by %s, is %s: %s", kind, "/".join(map(str, key)), entry.by, what, why)
+            if for_good:
+                self._barred.add((kind, key))
+
+    def graph(self) -> gtsam.NonlinearFactorGraph:
+        """The factor graph of all that hold now, built anew."""
+        graph = gtsam.NonlinearFactorGraph()
+        for _, _, entry in self:
+            graph.add(entry.factor)
+        return graph
+
+    def unsound(self, values: gtsam.Values) -> Iterator[tuple[Kind, Key, str]]:
+        """The factors whose error at `values` is no finite number, and why."""
+        for kind, key, entry in self:
+            try:
+                error = entry.factor.error(values)
+            except RuntimeError as refused:
+                yield kind, key, f"GTSAM refuses it ({str(refused).strip().partition(chr(10))[0]})"
+            else:
+                if not np.isfinite(error):
+                    yield kind, key, f"its error is {error}"
+
+    def counts(self) -> dict[Kind, dict[str, int]]:
+        """How many factors of each kind hold, and how many were added, withdrawn and barred so far."""
+        counted = {kind: {"held": len(self._held[kind]), "added": 0, "withdrawn": 0, "barred": 0} for kind in KINDS}
+        for event in self.events:
+            counted[event.kind][event.what] += 1
+        return counted

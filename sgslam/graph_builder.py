@@ -1,0 +1,214 @@
+"""Which factors hold, from what is known of keyframes, walls, floor, rooms and BIM; and where the estimates start.
+
+Everything goes into the log; a factor whose measurement and variables did not change is kept as it is.
+"""
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, F, O, P, R, W, X
+from numpy.typing import NDArray
+
+import factors
+from sgslam.config import Config
+from sgslam.factor_log import Entry, FactorLog, Key
+from sgslam.frames import inverse, transform_planes
+from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
+from sgslam.keyframes import KeyframeNode
+from sgslam.wall_map import SeenWall
+
+Floats = NDArray[np.float64]
+BIM, FLOOR, IDENTITY = B(0), F(0), O(0)
+
+
+class GraphBuilder:
+    """Holds in `log` what is known; `keyframes` are those of the back end."""
+
+    def __init__(self, config: Config, keyframes: list[KeyframeNode], log: FactorLog) -> None:
+        self._config, self._keyframes, self._log = config, keyframes, log
+        tight = factors.noise_of_pose(1e-5, 1e-5)
+        for name, pose, why in (("map", X(0), "the map begins at the first keyframe"), ("identity", IDENTITY, "fixed")):
+            log.add(0, "start", (name,), Entry(gtsam.PriorFactorPose3(pose, gtsam.Pose3(), tight), "start", why))
+
+    def hold_step(self, i: int, step: Floats) -> None:
+        """The odometry's `step` (4, 4) from the keyframe before to keyframe i."""
+        settings = self._config.odometry
+        noise = factors.noise_of_pose(settings.sigma_rotation, settings.sigma_translation)
+        factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
+        self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", "the step between two keyframes"))
+
+    def bridge(self, i: int) -> None:
+        """In place of a step that cannot be used: keyframe i is somewhere near the one before it."""
+        factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(), factors.noise_of_pose(1.0, 2.0))
+        entry = Entry(factor, "back end", "in place of a step that could not be used")
+        self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
+
+    def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
+        """Walls seen from two keyframes or more; returns the keyframe that each one is kept by."""
+        keyframes_of: dict[int, set[int]] = {}
+        for s in seen:
+            keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
+        anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
+        before, entries = self._log.held("wall"), dict[Key, Entry]()
+        for number, s in enumerate(seen):
+            if s.wall in anchor_of:
+                key = (number, s.wall, anchor_of[s.wall])
+                entries[key] = before.get(key) or self._observation(s, anchor_of[s.wall])
+        self._log.hold(len(self._keyframes), "wall", entries, "it is taken for another wall's, or the wall is kept by "
+                       "another keyframe")  # fmt: skip
+        return anchor_of
+
+    def _observation(self, seen: SeenWall, anchor: int) -> Entry:
+        settings = self._config.backend
+        normal = float(np.hypot(seen.sigma_normal, settings.sigma_normal))
+        offset = float(np.hypot(seen.sigma_offset, settings.sigma_offset))
+        why = f"keyframe {seen.keyframe} saw wall {seen.wall}"
+        if seen.keyframe == anchor:
+            noise = factors.noise_of_plane(normal, offset, None)
+            return Entry(factors.observe_own_plane(seen.plane, IDENTITY, P(seen.wall), noise), "wall extraction", why)
+        robust = factors.noise_of_plane(normal, offset, settings.huber)
+        factor = factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
+        return Entry(factor, "wall extraction", why)
+
+    def hold_floor(self) -> None:
+        """The floor as the keyframes saw it, in the frame of the first one."""
+        settings, before, entries = self._config.backend, self._log.held("floor"), dict[Key, Entry]()
+        for i, keyframe in enumerate(self._keyframes):
+            if keyframe.floor is None:
+                continue
+            if (i,) in before:
+                entries[i,] = before[i,]
+                continue
+            normal = float(np.hypot(keyframe.floor.sigma_normal, settings.sigma_floor_normal))
+            offset = float(np.hypot(keyframe.floor.sigma_offset, settings.sigma_floor_offset))
+            if i == 0:
+                noise = factors.noise_of_plane(normal, offset, None)
+                factor = factors.observe_own_plane(keyframe.floor.plane, IDENTITY, FLOOR, noise)
+            else:
+                robust = factors.noise_of_plane(normal, offset, settings.huber)
+                factor = factors.observe_plane(keyframe.floor.plane, X(i), X(0), FLOOR, robust)
+            entries[i,] = Entry(factor, "floor extraction", f"keyframe {i} saw the floor")
+        self._log.hold(len(self._keyframes), "floor", entries, "it is no longer taken for the floor")
+
+    def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
+        """Rooms by the walls that bound them."""
+        noise = factors.noise_of_plane(0.02, 0.03, self._config.backend.huber)
+        loose = factors.noise_of_pose(10.0, 1000.0)  # height, roll and pitch of a room are given by nothing else
+        entries: dict[Key, Entry] = {}
+        for room in rooms:
+            prior = gtsam.PriorFactorPose3(R(room.id), gtsam.Pose3(room.T_map_room), loose)
+            entries[room.id,] = Entry(prior, "free space", "a room was cut")
+            for wall, plane in room.walls.items():
+                if wall in anchor_of:
+                    factor = factors.wall_of_room(plane, R(room.id), X(anchor_of[wall]), P(wall), noise)
+                    entries[room.id, wall] = Entry(factor, "free space", f"wall {wall} bounds the room")
+        self._log.hold(len(self._keyframes), "room", entries, "the rooms were cut anew")
+
+    def hold_anchors(self, anchors: Anchors | None, anchor_of: dict[int, int], rooms: set[int]) -> None:
+        """What ties the map to the BIM, with the BIM's frame; nothing where there is none."""
+        entries: dict[Key, Entry] = {}
+        if anchors is not None:
+            prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_bim), factors.noise_of_pose(1.0, 100.0))
+            entries["frame",] = Entry(prior, anchors.by, "where the BIM's frame was told to be, loosely")
+            for number, (grade, wall, planned) in enumerate(planned_walls(anchors, anchor_of), 1):
+                T_bim_place, factor = self._anchor(number, grade, wall, planned, anchor_of[wall])
+                key: Key = (grade, wall, planned.a_id or str(number))
+                entries[*key, "place"] = Entry(_at_place(W(number), T_bim_place), planned.by, "a frame near the wall")
+                entries[key] = Entry(factor, planned.by, planned.why)
+            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floor(anchors)
+        self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring no longer holds it so")
+
+    def _anchor(
+        self, number: int, grade: str, wall: int, planned: PlannedWall, anchor: int
+    ) -> tuple[Floats, gtsam.NonlinearFactor]:
+        settings, huber = self._config.anchors, self._config.backend.huber
+        if grade == "tight":
+            noise: gtsam.noiseModel.Base = factors.redescending_noise_of_plane(
+                settings.sigma_normal, settings.sigma_offset, settings.redescending
+            )
+        elif grade == "bent":  # what is far off pulls as hard as what is near, where the map is bent
+            noise = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, huber)
+        else:
+            noise = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, huber)
+        plane = planned.plane + np.array([0.0, 0.0, 0.0, planned.plane[:3] @ planned.place])
+        return planned.place, factors.anchor_plane(plane, W(number), X(anchor), P(wall), noise)
+
+    def _anchored_rooms(self, anchors: Anchors, rooms: set[int]) -> dict[Key, Entry]:
+        settings = self._config.anchors
+        return {
+            ("room", room): Entry(
+                factors.anchor_room(T_bim_room, BIM, R(room), settings.sigma_normal, settings.sigma_room), anchors.by,
+                "two of its walls or more stand at those of a planned room",
+            )
+            for room, T_bim_room in anchors.rooms.items() if room in rooms
+        }  # fmt: skip
+
+    def _anchored_floor(self, anchors: Anchors) -> dict[Key, Entry]:
+        if anchors.elevation is None or not self._log.held("floor"):
+            return {}
+        settings = self._config.anchors
+        level = factors.noise_of_plane(settings.sigma_normal, settings.sigma_floor, None)
+        middle = np.array([*inverse(anchors.T_map_bim)[:2, 3], anchors.elevation])
+        return {
+            ("floor", "place"): Entry(_at_place(W(0), middle), anchors.by, "a frame on the storey's floor"),
+            ("floor",): Entry(factors.storey_plane(0.0, W(0), X(0), FLOOR, level), anchors.by, "the storey's floor"),
+        }
+
+
+def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
+    """(grade, wall, planned wall) of all anchored walls that the graph has; their places are W(1), W(2), ..."""
+    grades = (("tight", anchors.planes), ("bent", anchors.bent), ("loose", anchors.loose))
+    return [(g, wall, p) for g, held in grades for wall, planned in held.items() for p in planned if wall in anchor_of]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an optimisation is told of: walls as they were seen, and by which keyframe each is kept; rooms; anchors."""
+
+    seen: list[SeenWall]
+    anchor_of: dict[int, int]
+    rooms: list[RoomNode]
+    anchors: Anchors | None
+
+
+def start_values(
+    graph: gtsam.NonlinearFactorGraph, told: Told, keyframes: list[KeyframeNode], planes_in_map: dict[int, Floats],
+    floor_in_map: Floats | None,
+) -> gtsam.Values:  # fmt: skip
+    """Estimates of the variables of `graph` from what is known: where keyframes and planes are taken to be, else from
+    their first observation. Variables that nothing is known of are left out."""
+    found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3()}
+    for i, keyframe in enumerate(keyframes):
+        found[X(i)] = gtsam.Pose3(keyframe.T_map_sensor)
+        if keyframe.floor is not None and FLOOR not in found:
+            in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane)
+            found[FLOOR] = gtsam.OrientedPlane3(in_map if floor_in_map is None else floor_in_map)
+    for s in told.seen:
+        anchor = told.anchor_of.get(s.wall)
+        if anchor is not None and P(s.wall) not in found:
+            known = planes_in_map.get(s.wall)
+            in_map = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane) if known is None else known
+            T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
+            found[P(s.wall)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
+    for room in told.rooms:
+        found[R(room.id)] = gtsam.Pose3(room.T_map_room)
+    anchors = told.anchors
+    if anchors is not None:
+        found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
+        places = [p.place for _, _, p in planned_walls(anchors, told.anchor_of)]
+        middle = np.array([*inverse(anchors.T_map_bim)[:2, 3], anchors.elevation or 0.0])
+        for number, place in enumerate([middle, *places]):
+            found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
+    values = gtsam.Values()
+    for key in graph.keyVector():
+        if key in found:
+            values.insert(key, found[key])
+    return values
+
+
+def _at_place(key: int, place_in_bim: Floats) -> gtsam.NonlinearFactor:
+    """A frame fixed in the BIM's, for anchors there: seen from the BIM's origin, a small turn of a far wall would pass
+    for its offset."""
+    T_bim_place = gtsam.Pose3(gtsam.Rot3(), place_in_bim)
+    return gtsam.BetweenFactorPose3(BIM, key, T_bim_place, factors.noise_of_pose(1e-5, 1e-5))
