@@ -12,8 +12,10 @@ from data.errors import UserError
 from data.scene_graph import SceneGraph
 from matching.encoder import GraphTensors
 from matching.features import GraphFeatures, PairRows, map_features, plan_features
-from matching.network import Encoded, MatchingNetwork
+from matching.network import Encoded
+from matching.networks import Network
 from matching.proposals import MOST, Proposals, TopK
+from matching.relatives_parts import Embedded
 from matching.walls import Index
 from matching.weights_file import load_network
 
@@ -25,13 +27,13 @@ PLANS_KEPT = 4
 class _Plan:
     graph: SceneGraph  # held, so that its identity is not used again
     features: GraphFeatures
-    encoded: Encoded
+    encoded: Encoded | Embedded
 
 
 class LearnedProposer:
     """Asks the network; keeps what it knows of the last plans."""
 
-    def __init__(self, network: MatchingNetwork) -> None:
+    def __init__(self, network: Network) -> None:
         self._network = network
         self._plans: OrderedDict[int, _Plan] = OrderedDict()
 

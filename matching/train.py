@@ -22,9 +22,12 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(
         prog="python -m matching.train",
         description="Trains the matching network on generated plans and on the plans given. Goes on where it was "
-        "stopped when --out holds a run. Writes learned.pt, curve.csv, curve.png, model_card.json.",
+        "stopped when --out holds a run. Writes NETWORK.pt, curve.csv, curve.png, model_card.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
+    parser.add_argument(
+        "--network", default="learned", metavar="NAME", help="learned (default), or a relative: pca-gm, superglue"
+    )
     parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
     parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="steps at most (default: 20000)")
     parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
@@ -41,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     import torch  # slow to import, as is what follows
 
-    from matching.network import Settings
+    from matching.networks import settings_of
     from matching.trainer import Limits, Row, Training, train
     from matching.training_data import Drawing, held_out, seeds_of
     from matching.training_report import draw_curve, write_card, write_curve
@@ -49,11 +52,12 @@ def main(arguments: list[str] | None = None) -> int:
     from matching.weights_file import save_network
 
     device = torch.device(_device(options.device, torch.cuda.is_available()))
+    settings = settings_of(options.network)
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(tuple(own), seeds_of("train", GENERATED))
     watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
-    training = Training.begin(Settings(), options.seed, device)
+    training = Training.begin(settings, options.seed, device)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         training.load(checkpoint)
@@ -61,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     def looked(row: Row) -> None:
         training.save(checkpoint)
-        save_network(out / "learned.pt", training.best_network())
+        save_network(out / f"{options.network}.pt", training.best_network())
         write_curve(out, training.curve)
         shown = "  ".join(f"{k} {row[k]:.3f}" for k in ("loss", "surprise", "walls", "rooms", "none", "first"))
         print(f"step {int(row['step'])}  {row['minutes']:.1f} min  {shown}", flush=True)
@@ -74,6 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
     best = min(training.curve, key=lambda row: row["surprise"])
     write_card(out, {
         "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
+        "network": options.network,
         "settings": training.network.to_dict(), "parameters": sum(p.numel() for p in training.network.parameters()),
         "command": shlex.join(["python", "-m", "matching.train", *(_named(g) for g in given)]),
         "seed": options.seed, "ended": ended,

@@ -13,7 +13,7 @@ import torch
 
 from data.errors import UserError
 from data.files import write_atomically
-from matching.network import MatchingNetwork, Settings
+from matching.networks import AnySettings, Network, network_of
 from matching.training_data import Batch
 from matching.training_loss import accuracies, loss, run, surprise
 
@@ -39,8 +39,8 @@ class Limits:
 class Training:
     """All that a run needs to go on; `best` is the averaged network at its best look."""
 
-    network: MatchingNetwork
-    average: MatchingNetwork
+    network: Network
+    average: Network
     optimizer: torch.optim.Optimizer
     step: int = 0
     seconds: float = 0.0
@@ -48,10 +48,10 @@ class Training:
     best: dict[str, Any] | None = None
 
     @staticmethod
-    def begin(settings: Settings, seed: int, device: torch.device) -> "Training":
+    def begin(settings: AnySettings, seed: int, device: torch.device) -> "Training":
         """Untrained, the same for the same seed."""
         torch.manual_seed(seed)
-        network = MatchingNetwork(settings).to(device)
+        network = network_of(settings).to(device)
         average = copy.deepcopy(network).requires_grad_(False)
         return Training(network, average, torch.optim.AdamW(network.parameters(), RATE, weight_decay=WEIGHT_DECAY))
 
@@ -65,16 +65,16 @@ class Training:
         write_atomically(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
-        """Takes the place of a run that was saved; raises UserError where it was of another size."""
+        """Takes the place of a run that was saved; raises UserError where it was of another network."""
         value = torch.load(path, map_location="cpu", weights_only=True)
         try:
             for name in ("network", "average", "optimizer"):
                 getattr(self, name).load_state_dict(value[name])
         except (RuntimeError, ValueError):
-            raise UserError(f"{path}: of a network of another size; give another --out or take it away") from None
+            raise UserError(f"{path}: of another network; give another --out or take it away") from None
         self.step, self.seconds, self.curve, self.best = (value[k] for k in ("step", "seconds", "curve", "best"))
 
-    def best_network(self) -> MatchingNetwork:
+    def best_network(self) -> Network:
         """The averaged weights at the best look."""
         network = copy.deepcopy(self.average)
         if self.best is not None:
@@ -133,7 +133,7 @@ def _look(training: Training, held_out: HeldOut, losses: list[float]) -> Row:
     return row
 
 
-def judged(network: MatchingNetwork, held_out: HeldOut) -> Row:
+def judged(network: Network, held_out: HeldOut) -> Row:
     """Accuracies and surprise of each held-out batch, as `NAME MEASURE`, and their means over the batches."""
     device = next(network.parameters()).device
     row: Row = {}

@@ -7,7 +7,8 @@ from torch import Tensor
 from torch.nn.functional import cross_entropy
 
 from matching.encoder import GraphTensors
-from matching.network import MatchingNetwork, Output
+from matching.network import Output
+from matching.networks import Network
 from matching.training_data import Batch
 
 MOST_SURPRISE = 10.0  # nats of one wall, also of a partner that is no candidate
@@ -21,7 +22,7 @@ class Truth:
     rooms: Tensor
 
 
-def run(network: MatchingNetwork, batch: Batch, device: torch.device) -> tuple[Output, Truth]:
+def run(network: Network, batch: Batch, device: torch.device) -> tuple[Output, Truth]:
     """The network's output for a batch, and the truth as tensors."""
     s = network.encode(GraphTensors.of(batch.s, device))
     a = network.encode(GraphTensors.of(batch.a, device))

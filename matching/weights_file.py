@@ -11,28 +11,33 @@ from torch import Tensor
 
 from data.errors import UserError
 from data.files import write_atomically
-from matching.network import MatchingNetwork, Settings
+from matching.networks import Network, kind_of, network_of, settings_of
 
 VERSION = 1
 
 
-def save_network(path: Path, network: MatchingNetwork) -> None:
+def save_network(path: Path, network: Network) -> None:
     """Writes the network atomically."""
-    write_weights(path, VERSION, network.to_dict(), {k: v.half() for k, v in network.state_dict().items()})
+    state = {k: v.half() for k, v in network.state_dict().items()}
+    write_weights(path, _version(kind_of(network)), network.to_dict(), state)
 
 
-def load_network(path: Path) -> MatchingNetwork:
+def load_network(path: Path, kind: str = "learned") -> Network:
     """The network of a file, in single precision, ready to be asked.
 
-    Raises UserError where the file is missing or is not a network of this program.
+    Raises UserError where the file is missing or is not a network of this kind and version.
     """
-    settings, state = read_weights(path, VERSION, "python -m matching.train")
+    settings, state = read_weights(path, _version(kind), "python -m matching.train")
     try:
-        network = MatchingNetwork(Settings(**settings))
+        network = network_of(settings_of(kind, settings))
         network.load_state_dict({k: v.float() for k, v in state.items()}, strict=True)
     except (KeyError, TypeError, AttributeError, RuntimeError):
         raise UserError(f"{path}: its network does not fit this program; train it again") from None
     return network.eval().requires_grad_(False)
+
+
+def _version(kind: str) -> int | str:
+    return VERSION if kind == "learned" else f"{kind} {VERSION}"
 
 
 def write_weights(path: Path, version: int | str, settings: Mapping[str, Any], state: Mapping[str, Tensor]) -> None:
