@@ -9,7 +9,7 @@ import torch
 from scipy.optimize import linear_sum_assignment
 
 from data import se2
-from data.scene_graph import SceneGraph
+from data.scene_graph import SceneGraph, Xy
 from data.se2 import Array
 from matching.paper_graph import paper_graph
 from matching.paper_network import Nodes, PaperNetwork
@@ -76,12 +76,16 @@ class PaperMatcher:
 
 def _fitted(s: SceneGraph, a: SceneGraph, pairs: tuple[Pair, ...]) -> Array:
     """(3,) T_a_s by least squares of the distances between the centroids of partners."""
-    of_s, of_a = ({x.id: x.centroid for x in (*g.rooms, *g.wall_surfaces)} for g in (s, a))
-    p, q = (np.array([of[pair[k]] for pair in pairs]) for k, of in enumerate((of_s, of_a)))
+    p, q = (np.array([_place(g, str(pair[k])) for pair in pairs]) for k, g in enumerate((s, a)))
     middle_p, middle_q = p.mean(axis=0), q.mean(axis=0)
     p, q = (((x - m) @ [1, 1j]) for x, m in ((p, middle_p), (q, middle_q)))
     yaw = float(np.angle(np.vdot(p, q)))
     return np.array([yaw, *(middle_q - se2.rotate(yaw, middle_p))])
+
+
+def _place(graph: SceneGraph, node: str) -> Xy:
+    room = graph.room_by_id.get(node)
+    return graph.surface_by_id[node].centroid if room is None else room.centroid
 
 
 def _floor(a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> str | None:
