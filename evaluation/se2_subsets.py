@@ -6,7 +6,7 @@ FILE is JSON with `s_graph`, `a_graph` and `matches` ({"rooms", "wall_surfaces"}
 import itertools
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from data import SceneGraph, se2
 from data.cli import Parser, run_command
 from data.errors import UserError
+from data.scene_motion import moved
 from evaluation.bootstrap import most_of
 from evaluation.calibration import calibration_error, merged
 from evaluation.matching_judge import is_wrong, tallies
@@ -89,24 +90,6 @@ def outcomes(known: Known, matcher: Any, motions: int, seed: int = 0) -> Iterato
             result = matcher.match(s, known.a_graph)
             wrong = is_wrong(result, truth, bent=False)
             yield Outcome(len(s.rooms), result.status, wrong, result.seconds, *tallies(result, truth, s))
-
-
-def moved(graph: SceneGraph, T_out_graph: se2.Array) -> SceneGraph:
-    """Rooms and wall surfaces in another frame; footprints and planes are left out."""
-
-    def at(point: tuple[float, float], T: se2.Array) -> tuple[float, float]:
-        x, y = se2.apply(T, np.array(point)).tolist()
-        return x, y
-
-    turn = np.array([T_out_graph[0], 0.0, 0.0])
-    return SceneGraph(
-        graph.frame,
-        tuple(replace(r, centroid=at(r.centroid, T_out_graph), polygon=None) for r in graph.rooms),
-        tuple(
-            replace(w, centroid=at(w.centroid, T_out_graph), normal=at(w.normal, turn), plane=None)
-            for w in graph.wall_surfaces
-        ),
-    )
 
 
 def table(found: list[Outcome]) -> str:

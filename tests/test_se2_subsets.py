@@ -12,7 +12,8 @@ from plans import a_graph, flat
 from data import se2
 from data.errors import UserError
 from data.s_graph_regimes import draw
-from evaluation.se2_subsets import Known, moved, outcomes, parts
+from data.scene_motion import moved
+from evaluation.se2_subsets import Known, outcomes, parts
 from matching import Matcher
 
 PLAN = a_graph(flat(np.random.default_rng(5)), "ground")
