@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.scene_graph import SceneGraph
 from matching import se2
 from matching.bent_evidence import evidence
+from matching.doors import doors
 from matching.field import Fields, Scene, judge, motions, partners, step
-from matching.groups import Groups
+from matching.groups import groups
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.local_motions import local_motions, seeds
 from matching.plan_walls import PlanWalls
@@ -22,7 +24,7 @@ from matching.proposals import TopK
 from matching.rivals import rivals
 from matching.se2 import Array
 from matching.second_chance import settled
-from matching.walls import Index, Walls
+from matching.walls import Index, Walls, arrays
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls speak ever more sharply
 SEEDS = 14
@@ -50,14 +52,20 @@ class Bent:
         return between_graphs(self.scene.s, self.scene.plan.storeys[int(self.fields.storey[k])], self.rigid[k])
 
 
-def search(
-    parts: Groups, s: Walls, storeys: list[Walls], proposals: TopK, allowed: Callable[[Array], bool] | None = None
-) -> Bent:
+def scene_of(s: SceneGraph, a: SceneGraph, candidates: list[Walls]) -> Scene:
+    """A map with at least one wall surface, and the storeys of a plan that it may be laid into, at least one."""
+    walls = arrays(s, None, list(s.wall_surfaces))
+    parts = groups(walls, [d.rooms for d in s.doors])
+    return Scene(walls, parts, PlanWalls.of(candidates), doors(s, walls), tuple(doors(a, w) for w in candidates))
+
+
+def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> Bent:
     """Distinct hypotheses, best first; none where the proposals agree on no motion.
 
-    `proposals` of s's walls for those of the storeys, one storey after the other. `allowed` is asked of T_a_s (3,).
+    `proposals` of the map's walls for those of the storeys, one storey after the other; `allowed` is asked of
+    T_a_s (3,).
     """
-    scene = Scene(s, parts, PlanWalls.of(storeys))
+    s = scene.s
     fields, sure = seeds(scene, local_motions(scene, proposals), int(np.clip(WALLS / len(s), 4, SEEDS)))
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):

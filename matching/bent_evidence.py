@@ -3,13 +3,14 @@
 As `evidence` for a rigid placement: each S wall is a wall of the plan, off its line by a normal deviation whose
 size is marginalised over, or something else; chance is an A wall of its direction met at a random place. Beyond
 that the walls of an S room are those of one A room, seldom of two, which the map took for one; the A rooms' walls
-should be in the map; and the field pays for how it bends between neighbours.
+should be in the map, and doors where the plan has them; and the field pays for how it bends between neighbours.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from matching.bent_doors import door_evidence
 from matching.evidence import (
     END_SIGMAS,
     END_TRUST,
@@ -50,7 +51,8 @@ def evidence(scene: Scene, fields: Fields, table: Index) -> Array:
         _completeness(scene, int(fields.storey[k]), table[k], now.quality[k], homes.first[k])
         for k in range(len(fields))
     ]
-    return np.asarray(walls + np.array(seen) - 0.5 * bending(scene, fields))
+    told = door_evidence(scene, fields, homes.first)
+    return np.asarray(walls + np.array(seen) + told - 0.5 * bending(scene, fields))
 
 
 def bending(scene: Scene, fields: Fields) -> Array:

@@ -9,11 +9,10 @@ from data.scene_graph import SceneGraph
 from matching import bent
 from matching.bent_complete import complete, complete_rooms
 from matching.bent_verification import verify
-from matching.groups import groups
 from matching.proposals import Proposer, TopK
 from matching.result import Hypothesis, MatchResult
 from matching.start import Start, near_start
-from matching.walls import Walls, arrays, storeys
+from matching.walls import Walls, storeys
 
 LISTED = 10  # hypotheses in the answer
 
@@ -34,10 +33,8 @@ class BentMatcher:
             if empty:
                 return MatchResult("none", f"the {what} has no wall surface")
         proposals = among(self._propose(s, a).walls, a, candidates)
-        walls = arrays(s, None, list(s.wall_surfaces))
-        parts = groups(walls, [d.rooms for d in s.doors])
         allowed = None if start is None else partial(near_start, start)
-        found = bent.search(parts, walls, candidates, proposals, allowed)
+        found = bent.search(bent.scene_of(s, a, candidates), proposals, allowed)
         if not len(found):
             near = "" if start is None else " near the start that was given"
             reason = f"no wall corner of the map has its like in the plan{near}"

@@ -4,15 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from data import se2
 from data.scene_graph import SceneGraph
 from matching.combinatorial_affinity import Datums
 from matching.combinatorial_merge import Merged
 from matching.result import Hypothesis, MatchResult
+from matching.rigid_fit import fit_pairs
 from matching.se2 import Array
 
 LISTED = 10  # hypotheses in the answer
-ROOM_WEIGHT = 0.1  # of a centre, beside a wall: it decides only where walls leave the place open
 
 
 def answer(
@@ -38,17 +37,11 @@ def answer(
 
 
 def fitted(s: Datums, a: Datums, m: Merged) -> Array:
-    """(yaw, x, y) of the proper motion T_a_s that lays the walls' lines and the rooms' centres on each other."""
-    i, j = np.array(m.walls, dtype=np.int64).T
-    r, q = np.array(m.rooms, dtype=np.int64).T
-    complex_s, complex_a = (normal @ np.array([1.0, 1.0j]) for normal in (s.normal[i], a.normal[j]))
-    turn = float(np.angle(np.sum(complex_a * complex_s.conj())))
-    off = a.point[j] - se2.rotate(turn, s.point[i])
-    apart = a.place[q, :2] - se2.rotate(turn, s.place[r, :2])
-    rows = [a.normal[j], *(ROOM_WEIGHT * np.tile(axis, (len(r), 1)) for axis in np.eye(2))]
-    values = [np.sum(a.normal[j] * off, axis=-1), *(ROOM_WEIGHT * apart[:, k] for k in (0, 1))]
-    shift = np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0]
-    return np.array([turn, *shift])
+    """(yaw, x, y) of the proper motion T_a_s that fits a solution best."""
+    (i, j), (r, q) = (np.array(pairs, dtype=np.int64).T for pairs in (m.walls, m.rooms))
+    return fit_pairs(
+        np.hstack((s.point[i], s.normal[i])), np.hstack((a.point[j], a.normal[j])), s.place[r, :2], a.place[q, :2]
+    )  # fmt: skip
 
 
 def _triple(T: Array) -> tuple[float, float, float]:

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from matching import se2
+from matching.doors import Doors
 from matching.groups import Groups
 from matching.plan_walls import PlanWalls
 from matching.scoring import SIGMA_ALONG, SIGMA_HEADING, SIGMA_SCORE
@@ -40,6 +41,16 @@ class Scene:
     s: Walls
     groups: Groups
     plan: PlanWalls
+    doors: Doors  # of the map
+    plan_doors: tuple[Doors, ...]  # of each storey
+
+    @cached_property
+    def group_of_room(self) -> Index:
+        """(R,) the group of each of the map's rooms."""
+        found = np.full(len(self.s.rooms), -1)
+        housed = self.s.room >= 0
+        found[self.s.room[housed]] = self.groups.of_wall[housed]
+        return found
 
     @cached_property
     def blocks(self) -> list[Index]:

@@ -18,7 +18,8 @@ from matching.verification import verify
 from matching.walls import Walls, arrays, storeys
 
 LISTED = 10  # hypotheses in the answer
-WITH_WEIGHTS = ("learned", "paper")
+RELATIVES = ("pca-gm", "superglue")
+WITH_WEIGHTS = ("learned", "paper", *RELATIVES)
 
 
 class Method(Protocol):
@@ -62,7 +63,8 @@ class Matcher:
         """A matcher by name: `voting`, `learned` with the weights of a file (the shipped ones unless told), or
         iS-Graphs' search: `combinatorial` as released, `combinatorial-grid` as its later branch has it.
         `paper` is the published matcher with the weights of a file or of a preset (`published` unless told,
-        `repository`). `NAME@WEIGHTS` tells both in one, as `paper@repository`.
+        `repository`). `pca-gm` and `superglue` are what these networks say by themselves on our features.
+        `NAME@WEIGHTS` tells both in one, as `paper@repository`.
 
         Raises UserError for a name that does not exist, and for a file that holds no weights.
         """
@@ -72,6 +74,7 @@ class Matcher:
             "voting": VotingMatcher,
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
+            **{kind: partial(_relative, kind, weights) for kind in RELATIVES},
             "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
             "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
         }
@@ -103,6 +106,12 @@ def _paper(weights: Path | str | None) -> Method:
     from matching.paper_matcher import PaperMatcher
 
     return PaperMatcher.load(weights)
+
+
+def _relative(kind: str, weights: Path | str | None) -> Method:
+    from matching.relatives_matcher import RelativeMatcher
+
+    return RelativeMatcher.load(kind, weights)
 
 
 def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 from plans import a_graph, box, flat, merged, moved, offices
 
-from data import SceneGraph, UserError
+from data import Door, SceneGraph, UserError
 from data.s_graph_regimes import DrawnGraph, draw
 from matching import MatchResult, bent, field, se2
 from matching.bent_matcher import BentMatcher, among
 from matching.corners import corners
 from matching.field import motions
-from matching.groups import groups
 from matching.hypotheses import between_graphs
 from matching.proposals import Proposals, TopK
 from matching.voting import marks
 from matching.voting_proposals import voting_proposals
-from matching.walls import arrays, storeys
+from matching.walls import storeys
 
 MATCHER = BentMatcher(voting_proposals)
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
@@ -42,9 +41,8 @@ def share_right(result: MatchResult, truth: DrawnGraph) -> float:
 
 def found_for(truth: DrawnGraph, plan: SceneGraph) -> bent.Bent:
     s, floors = truth.s_graph, storeys(plan)
-    walls = arrays(s, None, list(s.wall_surfaces))
     proposals = among(voting_proposals(s, plan).walls, plan, floors)
-    return bent.search(groups(walls, [d.rooms for d in s.doors]), walls, floors, proposals)
+    return bent.search(bent.scene_of(s, plan, floors), proposals)
 
 
 def errors_by_room(found: bent.Bent, truth: DrawnGraph) -> tuple[np.ndarray, np.ndarray]:
@@ -134,6 +132,32 @@ def test_a_row_of_equal_offices_and_a_square_room_are_never_unique():
     for seed in range(3):
         assert MATCHER.match(drawn_from(row, "real", seed, 4).s_graph, row).status != "unique"
         assert MATCHER.match(drawn_from(square, "real", seed, 1).s_graph, square).status != "unique"
+
+
+def test_doors_tell_equal_offices_apart():
+    """Ten equal offices on both sides of a corridor; those below have their doors left or right."""
+    row = a_graph(offices([3.0] * 5, [3.0] * 5))
+    below, above, corridor = row.rooms[:5], row.rooms[5:10], row.rooms[10]
+    places = [*zip(below, (-1.0, 1.0, -1.0, -1.0, 1.0), strict=True), *((r, -0.6) for r in above)]
+    doors = tuple(
+        Door(f"d{n}", (r.id, corridor.id), (r.centroid[0] + off, 5.06 if r in below else 7.18))
+        for n, (r, off) in enumerate(places)
+    )
+    plan = dataclasses.replace(row, doors=doors)
+    seen = {corridor.id, *(r.id for r in below[1:4])}
+    part = SceneGraph(
+        "map", tuple(r for r in plan.rooms if r.id in seen),
+        tuple(
+            dataclasses.replace(w, length=min(w.length or 0.0, 9.5), centroid=(7.7, w.centroid[1]))
+            if w.room == corridor.id and abs(w.normal[1]) > 0.5 else w
+            for w in plan.wall_surfaces if w.room in seen and (w.room != corridor.id or abs(w.normal[1]) > 0.5)
+        ),
+        tuple(d for d in plan.doors if set(d.rooms) <= seen),
+    )  # fmt: skip
+    bare = dataclasses.replace(part, doors=())
+    assert MATCHER.match(moved(bare, 1.0, 2.0, 3.0), plan).status == "ambiguous"
+    told = MATCHER.match(moved(part, 2.0, 5.0, -3.0), plan)
+    assert told.status == "unique" and {(s, a) for s, a, _ in told.rooms} == {(r, r) for r in seen}
 
 
 def test_a_twin_that_nobody_proposed_is_found_all_the_same(drifted):

@@ -1,0 +1,117 @@
+"""The relatives as methods of their own: the assignment that each comes with is the answer, and nothing is checked."""
+
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.optimize import linear_sum_assignment
+
+from data.errors import UserError
+from data.scene_graph import SceneGraph
+from matching.encoder import GraphTensors
+from matching.features import PairRows, map_features, plan_features
+from matching.networks import Network, kind_of
+from matching.result import Hypothesis, MatchResult, Pair
+from matching.rigid_fit import fit_pairs
+from matching.se2 import Array
+from matching.start import Start, near_start
+from matching.walls import Index
+from matching.weights_file import load_network
+
+WEIGHTS = Path(__file__).parent / "weights"
+FORBIDDEN = -1e4
+
+
+class RelativeMatcher:
+    """Asks the network; PCA-GM's answer is the best assignment as a whole, SuperGlue's are mutual bests."""
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+        self._assigned = mutual_best if kind_of(network) == "superglue" else best_as_a_whole
+
+    @staticmethod
+    def load(kind: str, weights: Path | str | None = None) -> "RelativeMatcher":
+        """With the weights of a file, the shipped ones unless told; raises UserError where it holds no such network."""
+        path = Path(weights or WEIGHTS / f"{kind}.pt")
+        if weights is None and not path.is_file():
+            raise UserError(f"the weights of '{kind}' are not installed; give a file that matching.train wrote")
+        return RelativeMatcher(load_network(path, kind))
+
+    def match(
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
+        """As `Matcher.match`. `unique` wherever anything is paired: the method has no doubts to tell.
+
+        `T_a_s`, which the method does not give, fits its pairs; `start` only drops an answer that is far from it.
+        """
+        began = time.perf_counter()
+        a = a if floor is None else a.on_floor(floor)
+        for what, graph in (("S-graph", s), ("A-graph", a)):
+            if not graph.wall_surfaces:
+                return MatchResult("none", f"the {what} has no wall surface")
+        rooms, walls = self._pairs(s, a)
+        if not rooms and not walls:
+            return MatchResult("none", "nothing of the map has a partner", seconds=time.perf_counter() - began)
+        T_a_s = _fitted(s, a, rooms, walls)
+        if start is not None and not near_start(start, T_a_s):
+            reason = "the answer is not near the start that was given"
+            return MatchResult("none", reason, seconds=time.perf_counter() - began)
+        yaw, x, y = T_a_s.tolist()
+        on = _floor(a, rooms, walls)
+        sole = Hypothesis(0.0, (yaw, x, y), on, tuple((i, j) for i, j, _ in rooms))
+        reason = "the network's own assignment, of which nothing was checked"
+        return MatchResult("unique", reason, rooms, walls, (yaw, x, y), on, (sole,), time.perf_counter() - began)
+
+    def _pairs(self, s: SceneGraph, a: SceneGraph) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
+        seen, plan = map_features(s), plan_features(a)
+        sizes = (seen.walls, plan.walls, seen.rooms, plan.rooms)
+        with torch.inference_mode():
+            encoded = [self._network.encode(GraphTensors.of(g)) for g in (seen, plan)]
+            output = self._network(*encoded, [PairRows(*((0, len(x)) for x in sizes))])
+            tables = [t.log_softmax(dim=-1).double().numpy() for t in (output.rooms[-1], output.walls[-1][1])]
+        found = []
+        for table, ours, theirs in zip(tables, (seen.rooms, seen.walls), (plan.rooms, plan.walls), strict=True):
+            at = self._assigned(table)
+            found.append(tuple((ours[i], theirs[j], float(np.exp(table[i, j]))) for i, j in enumerate(at) if j >= 0))
+        return found[0], found[1]
+
+
+def best_as_a_whole(table: Array) -> Index:
+    """(n,) the columns, or -1 for none, of the assignment with the highest sum of a table (n, m + 1) (Hungarian)."""
+    n, m = len(table), table.shape[1] - 1
+    alone = np.full((n, n), FORBIDDEN)
+    np.fill_diagonal(alone, table[:, -1])
+    _, column = linear_sum_assignment(np.hstack((table[:, :-1], alone)), maximize=True)
+    return np.where(column < m, column, -1)
+
+
+def mutual_best(table: Array) -> Index:
+    """(n,) the columns that are best of their rows, none included, whose best rows they are; -1 for none."""
+    if not table.size or table.shape[1] == 1:
+        return np.full(len(table), -1)
+    best = table.argmax(axis=1)
+    back = table[:, :-1].argmax(axis=0)
+    mutual = (best < len(back)) & (back[np.minimum(best, len(back) - 1)] == np.arange(len(table)))
+    return np.where(mutual, best, -1)
+
+
+def _fitted(s: SceneGraph, a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> Array:
+    def lines(graph: SceneGraph, side: int) -> Array:
+        own = [graph.surface_by_id[str(p[side])] for p in walls]
+        return np.array([(*w.centroid, *w.normal) for w in own], dtype=float).reshape(-1, 4)
+
+    def places(graph: SceneGraph, side: int) -> Array:
+        return np.array([graph.room_by_id[str(p[side])].centroid for p in rooms], dtype=float).reshape(-1, 2)
+
+    return fit_pairs(lines(s, 0), lines(a, 1), places(s, 0), places(a, 1))
+
+
+def _floor(a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> str | None:
+    """The floor on which most of the partners are."""
+    floors = [a.room_by_id[j].floor for _, j, _ in rooms]
+    for _, j, _ in walls:
+        wall = a.surface_by_id[j]
+        floors.append(a.room_by_id[wall.room].floor if wall.room is not None else wall.floor)
+    return Counter(floors).most_common(1)[0][0]
