@@ -55,7 +55,7 @@ def _parser() -> Parser:
         metavar="NAME=FILE",
         help="networks of matching.paper_train",
     )
-    parser.add_argument("--slow-pairs", type=int, default=25, metavar="N", help="pairs a cell for combinatorial")
+    parser.add_argument("--slow-pairs", type=int, default=25, metavar="N", help="of combinatorial, a cell (default 25)")
     parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds a pair (default 60)")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each (default 1)")
@@ -107,23 +107,19 @@ def _methods(options: Any) -> tuple[str, ...]:
 def _tasks(options: Any, networks: tuple[str, ...], there: set[tuple[Any, ...]]) -> list["Task"]:
     from evaluation.matching_plan import key_of
     from evaluation.matching_worker import Task
+    from evaluation.published_pairs import KnownPair, MovedPair
 
     tasks = []
     for cell in _cells(options):
         for n, pair in enumerate(cell):
             plain = pair.regime == "paper"
-            wanted = [m for m in options.methods if m not in SLOW or (n < options.slow_pairs and not _moved(pair))]
+            few = (n < options.slow_pairs or isinstance(pair, KnownPair)) and not isinstance(pair, MovedPair)
+            wanted = [m for m in options.methods if m not in SLOW or few]
             wanted += networks if plain else ()
             missing = tuple(m for m in wanted if key_of(pair, m) not in there)
             if missing:
                 tasks.append(Task(pair, missing))
     return tasks
-
-
-def _moved(pair: "Pair") -> bool:
-    from evaluation.published_pairs import MovedPair
-
-    return isinstance(pair, MovedPair)
 
 
 def _cells(options: Any) -> list[list["Pair"]]:
