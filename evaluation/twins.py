@@ -11,8 +11,9 @@ be 99.5 % sure of the truth.
 The evidence to be expected between two Gaussian hypotheses that differ by d_k in the measurements k is
 sum d_k^2 / (2 sigma_k^2), least over the motion of the map and, where it is bent, of its rooms with the drift as
 prior (the same as the drift marginalised). A wall costs 4 nats at most (2, if shorter than 0.8 m): that much speaks
-against a place where there is none, since the map's may be clutter. To that comes, for better or worse, what is not
-in the map though it stands in the rooms that were entered. Directions count with a sigma of 1 degree and must agree
+against a place where there is none, since the map's may be clutter; a door, known to 0.1 m, costs 3. To that comes,
+for better or worse, what is not in the map though it stands in the rooms that were entered, walls and doors.
+Directions count with a sigma of 1 degree and must agree
 within 3: hardly a plan is drawn, or a wall built, as true as a LiDAR measures its direction.
 """
 
@@ -25,6 +26,7 @@ from data import SceneGraph, se2
 from data.s_graph_noise import MISSING, SHORTEST, SIGMA_END
 from data.s_graph_regimes import DrawnGraph
 from data.se2 import Array
+from evaluation.twin_doors import door_nats, seen_doors
 from evaluation.twin_motion import Laid, lay, part_of
 from evaluation.twin_sight import sight
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
@@ -68,15 +70,19 @@ def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
     index = {key: n for n, key in enumerate(home.ids)}
     at_home = np.array([index[key] for key in part.walls.ids])
     entered = _entered(home, at_home, part.walls.half)
-    truth = _completeness(home, np.unique(entered[entered >= 0]), at_home)
+    entered_rooms = np.unique(entered[entered >= 0])
+    truth = _completeness(home, entered_rooms, at_home)
+    doors = seen_doors(drawn, a, part)
     found = []
     for storey in floors:
         for motion in _elsewhere(part.walls, storey, home):
             laid = lay(part, storey, motion)
-            there = _completeness(storey, _rooms(laid, entered, storey), laid.partner)
+            rooms = _rooms(laid, entered, storey)
+            there = _completeness(storey, rooms, laid.partner)
+            of_doors = door_nats(doors, part, laid, a, (storey, rooms), (home, entered_rooms))
             T_a_a = between_graphs(part.walls, storey, laid.motion(part))
             yaw, x, y = se2.compose(T_a_a, np.array(drawn.T_a_s)).tolist()
-            found.append(Twin((yaw, x, y), storey.floor, laid.nats + truth - there))
+            found.append(Twin((yaw, x, y), storey.floor, laid.nats + truth - there + of_doors))
     return _distinct(sorted(found, key=lambda twin: twin.nats), drawn)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plans import a_graph, box, flat, merged, moved, offices
 
-from data import SceneGraph, se2
+from data import Door, SceneGraph, se2
 from data.s_graph_regimes import DrawnGraph, draw
 from evaluation.matching_metrics import matching_scores, unique_is_wrong
 from evaluation.matching_oracle import oracle_match
@@ -133,3 +133,29 @@ def test_the_oracle_is_nearly_right_also_where_the_building_repeats_itself(regim
             assert rooms > 0.8 and not (wrong and rooms == 1.0)
             walls.append(found)
     assert np.mean(walls) > 0.94
+
+
+def test_doors_that_stand_otherwise_make_equal_offices_no_twins() -> None:
+    row = a_graph(offices([3.0] * 6, [3.0] * 6))
+    corridor = row.rooms[12]
+
+    def doors(offsets: list[float]) -> tuple[Door, ...]:
+        return tuple(
+            Door(f"d{n}", (r.id, corridor.id), (r.centroid[0] + off, 5.06 if n < 6 else 7.18))
+            for n, (r, off) in enumerate(zip(row.rooms[:12], offsets, strict=True))
+        )
+
+    def of_two(plan: SceneGraph) -> DrawnGraph:
+        """Two offices and what of the corridor lies before them."""
+        names = ("room1", "room2")
+        whole = seen(plan, [*names, corridor.id])
+        walls = tuple(w for w in whole.s_graph.wall_surfaces if w.room in names)
+        own = {w.id: w.id for w in walls}
+        shown = tuple(d for d in plan.doors if d.rooms[0] in names)
+        s_graph = dataclasses.replace(whole.s_graph, wall_surfaces=walls, doors=shown)
+        return dataclasses.replace(whole, s_graph=s_graph, wall_surfaces=own)
+
+    alike = dataclasses.replace(row, doors=doors([-1.0] * 12))
+    otherwise = dataclasses.replace(row, doors=doors([-1.0, 1.0, -0.6, -1.0, -1.0, -1.0, *[1.2, 0.0] * 3]))
+    assert is_twin(of_two(row), row) and is_twin(of_two(alike), alike)
+    assert not is_twin(of_two(otherwise), otherwise)
