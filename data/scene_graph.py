@@ -183,10 +183,14 @@ class SceneGraph:
         write_json(path, self.to_dict())
 
     @staticmethod
-    def load(path: Path | str) -> "SceneGraph":
-        """Reads JSON; raises UserError, naming the file, where it is missing or not a scene graph."""
+    def load(path: Path | str, part: str | None = None) -> "SceneGraph":
+        """Reads JSON, or what a larger file holds as `part`, where it does (`a_graph` of a known pair, for one).
+
+        Raises UserError, naming the file, where it is missing or not a scene graph.
+        """
         try:
-            return SceneGraph.from_dict(json.loads(Path(path).read_text()))
+            value = json.loads(Path(path).read_text())
+            return SceneGraph.from_dict(value[part] if isinstance(value, dict) and part in value else value)
         except OSError as error:
             raise UserError(f"{path}: cannot be read ({error.strerror}); give a scene graph's JSON file") from None
         except (json.JSONDecodeError, UnicodeDecodeError):
