@@ -16,7 +16,7 @@ from data.scans import Scan, ScanFolder
 from data.trajectory import Trajectory
 from evaluation.ablation_rows import Row, errors_over_time, map_numbers, trajectory_numbers
 from evaluation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
-from evaluation.sequences import Sequence, storey_of
+from evaluation.sequences import Sequence, odometry_alone, storey_of
 from evaluation.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.weakened import shortened
 from matching import Matcher
@@ -26,7 +26,7 @@ from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 
 ARMS = {
-    "odometry": "the odometry alone, its first pose set to the truth",
+    "odometry": "KISS-ICP alone, as the system is set to ask it, its first pose set to the truth",
     "icp-to-bim": "each scan registered to the BIM's surfaces, the true start given",
     "graph": "the S-graph without anchors, its first pose set to the truth",
     "planes": "plane anchors only",
@@ -34,7 +34,7 @@ ARMS = {
     "anchored": "plane and room anchors; anchored:METHOD by another matcher",
     "oracle": "plane and room anchors, the true matches given",
 }
-WITHOUT_BIM = ("odometry", "graph")  # two trajectories of one run
+WITHOUT_BIM = ("odometry", "graph")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +64,11 @@ def config_of(arm: str, sequence: Sequence) -> Config:
 
 
 def run_arms(arms: tuple[str, ...], sequence: Sequence) -> list[Run]:
-    """Runs arms that share one run: a single one, or those without a BIM."""
+    """Runs one arm, or both that know no BIM."""
     if arms == ("icp-to-bim",):
         return [_registered(sequence)]
+    if arms[0] == "odometry":
+        return [_odometry_alone(sequence), *(run_arms(arms[1:], sequence) if arms[1:] else [])]
     config = config_of(arms[0], sequence)
     bim = None if arms[0] in WITHOUT_BIM else sequence.a_graph
     slam = SceneGraphSlam(bim, _matcher(arms[0], sequence, config), config)
@@ -110,13 +112,11 @@ def _matcher(arm: str, sequence: Sequence, config: Config) -> AnyMatcher | None:
 def _measured(arm: str, sequence: Sequence, result: Result, seconds: float, reading: float) -> Run:
     estimate = _estimate(arm, result, sequence.truth.poses[0])
     stages: dict[str, Any] = {f"seconds_{stage}": spent for stage, spent in result.seconds.items()}
-    if arm == "odometry":
-        seconds, stages = reading + result.seconds["odometry"], {"seconds_odometry": result.seconds["odometry"]}
     row = Row(
         **_heading(arm, sequence), anchored=result.anchored, total_poses=len(result.trajectory),
         scans=len(result.trajectory), seconds=seconds, seconds_reading=reading, **stages,
         first_anchor_s=result.first_anchor_s, reason=result.reason, peak_memory_mb=_peak_memory_mb(),
-        **trajectory_numbers(estimate, sequence.truth), **({} if arm == "odometry" else map_numbers(result, sequence)),
+        **trajectory_numbers(estimate, sequence.truth), **map_numbers(result, sequence),
     )  # fmt: skip
     return Run(row, None if estimate is None else errors_over_time(estimate, sequence.truth))
 
@@ -141,6 +141,24 @@ def _registered(sequence: Sequence) -> Run:
     return Run(row, errors_over_time(estimate, sequence.truth))
 
 
+def _odometry_alone(sequence: Sequence) -> Run:
+    scans = _Scans(sequence)
+    began = perf_counter()
+    odometry = odometry_alone(scans) if sequence.weak is None else sequence.weak.trajectory
+    seconds = perf_counter() - began
+    estimate = _from_first(odometry, sequence.truth.poses[0])
+    row = Row(
+        **_heading("odometry", sequence), anchored=False, total_poses=len(estimate), scans=len(estimate),
+        seconds=seconds, seconds_reading=scans.seconds, seconds_odometry=seconds - scans.seconds,
+        reason="no BIM was given", peak_memory_mb=_peak_memory_mb(), **trajectory_numbers(estimate, sequence.truth),
+    )  # fmt: skip
+    return Run(row, errors_over_time(estimate, sequence.truth))
+
+
+def _from_first(own: Trajectory, T_bim_first: NDArray[np.float64]) -> Trajectory:
+    return own.transformed(T_bim_first @ np.linalg.inv(own.poses[0]))
+
+
 def _heading(arm: str, sequence: Sequence) -> dict[str, Any]:
     weakening = "" if sequence.weak is None else sequence.weak.told()
     if arm == "icp-to-bim" and weakening:
@@ -154,8 +172,7 @@ def _heading(arm: str, sequence: Sequence) -> dict[str, Any]:
 def _estimate(arm: str, result: Result, T_bim_first: NDArray[np.float64]) -> Trajectory | None:
     """The arm's trajectory in the BIM frame; None where an arm with anchors was not anchored."""
     if arm in WITHOUT_BIM:
-        own = result.trajectory_odometry if arm == "odometry" else result.trajectory_map
-        return own.transformed(T_bim_first @ np.linalg.inv(own.poses[0]))
+        return _from_first(result.trajectory_map, T_bim_first)
     return result.trajectory if result.anchored else None
 
 

@@ -1,6 +1,7 @@
 """What is measured on: scans, building and truth; simulated by seed, or a user's own, listed in YAML."""
 
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from data.bim import load_bim
 from data.changes import Changes
 from data.errors import UserError
 from data.mesh_files import is_mesh
-from data.scans import ScanFolder
+from data.scans import Scan, ScanFolder
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from evaluation.conditions import NORMAL, Conditions
@@ -115,7 +116,7 @@ def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions 
     if not conditions.weaken:
         return sequence
     if not kept.exists():
-        _own_odometry(scan_dir).write_tum(kept)
+        odometry_alone(ScanFolder(scan_dir)).write_tum(kept)
     return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(kept), truth, seed))
 
 
@@ -155,14 +156,20 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
     )  # fmt: skip
 
 
-def _own_odometry(scan_dir: Path) -> Trajectory:
-    """KISS-ICP on the whole scans, as a run without a plan has it."""
-    from sgslam.slam import SceneGraphSlam
+def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
+    """KISS-ICP on the points that a run would give it, without walls or floor; T_odom_sensor."""
+    from sgslam.config import Config
+    from sgslam.front_end import FrontEnd
+    from sgslam.odometry import KissOdometry
 
-    slam = SceneGraphSlam()
-    for scan in ScanFolder(scan_dir):
-        slam.add_scan(scan.stamp_ns, scan.points)
-    return slam.finish().trajectory_odometry
+    config = Config()
+    front_end, odometry = FrontEnd(config), KissOdometry(config.odometry)
+    stamps, poses = [], []
+    for scan in scans:
+        columns = front_end.columns(scan.points)
+        stamps.append(scan.stamp_ns)
+        poses.append(odometry.register(columns.points[columns.upright]))
+    return Trajectory(np.array(stamps, dtype=np.int64), np.stack(poses))
 
 
 def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:

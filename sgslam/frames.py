@@ -26,6 +26,13 @@ def inverse(T: Floats) -> Floats:
     return result
 
 
+def squared_up(T: Floats) -> Floats:
+    """A motion (4, 4) that rounding has left a little askew, its rotation made orthogonal: one step of Newton's."""
+    R, result = T[:3, :3], T.copy()
+    result[:3, :3] = 1.5 * R - 0.5 * R @ (R.T @ R)
+    return result
+
+
 def is_rigid(T: Floats) -> bool:
     """Whether an array is a finite rigid motion (4, 4), rotation proper to 1e-5."""
     T = np.asarray(T)

@@ -1,6 +1,6 @@
 """From a scan to where it is, and from a keyframe's scan to the walls and the floor seen in it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.floor_extraction import FloorObservation, extract_floor
-from sgslam.frames import inverse, levelling, transform_planes
-from sgslam.tracking import Carried, track
+from sgslam.frames import inverse, levelling, squared_up, transform_planes
+from sgslam.tracking import Carried, Tracked, track
 from sgslam.virtual_scan import ColumnScan, contour, sort_into_columns
 from sgslam.wall_extraction import WallObservation, extract_walls
 from sgslam.wall_map import Lines
@@ -34,15 +34,15 @@ def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
 
 def align(
     scan: ColumnScan, walls: Lines, T_map_sensor: Floats, T_level_map: Floats, carried: Carried, config: Config
-) -> tuple[Floats, float]:
-    """Corrects a predicted T_map_sensor by the walls and the floor; returns it and the share of points on walls.
+) -> Tracked:
+    """Corrects a predicted T_map_sensor by the walls and the floor; `T` of what it returns is T_map_sensor.
 
     In the levelled map the floor is z = 0.
     """
     surfaces = config.surfaces
     bands = (surfaces.low_band[0], surfaces.high_band[1])
     tracked = track(scan, walls, T_level_map @ T_map_sensor, carried, bands, config.tracking)
-    return inverse(T_level_map) @ tracked.T, tracked.share
+    return replace(tracked, T=squared_up(inverse(T_level_map) @ tracked.T))
 
 
 class FrontEnd:

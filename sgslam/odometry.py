@@ -9,12 +9,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from sgslam.config import OdometrySettings
-from sgslam.frames import inverse
+from sgslam.frames import inverse, squared_up
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _NEAR = 0.3  # m; a point this close to the map counts as explained
 _KERNEL = 0.5  # m, of the registration in a search
+_SPACING = 0.25, 0.25  # m and rad between the scans of the local map while others find the steps
 
 
 class Odometry(Protocol):
@@ -25,6 +26,10 @@ class Odometry(Protocol):
 
         `expected_step` (4, 4) is T_last_sensor as somebody who knows more expects it, as a start of the search.
         """
+        ...
+
+    def follow(self, points: Floats, T_last_sensor: Floats) -> Floats:
+        """Takes over a step (4, 4) that somebody who knows more has found; returns T_odom_sensor."""
         ...
 
 
@@ -48,6 +53,7 @@ class KissOdometry:
         )  # one thread: the same input gives the same output, and two are no faster
         self._kiss = KissICP(KISSConfig(data=data, mapping=mapping, registration=registration))
         self._scans = 0
+        self._mapped = np.eye(4)  # where the newest scan of the local map was taken
 
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """See `Odometry.register`. The steps are those of `KissICP.register_frame`."""
@@ -63,8 +69,22 @@ class KissOdometry:
         else:
             kiss.adaptive_threshold.update_model_deviation(inverse(guess) @ pose)
         kiss.local_map.update(for_map, pose)
+        self._mapped = pose
         kiss.last_delta = inverse(kiss.last_pose) @ pose
         kiss.last_pose = pose
+        self._scans += 1
+        return pose.copy()
+
+    def follow(self, points: Floats, T_last_sensor: Floats) -> Floats:
+        """See `Odometry.follow`. The local map goes on growing, by scans some way apart."""
+        kiss = self._kiss
+        pose = squared_up(kiss.last_pose @ T_last_sensor)
+        since = inverse(self._mapped) @ pose
+        if np.linalg.norm(since[:3, 3]) > _SPACING[0] or np.trace(since[:3, :3]) < 1 + 2 * np.cos(_SPACING[1]):
+            frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
+            kiss.local_map.update(kiss.voxelize(frame)[1], pose)
+            self._mapped = pose
+        kiss.last_delta, kiss.last_pose = T_last_sensor, pose
         self._scans += 1
         return pose.copy()
 

@@ -13,13 +13,13 @@ from sgslam.anchoring import Anchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.frames import inverse, is_rigid, level_map, transform_planes
-from sgslam.front_end import FrontEnd, align, level_to_sensor, predict, upright_step
+from sgslam.front_end import FrontEnd, level_to_sensor
 from sgslam.keyframes import KeyframeNode, KeyframeRule
+from sgslam.locating import Locator
 from sgslam.matcher_protocol import AnyMatcher
 from sgslam.odometry import KissOdometry, Odometry
 from sgslam.result import Result, ScanPose, Update, finished
 from sgslam.scene import Scene, build_scene
-from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
@@ -39,10 +39,11 @@ class SceneGraphSlam:
         self._config = config or Config()
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         self._bim = a_graph
-        self._odometry = odometry or KissOdometry(self._config.odometry)
         self._front_end = FrontEnd(self._config)
         self._rule = KeyframeRule(self._config.keyframes)
         self._walls = WallMap(self._config.surfaces)
+        odometry = odometry or KissOdometry(self._config.odometry)
+        self._locator = Locator(self._config, odometry, self._front_end, self._walls)
         self._backend = Backend(self._config)
         self._anchoring = (
             None if a_graph is None else Anchoring(a_graph, matcher or _default_matcher(self._config), self._config)
@@ -64,36 +65,14 @@ class SceneGraphSlam:
         points = self._checked(stamp_ns, points, T_odom_sensor)
         with self._clock("odometry"):
             columns = self._front_end.columns(points)
-            given = T_odom_sensor is not None
-            if T_odom_sensor is None:
-                T_odom_sensor = self._odometry.register(columns.points[columns.upright], self._expected_step())
-            T_map_sensor = self._locate(columns, T_odom_sensor, trust_tilt=given)
+            last = self._scans[-1].T_map_sensor if self._scans else None
+            located = self._locator.locate(stamp_ns, columns, last, T_odom_sensor)
+            T_odom_sensor, T_map_sensor = located.T_odom_sensor, located.T_map_sensor
         since = np.eye(4) if not self._scans else inverse(self._backend.keyframes[-1].T_map_sensor) @ T_map_sensor
         self._scans.append(ScanPose(stamp_ns, T_odom_sensor, T_map_sensor, len(self._backend.keyframes) - 1, since))
         if self._rule.wants(T_map_sensor):
             self._add_keyframe(points)
         return Update(stamp_ns, self._scans[-1].T_map_sensor, len(self._backend.keyframes), self.anchored)
-
-    def _locate(self, columns: ColumnScan, T_odom_sensor: Floats, trust_tilt: bool) -> Floats:
-        """T_map_sensor of the newest scan: predicted by the odometry, corrected by walls and floor."""
-        if not self._scans:
-            self._walls.T_level_map = level_map(None, self._front_end.height)
-            return np.eye(4)
-        last, T_level_map = self._scans[-1], self._walls.T_level_map
-        guess = predict(last.T_map_sensor, last.T_odom_sensor, T_odom_sensor)
-        if not trust_tilt:
-            guess = upright_step(guess, last.T_map_sensor, T_level_map[2, :3])
-        if not self._config.tracking.correct:
-            return guess
-        T_map_sensor, _ = align(columns, self._walls.lines, guess, T_level_map, self._front_end.carried(), self._config)
-        self._front_end.follow(T_level_map @ T_map_sensor)
-        return T_map_sensor
-
-    def _expected_step(self) -> Floats | None:
-        """The last step as the walls saw it; steadier than the odometry's own, so that its search is shorter."""
-        if len(self._scans) < 2:
-            return None
-        return inverse(self._scans[-2].T_map_sensor) @ self._scans[-1].T_map_sensor
 
     @property
     def anchored(self) -> bool:

@@ -17,10 +17,12 @@ _FLOOR_GATE = 0.12  # m; seats and steps are level too, and not much higher than
 
 @dataclass(frozen=True)
 class Tracked:
-    """`T` (4, 4) of the sensor in the levelled map; `share` of the upright points that lie on walls."""
+    """`T` (4, 4) of the sensor in the levelled map; `share` of the upright points that lie on walls; how many points'
+    worth of walls hold the horizontal direction that is `held` worst, the turn being free."""
 
     T: Floats
     share: float
+    held: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def track(
     walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
-    T, share = predicted.copy(), 0.0
+    T, share, held = predicted.copy(), 0.0, 0.0
     prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
     for gate in settings.gates:
         p = upright @ T[:3, :3].T
@@ -62,13 +64,14 @@ def track(
         share = float(near.mean())
         if near.sum() < 10:
             break
-        rows = [_rows(p[near], normal[near], off[near], settings.sigma_point, settings.huber)]
+        of_walls = _rows(p[near], normal[near], off[near], settings.sigma_point, settings.huber)
         q = level @ T[:3, :3].T
         floor = q[:, 2] + T[2, 3]
         on_floor = np.abs(floor) < min(gate, _FLOOR_GATE)
         up = np.broadcast_to([0.0, 0.0, 1.0], (int(on_floor.sum()), 3))
-        rows.append(_rows(q[on_floor], up, floor[on_floor], settings.sigma_point, settings.huber))
-        H, g = (sum(part) for part in zip(*rows, strict=True))
+        of_floor = _rows(q[on_floor], up, floor[on_floor], settings.sigma_point, settings.huber)
+        held = _held(of_walls[0]) * settings.sigma_point**2
+        H, g = of_walls[0] + of_floor[0], of_walls[1] + of_floor[1]
         H[5, 5] += 1 / settings.sigma_height**2
         g[5] += (T[2, 3] - carried.height) / settings.sigma_height**2
         lean = T[:3, :3] @ carried.up_in_sensor  # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
@@ -79,7 +82,7 @@ def track(
         step = -np.linalg.solve(H + prior, g + prior @ gone)
         T[:3, :3] = gtsam.Rot3.Expmap(step[:3]).matrix() @ T[:3, :3]
         T[:3, 3] += step[3:]
-    return Tracked(T, share)
+    return Tracked(T, share, held)
 
 
 def _spread(points: Floats, count: int) -> Floats:
@@ -106,3 +109,11 @@ def _rows(turned: Floats, normal: Floats, off: Floats, sigma: float, huber: floa
     J = np.column_stack([y * nz - z * ny, z * nx - x * nz, x * ny - y * nx, nx, ny, nz])
     weighted = J * (np.minimum(1.0, huber / np.maximum(np.abs(off), 1e-9)) / sigma**2)[:, None]
     return weighted.T @ J, weighted.T @ off
+
+
+def _held(H: Floats) -> float:
+    """The information (1/m2) of normal equations (6, 6) about the horizontal direction that is known worst."""
+    a, b, c = H[3, 3], H[3, 4], H[4, 4]
+    if H[2, 2] > 0:  # the turn about the vertical is not known
+        a, b, c = a - H[2, 3] ** 2 / H[2, 2], b - H[2, 3] * H[2, 4] / H[2, 2], c - H[2, 4] ** 2 / H[2, 2]
+    return float((a + c) / 2 - np.hypot((a - c) / 2, b))

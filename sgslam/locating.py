@@ -1,0 +1,118 @@
+"""Where each scan was taken: foretold by the step before it and held to the walls and the floor; the odometry is asked
+where these leave something open."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import Config
+from sgslam.frames import inverse, level_map
+from sgslam.front_end import FrontEnd, align, predict, upright_step
+from sgslam.odometry import Odometry
+from sgslam.virtual_scan import ColumnScan
+from sgslam.wall_map import WallMap
+
+Floats = NDArray[np.float64]
+_CLEARLY = 0.05  # of a scan's points by which one pose explains more than another
+
+
+@dataclass(frozen=True)
+class Located:
+    """T_odom_sensor and T_map_sensor (4, 4) of one scan."""
+
+    T_odom_sensor: Floats
+    T_map_sensor: Floats
+
+
+@dataclass(frozen=True)
+class _Guessed:
+    """T_map_sensor after the correction of a guess, the `share` of the points that it explains, whether walls hold it
+    in all directions, and whether it lies far from the guess."""
+
+    T_map_sensor: Floats
+    share: float
+    firm: bool
+    surprising: bool
+
+    def better_than(self, other: "_Guessed") -> bool:
+        return self.firm > other.firm or (self.firm == other.firm and self.share > other.share + _CLEARLY)
+
+
+class Locator:
+    """Locates scan after scan.
+
+    A robot moves nearly as it did a scan ago, which indoors foretells more exactly than KISS-ICP does, where few rings
+    see much of a wall. A scan that was foretold, and that the walls then hold firmly and close by, needs no odometry.
+    """
+
+    def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, walls: WallMap) -> None:
+        self._config, self._odometry, self._front_end, self._walls = config, odometry, front_end, walls
+        self._last: Located | None = None
+        self._step: Floats | None = None  # T_last_sensor as it was found
+        self._stamp_ns, self._interval_ns = 0, 0
+
+    def locate(self, stamp_ns: int, scan: ColumnScan, last_map: Floats | None, given: Floats | None) -> Located:
+        """Locates a scan. `last_map` (4, 4) is T_map_sensor of the scan before it by the newest estimates, None for the
+        first scan; `given` T_odom_sensor of this one by somebody else's odometry."""
+        regular = self._is_regular(stamp_ns)
+        if last_map is None or self._last is None:
+            self._walls.T_level_map = level_map(None, self._front_end.height)
+            T_odom_sensor = self._odometry.register(scan.points[scan.upright]) if given is None else given
+            self._last = Located(T_odom_sensor, np.eye(4))
+            return self._last
+        if not self._config.tracking.correct:
+            T_odom_sensor, guess = self._ask(scan, last_map, given)
+            self._last = Located(T_odom_sensor, guess)
+        else:
+            foretold = self._foretold(scan, last_map) if given is None and regular else None
+            self._last = self._best(scan, last_map, given, foretold)
+            self._front_end.follow(self._walls.T_level_map @ self._last.T_map_sensor)
+        self._step = inverse(last_map) @ self._last.T_map_sensor
+        return self._last
+
+    def _best(self, scan: ColumnScan, last_map: Floats, given: Floats | None, foretold: _Guessed | None) -> Located:
+        """What was foretold where that is certain, else what the odometry says, if it explains the scan as well."""
+        if foretold is not None and foretold.firm and not foretold.surprising:
+            step = inverse(last_map) @ foretold.T_map_sensor
+            return Located(self._odometry.follow(scan.points[scan.upright], step), foretold.T_map_sensor)
+        T_odom_sensor, guess = self._ask(scan, last_map, given)
+        asked = self._align(scan, guess)
+        if foretold is not None and foretold.better_than(asked):
+            return Located(T_odom_sensor, foretold.T_map_sensor)
+        return Located(T_odom_sensor, asked.T_map_sensor)
+
+    def _foretold(self, scan: ColumnScan, last_map: Floats) -> _Guessed | None:
+        """By the last step; None where there is none."""
+        if self._step is None:
+            return None
+        return self._align(scan, upright_step(last_map @ self._step, last_map, self._walls.T_level_map[2, :3]))
+
+    def _ask(self, scan: ColumnScan, last_map: Floats, given: Floats | None) -> tuple[Floats, Floats]:
+        """T_odom_sensor, and T_map_sensor by it."""
+        assert self._last is not None
+        if given is not None:
+            return given, predict(last_map, self._last.T_odom_sensor, given)
+        T_odom_sensor = self._odometry.register(scan.points[scan.upright], self._step)
+        guess = predict(last_map, self._last.T_odom_sensor, T_odom_sensor)
+        return T_odom_sensor, upright_step(guess, last_map, self._walls.T_level_map[2, :3])
+
+    def _align(self, scan: ColumnScan, guess: Floats) -> _Guessed:
+        """Corrected by walls and floor."""
+        settings = self._config.tracking
+        tracked = align(
+            scan, self._walls.lines, guess, self._walls.T_level_map, self._front_end.carried(), self._config
+        )
+        missed = inverse(guess) @ tracked.T
+        turn = float(np.arccos(np.clip((np.trace(missed[:3, :3]) - 1) / 2, -1.0, 1.0)))
+        return _Guessed(
+            tracked.T, tracked.share,
+            tracked.share > settings.firm_share and tracked.held > settings.firm_points,
+            bool(np.linalg.norm(missed[:3, 3]) > settings.surprise_distance or turn > settings.surprise_angle),
+        )  # fmt: skip
+
+    def _is_regular(self, stamp_ns: int) -> bool:
+        """Whether this scan comes after the last one as that one after the one before it."""
+        before, self._interval_ns = self._interval_ns, stamp_ns - self._stamp_ns
+        self._stamp_ns = stamp_ns
+        return 2 * before < 3 * self._interval_ns < 4.5 * before
