@@ -1,7 +1,6 @@
 """The published matcher as a `Method`: every node of the S-graph gets a partner, and nothing is checked."""
 
 import time
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,9 @@ from data.se2 import Array
 from matching.paper_graph import paper_graph
 from matching.paper_network import Nodes, PaperNetwork
 from matching.paper_weights import load_paper_network
-from matching.result import Hypothesis, MatchResult, Pair
-from matching.start import Start, near_start
+from matching.result import MatchResult, Pair
+from matching.start import Start
+from matching.unchecked import unchecked
 
 REASON = "the published matcher answers every time; nothing was checked"
 
@@ -51,15 +51,7 @@ class PaperMatcher:
         rooms, walls = self._pairs(s, a)
         if not rooms and not walls:
             return MatchResult("none", "no partner is of its own type", seconds=time.perf_counter() - began)
-        T_a_s = _fitted(s, a, (*rooms, *walls))
-        if start is not None and not near_start(start, T_a_s):
-            reason = "the answer is not near the start that was given"
-            return MatchResult("none", reason, seconds=time.perf_counter() - began)
-        yaw, x, y = T_a_s.tolist()
-        on = _floor(a, rooms, walls)
-        sole = Hypothesis(0.0, (yaw, x, y), on, tuple((i, j) for i, j, _ in rooms))
-        seconds = time.perf_counter() - began
-        return MatchResult("unique", REASON, rooms, walls, (yaw, x, y), on, (sole,), seconds)
+        return unchecked(a, rooms, walls, _fitted(s, a, (*rooms, *walls)), start, REASON, began)
 
     def _pairs(self, s: SceneGraph, a: SceneGraph) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
         settings = self._network.settings
@@ -86,12 +78,3 @@ def _fitted(s: SceneGraph, a: SceneGraph, pairs: tuple[Pair, ...]) -> Array:
 def _place(graph: SceneGraph, node: str) -> Xy:
     room = graph.room_by_id.get(node)
     return graph.surface_by_id[node].centroid if room is None else room.centroid
-
-
-def _floor(a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> str | None:
-    """The floor on which most of the partners are."""
-    floors = [a.room_by_id[j].floor for _, j, _ in rooms]
-    for _, j, _ in walls:
-        wall = a.surface_by_id[j]
-        floors.append(a.room_by_id[wall.room].floor if wall.room is not None else wall.floor)
-    return Counter(floors).most_common(1)[0][0]

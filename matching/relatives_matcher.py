@@ -1,7 +1,6 @@
 """The relatives as methods of their own: the assignment that each comes with is the answer, and nothing is checked."""
 
 import time
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +12,11 @@ from data.scene_graph import SceneGraph
 from matching.encoder import GraphTensors
 from matching.features import PairRows, map_features, plan_features
 from matching.networks import Network, kind_of
-from matching.result import Hypothesis, MatchResult, Pair
+from matching.result import MatchResult, Pair
 from matching.rigid_fit import fit_pairs
 from matching.se2 import Array
-from matching.start import Start, near_start
+from matching.start import Start
+from matching.unchecked import unchecked
 from matching.walls import Index
 from matching.weights_file import load_network
 
@@ -54,15 +54,8 @@ class RelativeMatcher:
         rooms, walls = self._pairs(s, a)
         if not rooms and not walls:
             return MatchResult("none", "nothing of the map has a partner", seconds=time.perf_counter() - began)
-        T_a_s = _fitted(s, a, rooms, walls)
-        if start is not None and not near_start(start, T_a_s):
-            reason = "the answer is not near the start that was given"
-            return MatchResult("none", reason, seconds=time.perf_counter() - began)
-        yaw, x, y = T_a_s.tolist()
-        on = _floor(a, rooms, walls)
-        sole = Hypothesis(0.0, (yaw, x, y), on, tuple((i, j) for i, j, _ in rooms))
         reason = "the network's own assignment, of which nothing was checked"
-        return MatchResult("unique", reason, rooms, walls, (yaw, x, y), on, (sole,), time.perf_counter() - began)
+        return unchecked(a, rooms, walls, _fitted(s, a, rooms, walls), start, reason, began)
 
     def _pairs(self, s: SceneGraph, a: SceneGraph) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
         seen, plan = map_features(s), plan_features(a)
@@ -106,12 +99,3 @@ def _fitted(s: SceneGraph, a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[
         return np.array([graph.room_by_id[str(p[side])].centroid for p in rooms], dtype=float).reshape(-1, 2)
 
     return fit_pairs(lines(s, 0), lines(a, 1), places(s, 0), places(a, 1))
-
-
-def _floor(a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> str | None:
-    """The floor on which most of the partners are."""
-    floors = [a.room_by_id[j].floor for _, j, _ in rooms]
-    for _, j, _ in walls:
-        wall = a.surface_by_id[j]
-        floors.append(a.room_by_id[wall.room].floor if wall.room is not None else wall.floor)
-    return Counter(floors).most_common(1)[0][0]
