@@ -16,7 +16,8 @@ HEADER = ("pairs of", "method", "pairs", "precision", "recall", "F1", "accuracy"
 NAMES = {
     "combinatorial": "iS-Graphs' search, `combinatorial`", "paper@published": "the paper's matcher, `paper@published`",
     "paper@repository": "its repository's better parameters, `paper@repository`", "voting": "ours, `voting`",
-    "learned": "ours, `learned`",
+    "learned": "ours, `learned`", "pca-gm": "PCA-GM on our features, `pca-gm`",
+    "superglue": "SuperGlue on our features, `superglue`",
 }  # fmt: skip
 
 

@@ -39,7 +39,7 @@ ENTERED = 0.5  # of a room's walls, by length, are in the map
 SIGMA_SEARCH = 0.35  # metres
 HOPEFUL = 0.7  # of the weight of what was seen is explained by a rigid motion,
 FEW, HOPEFUL_OF_FEW = 16, 0.5  # and of its longest walls
-MOST = 8  # places that are worked out on each storey
+MOST = 20  # places that are worked out on each storey
 
 
 @dataclass(frozen=True)
