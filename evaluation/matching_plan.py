@@ -7,10 +7,10 @@ from typing import Any
 
 from data.errors import UserError
 from evaluation.matching_cells import SIZES, size_of
+from evaluation.matching_methods import load_method
 from evaluation.matching_pairs import DRAWN, ELSEWHERE, Pair, pairs_of_cell, read_candidates, slam_pairs
 from evaluation.matching_rows import ORACLE
 from evaluation.matching_worker import Task
-from matching import Matcher
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Wanted:
             pairs[method] = int(count)
         for method in pairs:
             if method != ORACLE:
-                Matcher.load(method)  # raises for a name that does not exist
+                load_method(method)  # raises for a name that does not exist
         return Wanted(
             options.out, tuple(options.plans), tuple(options.generated), options.slam_graphs, pairs, regimes,
             tuple(map(_rooms, options.rooms)), tuple(options.sizes), options.seed, options.limit, options.jobs,

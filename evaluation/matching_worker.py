@@ -10,6 +10,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from evaluation.matching_judge import is_wrong, tallies
+from evaluation.matching_methods import load_method
 from evaluation.matching_oracle import oracle_match
 from evaluation.matching_pairs import Pair, Prepared
 from evaluation.matching_rows import ORACLE, Row
@@ -135,7 +136,7 @@ def serve(pipe: Connection) -> None:
                 for method in task.methods:
                     blank = blank_row(task.pair, prepared, method)
                     if method != ORACLE and method not in matchers:
-                        matchers[method] = Matcher.load(method)
+                        matchers[method] = load_method(method)
                     pipe.send(("began", blank))
                     pipe.send(("row", judged(blank, prepared, matchers.get(method))))
             except Exception:
