@@ -15,10 +15,12 @@ def observe_plane(
 ) -> gtsam.NoiseModelFactor:
     """A plane (4,) seen in the frame of pose variable `pose`; the plane's variable lives in `anchor`'s frame.
 
-    Residual (3): the difference of the normals in the tangent plane of the predicted one (rad), and of the
-    offsets (m); three variables. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen 2012). The
-    normal's residual is 0 again at 180 degrees: gate below 60 degrees before adding. Raises ValueError for a
-    plane that is not finite or whose normal is not a unit vector.
+    Variables: the poses `pose` T_map_pose and `anchor` T_map_anchor, and `plane` in the anchor's frame; only the motion
+    between the two poses counts, so that it does not matter where the map begins. Residual (3), in the frame of `pose`:
+    the difference of the normals in the tangent plane of the predicted one (rad), and of the offsets (m). Source:
+    OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen, ICRA 2012). The normal's residual is 0 again at 180 degrees:
+    gate below 60 degrees before adding. Raises ValueError for a plane that is not finite or whose normal is not a unit
+    vector.
     """
     return gtsam_unstable.LocalOrientedPlane3Factor(_checked(plane_in_pose), noise, pose, anchor, plane)
 
@@ -28,8 +30,9 @@ def observe_own_plane(
 ) -> gtsam.NoiseModelFactor:
     """The plane (4,) as its own anchor saw it: a prior on the plane variable.
 
-    GTSAM wraps no prior for planes; `identity` is a pose variable that a tight prior holds at the identity.
-    Takes Gaussian noise only. Residual as in `observe_plane`.
+    Variables: `plane` in the anchor's frame, and `identity`, a pose that a tight prior holds at the identity (GTSAM
+    wraps no prior for planes). Takes Gaussian noise only. Residual (3) as in `observe_plane`, in the anchor's frame.
+    Source: as there. Raises ValueError as it does.
     """
     return gtsam.OrientedPlane3Factor(_checked(plane_in_anchor), noise, identity, plane)
 

@@ -11,7 +11,12 @@ from factors.planes import observe_plane
 def wall_of_room(
     plane_in_room: ArrayLike, room: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base
 ) -> gtsam.NoiseModelFactor:
-    """A room's wall (4,) in the frame of the room's pose variable; residual (3) as in `observe_plane`."""
+    """A room's wall (4,) in the frame of the room's pose variable.
+
+    Variables: the poses `room` T_map_room and `anchor` T_map_anchor, and `plane` in the anchor's frame. Residual (3) as
+    in `observe_plane`, in the room's frame. Source: in place of the room factors of S-Graphs (Bavle et al. 2022, arXiv
+    2212.11770), whose residual depends on the map's origin and which know rectangles only.
+    """
     return observe_plane(plane_in_room, room, anchor, plane, noise)
 
 

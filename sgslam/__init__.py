@@ -23,13 +23,20 @@ def _check_siblings() -> None:
     """Raises ImportError where another package of the same name stands before one of ours."""
     here = Path(__file__).resolve().parent.parent
     for name in ("data", "matching", "factors", "evaluation"):
-        spec = find_spec(name)
-        home = Path(spec.origin).resolve().parent.parent if spec is not None and spec.origin else None
-        if home != here:
+        found = _origin(name)
+        if found != here / name / "__init__.py":
             raise ImportError(
                 f"sgslam needs its own package '{name}' from {here}, but Python finds "
-                f"{'none' if home is None else 'another in ' + str(home)}; run in an environment or folder without it"
+                f"{'none' if found is None else 'another, ' + str(found)}; run in an environment or folder without it"
             )
+
+
+def _origin(name: str) -> Path | None:
+    try:
+        spec = find_spec(name)
+    except ValueError:  # somebody put a module of no origin in its place
+        return None
+    return Path(spec.origin).resolve() if spec is not None and spec.origin else None
 
 
 def __getattr__(name: str) -> Any:

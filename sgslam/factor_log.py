@@ -30,7 +30,7 @@ class FactorEvent:
     keyframes: int
     kind: Kind
     key: Key
-    what: Literal["added", "withdrawn", "barred"]
+    what: Literal["added", "withdrawn", "barred", "refused"]
     by: str
     why: str
 
@@ -41,6 +41,7 @@ class FactorLog:
     def __init__(self) -> None:
         self._held: dict[Kind, dict[Key, Entry]] = {kind: {} for kind in KINDS}
         self._barred: set[tuple[Kind, Key]] = set()
+        self._refused: set[tuple[Kind, Key]] = set()
         self.events: list[FactorEvent] = []
 
     def held(self, kind: Kind) -> dict[Key, Entry]:
@@ -79,6 +80,13 @@ class FactorLog:
             if for_good:
                 self._barred.add((kind, key))
 
+    def refuse(self, keyframes: int, kind: Kind, key: Key, by: str, why: str) -> None:
+        """Takes note, once, of a factor that could not be made."""
+        if (kind, key) not in self._refused:
+            self._refused.add((kind, key))
+            self.events.append(FactorEvent(keyframes, kind, key, "refused", by, why))
+            _log.warning("factor %s %s, by %s, is refused: %s", kind, "/".join(map(str, key)), by, why)
+
     def graph(self) -> gtsam.NonlinearFactorGraph:
         """The factor graph of all that hold now, built anew."""
         graph = gtsam.NonlinearFactorGraph()
@@ -98,8 +106,9 @@ class FactorLog:
                     yield kind, key, f"its error is {error}"
 
     def counts(self) -> dict[Kind, dict[str, int]]:
-        """How many factors of each kind hold, and how many were added, withdrawn and barred so far."""
-        counted = {kind: {"held": len(self._held[kind]), "added": 0, "withdrawn": 0, "barred": 0} for kind in KINDS}
+        """How many factors of each kind hold, and how many were added, withdrawn, barred and refused so far."""
+        none = {"added": 0, "withdrawn": 0, "barred": 0, "refused": 0}
+        counted = {kind: {"held": len(self._held[kind]), **none} for kind in KINDS}
         for event in self.events:
             counted[event.kind][event.what] += 1
         return counted

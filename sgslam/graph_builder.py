@@ -3,7 +3,9 @@
 Everything goes into the log; a factor whose measurement and variables did not change is kept as it is.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import gtsam
 import numpy as np
@@ -12,7 +14,8 @@ from numpy.typing import NDArray
 
 import factors
 from sgslam.config import Config
-from sgslam.factor_log import Entry, FactorLog, Key
+from sgslam.factor_log import Entry, FactorLog, Key, Kind
+from sgslam.floor_extraction import FloorObservation
 from sgslam.frames import inverse, transform_planes
 from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
 from sgslam.keyframes import KeyframeNode
@@ -44,6 +47,16 @@ class GraphBuilder:
         entry = Entry(factor, "back end", "in place of a step that could not be used")
         self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
 
+    def _entry(
+        self, kind: Kind, key: Key, by: str, why: str, build: Callable[[], gtsam.NonlinearFactor]
+    ) -> dict[Key, Entry]:
+        """The factor by its key; nothing where its numbers are refused."""
+        try:
+            return {key: Entry(build(), by, why)}
+        except ValueError as error:
+            self._log.refuse(len(self._keyframes), kind, key, by, str(error))
+            return {}
+
     def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
         """Walls seen from two keyframes or more; returns the keyframe that each one is kept by."""
         keyframes_of: dict[int, set[int]] = {}
@@ -52,44 +65,47 @@ class GraphBuilder:
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
         before, entries = self._log.held("wall"), dict[Key, Entry]()
         for number, s in enumerate(seen):
-            if s.wall in anchor_of:
-                key = (number, s.wall, anchor_of[s.wall])
-                entries[key] = before.get(key) or self._observation(s, anchor_of[s.wall])
-        self._log.hold(len(self._keyframes), "wall", entries, "it is taken for another wall's, or the wall is kept by "
-                       "another keyframe")  # fmt: skip
+            if s.wall not in anchor_of:
+                continue
+            key = (number, s.wall, anchor_of[s.wall])
+            if key in before:
+                entries[key] = before[key]
+            else:
+                why, build = f"keyframe {s.keyframe} saw wall {s.wall}", partial(self._wall, s, anchor_of[s.wall])
+                entries |= self._entry("wall", key, "wall extraction", why, build)
+        gone = "it is taken for another wall's, or the wall is kept by another keyframe"
+        self._log.hold(len(self._keyframes), "wall", entries, gone)
         return anchor_of
 
-    def _observation(self, seen: SeenWall, anchor: int) -> Entry:
+    def _wall(self, seen: SeenWall, anchor: int) -> gtsam.NonlinearFactor:
         settings = self._config.backend
         normal = float(np.hypot(seen.sigma_normal, settings.sigma_normal))
         offset = float(np.hypot(seen.sigma_offset, settings.sigma_offset))
-        why = f"keyframe {seen.keyframe} saw wall {seen.wall}"
         if seen.keyframe == anchor:
             noise = factors.noise_of_plane(normal, offset, None)
-            return Entry(factors.observe_own_plane(seen.plane, IDENTITY, P(seen.wall), noise), "wall extraction", why)
+            return factors.observe_own_plane(seen.plane, IDENTITY, P(seen.wall), noise)
         robust = factors.noise_of_plane(normal, offset, settings.huber)
-        factor = factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
-        return Entry(factor, "wall extraction", why)
+        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
 
     def hold_floor(self) -> None:
         """The floor as the keyframes saw it, in the frame of the first one."""
-        settings, before, entries = self._config.backend, self._log.held("floor"), dict[Key, Entry]()
+        before, entries = self._log.held("floor"), dict[Key, Entry]()
         for i, keyframe in enumerate(self._keyframes):
-            if keyframe.floor is None:
-                continue
             if (i,) in before:
                 entries[i,] = before[i,]
-                continue
-            normal = float(np.hypot(keyframe.floor.sigma_normal, settings.sigma_floor_normal))
-            offset = float(np.hypot(keyframe.floor.sigma_offset, settings.sigma_floor_offset))
-            if i == 0:
-                noise = factors.noise_of_plane(normal, offset, None)
-                factor = factors.observe_own_plane(keyframe.floor.plane, IDENTITY, FLOOR, noise)
-            else:
-                robust = factors.noise_of_plane(normal, offset, settings.huber)
-                factor = factors.observe_plane(keyframe.floor.plane, X(i), X(0), FLOOR, robust)
-            entries[i,] = Entry(factor, "floor extraction", f"keyframe {i} saw the floor")
+            elif keyframe.floor is not None:
+                why, build = f"keyframe {i} saw the floor", partial(self._floor, i, keyframe.floor)
+                entries |= self._entry("floor", (i,), "floor extraction", why, build)
         self._log.hold(len(self._keyframes), "floor", entries, "it is no longer taken for the floor")
+
+    def _floor(self, i: int, floor: FloorObservation) -> gtsam.NonlinearFactor:
+        settings = self._config.backend
+        normal = float(np.hypot(floor.sigma_normal, settings.sigma_floor_normal))
+        offset = float(np.hypot(floor.sigma_offset, settings.sigma_floor_offset))
+        if i == 0:
+            return factors.observe_own_plane(floor.plane, IDENTITY, FLOOR, factors.noise_of_plane(normal, offset, None))
+        robust = factors.noise_of_plane(normal, offset, settings.huber)
+        return factors.observe_plane(floor.plane, X(i), X(0), FLOOR, robust)
 
     def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
         """Rooms by the walls that bound them."""
@@ -112,16 +128,17 @@ class GraphBuilder:
             prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_bim), factors.noise_of_pose(1.0, 100.0))
             entries["frame",] = Entry(prior, anchors.by, "where the BIM's frame was told to be, loosely")
             for number, (grade, wall, planned) in enumerate(planned_walls(anchors, anchor_of), 1):
-                T_bim_place, factor = self._anchor(number, grade, wall, planned, anchor_of[wall])
                 key: Key = (grade, wall, planned.a_id or str(number))
-                entries[*key, "place"] = Entry(_at_place(W(number), T_bim_place), planned.by, "a frame near the wall")
-                entries[key] = Entry(factor, planned.by, planned.why)
+                place = partial(factors.frame_at, planned.place, BIM, W(number))
+                held = partial(self._anchor, W(number), grade, wall, planned, anchor_of[wall])
+                entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
+                entries |= self._entry("anchor", key, planned.by, planned.why, held)
             entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floor(anchors)
         self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring no longer holds it so")
 
     def _anchor(
-        self, number: int, grade: str, wall: int, planned: PlannedWall, anchor: int
-    ) -> tuple[Floats, gtsam.NonlinearFactor]:
+        self, frame: int, grade: str, wall: int, planned: PlannedWall, anchor: int
+    ) -> gtsam.NonlinearFactor:  # fmt: skip
         settings, huber = self._config.anchors, self._config.backend.huber
         if grade == "tight":
             noise: gtsam.noiseModel.Base = factors.redescending_noise_of_plane(
@@ -131,29 +148,32 @@ class GraphBuilder:
             noise = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, huber)
         else:
             noise = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, huber)
-        plane = planned.plane + np.array([0.0, 0.0, 0.0, planned.plane[:3] @ planned.place])
-        return planned.place, factors.anchor_plane(plane, W(number), X(anchor), P(wall), noise)
+        plane = factors.plane_from(planned.place, planned.plane)
+        return factors.anchor_plane(plane, frame, X(anchor), P(wall), noise)
 
     def _anchored_rooms(self, anchors: Anchors, rooms: set[int]) -> dict[Key, Entry]:
-        settings = self._config.anchors
-        return {
-            ("room", room): Entry(
-                factors.anchor_room(T_bim_room, BIM, R(room), settings.sigma_normal, settings.sigma_room), anchors.by,
-                "two of its walls or more stand at those of a planned room",
-            )
-            for room, T_bim_room in anchors.rooms.items() if room in rooms
-        }  # fmt: skip
+        settings, entries = self._config.anchors, dict[Key, Entry]()
+        sigmas, why = (settings.sigma_normal, settings.sigma_room), "two of its walls stand at those of a planned room"
+        for room, T_bim_room in anchors.rooms.items():
+            if room in rooms:
+                build = partial(factors.anchor_room, T_bim_room, BIM, R(room), *sigmas)
+                entries |= self._entry("anchor", ("room", room), anchors.by, why, build)
+        return entries
 
     def _anchored_floor(self, anchors: Anchors) -> dict[Key, Entry]:
         if anchors.elevation is None or not self._log.held("floor"):
             return {}
         settings = self._config.anchors
         level = factors.noise_of_plane(settings.sigma_normal, settings.sigma_floor, None)
-        middle = np.array([*inverse(anchors.T_map_bim)[:2, 3], anchors.elevation])
-        return {
-            ("floor", "place"): Entry(_at_place(W(0), middle), anchors.by, "a frame on the storey's floor"),
-            ("floor",): Entry(factors.storey_plane(0.0, W(0), X(0), FLOOR, level), anchors.by, "the storey's floor"),
-        }
+        place = partial(factors.frame_at, _middle(anchors), BIM, W(0))
+        held = partial(factors.storey_plane, 0.0, W(0), X(0), FLOOR, level)
+        entries = self._entry("anchor", ("floor", "place"), anchors.by, "a frame on the storey's floor", place)
+        return entries | self._entry("anchor", ("floor",), anchors.by, "the storey's floor", held)
+
+
+def _middle(anchors: Anchors) -> Floats:
+    """(3,) on the storey's floor where the map begins, in the BIM frame."""
+    return np.array([*inverse(anchors.T_map_bim)[:2, 3], anchors.elevation or 0.0])
 
 
 def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
@@ -197,18 +217,10 @@ def start_values(
     if anchors is not None:
         found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
         places = [p.place for _, _, p in planned_walls(anchors, told.anchor_of)]
-        middle = np.array([*inverse(anchors.T_map_bim)[:2, 3], anchors.elevation or 0.0])
-        for number, place in enumerate([middle, *places]):
+        for number, place in enumerate([_middle(anchors), *places]):
             found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
     values = gtsam.Values()
     for key in graph.keyVector():
         if key in found:
             values.insert(key, found[key])
     return values
-
-
-def _at_place(key: int, place_in_bim: Floats) -> gtsam.NonlinearFactor:
-    """A frame fixed in the BIM's, for anchors there: seen from the BIM's origin, a small turn of a far wall would pass
-    for its offset."""
-    T_bim_place = gtsam.Pose3(gtsam.Rot3(), place_in_bim)
-    return gtsam.BetweenFactorPose3(BIM, key, T_bim_place, factors.noise_of_pose(1e-5, 1e-5))

@@ -93,6 +93,18 @@ def test_one_bad_anchor_leaves_the_others() -> None:
     assert held == {0, 1, 3, 4, 5}
 
 
+def test_numbers_that_the_factors_refuse_are_told_once_and_left_out(caplog: pytest.LogCaptureFixture) -> None:
+    run = Run()
+    run.seen[7].plane = np.full(4, np.nan)
+    anchors, T_map_bim = anchors_of(run, T_BIM_BUILDING)
+    spoilt = {**anchors.planes, 4: [replace(anchors.planes[4][0], plane=np.zeros(4))]}
+    for _ in range(2):
+        run.optimise(replace(anchors, planes=spoilt))
+    assert caplog.text.count("is refused: a plane is four finite numbers") == 2
+    assert run.backend.T_map_bim is not None and np.linalg.norm((run.backend.T_map_bim - T_map_bim)[:3, 3]) < 0.02
+    assert run.errors().max() < 0.02
+
+
 def test_what_is_beyond_repair_leaves_the_last_optimum(caplog: pytest.LogCaptureFixture) -> None:
     run = Run()
     run.optimise()
@@ -162,7 +174,7 @@ def test_rooms_are_logged_when_they_are_cut_anew() -> None:
     run.optimise(rooms=[room])
     run.optimise(rooms=[replace(room, id=8, walls={0: room.walls[0]})])
     counts = run.backend.log.counts()["room"]
-    assert counts == {"held": 2, "added": 7, "withdrawn": 5, "barred": 0}
+    assert counts == {"held": 2, "added": 7, "withdrawn": 5, "barred": 0, "refused": 0}
 
 
 def test_a_run_hands_its_log_over() -> None:
