@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.bim import Bim
+from sgslam.anchor_log import AnchorRecord
 from sgslam.anchoring import Anchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
@@ -78,6 +79,24 @@ class SceneGraphSlam:
     def anchored(self) -> bool:
         """Whether the S-graph is anchored to the BIM."""
         return self._backend.T_map_bim is not None
+
+    @property
+    def T_bim_map(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the map in the BIM frame, as it is known now; None while it is not anchored."""
+        T_map_bim = self._backend.T_map_bim
+        return None if self._anchoring is None or T_map_bim is None else self._anchoring.bim_from_map(T_map_bim)
+
+    @property
+    def anchors(self) -> tuple[AnchorRecord, ...]:
+        """The record of all anchors so far, those withdrawn too."""
+        return () if self._anchoring is None else self._anchoring.log.records
+
+    def s_graph(self) -> SceneGraph:
+        """The S-graph as it is now, in the map frame: rooms, wall surfaces and doors are cut anew for it, which takes
+        some tens of milliseconds and changes nothing in the run. Raises UserError before the first scan."""
+        if not self._scans:
+            raise UserError("no scan was added: there is no graph yet")
+        return build_scene(self._backend.keyframes, self._walls, self._backend.floor_in_map, self._config).graph
 
     def finish(self) -> Result:
         """Matches and optimises a last time; raises UserError where no scan was added."""
