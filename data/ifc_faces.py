@@ -1,7 +1,9 @@
 """Pieces of walls' sides joined to wall surfaces: one for each plane in which walls turn a side to a room."""
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import shapely
@@ -11,7 +13,7 @@ from data.areas import Area
 from data.ifc_edges import Edge
 from data.ifc_rooms import Level
 from data.ifc_sections import Solid
-from data.intervals import Intervals, united
+from data.intervals import Intervals, common, united
 from data.scene_graph import WallSurface
 
 SAME_PLANE = 0.01  # m
@@ -25,13 +27,14 @@ MIN_HEIGHT = 0.3  # m
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The part of a wall's edge from `low` to `high` metres along it, which faces `room`."""
+    """The part of a wall's edge from `low` to `high` metres along it, which faces `room`; seen in the cut at `z`."""
 
     solid: Solid
     room: str | None
     edge: Edge
     low: float
     high: float
+    z: float
 
     @property
     def length(self) -> float:
@@ -106,14 +109,14 @@ def _wall_between(plane: Edge, low: float, high: float, walls: shapely.STRtree) 
 def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface | None:
     """The surface in the plane of its longest piece; None where only slim or low pieces make it up."""
     plane = max(pieces, key=lambda p: p.length).edge
-    parts = united([_span(p, plane) for p in pieces], gap=BUTT)
+    spans = united([_span(p, plane) for p in pieces], gap=BUTT)
     of_solid: dict[Solid, Intervals] = defaultdict(list)
     for piece in pieces:
         of_solid[piece.solid].append(_span(piece, plane))
-    extents = [(min(a for a, _ in spans), max(b for _, b in spans)) for spans in of_solid.values()]
-    if max(high - low for low, high in (*parts, *extents)) < MIN_LENGTH:
+    extents = [(min(a for a, _ in own), max(b for _, b in own)) for own in of_solid.values()]
+    if max(high - low for low, high in (*spans, *extents)) < MIN_LENGTH:
         return None  # edges of thin partitions in a row; two stumps of one wall beside its door are a surface
-    low, high = parts[0][0], parts[-1][1]
+    low, high = spans[0][0], spans[-1][1]
     height = _height(level, room, plane, (low, high), list(of_solid))
     if height[1] - height[0] < MIN_HEIGHT:
         return None
@@ -122,7 +125,20 @@ def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface
     (x, y), (nx, ny) = plane.point((low + high) / 2).tolist(), plane.normal.tolist()
     floor = next((r.room.floor for r in level.rooms if r.room.id == room), level.floor)
     coefficients = (nx, ny, 0.0, -(nx * x + ny * y))
-    return WallSurface("", room, (x, y), (nx, ny), high - low, floor, source, height, coefficients)
+    parts = tuple(_standing(pieces, plane, (low + high) / 2))
+    return WallSurface("", room, (x, y), (nx, ny), high - low, floor, source, height, coefficients, parts)
+
+
+def _standing(pieces: list[Piece], plane: Edge, middle: float) -> Iterator[tuple[str, float, float]]:
+    """Where which wall stands in every cut, in the order along the plane, from its `middle`."""
+    cuts = {p.z for p in pieces}
+    solids = dict.fromkeys(p.solid for p in pieces)
+    found = []
+    for solid in solids:
+        spans = [united([_span(p, plane) for p in pieces if p.solid is solid and p.z == z], gap=BUTT) for z in cuts]
+        found += [(low, high, solid.product.global_id) for low, high in reduce(common, spans)]
+    for low, high, source in sorted(found):
+        yield source, low - middle, high - middle
 
 
 def _height(

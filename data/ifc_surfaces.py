@@ -47,7 +47,7 @@ def _pieces(level: Level, z: float, cut: list[tuple[Solid, Area]]) -> list[Piece
         stranger = level.own is not None and solid.product.global_id not in level.own
         for k, spans in claims.items():
             if ids[k] is not None or not stranger:
-                pieces += [Piece(solid, ids[k], edge, low, high) for low, high in spans]
+                pieces += [Piece(solid, ids[k], edge, low, high, z) for low, high in spans]
     return pieces
 
 

@@ -20,7 +20,7 @@ def mesh_storey(path: Path | str, storey: str = "", changes: Changes | None = No
 
     Raises UserError for an unknown level, one without rooms, and changes: a mesh has no walls of their own to move.
     """
-    if changes is not None and (changes.moved or changes.absent):
+    if changes is not None and changes.any:
         raise UserError(f"{path}: a mesh has no single walls that could be moved; give an IFC file")
     building = read_mesh(path)
     names = {f.id: f.name for f in building.graph.floors}

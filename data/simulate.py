@@ -3,8 +3,8 @@
     python -m data.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M] [--moved-walls SHARE]
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
-frame), `run.json` (what was driven) and, where the building stands otherwise than planned, `changes.json`. Each
-scan is a snapshot of one instant, without motion distortion.
+frame), `run.json` (what was driven) and, where the building stands otherwise than planned, `changes.json`, and
+`plan.ifc` where the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion.
 All doors stand open (their leaves are left out), furniture is included, window panes are opaque.
 """
 
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from data.changes import Change, Changes
+from data.changes import Change, Changes, write_plan_without
 from data.cli import Parser, run_command
 from data.drive import Robot, drive
 from data.errors import UserError
@@ -38,6 +38,7 @@ Settings = dict[str, object]  # for run.json
 SENSOR = SpinningSensor()
 ROBOT = Robot()
 ROBOT_TOP = 1.6  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
+PLAN = "plan.ifc"  # what the plan shows, where it lacks walls that stand
 SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
@@ -121,7 +122,7 @@ def simulate(
     length = sum(curve_length(leg) for leg in legs)
     run = SimulatedRun(out, model.name, seed, length, start_yaw, _visited(grid, stamps, poses), truth, model.changes)
     settings = {"bim": Path(ifc).name, "sensor": asdict(sensor), "robot": asdict(robot)}
-    _write(run, scene, sensor, scan_format, {**settings, "sensor_height_m": sensor_height})
+    _write(run, scene, sensor, scan_format, {**settings, "sensor_height_m": sensor_height}, ifc)
     return run
 
 
@@ -157,8 +158,9 @@ def _visited(
 
 
 def _write(
-    run: SimulatedRun, scene: "TriangleScene", sensor: SpinningSensor, scan_format: str, settings: Settings
-) -> None:
+    run: SimulatedRun, scene: "TriangleScene", sensor: SpinningSensor, scan_format: str, settings: Settings,
+    bim: Path | str,
+) -> None:  # fmt: skip
     """Casts the rays and writes into a folder beside, which then takes the final name: all or nothing."""
     run.out_dir.parent.mkdir(parents=True, exist_ok=True)
     unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
@@ -172,6 +174,8 @@ def _write(
         run.truth.write_tum(unfinished / "truth.tum")
         if run.changes:
             write_json(unfinished / "changes.json", [asdict(change) for change in run.changes])
+        if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
+            write_plan_without(bim, unplanned, unfinished / PLAN)
         write_json(unfinished / "run.json", {
             "storey": run.storey, "seed": run.seed, "scans": len(run.truth), "length_m": run.length,
             "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
@@ -196,6 +200,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
     add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, moved 10 to 30 cm (default 0)")
     add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
+    add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that stand and no plan shows (default 0)")
     add("--and-back", action="store_true", help="drive the whole way back again")
     add("--speed", type=float, default=ROBOT.speed, help="metres a second (default 0.8)")
     add("--sensor-height", type=float, default=0.8, help="metres above the floor (default 0.8)")
@@ -209,7 +214,7 @@ def main() -> int:
     run = simulate(
         args.bim, args.storey, args.out, args.seed, args.min_rooms, args.min_length,
         robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
-        changes=Changes(args.moved_walls, args.absent_walls), and_back=args.and_back,
+        changes=Changes(args.moved_walls, args.absent_walls, args.unplanned_walls), and_back=args.and_back,
     )  # fmt: skip
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of '{run.storey}'"
     changed = f"; {len(run.changes)} walls stand otherwise than planned" if run.changes else ""

@@ -44,7 +44,7 @@ class StoreyModel:
     """`solid` is the whole building's; all else is the storey's. Metres, BIM frame.
 
     `level` is the z of the finished floor, `extent` are the lowest and the highest x y, (2,) each. `changes` tells
-    what stands otherwise than the plan has it; the spaces are the plan's.
+    what stands otherwise than the plan has it; `walls` are the storey's IfcWalls and, as the spaces, the plan's.
     """
 
     id: str
@@ -55,6 +55,7 @@ class StoreyModel:
     doors: tuple[Triangles, ...]
     extent: tuple[Xy, Xy]
     changes: tuple[Change, ...] = ()
+    walls: tuple[IfcProduct, ...] = ()
 
 
 def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0) -> StoreyModel:
@@ -87,7 +88,9 @@ def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, se
     solid_triangles = np.concatenate([triangles, *floors, *ceilings])
     extent = (corners.min(axis=0), corners.max(axis=0))
     level = _measured_floor(TriangleScene(solid_triangles), level, extent)
-    return StoreyModel(entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent, made)
+    return StoreyModel(
+        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent, made, tuple(walls)
+    )
 
 
 def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifcopenshell.entity_instance:

@@ -15,6 +15,7 @@ from data.errors import UserError
 from data.mesh_files import is_mesh
 from data.scans import Scan, ScanFolder
 from data.scene_graph import SceneGraph
+from data.simulate import PLAN
 from data.trajectory import Trajectory
 from evaluation.conditions import NORMAL, Conditions
 from evaluation.weakened import WeakOdometry, weaken_odometry
@@ -111,6 +112,8 @@ def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions 
         if not drive.exists():
             _simulate(spec, bim, storey, drive, seed, conditions)
         scan_dir, truth_path, kept = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
+        if (drive / PLAN).exists():  # the plan that lacks walls
+            bim, graph = drive / PLAN, _a_graph(drive / PLAN)
     truth = Trajectory.read_tum(truth_path)
     sequence = Sequence(spec.name, seed, scan_dir, bim, graph, truth, conditions)
     if not conditions.weaken:
@@ -149,10 +152,10 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
 
     for unfinished in drive.parent.glob(f".{drive.name}.*"):  # of a run that was killed
         shutil.rmtree(unfinished)
-    changes = Changes(moved=conditions.moved_walls) if conditions.moved_walls else None
+    changes = Changes(conditions.moved_walls, conditions.absent_walls, conditions.unplanned_walls)
     simulate(
-        bim, storey, drive, seed=seed, min_rooms=spec.min_rooms, min_length=spec.min_length, changes=changes,
-        and_back=conditions.loops,
+        bim, storey, drive, seed=seed, min_rooms=spec.min_rooms, min_length=spec.min_length,
+        changes=changes if changes.any else None, and_back=conditions.loops,
     )  # fmt: skip
 
 

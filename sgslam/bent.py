@@ -8,6 +8,7 @@ _NEIGHBOURS = 6.0  # m
 _MOST_OVERALL = 0.5  # of the votes there for the map's own place; where there are more, the map is not bent
 _LEAST_LOCAL = 0.7  # of the votes there for one place of their own
 _LEAST_UNITS = 5
+_LEAST_TELLING = 3  # units among them that would not agree with the map's own place
 
 
 def bent_with_neighbours(pairs: Pairs, overall: Consensus, most_turned: float) -> Flags:
@@ -28,6 +29,13 @@ def bent_with_neighbours(pairs: Pairs, overall: Consensus, most_turned: float) -
         if local is None or local.share < _LEAST_LOCAL:
             continue
         agreeing = near[local.agree]
-        if len(np.unique(pairs.unit[agreeing])) >= _LEAST_UNITS:
+        if len(np.unique(pairs.unit[agreeing])) < _LEAST_UNITS:
+            continue
+        # walls along the shift agree with both places; only those across it tell that the map is bent
+        telling = np.abs(pairs.offsets(local.T_plan_map) - pairs.offsets(overall.T_plan_map))[near] > overall.gate
+        for_it = near[telling & local.agree]
+        if votes[for_it].sum() < _LEAST_LOCAL * votes[near][telling].sum():
+            continue
+        if len(np.unique(pairs.unit[for_it])) >= _LEAST_TELLING:
             bent[agreeing] = True
     return bent & ~overall.agree

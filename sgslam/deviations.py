@@ -1,45 +1,45 @@
 """As built against as planned: how far each matched wall lies from its place in the plan, and how sure that is."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data import WallSurface
 from sgslam.config import Config
 from sgslam.holding import Held, Holding
 from sgslam.scene import Scene
 from sgslam.uncertainty import Uncertainty
+from sgslam.wall_bodies import Key, Side, sides_of
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _HEIGHT = 1.2  # m above the storey's floor, where offsets are measured
-_COPLANAR = 0.02  # m
+_STEP = 0.1  # m along a wall
+_LEAST_PART = 0.3  # m of a wall that is seen beside another one in its plane
 _OVER_PARAPET = 0.6  # m above the floor; what is never seen lower stands over something: a pane over its parapet
-_NICHE = (-0.35, -0.03)  # m that a pane may stand behind its wall
-_ONE_OFFSET = 0.05  # m between pieces of a wall that are off by the same
-_STANDS = {True: 0.5, False: 0.35}  # of a wall's length that make it stand as planned, against pieces before, behind
-_LEAST_SEEN = 0.45  # m of a wall that must be seen to stand otherwise, before it is said that the wall does
-_LEAST_LOW = 0.5  # m of a wall that is seen low
 _SHORT = 1.0, 0.02  # m and rad; what is shorter and turned more than this is badly seen
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A seen wall surface at its planned one. `offset` (m) along the planned inward normal, with its `sigma`, the
-    matched wall's own anchor left out; `tilt` (rad) in plan view; `over_parapet`: never seen low."""
+    """A seen wall surface at its planned one, as far as that is of the wall `source`. `offset` (m) along the planned
+    inward normal, with its `sigma`, the matched wall's own anchor left out; `tilt` (rad) in plan view; `span` (m) where
+    it lies along the planned surface, as in `Side`; `length` (m) how much of that was seen; `over_parapet`: never seen
+    low."""
 
     held: Held
+    source: str
     offset: float
     sigma: float
     tilt: float
+    span: tuple[float, float]
+    length: float
     over_parapet: bool
 
     @property
-    def length(self) -> float:
-        """Metres."""
-        return self.held.surface.length or 0.0
+    def key(self) -> Key:
+        """The side of the planned wall that it stands at."""
+        return self.held.planned.id, self.source
 
     @property
     def doubtful(self) -> bool:
@@ -55,7 +55,7 @@ def measured_pieces(
     The sigma is the graph's own, of the wall in the BIM frame, the scatter of its observations, and the extraction's
     floor. `origin` (3,) is where the graph's BIM frame, which stands on the storey's floor, lies in the BIM's.
     """
-    scatter, lows = walls.scatter(), walls.lower_ends()
+    scatter, lows, covered = walls.scatter(), walls.lower_ends(), walls.coverage(_STEP)
     tight: dict[int, int] = {}
     for held in holding.walls:
         wall = scene.wall_of_surface[held.surface.id]
@@ -70,65 +70,13 @@ def measured_pieces(
         offset, variance = uncertainty.wall_offset(wall, np.array([*normal[:3], -normal @ centre]), point)
         offset, variance = _without_anchor(offset, variance, tight[wall] if held.agrees else 0, config)
         sigma = float(np.sqrt(variance + scatter.get(wall, 0.0) ** 2 + config.anchors.sigma_extraction**2))
-        low = lows.get(wall, 0.0)
-        pieces.append(Piece(held, offset, sigma, _tilt(held, holding.place), low > _OVER_PARAPET))
+        over_parapet = lows.get(wall, 0.0) > _OVER_PARAPET
+        seen, whole = _along_planned(held, covered[wall], walls, wall, holding.place, centre)
+        pieces += [
+            Piece(held, source, offset, sigma, _tilt(held, holding.place), span, length, over_parapet)
+            for source, span, length in _by_source(sides_of(held.planned), seen, whole)
+        ]
     return pieces
-
-
-def significant(pieces: list[Piece], config: Config) -> list[bool]:
-    """Which of the pieces show that their wall stands otherwise than planned.
-
-    A wall is judged by all of its pieces that turn to one side: where a good part of it stands as planned, it does,
-    and what lies behind is a pane in its niche, what stands before is furniture. What is only seen over a parapet
-    tells of the wall only where no other piece does, and nothing where it lies behind: it may be a pane.
-    """
-    flags = [False] * len(pieces)
-    for face in _faces(pieces):
-        limit = {i: max(config.anchors.tolerance, 3 * pieces[i].sigma) for i in face}
-        telling = _telling([i for i in face if not pieces[i].doubtful], pieces)
-        total = sum(pieces[i].length for i in telling)
-        off = [i for i in telling if abs(pieces[i].offset) > limit[i]]
-        if not off:
-            continue
-        middle = _median([pieces[i].offset for i in off], [pieces[i].length for i in off])
-        standing = total - sum(pieces[i].length for i in off)
-        if standing >= _STANDS[middle > 0] * total or total - standing < _LEAST_SEEN:
-            continue
-        for i in face:
-            flags[i] = abs(pieces[i].offset) > limit[i] and abs(pieces[i].offset - middle) < _ONE_OFFSET
-    return flags
-
-
-def _faces(pieces: list[Piece]) -> list[list[int]]:
-    """The pieces of one side of one wall, together."""
-    faces: list[list[int]] = []
-    for i, piece in enumerate(pieces):
-        own = next((f for f in faces if _one_face(pieces[f[0]].held.planned, piece.held.planned)), None)
-        if own is None:
-            faces.append([i])
-        else:
-            own.append(i)
-    return faces
-
-
-def _telling(face: list[int], pieces: list[Piece]) -> list[int]:
-    """Those pieces of one side of a wall that can only be the wall."""
-    low = [i for i in face if not pieces[i].over_parapet]
-    if sum(pieces[i].length for i in low) >= _LEAST_LOW:
-        return low
-    return [i for i in face if not (pieces[i].over_parapet and _NICHE[0] < pieces[i].offset < _NICHE[1])]
-
-
-def moved(pieces: list[Piece], config: Config) -> list[dict[str, Any]]:
-    """The entries of deviations.json of the walls that stand at a planned one."""
-    return [
-        {
-            "s_id": piece.held.surface.id, "a_id": piece.held.planned.id, "source": piece.held.planned.source,
-            "kind": "moved", "offset_m": piece.offset, "tilt_rad": piece.tilt, "sigma_m": piece.sigma,
-            "significant": flag,
-        }
-        for piece, flag in zip(pieces, significant(pieces, config), strict=True)
-    ]  # fmt: skip
 
 
 def _without_anchor(offset: float, variance: float, anchors: int, config: Config) -> tuple[float, float]:
@@ -156,16 +104,38 @@ def _tilt(held: Held, place: Floats) -> float:
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _one_face(a: WallSurface, b: WallSurface) -> bool:
-    if a.id == b.id:
-        return True
-    if not a.source or a.source != b.source:
-        return False
-    n = np.array(a.normal)
-    return bool(n @ b.normal > 0.999 and abs(np.subtract(b.centroid, a.centroid) @ n) < _COPLANAR)
+def _along_planned(
+    held: Held, covered: Floats, walls: WallMap, wall: int, place: Floats, centre: Floats
+) -> tuple[Floats, tuple[float, float]]:
+    """The places at which a surface was seen, and its ends, along the planned one, whose middle is `centre` in the
+    local frame. `covered` are those places of the whole wall, along its own tangent."""
+    n = walls.normal_in_level(wall)
+    tangent = np.array([-n[1], n[0]])
+    ends = np.array(held.surface.ends())
+    first, last = np.sort(ends @ tangent)
+    c, s = np.cos(place[0]), np.sin(place[0])
+    planned = np.array([-held.planned.normal[1], held.planned.normal[0]])
+    ends_along = (ends @ np.array([[c, s], [-s, c]]) + place[1:] - centre[:2]) @ planned
+    shift = float(ends_along.mean() - (first + last) / 2)  # both tangents point the same way, to a few degrees
+    seen = covered[(covered > first) & (covered < last)] + shift
+    return seen, (float(ends_along.min()), float(ends_along.max()))
 
 
-def _median(values: list[float], weights: list[float]) -> float:
-    order = np.argsort(values, kind="stable")
-    total = np.cumsum(np.asarray(weights)[order])
-    return float(np.asarray(values)[order][np.searchsorted(total, total[-1] / 2)])
+def _by_source(
+    sides: list[Side], seen: Floats, whole: tuple[float, float]
+) -> list[tuple[str, tuple[float, float], float]]:
+    """Which walls a seen surface is of: each with the span, and the metres that were seen there.
+
+    Every place is of the wall whose hull is nearest; what is less than `_LEAST_PART` of another wall is left out.
+    """
+    if len(sides) == 1 or not len(seen):
+        return [(sides[0].source, whole, _STEP * len(seen))]
+    hulls = np.array([side.hull for side in sides])
+    away = np.maximum(hulls[:, :1] - seen, seen - hulls[:, 1:])
+    nearest = np.argmin(np.maximum(away, 0.0), axis=0)
+    lengths = np.bincount(nearest, minlength=len(sides)) * _STEP
+    least = min(_LEAST_PART, float(lengths.max()))
+    return [
+        (sides[k].source, (float(seen[nearest == k].min()), float(seen[nearest == k].max())), float(lengths[k]))
+        for k in np.flatnonzero(lengths >= least).tolist()
+    ]

@@ -12,14 +12,14 @@ from data import SceneGraph
 from data.poses import poses_to_xyzquat
 from data.trajectory import Trajectory
 from sgslam.anchoring import Anchoring
+from sgslam.as_built import deviations
 from sgslam.backend import Backend
 from sgslam.config import Config
-from sgslam.deviations import measured_pieces, moved
+from sgslam.deviations import measured_pieces
 from sgslam.factor_log import FactorLog
 from sgslam.frames import inverse
 from sgslam.holding import Holding
 from sgslam.output import prepare_folder, save_result
-from sgslam.presence import absent, extra
 from sgslam.scene import Scene
 from sgslam.uncertainty import Uncertainty
 from sgslam.wall_map import WallMap
@@ -135,11 +135,8 @@ def _deviations(
     if anchoring is None or holding is None or uncertainty is None:
         return []
     origin, floor = anchoring.origin, anchoring.storey
-    found = moved(measured_pieces(holding, scene, walls, uncertainty, origin, config), config)
-    standing = {h.planned.id for h in holding.walls if h.agrees or h.bent}
-    standing |= {d["a_id"] for d in found if d["significant"]}
-    found += absent(floor, standing, backend.keyframes, walls.T_level_map, holding.place, origin[:2])
-    return found + extra(scene, walls, floor, holding, origin[:2])
+    pieces = measured_pieces(holding, scene, walls, uncertainty, origin, config)
+    return deviations(pieces, holding, scene, walls, backend.keyframes, floor, origin[:2], config)
 
 
 def _covariances(

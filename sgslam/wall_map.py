@@ -144,6 +144,10 @@ class WallMap:
             cells[wall].update(range(int(np.floor(low / step + 0.5)), int(np.ceil(high / step - 0.5)) + 1))
         return {wall: np.array(sorted(found), dtype=float) * step for wall, found in cells.items()}
 
+    def normal_in_level(self, wall: int) -> Floats:
+        """(2,) a wall's normal in the levelled map, from the present estimates."""
+        return self._as_lines(self.planes_in_map[wall][None])[0][0]
+
     def heights(self) -> dict[int, tuple[float, float]]:
         """For each wall the lowest and the highest point seen, above the floor."""
         result: dict[int, tuple[float, float]] = {}
