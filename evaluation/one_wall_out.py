@@ -33,7 +33,7 @@ class LeftOut:
     anchored: float
 
 
-def one_wall_out(graph: PlaneGraph, a: SceneGraph, method: str = "voting") -> list[LeftOut]:
+def one_wall_out(graph: PlaneGraph, a: SceneGraph, method: str = "learned") -> list[LeftOut]:
     """Every matched wall left out in its turn. Raises UserError where the map, or it without a wall, has no unique
     place in the plan."""
     s, matcher = graph.scene_graph(), Matcher.load(method)
@@ -99,7 +99,7 @@ def main() -> int:
     parser = Parser(prog="python -m evaluation.one_wall_out", description="Each wall of a map left out of its anchors.")
     parser.add_argument("graph", type=Path, metavar="GRAPH.g2o", help="a factor graph that S-Graphs saved")
     parser.add_argument("plan", type=Path, metavar="PLAN.json", help="the building's A-graph")
-    parser.add_argument("--method", default="voting", metavar="NAME", help="the matcher (default voting)")
+    parser.add_argument("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
     parser.add_argument("--benchmarks", type=Path, metavar="FILE", help="page of results to write a section of")
     options = parser.parse_args()
     text = table(one_wall_out(read_g2o(options.graph), SceneGraph.load(options.plan, "a_graph"), options.method))

@@ -58,7 +58,7 @@ class _Counting:
         return answer
 
 
-def run_with(sequence: Sequence, plan: str, a_graph: SceneGraph, method: str = "voting") -> Pairing:
+def run_with(sequence: Sequence, plan: str, a_graph: SceneGraph, method: str = "learned") -> Pairing:
     """Runs the scans of `sequence` with another building's A-graph, called `plan`."""
     matcher = _Counting(method)
     slam = SceneGraphSlam(a_graph, matcher)
@@ -70,7 +70,7 @@ def run_with(sequence: Sequence, plan: str, a_graph: SceneGraph, method: str = "
     )  # fmt: skip
 
 
-def pairings(specs: list[SequenceSpec], seeds: list[int], folder: Path, method: str = "voting") -> Iterator[Pairing]:
+def pairings(specs: list[SequenceSpec], seeds: list[int], folder: Path, method: str = "learned") -> Iterator[Pairing]:
     """Every drive with the plan of every other building of the list; drives that `folder` lacks are simulated.
 
     Raises UserError where all are of one building.
@@ -101,7 +101,7 @@ def main() -> int:
     add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
     add("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the drives (default 0)")
-    add("--method", default="voting", metavar="NAME", help="the matcher (default voting)")
+    add("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
     add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section is to be written")
     options = parser.parse_args()
     specs = [s for s in read_specs(options.list) if options.sequences is None or s.name in options.sequences]

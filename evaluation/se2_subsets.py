@@ -136,7 +136,7 @@ def main() -> int:
     """The command line."""
     parser = Parser(prog="python -m evaluation.se2_subsets", description="All parts of one known map, matched.")
     parser.add_argument("file", type=Path, metavar="FILE", help="JSON with s_graph, a_graph and matches")
-    parser.add_argument("--method", default="voting", metavar="NAME")
+    parser.add_argument("--method", default="learned", metavar="NAME")
     parser.add_argument("--motions", type=int, default=20, metavar="N", help="for each part (default 20)")
     parser.add_argument("--page", type=Path, metavar="FILE", help="a page whose section 'se2' is written too")
     options = parser.parse_args()

@@ -12,7 +12,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--s-graph", type=Path, required=True, metavar="FILE", help="the map's scene graph, JSON")
     parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="the plan's scene graph, JSON")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the answer is written, JSON")
-    parser.add_argument("--method", default="voting", metavar="NAME", help="voting (default), learned, paper, ...")
+    parser.add_argument("--method", default="learned", metavar="NAME", help="learned (default), voting, paper, ...")
     options = parser.parse_args(arguments)
     # imported here so that --help is fast
     from data.files import write_json

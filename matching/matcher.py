@@ -59,7 +59,7 @@ class Matcher:
         self._method = method
 
     @staticmethod
-    def load(method: str = "voting", weights: Path | str | None = None) -> "Matcher":
+    def load(method: str = "learned", weights: Path | str | None = None) -> "Matcher":
         """A matcher by name: `voting`, `learned` with the weights of a file (the shipped ones unless told), or
         iS-Graphs' search: `combinatorial` as released, `combinatorial-grid` as its later branch has it.
         `paper` is the published matcher with the weights of a file or of a preset (`published` unless told,

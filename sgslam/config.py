@@ -122,7 +122,7 @@ class AnchorSettings(_Settings):
 class MatchingSettings(_Settings):
     """When and how the S-graph is matched."""
 
-    method: str = "voting"
+    method: str = "learned"
 
 
 class Config(_Settings):
