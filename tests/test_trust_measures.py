@@ -1,0 +1,98 @@
+"""The measurements of trust: plans of other buildings, rooms matched wrongly, runs of thousands of keyframes."""
+
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import Drive, small_drive
+
+from data import UserError
+from data.plan_generator import generate_plan
+from data.scans import ScanFolder
+from evaluation import long_run, other_buildings, wrong_matches
+from evaluation.sequences import SequenceSpec
+
+
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    return small_drive()
+
+
+@pytest.fixture(scope="module")
+def folder(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its scans, truth and plan as files."""
+    out = tmp_path_factory.mktemp("drive")
+    (out / "scans").mkdir()
+    for k, (_, points) in enumerate(drive.scans):
+        np.save(out / "scans" / f"{k:06d}.npy", points.astype(np.float32))
+    stamps = "".join(f"{stamp / 1e9:.3f}\n" for stamp, _ in drive.scans)
+    (out / "scans" / "times.txt").write_text(stamps)
+    drive.truth.write_tum(out / "truth.tum")
+    drive.bim.graph.save(out / "own.json")
+    generate_plan("apartment", 3).graph.save(out / "other.json")
+    return out
+
+
+def spec(folder: Path, name: str) -> SequenceSpec:
+    scans, truth = folder / "scans", folder / "truth.tum"
+    return SequenceSpec(name, str(folder / f"{name}.json"), scans=str(scans), truth=str(truth))
+
+
+def test_a_drive_is_run_with_every_plan_but_its_own(folder: Path, tmp_path: Path) -> None:
+    own, other = spec(folder, "own"), spec(folder, "other")
+    found = list(other_buildings.pairings([own, other], [0], tmp_path))
+    first, last = found
+    assert (first.sequence, first.plan, first.anchored_scans) == ("own", "other", 0)
+    assert first.answers and "unique" not in first.answers
+    assert first.reason.startswith("the plan does not explain the map")
+    # the same drive, said to be of another building: there the table must tell
+    assert (last.sequence, last.plan) == ("other", "own") and last.anchored_scans > 10
+    text = other_buildings.table(found)
+    assert "Anchored at any time: 1 of 2 pairings." in text
+    assert f"**for {last.anchored_scans} scans**" in text and "| never |" in text
+
+
+def test_one_building_has_no_other(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="two buildings or more"):
+        list(other_buildings.pairings([spec(folder, "own")], [0], tmp_path))
+
+
+def record(sequence: str, seed: int, conditions: str, error: str, first: str) -> dict[str, str]:
+    return {
+        "sequence": sequence, "seed": str(seed), "conditions": conditions, "rmse_bim_m": error, "first_anchor_s": first
+    }  # fmt: skip
+
+
+def test_spoilt_runs_stand_beside_clean_ones() -> None:
+    records = [
+        record("a", 0, "normal", "0.010", "20"), record("a", 1, "normal", "0.020", "30"),
+        record("b", 0, "normal", "0.010", "20"),
+        record("a", 1, "wrong-matches-5", "0.024", "50"), record("a", 0, "wrong-matches-5", "0.009", "20"),
+        record("b", 0, "wrong-matches-5", "", ""),
+    ]  # fmt: skip
+    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in wrong_matches.table(records).splitlines()[2:]]
+    assert lines == [
+        ["a", "1", "0.0200", "0.0240", "1.20", "30", "50"],
+        ["a", "0", "0.0100", "0.0090", "0.90", "20", "20"],
+        ["**a**", "all", "0.0150", "0.0165", "1.10", "25", "35"],
+        ["b", "0", "0.0100", "not anchored", "", "20", ""],
+    ]
+
+
+def test_scans_are_fed_to_and_fro(folder: Path) -> None:
+    scans = ScanFolder(folder / "scans")
+    count = len(scans.files)
+    sizes = [len(points) for points in islice(long_run.to_and_fro(scans), 3 * count)]
+    assert sizes[:count] == sizes[count - 1 : 2 * count - 1][::-1] == sizes[2 * count - 2 : 3 * count - 2]
+
+
+def test_shares_are_those_of_a_keyframe(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    monkeypatch.setattr(long_run, "MARKS", (15, 30))
+    marks = long_run.measure(ScanFolder(folder / "scans"), folder / "own.json", 45)
+    assert [m.keyframes for m in marks] == [15, 30, 45]
+    assert all(0 < m.optimisation < m.everything for m in marks) and marks[-1].share < 0.1
+    rows = [line.split("|") for line in long_run.table(marks).splitlines()[2:]]
+    assert [float(row[5]) for row in rows] == pytest.approx([m.share / marks[0].share for m in marks], abs=0.01)
+    with pytest.raises(UserError, match="at least 15"):
+        long_run.measure(ScanFolder(folder / "scans"), folder / "own.json", 10)
