@@ -71,6 +71,9 @@ class Search:
             sets = [self.wall_sets(r, q) for r, q in rooms]
             if all(sets):
                 found += merged(self.s, self.a, self.settings, rooms, sets, self.clock)
+        if self.settings.partial_walls:  # a few walls would tie with many
+            most = max((len(m.walls) for m in found), default=0)
+            found = [m for m in found if len(m.walls) == most]
         best = tied(found, self.settings.tie)
         if len(self.s.roomless) and len(self.a.roomless):
             best = tied([with_roomless(self.s, self.a, self.settings, m) for m in best], self.settings.tie)

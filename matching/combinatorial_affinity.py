@@ -22,7 +22,7 @@ class Datums:
     walls: tuple[str, ...]
     place: Array  # (M, 3) metres
     point: Array  # (N, 2) a point of each wall
-    normal: Array  # (N, 2)
+    normal: Array  # (N, 2) unit vectors
     of_room: tuple[Index, ...]  # the walls of each room
     roomless: Index  # the walls of none
 
@@ -32,6 +32,7 @@ class Datums:
         height = {f.id: f.elevation or 0.0 for f in graph.floors} if settings.storeys_apart else {}
         place = [(*r.centroid, height.get(r.floor or "", 0.0)) for r in graph.rooms]
         row = {w.id: k for k, w in enumerate(graph.wall_surfaces)}
+        normal = np.array([w.normal for w in graph.wall_surfaces], dtype=float).reshape(-1, 2)
 
         def rows(walls: Sequence[WallSurface]) -> Index:
             return np.array([row[w.id] for w in walls], dtype=np.int64)
@@ -39,7 +40,7 @@ class Datums:
         return Datums(
             tuple(r.id for r in graph.rooms), tuple(row), np.array(place, dtype=float).reshape(-1, 3),
             np.array([w.centroid for w in graph.wall_surfaces], dtype=float).reshape(-1, 2),
-            np.array([w.normal for w in graph.wall_surfaces], dtype=float).reshape(-1, 2),
+            normal / np.linalg.norm(normal, axis=-1, keepdims=True),  # of a map they are not quite
             tuple(rows(graph.surfaces_of_room[r.id]) for r in graph.rooms),
             rows([w for w in graph.wall_surfaces if w.room is None]),
         )  # fmt: skip
@@ -67,7 +68,9 @@ class Compared:
     def of_walls(graph: Datums, walls: Index, room: int) -> "Compared":
         """Walls as planes about the centre of a room."""
         normal = graph.normal[walls]
-        return Compared(_apart(graph.feet(walls, room)), np.arccos(np.clip(normal @ normal.T, -1.0, 1.0)))
+        angle = np.arccos(np.clip(normal @ normal.T, -1.0, 1.0))
+        np.fill_diagonal(angle, 0.0)  # rounding, which the arccosine makes large
+        return Compared(_apart(graph.feet(walls, room)), angle)
 
 
 def _apart(points: Array) -> Array:

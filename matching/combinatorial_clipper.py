@@ -5,6 +5,7 @@ max u'Mu over unit u >= 0 with u_i u_j = 0 where i and j contradict each other (
 of u'(M - d C)u, C marking contradictions, with d raised until none is left.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,22 +31,22 @@ class Dense:
         return np.asarray(self.value / np.maximum(self.chosen.sum(axis=1), 1))
 
 
-def densest(M: Array, rng: np.random.Generator, restarts: int = 1) -> Dense:
+def densest(M: Array, rng: np.random.Generator, restarts: int = 1, check: Callable[[], None] = lambda: None) -> Dense:
     """For (B, n, n) affinities in [0, 1], 1 on the diagonal (0 for a pair that is not to be had).
 
-    Starts are random; of several the one with the highest value is kept.
+    Starts are random; of several the one with the highest value is kept. `check` is called now and then, to stop it.
     """
     best = np.full(len(M), -np.inf)
     vector = np.zeros(M.shape[:2])
     for _ in range(restarts):
-        value, u = _ascent(M, rng.random(M.shape[:2]))
+        value, u = _ascent(M, rng.random(M.shape[:2]), check)
         better = value > best
         best[better], vector[better] = value[better], u[better]
     rank = np.argsort(np.argsort(-vector, axis=1, kind="stable"), axis=1)
     return Dense(best, rank < np.round(best)[:, None])
 
 
-def _ascent(M: Array, u: Array) -> tuple[Array, Array]:
+def _ascent(M: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array]:
     """(B,) values and (B, n) vectors, from the starts u."""
     contradicts = (M == 0).astype(float)
     u = _unit(_times(M, u))
@@ -53,7 +54,7 @@ def _ascent(M: Array, u: Array) -> tuple[Array, Array]:
     value = np.zeros(len(M))
     left = np.arange(len(M))
     for _ in range(OUTER):
-        value[left], u[left] = _climb(M[left] - d[left, None, None] * contradicts[left], u[left])
+        value[left], u[left] = _climb(M[left] - d[left, None, None] * contradicts[left], u[left], check)
         more = _penalty(M[left], contradicts[left], u[left])
         d[left] += more
         left = left[more > 0]
@@ -62,11 +63,12 @@ def _ascent(M: Array, u: Array) -> tuple[Array, Array]:
     return value, u
 
 
-def _climb(Md: Array, u: Array) -> tuple[Array, Array]:
+def _climb(Md: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array]:
     """Projected gradient ascent of u'Md u on the unit sphere's part u >= 0."""
     value = np.sum(u * _times(Md, u), axis=1)
     left = np.arange(len(Md))
     for _ in range(INNER):
+        check()
         now, own, before = u[left], Md[left], value[left]
         gradient = _times(own, now)
         step = np.ones(len(left))

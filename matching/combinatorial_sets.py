@@ -12,7 +12,7 @@ from matching.combinatorial_clipper import densest
 from matching.se2 import Array
 from matching.walls import Index
 
-CHUNK = 4096  # tried at once
+CHUNK, ENTRIES = 4096, 1 << 20  # tried at once: so many, of so many affinities together
 Affinity = Callable[[Index], Array]  # (B, n) A datums of the n S datums -> (B, n, n), 1 on the diagonal
 Pairs = tuple[tuple[int, int], ...]  # (S, A)
 
@@ -57,7 +57,7 @@ def agreeing_sets(
         M = affinity(of_a)
         taken = of_a >= 0
         M = np.where(taken[:, :, None] & taken[:, None, :], M, 0.0)
-        dense = densest(M, rng, restarts)
+        dense = densest(M, rng, restarts, clock.check)
         size, score = dense.chosen.sum(axis=1), dense.score
         longest = max(longest, int(size[score > least].max(initial=0)))
         for k in np.nonzero((score > least) & (size == longest))[0]:
@@ -72,8 +72,9 @@ def injections(s: int, a: int, fits: Array | None = None, partial: bool = False)
     With `fits` (a, s) only those whose pairs all fit; if `partial`, all, with -1 in the place of pairs that do not.
     """
     every = itertools.chain.from_iterable(itertools.permutations(range(a), s))
-    for _ in range(math.ceil(math.perm(a, s) / CHUNK) if s else 0):
-        of_a = np.fromiter(itertools.islice(every, CHUNK * s), dtype=np.int64).reshape(-1, s)
+    chunk = min(CHUNK, max(1, ENTRIES // max(s, 1) ** 2))
+    for _ in range(-(-math.perm(a, s) // chunk) if s else 0):
+        of_a = np.fromiter(itertools.islice(every, chunk * s), dtype=np.int64).reshape(-1, s)
         if fits is not None:
             fit = fits[of_a, np.arange(s)]
             of_a = np.unique(np.where(fit, of_a, -1), axis=0) if partial else of_a[fit.all(axis=1)]

@@ -1,17 +1,21 @@
 """iS-Graphs' search: every row of the behaviour that was measured on its public code, and its answers' contract."""
 
 import dataclasses
+import subprocess
+import sys
 import time
 
 import numpy as np
 import pytest
 
 from data import Floor, Room, SceneGraph, WallSurface
+from evaluation.combinatorial_behaviour import Question, behaviour, told
 from evaluation.combinatorial_layouts import Noise, grid, polygons, seen
 from matching import Matcher
 from matching.combinatorial import CombinatorialMatcher
 from matching.combinatorial_clipper import densest
 from matching.combinatorial_settings import DEVELOP, GRID
+from matching.result import MatchResult
 
 RELEASED, LATER = Matcher.load("combinatorial"), Matcher.load("combinatorial-grid")
 EXACT = Noise(0.0, 0.0)
@@ -123,6 +127,8 @@ def test_the_limit_of_time_holds_and_answers_do_not_change():
     result = hurried.match(seen(plan, [0, 1]), plan)
     assert result.status == "none" and "0.3 s" in result.reason
     assert time.perf_counter() - began < 2
+    large = grid(15, 15)
+    assert "0.3 s" in hurried.match(seen(large, range(200)), large).reason
     s = seen(PLAN, L_SHAPE)
     assert RELEASED.match(s, PLAN) == RELEASED.match(s, PLAN)
 
@@ -152,3 +158,14 @@ def test_the_densest_set_is_a_clique():
     assert found.value == pytest.approx(4.0) and (np.nonzero(found.chosen[0])[0] == clique).all()
     assert found.score == pytest.approx(1.0)
     assert GRID.restarts == 10
+
+
+def test_the_table_tells_answers_in_words_and_the_command_mistakes():
+    page = behaviour(lambda s, a: MatchResult("none", ""), lambda s, a: MatchResult("none", ""))
+    assert "| the building mirrored | unique | none | none | none |" in page
+    question = Question("", ((seen(PLAN, L_SHAPE), PLAN),), "", "")
+    assert told(question, [RELEASED.match(*question.pairs[0])]) == "unique, right"
+    done = subprocess.run(
+        [sys.executable, "-m", "evaluation.combinatorial", "--limit", "0"], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
