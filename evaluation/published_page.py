@@ -151,8 +151,8 @@ DIFFERS = (
     "temperature and the number of normalisations are not printed in the paper (we take 0.15, 1 and 10); its "
     "iS-Graphs row is of S-graphs without noise and turn, over completed pairs with exactly one solution, ours is of "
     "the same pairs as all rows. The replicas, of others, were trained and tested on drawn apartments at right "
-    "angles, whose S-graphs were copies that keep the plan's order of rooms and walls in the directions of their edges, "
-    "as the published ones do; here the edges of an S-graph are made anew from what is in it."
+    "angles, whose S-graphs were copies that keep the plan's order of rooms and walls in the directions of their "
+    "edges, as the published ones do; here the edges of an S-graph are made anew from what is in it."
 )
 SECOND = "Published table 2: maps that SLAM built"
 SECOND_NOTE = (
