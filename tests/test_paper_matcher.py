@@ -16,6 +16,7 @@ from data.scene_motion import moved
 from matching import Matcher
 from matching.paper_data import PaperPair, PaperSplit, drawn_pairs, laid_out, pair_of, split
 from matching.paper_graph import paper_graph
+from matching.paper_matcher import PaperMatcher
 from matching.paper_network import PRESETS, PUBLISHED, REPOSITORY, GATv2, Nodes, PaperNetwork
 from matching.paper_sinkhorn import soft_assignment
 from matching.paper_train import main as train_command
@@ -226,6 +227,21 @@ def test_answers_keep_the_contract(plan: SceneGraph, tmp_path: Path):
     assert matcher.match(plan, drawn.s_graph).status == "unique"  # the map may have more nodes than the plan
     assert matcher.match(SceneGraph("map"), plan).status == "none"
     assert matcher.match(drawn.s_graph, plan, start=(1e3, 0.0, 0.0)).status == "none"
+
+
+def test_shipped_networks_know_the_published_perturbation_and_nothing_of_an_unknown_start(plan: SceneGraph):
+    a = laid_out(plan, np.random.default_rng(2))
+    drawn = draw(a, "paper", np.random.default_rng(0))
+    matcher = PaperMatcher.load("repository")
+
+    def right(s: SceneGraph) -> float:
+        result = matcher.match(s, a)
+        truth = {**drawn.rooms, **drawn.wall_surfaces}
+        return sum(truth.get(i) == j for i, j, _ in (*result.rooms, *result.wall_surfaces)) / len(truth)
+
+    assert right(drawn.s_graph) > 0.75
+    assert right(moved(drawn.s_graph, np.array([0.0, 25.0, -20.0]))) < 0.5
+    assert load_paper_network("published").settings == PUBLISHED
 
 
 def test_mistakes_are_told(tmp_path: Path):
