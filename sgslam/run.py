@@ -65,6 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
     result = slam.finish()
     seconds["total"] = perf_counter() - began
     log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
+    for kind, count in result.factors.counts().items():
+        log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
     more: dict[str, Any] = {"scans_skipped": len(scans.skipped), "seconds": {**result.seconds, **seconds}}
     more["told"] = {"storey": options.storey, "start": start}
     if truth is not None:

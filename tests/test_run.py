@@ -69,6 +69,7 @@ def test_demo_leaves_the_folder_of_the_contract(demo: Path) -> None:
     for deviation in json.loads((demo / "deviations.json").read_text()):
         assert deviation["kind"] in ("moved", "absent", "extra")
     assert "voxel_size" in yaml.safe_load((demo / "config.yaml").read_text())["odometry"]
+    assert "factors, anchor: " in (demo / "run.log").read_text()
     assert (demo / "report.html").stat().st_size > 10_000
     assert (demo / "plan.png").read_bytes().startswith(b"\x89PNG")
 
