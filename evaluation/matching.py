@@ -39,8 +39,9 @@ def _parser() -> Parser:
     parser.add_argument("--generated", nargs="+", default=[], metavar="KIND:COUNT", help="generated plans")
     parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.slam_graphs")
     parser.add_argument(
-        "--methods", nargs="+", default=["learned", "voting", "oracle"], metavar="NAME", help="learned, voting, oracle, ..."
-    )
+        "--methods", nargs="+", default=["learned", "voting", "oracle"], metavar="NAME",
+        help="learned, voting, oracle, ...",
+    )  # fmt: skip
     parser.add_argument("--regimes", nargs="+", metavar="NAME", help="of the S-graphs (default: all)")
     parser.add_argument("--rooms", nargs="+", default=ROOMS, metavar="N", help="rooms seen, or 'all'")
     parser.add_argument(

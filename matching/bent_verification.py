@@ -17,6 +17,8 @@ from matching.verification import LEAST_FRACTION, LEAST_SURFACES, PLACES_PER_M2,
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
 OFFSET, SCORE, MARGIN, MISSED, PLACES = 2.66, 0.26, 0.43, -1.89, -0.535  # of the log odds, see `odds`
 LEAST_ODDS = 5.0
+PER_WALL = (1.3, 1.7)  # nats of evidence for each wall of a map that is in the plan, at least: of a map of few walls,
+WALLS = (15, 30)  # and of one of many; a mirror image, bent as it may be, often reaches less
 
 
 def verify(found: Bent, pairs: Pairs) -> Verdict:
@@ -31,7 +33,8 @@ def verify(found: Bent, pairs: Pairs) -> Verdict:
         share = f"{100 * fraction:.0f} % of its walls' length"
         return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
     near = np.flatnonzero(found.score > found.score[0] - LEAST_MARGIN)
-    if log_odds < LEAST_ODDS or len(pairs.surfaces) < LEAST_SURFACES:
+    rough = found.score[0] < len(s) * np.interp(len(s), WALLS, PER_WALL)
+    if log_odds < LEAST_ODDS or len(pairs.surfaces) < LEAST_SURFACES or rough:
         return Verdict("none", f"too little evidence at the best place ({told}): see more rooms", probability)
     if len(near) > 1:
         floors = [str(plan.storeys[int(found.fields.storey[k])].floor) for k in near]
