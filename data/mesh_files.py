@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from data.errors import UserError
 
-MESH_SUFFIXES = (".stl", ".dae", ".obj")
+MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply")
 HIGHEST = 400.0  # m: what is higher is not in metres
 
 
@@ -16,16 +16,23 @@ def is_mesh(path: Path | str) -> bool:
     return Path(path).suffix.lower() in MESH_SUFFIXES
 
 
-def read_triangles(path: Path | str) -> NDArray[np.float64]:
-    """(M, 3, 3) the triangles of `.stl`, `.dae` or `.obj`. COLLADA's unit and up axis are heeded; the others are
-    taken to be in metres with z up, since they do not say.
+def read_triangles(path: Path | str, *more: Path | str) -> NDArray[np.float64]:
+    """(M, 3, 3) the triangles of `.stl`, `.dae`, `.obj` or `.ply`, of several files together. COLLADA's unit and up
+    axis are heeded; the others are taken to be in metres with z up, since they do not say.
 
-    Raises UserError for a file that is missing, of another kind, cannot be read, holds no triangles or is plainly not
-    in metres.
+    Raises UserError for a file that is missing, of another kind, cannot be read, holds no triangles, and where all
+    together are plainly not in metres.
     """
+    triangles = np.concatenate([_triangles(Path(p)) for p in (path, *more)])
+    height = float(np.ptp(triangles[:, :, 2]))
+    if not 1.0 < height < HIGHEST:
+        raise UserError(f"{path}: is {height:g} m high; a building in metres with z up is needed")
+    return triangles
+
+
+def _triangles(path: Path) -> NDArray[np.float64]:
     import trimesh
 
-    path = Path(path)
     if not path.is_file() or not is_mesh(path):
         raise UserError(f"{path}: no mesh; give a file that ends in {', '.join(MESH_SUFFIXES)}")
     try:
@@ -39,9 +46,6 @@ def read_triangles(path: Path | str) -> NDArray[np.float64]:
         triangles = _upright(triangles, path)
     if not len(triangles) or not np.isfinite(triangles).all():
         raise UserError(f"{path}: holds no triangles, or some that are not finite")
-    height = float(np.ptp(triangles[:, :, 2]))
-    if not 1.0 < height < HIGHEST:
-        raise UserError(f"{path}: is {height:g} m high; a building in metres with z up is needed")
     return triangles
 
 

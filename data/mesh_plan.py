@@ -1,6 +1,6 @@
 """A building's mesh as an A-graph: its floors, the closed faces between its walls as rooms, its wall surfaces, doors.
 
-    python -m data.mesh_plan --mesh FILE --out A_GRAPH.json
+    python -m data.mesh_plan --mesh FILE [FILE ...] --out A_GRAPH.json
 
 The mesh is of the building: walls with two sides on a floor, with or without ceilings; what stands in it counts as
 wall where it is cut at 0.5 to 1.7 m above the floor.
@@ -43,13 +43,13 @@ class MeshBuilding:
     levels: tuple[Level, ...]
 
 
-def read_mesh(path: Path | str) -> MeshBuilding:
-    """Reads a mesh (see `read_triangles`). Rooms end at walls, at doorways (openings under a lintel, up to 1.6 m
-    wide) and at the floor's edge; storeys are its level floors with walls on them.
+def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
+    """Reads a mesh, or the parts of one in several files (see `read_triangles`). Rooms end at walls, at doorways
+    (openings under a lintel, up to 1.6 m wide) and at the floor's edge; storeys are its level floors with walls on them.
 
     Raises UserError where the file cannot be read or has no walls standing on a floor.
     """
-    triangles = read_triangles(path)
+    triangles = read_triangles(path, *more)
     solid = mesh_solid(triangles, Path(path).stem)
     levels: list[Level] = []
     doors: list[Door] = []
@@ -128,10 +128,11 @@ def _doors(level: Level, doorways: list[Area]) -> list[Door]:
 def main() -> int:
     """The command line; raises UserError."""
     parser = Parser(prog="python -m data.mesh_plan", description="Writes the A-graph of a building's mesh.")
-    parser.add_argument("--mesh", required=True, type=Path, metavar="FILE", help=".stl, .dae or .obj; metres, z up")
+    about = ".stl, .dae, .obj or .ply; metres, z up; several are parts of one building"
+    parser.add_argument("--mesh", required=True, nargs="+", type=Path, metavar="FILE", help=about)
     parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="where the A-graph goes (.json)")
     options = parser.parse_args()
-    graph = read_mesh(options.mesh).graph
+    graph = read_mesh(*options.mesh).graph
     graph.save(options.out)
     counts = f"{len(graph.floors)} storeys, {len(graph.rooms)} rooms, {len(graph.wall_surfaces)} wall surfaces"
     print(f"{options.out}: {counts}")

@@ -1,0 +1,101 @@
+"""Real scans with a plan in the form of SLABIM: a drive of our own in that form, laid out and run by one command."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from drives import ROBOT, SENSOR
+
+from data.bim import load_bim
+from data.errors import UserError
+from data.scans import ScanFolder
+from data.simulate import simulate
+from data.slabim import SlabimSession
+from data.stamps import ns_to_seconds
+from data.trajectory import Trajectory
+
+SITE = np.array([220.0, 25.0, 0.0])
+FLOOR = (-0.2, -0.2, -0.2, 10.4, 7.4, 0.0)
+WALLS = (  # three rooms, a doorway under a lintel from the first to each of the others
+    (-0.2, -0.2, 0, 10.4, 0, 2.6), (-0.2, 7.2, 0, 10.4, 7.4, 2.6), (-0.2, 0, 0, 0, 7.2, 2.6),
+    (10.2, 0, 0, 10.4, 7.2, 2.6), (6, 0, 0, 6.2, 1.5, 2.6), (6, 2.5, 0, 6.2, 7.2, 2.6), (6, 1.5, 2.1, 6.2, 2.5, 2.6),
+    (0, 4, 0, 3, 4.2, 2.6), (4, 4, 0, 6, 4.2, 2.6), (3, 4, 2.1, 4, 4.2, 2.6),
+)  # fmt: skip
+SESSION = "3F_Region1"
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The floor and the walls of three rooms in files of their own, scans, stamps and poses."""
+    folder = tmp_path_factory.mktemp("slabim")
+    root, mesh = folder / "SLABIM", folder / "SLABIM/BIM/3F/mesh"
+    mesh.mkdir(parents=True)
+    boxes = [trimesh.creation.box(bounds=np.reshape(b, (2, 3)) + SITE) for b in (FLOOR, *WALLS)]
+    boxes[0].export(mesh / "floors.ply")
+    trimesh.util.concatenate(boxes[1:]).export(mesh / "walls.ply")
+    trimesh.util.concatenate(boxes).export(folder / "rooms.stl")
+    run = simulate(folder / "rooms.stl", "", folder / "run", seed=1, min_rooms=3, min_length=12.0, sensor=SENSOR,
+                   robot=ROBOT, scan_format="pcd")  # fmt: skip
+    points = root / "sensor_data" / SESSION / "points"
+    (points / "data").mkdir(parents=True)
+    for k, path in enumerate(sorted((folder / "run/scans").glob("*.pcd"))):
+        shutil.move(path, points / "data" / f"{k}.pcd")  # frame ids without leading zeros
+    stamps = [int(t) + 1_722_400_926_400_290_300 for t in run.truth.stamps_ns]
+    (points / "timestamps.txt").write_text("".join(f"{ns_to_seconds(t)}\n" for t in stamps))
+    Trajectory(np.array(stamps), run.truth.poses).write_tum(points / "pose_frame_to_bim.txt")
+    return root
+
+
+def test_one_command_lays_a_session_out_and_anchors_it(dataset: Path, tmp_path: Path):
+    command = [sys.executable, "-m", "evaluation.slabim", "--dataset", str(dataset), "--session", SESSION]
+    done = subprocess.run(
+        [*command, "--out", str(tmp_path / "out"), "--set", "matching.method=voting"],
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    sequence = tmp_path / "out/sequence"
+    scans = ScanFolder(sequence / "scans")
+    truth = Trajectory.read_tum(sequence / "truth.tum")
+    assert len(scans) == len(truth) > 15 and [f.stem for f in scans.files[:3]] == ["0", "1", "2"]
+    assert np.array_equal(scans.stamps_ns, truth.stamps_ns)
+    graph = load_bim(sequence / "a_graph.json").graph
+    assert len(graph.rooms) == 3 and np.allclose(graph.rooms[0].centroid, SITE[:2] + (3.0, 2.0), atol=0.05)
+    metrics = json.loads((tmp_path / "out/metrics.json").read_text())
+    assert metrics["scans"] == len(scans) and metrics["anchored"]
+    assert metrics["accuracy"]["rmse_bim_m"] < 0.05
+    again = subprocess.run(
+        [*command, "--out", str(tmp_path / "out"), "--lay-out-only"], capture_output=True, text=True, timeout=60
+    )
+    assert again.returncode == 0, again.stderr
+
+
+def test_what_does_not_fit_is_told(dataset: Path, tmp_path: Path):
+    with pytest.raises(UserError, match=f"there are: {SESSION}"):
+        SlabimSession.open(dataset, "5F_Region1")
+    with pytest.raises(UserError, match="BIM and sensor_data"):
+        SlabimSession.open(tmp_path, SESSION)
+    copy = tmp_path / "copy"
+    shutil.copytree(dataset, copy)
+    points = copy / "sensor_data" / SESSION / "points"
+    poses = (points / "pose_frame_to_bim.txt").read_text().splitlines()
+    same = [" ".join((line.split()[0], *poses[0].split()[1:])) for line in poses]
+    (points / "pose_frame_to_bim.txt").write_text("\n".join(same))
+    with pytest.raises(UserError, match="all poses are the same"):
+        SlabimSession.open(copy, SESSION)
+    stamps = (points / "timestamps.txt").read_text().splitlines()
+    (points / "timestamps.txt").write_text("\n".join(stamps[1:]))
+    with pytest.raises(UserError, match=rf"{len(stamps) - 1} stamps for {len(stamps)} scans"):
+        SlabimSession.open(copy, SESSION)
+    (copy / "BIM/3F/mesh/walls.ply").unlink()
+    with pytest.raises(UserError, match=r"no walls\.ply"):
+        SlabimSession.open(copy, SESSION)
+    done = subprocess.run(
+        [sys.executable, "-m", "evaluation.slabim", "--dataset", "x", "--session", "y", "--out", "z", "--bim", "b"],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.count("\n") == 1
