@@ -45,7 +45,8 @@ class MeshBuilding:
 
 def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
     """Reads a mesh, or the parts of one in several files (see `read_triangles`). Rooms end at walls, at doorways
-    (openings under a lintel, up to 1.6 m wide) and at the floor's edge; storeys are its level floors with walls on them.
+    (openings under a lintel, up to 1.6 m wide) and at the floor's edge; storeys are its level floors with walls on
+    them.
 
     Raises UserError where the file cannot be read or has no walls standing on a floor.
     """

@@ -64,7 +64,7 @@ def test_one_command_lays_a_session_out_and_anchors_it(dataset: Path, tmp_path: 
     assert len(scans) == len(truth) > 15 and [f.stem for f in scans.files[:3]] == ["0", "1", "2"]
     assert np.array_equal(scans.stamps_ns, truth.stamps_ns)
     graph = load_bim(sequence / "a_graph.json").graph
-    assert len(graph.rooms) == 3 and np.allclose(graph.rooms[0].centroid, SITE[:2] + (3.0, 2.0), atol=0.05)
+    assert len(graph.rooms) == 3 and np.allclose(graph.rooms[0].centroid, SITE[:2] + np.array([3.0, 2.0]), atol=0.05)
     metrics = json.loads((tmp_path / "out/metrics.json").read_text())
     assert metrics["scans"] == len(scans) and metrics["anchored"]
     assert metrics["accuracy"]["rmse_bim_m"] < 0.05
