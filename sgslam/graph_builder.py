@@ -201,12 +201,12 @@ def start_values(
     found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3()}
     for i, keyframe in enumerate(keyframes):
         found[X(i)] = gtsam.Pose3(keyframe.T_map_sensor)
-        if keyframe.floor is not None and FLOOR not in found:
+        if FLOOR not in found and keyframe.floor is not None and np.isfinite(keyframe.floor.plane).all():
             in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane)
             found[FLOOR] = gtsam.OrientedPlane3(in_map if floor_in_map is None else floor_in_map)
     for s in told.seen:
         anchor = told.anchor_of.get(s.wall)
-        if anchor is not None and P(s.wall) not in found:
+        if anchor is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
             known = planes_in_map.get(s.wall)
             in_map = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane) if known is None else known
             T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
