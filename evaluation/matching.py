@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     out: Path = options.out
     if not options.report_only:
         _run(options, sys.argv[1:] if arguments is None else arguments)
-    _report(out, options.page)
+    _report(out, options.page, options.section)
     return 0
 
 
@@ -53,7 +53,8 @@ def _parser() -> Parser:
     parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds a pair (default 60)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each (default 1)")
     parser.add_argument("--report-only", action="store_true", help="tables and plots of the rows that are there")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="a page whose section 'matching' is written too")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="a page of which a section is written too")
+    parser.add_argument("--section", default="matching", metavar="NAME", help="of the page (default: matching)")
     return parser
 
 
@@ -92,7 +93,7 @@ def _remember(out: Path, arguments: Sequence[str]) -> None:
         write_atomically(path, "".join([*before, told]))
 
 
-def _report(out: Path, page: Path | None) -> None:
+def _report(out: Path, page: Path | None, section: str) -> None:
     from evaluation.matching_plots import write_plots
     from evaluation.matching_rows import FILE, read_rows
     from evaluation.matching_tables import full_tables, latex, markdown, tables
@@ -108,7 +109,9 @@ def _report(out: Path, page: Path | None) -> None:
     write_atomically(out / "table.tex", "\n".join([*map(latex, short), *map(latex, full)]))
     write_plots(rows, out)
     if page is not None:
-        write_section(page, "matching", f"## Matching\n\n{INTRODUCTION}\n\n{text}")
+        notes = [note for methods, note in NOTES.items() if {r.method for r in rows}.intersection(methods)]
+        title = "## Matching" if section == "matching" else f"## Matching: {section.replace('-', ' ')}"
+        write_section(page, section, f"{title}\n\n{' '.join([INTRODUCTION, *notes])}\n\n{text}")
     print(text)
 
 
@@ -125,6 +128,13 @@ INTRODUCTION = (
     "(`real`, from another building: every `unique` answer is wrong). `oracle` is given the true place and does the "
     "rest as `voting` does: what is missing to 1 there no matcher of this kind can know."
 )
+
+NOTES = {
+    ("pca-gm", "superglue"): "`pca-gm` and `superglue` are networks by these ideas on our features, trained by the "
+    "same command for about ten minutes of one core each; their own assignment is the answer, `unique` without any check.",
+    ("combinatorial", "combinatorial-grid"): "`combinatorial` is the search of iS-Graphs, which only answers whole "
+    "maps that agree with the plan.",
+}
 
 
 if __name__ == "__main__":
