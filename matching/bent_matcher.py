@@ -18,10 +18,13 @@ LISTED = 10  # hypotheses in the answer
 
 
 class BentMatcher:
-    """A matcher by the contract of `Matcher`, over whatever proposes pairs; the map may bend from room to room."""
+    """A matcher by the contract of `Matcher`, over whatever proposes pairs; the map may bend from room to room.
 
-    def __init__(self, proposer: Proposer) -> None:
-        self._propose = proposer
+    Where the first proposer's proposals agree on no motion, `others` are asked.
+    """
+
+    def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
+        self._propose, self._others = proposer, others
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
@@ -32,9 +35,15 @@ class BentMatcher:
         for what, empty in (("S-graph", not s.wall_surfaces), ("A-graph", not candidates)):
             if empty:
                 return MatchResult("none", f"the {what} has no wall surface")
-        proposals = among(self._propose(s, a).walls, a, candidates)
+        scene = bent.scene_of(s, a, candidates)
         allowed = None if start is None else partial(near_start, start)
-        found = bent.search(bent.scene_of(s, a, candidates), proposals, allowed)
+
+        def found_by(proposer: Proposer) -> bent.Bent:
+            return bent.search(scene, among(proposer(s, a).walls, a, candidates), allowed)
+
+        found = found_by(self._propose)
+        if not len(found) and self._others is not None:
+            found = found_by(self._others)
         if not len(found):
             near = "" if start is None else " near the start that was given"
             reason = f"no wall corner of the map has its like in the plan{near}"

@@ -98,8 +98,9 @@ class Matcher:
 def _learned(weights: Path | str | None) -> Method:
     from matching.bent_matcher import BentMatcher  # torch is slow to import
     from matching.learned import LearnedProposer
+    from matching.voting_proposals import voting_proposals
 
-    return BentMatcher(LearnedProposer.load(weights).propose)
+    return BentMatcher(LearnedProposer.load(weights).propose, voting_proposals)
 
 
 def _paper(weights: Path | str | None) -> Method:

@@ -236,3 +236,14 @@ def test_corners_are_those_that_vote(stray):
         return sorted(map(tuple, np.column_stack((found.point, found.heading, found.opening, found.kind)).round(6)))
 
     assert listed(corners(walls)) == listed(marks(walls))
+
+
+def test_where_one_proposes_nothing_the_others_are_asked(drifted):
+    def silent(s: SceneGraph, a: SceneGraph) -> Proposals:
+        return Proposals.of_dense(
+            np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))), np.zeros((len(s.rooms), len(a.rooms)))
+        )
+
+    assert BentMatcher(silent).match(drifted.s_graph, PLAN).status == "none"
+    result = BentMatcher(silent, voting_proposals).match(drifted.s_graph, PLAN)
+    assert result.status == "unique" and share_right(result, drifted) > 0.85
