@@ -131,7 +131,7 @@ INTRODUCTION = (
 
 NOTES = {
     ("pca-gm", "superglue"): "`pca-gm` and `superglue` are networks by these ideas on our features, trained by the "
-    "same command for about ten minutes of one core each; their own assignment is the answer, `unique` without any check.",
+    "same command for about ten minutes of one core each; their own assignment is the answer, unchecked.",
     ("combinatorial", "combinatorial-grid"): "`combinatorial` is the search of iS-Graphs, which only answers whole "
     "maps that agree with the plan.",
 }

@@ -37,7 +37,7 @@ def plans(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(plans: Path, out: Path, *more: str) -> list[str]:
     given = [str(plans / f"flat_{n}.json") for n in (3, 4)]
-    small = ["--regimes", "real", "elsewhere", "--rooms", "2", "all", "--pairs", "6"]
+    small = ["--methods", "voting", "oracle", "--regimes", "real", "elsewhere", "--rooms", "2", "all", "--pairs", "6"]
     return [sys.executable, "-m", "evaluation.matching", "--out", str(out), "--plans", *given, *small, *more]
 
 
@@ -79,6 +79,8 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_rows(plans: Path, t
     text = page.read_text()
     assert text.startswith("<!-- matching -->\n## Matching") and "| real | voting |" in text
     assert "`python -m evaluation.matching" in text and " cores, " in text
+    main(["--out", str(path.parent), "--report-only", "--page", str(page), "--section", "small-ones"])
+    assert page.read_text().startswith(text.rstrip()) and "## Matching: small ones" in page.read_text()
     made = {p.name for p in path.parent.iterdir()}
     assert made >= {"table.md", "table_full.md", "table.tex", "f1.svg", "reliability.svg", "time.svg", "commands.jsonl"}
     from_rows = "\n".join(map(markdown, tables(read_rows(path))))
