@@ -160,10 +160,12 @@ def _report(options: Any) -> None:
     rows = read_rows(options.out / FILE)
     if not rows:
         raise UserError(f"{options.out / FILE}: no rows; nothing has been measured")
-    names = {f"paper@{file}": name for name, _, file in (text.partition("=") for text in options.ablation)}
+    told = [(name, file) for name, _, file in (text.partition("=") for text in options.ablation)]
+    names = {f"paper@{file}": name for name, file in told}
     path = options.out / COMMANDS
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     made = "".join(f"\n- `{v['command']}` on {v['machine']}, {v['date']}" for v in lines)
+    made += "".join(f"\n- {name}: `{_trained_by(Path(file))}`" for name, file in told)
     text = page_of(rows, names, options.figure) + made + "\n"
     write_atomically(options.out / "tables.md", text)
     if options.figure is not None:
@@ -173,6 +175,12 @@ def _report(options: Any) -> None:
     if options.page is not None:
         write_section(options.page, "published", text)
     print(text)
+
+
+def _trained_by(file: Path) -> str:
+    """The command that a network's card tells."""
+    card = file.with_name("model_card.json")
+    return str(json.loads(card.read_text())["command"]) if card.exists() else file.name
 
 
 if __name__ == "__main__":
