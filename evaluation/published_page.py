@@ -166,4 +166,7 @@ COLLAPSE_NOTE = (
     "regime `real` (walls with the noise of real scans, the robot's own start as origin)"
 )
 CONTRIBUTIONS = "Its contributions, one left out at a time"
-CONTRIBUTIONS_NOTE = "The better parameters, 1200 pairs, 40 epochs each, one seed; `code`: the edges of the public code"
+CONTRIBUTIONS_NOTE = (
+    "The better parameters, one seed, all trained alike on fewer pairs and for fewer epochs than above; `code`: the "
+    "edges of the public code"
+)
