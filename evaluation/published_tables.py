@@ -113,7 +113,8 @@ def _tasks(options: Any, networks: tuple[str, ...], there: set[tuple[Any, ...]])
     for cell in _cells(options):
         for n, pair in enumerate(cell):
             plain = pair.regime == "paper"
-            few = (n < options.slow_pairs or isinstance(pair, KnownPair)) and not isinstance(pair, MovedPair)
+            in_tables = pair.regime != "real" and not isinstance(pair, MovedPair)
+            few = in_tables and (n < options.slow_pairs or isinstance(pair, KnownPair))
             wanted = [m for m in options.methods if m not in SLOW or few]
             wanted += networks if plain else ()
             missing = tuple(m for m in wanted if key_of(pair, m) not in there)
