@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.floor_extraction import FloorObservation, extract_floor
-from sgslam.frames import inverse, levelling, squared_up, transform_planes
+from sgslam.frames import inverse, levelling, squared_up, transform_planes, transform_points
 from sgslam.tracking import Carried, Tracked, track
 from sgslam.virtual_scan import ColumnScan, contour, sort_into_columns
 from sgslam.wall_extraction import WallObservation, extract_walls
@@ -85,12 +85,9 @@ class FrontEnd:
         above = ColumnScan(raised, scan.column, scan.columns, scan.upright, scan.level)
         T_sensor_above = T_sensor_level.copy()
         T_sensor_above[:3, 3] = -R_level_sensor.T[:, 2] * height
-        walls = []
-        for observation in extract_walls(above, settings):
-            z = np.full((2, 1), np.mean(observation.heights))
-            ends = np.hstack([observation.ends, z]) @ T_sensor_above[:3, :3].T + T_sensor_above[:3, 3]
-            walls.append((observation, transform_planes(T_sensor_above, observation.plane), ends))
-        _, xy = contour(above, settings.high_band)
+        high_contour = contour(above, settings.high_band)
+        walls = _in_frame(T_sensor_above, extract_walls(above, high_contour, settings))
+        xy = high_contour[1]
         outline = np.column_stack([xy, np.zeros(len(xy))]) @ R_level_sensor
         low, high = self._config.rooms.lintel_band
         z = above.points[:, 2]
@@ -106,6 +103,17 @@ class FrontEnd:
         self.sensor_height = seen if self.sensor_height is None else 0.9 * self.sensor_height + 0.1 * seen
         plane = transform_planes(T_sensor_level, floor.plane)
         return FloorObservation(plane, floor.sigma_normal, floor.sigma_offset, floor.points)
+
+
+def _in_frame(T_a_b: Floats, found: list[WallObservation]) -> list[tuple[WallObservation, Floats, Floats]]:
+    """Observations in frame b, each with its plane (4,) and ends (2, 3) in frame a."""
+    if not found:
+        return []
+    planes = transform_planes(T_a_b, np.stack([o.plane for o in found]))
+    heights = np.array([o.heights for o in found]).mean(axis=1)
+    ends = np.empty((len(found), 2, 3))
+    ends[..., :2], ends[..., 2] = [o.ends for o in found], heights[:, None]
+    return list(zip(found, planes, transform_points(T_a_b, ends), strict=True))
 
 
 def upright_step(predicted: Floats, last_map: Floats, up_in_map: Floats) -> Floats:

@@ -1,15 +1,17 @@
 """Vertical wall planes with their extent, from one levelled scan."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import SurfaceSettings
-from sgslam.virtual_scan import ColumnScan, Floats, contour, split_chains
+from sgslam.virtual_scan import ColumnScan, Contour, Floats, contour, split_chains
 
 _NOISE = 0.02  # m, of a range; the fit's own residual is used where it is larger
 _INLIER = 0.06  # m from the plane
+_UPRIGHT = np.diag([0.0, 0.0, 1 / 0.017**2])  # 1/rad2
 
 
 @dataclass(frozen=True)
@@ -28,13 +30,13 @@ class WallObservation:
     sigma_offset: float
 
 
-def extract_walls(scan: ColumnScan, settings: SurfaceSettings) -> list[WallObservation]:
-    """Wall pieces in a scan with z above the floor: split and merge on the high band, a fit on all heights.
+def extract_walls(scan: ColumnScan, high: Contour, settings: SurfaceSettings) -> list[WallObservation]:
+    """Wall pieces in a scan with z above the floor: split and merge on the `high` band's contour, a fit on all heights.
 
     Where the low band stands 6 to 30 cm before the high one, the high one is a window in its niche and is
     dropped.
     """
-    column, line = contour(scan, settings.high_band)
+    column, line = high
     if len(line) < settings.min_columns:
         return []
     line, column = _from_farthest(line, column, scan.columns)
@@ -62,43 +64,45 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
 
     Linear least squares of the distance across over the places along and up, twice; None where it fails.
     """
-    tangent = (last - first) / np.hypot(*(last - first))
-    normal = np.array([-tangent[1], tangent[0]])
+    middle, (dx, dy) = (first + last) / 2, (last - first).tolist()
+    length = math.hypot(dx, dy)
+    tangent, normal = np.array([dx, dy]) / length, np.array([-dy, dx]) / length
     if normal @ first > 0:  # towards the sensor, which is the origin
         normal = -normal
-    middle = (first + last) / 2
-    length = float(np.hypot(*(last - first)))
-    points = points[np.abs((points[:, :2] - middle) @ tangent) < length / 2 + 0.1]
-    along, across = ((points[:, :2] - middle) @ tangent), ((points[:, :2] - middle) @ normal)
-    up = points[:, 2]
-    solution = np.zeros(3)
+    along, across = np.stack([tangent, normal]) @ (points[:, :2] - middle).T
+    rows = np.stack([np.ones(len(points)), along, points[:, 2], across])[:, np.abs(along) < length / 2 + 0.1]
+    count = rows.shape[1]
+    level = float(rows[2].sum()) / max(count, 1)
+    rows[2] -= level
+    solution, inlier = np.zeros(3), rows
     for tolerance in (_INLIER, 0.75 * _INLIER):
-        height = float(up.mean()) if len(up) else 0.0
-        residual = across - solution[0] - solution[1] * along - solution[2] * (up - height)
-        inlier = np.abs(residual) < tolerance
-        if inlier.sum() < 2 * settings.min_columns:
+        inlier = rows[:, np.abs(rows[3] - solution @ rows[:3]) < tolerance]
+        if inlier.shape[1] < 2 * settings.min_columns:
             return None
-        height = float(up[inlier].mean())
-        design = np.column_stack([np.ones(inlier.sum()), along[inlier], up[inlier] - height])
+        moments = inlier @ inlier.T / _NOISE**2
         # the tilt is 0 within a degree as far as the points do not say otherwise
-        information = design.T @ design / _NOISE**2 + np.diag([0.0, 0.0, 1 / 0.017**2])
-        solution = np.linalg.solve(information, design.T @ across[inlier] / _NOISE**2)
-    if abs(solution[2]) > settings.max_tilt or len(up) > 5 * inlier.sum():
+        covariance = np.linalg.inv(moments[:3, :3] + _UPRIGHT)
+        solution = covariance @ moments[:3, 3]
+    seen = inlier.shape[1]
+    if abs(solution[2]) > settings.max_tilt or count > 5 * seen:
         return None
-    noise = max(float(np.std(across[inlier] - design @ solution)), _NOISE / 2) / _NOISE
-    covariance = np.linalg.inv(information) * noise**2
+    residual = inlier[3] - solution @ inlier[:3]
+    covariance *= max(residual @ residual / seen / _NOISE**2, 0.25)
+    above = float(inlier[2].sum()) / seen  # of the inliers' mean height over `level`
+    at_mean = np.array([1.0, 0.0, above])
+    offset, sigma = float(at_mean @ solution), float(at_mean @ covariance @ at_mean)
     plane_normal = np.array([*(normal - solution[1] * tangent), -solution[2]])
-    scale = np.linalg.norm(plane_normal)
-    centre = np.array([*(middle + solution[0] * normal), height])
-    spread = (-length / 2, length / 2)
-    ends = np.array([middle + s * tangent + (solution[0] + solution[1] * s) * normal for s in spread])
-    foot = float(np.dot(centre[:2], tangent))
+    scale = math.sqrt(plane_normal @ plane_normal)
+    centre = np.array([*(middle + offset * normal), level + above])
+    spread = np.array([[-length / 2], [length / 2]])
+    ends = middle + spread * tangent + (offset + solution[1] * spread) * normal
+    foot = float(centre[:2] @ tangent)
     return WallObservation(
         plane=np.array([*(plane_normal / scale), -plane_normal @ centre / scale]),
         ends=ends,
-        heights=(float(up[inlier].min()), float(up[inlier].max())),
-        sigma_normal=float(np.sqrt(max(covariance[1, 1], covariance[2, 2]))),
-        sigma_offset=float(np.sqrt(covariance[0, 0] + foot**2 * covariance[1, 1])),
+        heights=(level + float(inlier[2].min()), level + float(inlier[2].max())),
+        sigma_normal=math.sqrt(max(covariance[1, 1], covariance[2, 2])),
+        sigma_offset=math.sqrt(sigma + foot**2 * covariance[1, 1]),
     )
 
 
@@ -121,12 +125,13 @@ def _merge(pieces: list[tuple[int, int]], contour: Floats, settings: SurfaceSett
 
 
 def _collinear(a: tuple[int, int], b: tuple[int, int], contour: Floats, settings: SurfaceSettings) -> bool:
-    if np.hypot(*(contour[b[0]] - contour[a[1]])) > settings.merge_gap:
+    points = contour[[a[0], b[1], a[1], b[0], (a[0] + a[1]) // 2, (b[0] + b[1]) // 2]]
+    (x0, y0), (x1, y1), (ax, ay), (bx, by), *_ = inner = points.tolist()
+    if math.hypot(bx - ax, by - ay) > settings.merge_gap:
         return False
-    chord = contour[b[1]] - contour[a[0]]
-    normal = np.array([-chord[1], chord[0]]) / (np.hypot(*chord) + 1e-9)
-    points = contour[[a[1], b[0], (a[0] + a[1]) // 2, (b[0] + b[1]) // 2]] - contour[a[0]]
-    return bool(np.all(np.abs(points @ normal) < settings.split))
+    dx, dy = x1 - x0, y1 - y0
+    limit = settings.split * (math.hypot(dx, dy) + 1e-9)
+    return all(abs((y - y0) * dx - (x - x0) * dy) < limit for x, y in inner[2:])
 
 
 def _between(scan: ColumnScan, start: NDArray[np.int64], first: int, last: int) -> Floats:

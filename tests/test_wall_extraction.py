@@ -8,7 +8,7 @@ from data.sensor import SpinningSensor
 from sgslam.config import BackendSettings, SurfaceSettings
 from sgslam.floor_extraction import FloorObservation, extract_floor
 from sgslam.frames import transform_planes
-from sgslam.virtual_scan import sort_into_columns
+from sgslam.virtual_scan import contour, sort_into_columns
 from sgslam.wall_extraction import WallObservation, extract_walls
 
 SETTINGS, GRAPH = SurfaceSettings(), BackendSettings()
@@ -18,7 +18,8 @@ WIDE = SpinningSensor(beams=32, lowest_deg=-45, highest_deg=45)  # sees floor an
 
 
 def walls_of(points: Array, height: float) -> list[WallObservation]:
-    return extract_walls(sort_into_columns(points + np.array([0, 0, height]), SETTINGS.columns), SETTINGS)
+    above = sort_into_columns(points + np.array([0, 0, height]), SETTINGS.columns)
+    return extract_walls(above, contour(above, SETTINGS.high_band), SETTINGS)
 
 
 def walls_in(boxes: list[Box], T: Array, sensor: SpinningSensor | None = None, seed: int = 0) -> list[WallObservation]:
@@ -54,7 +55,7 @@ def test_the_walls_of_a_room_are_found_at_any_heading(yaw: float) -> None:
         assert observation.plane[3] > 0  # the normal points to the sensor
         if length > 1.0:  # noise may split a wall
             long[which] += 1
-            assert angle < np.radians(0.3) and offset < 0.01
+            assert angle < np.radians(0.35) and offset < 0.01
         assert angle < np.radians(3) and offset < 0.05
     assert long.min() >= 1
 
@@ -186,3 +187,12 @@ def test_a_table_where_the_floor_is_hidden_is_not_taken_for_the_known_floor() ->
     boxes = [*room(-5, -5, 5, 5), (-4.9, -4.9, 0.0, 4.9, 4.9, 0.4)]
     floor = floor_of(scan(scene_of(boxes), pose(0.0, 0.0, 0.8)), -0.8)
     assert floor is None
+
+
+@pytest.mark.parametrize("columns", [900, 450])
+def test_the_points_of_a_beam_column_stay_together(columns: int) -> None:
+    """At regular azimuths from straight ahead, whatever rounding does to them."""
+    points = scan(scene_of(room(*ROOM)), pose(0.7, -0.4, 0.8, 0.3), SpinningSensor(azimuths=columns))
+    for given in (points.astype(np.float64), points.astype(np.float64) * 1.7):
+        sorted_scan = sort_into_columns(given, columns)
+        assert np.bincount(sorted_scan.column, minlength=columns).tolist() == [16] * columns
