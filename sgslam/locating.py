@@ -65,28 +65,25 @@ class Locator:
             T_odom_sensor, guess = self._ask(scan, last_map, given)
             self._last = Located(T_odom_sensor, guess)
         else:
-            foretold = self._foretold(scan, last_map) if given is None and regular else None
+            foretold = None
+            if given is None and regular and self._step is not None:
+                foretold = upright_step(last_map @ self._step, last_map, self._walls.T_level_map[2, :3])
             self._last = self._best(scan, last_map, given, foretold)
             self._front_end.follow(self._walls.T_level_map @ self._last.T_map_sensor)
         self._step = inverse(last_map) @ self._last.T_map_sensor
         return self._last
 
-    def _best(self, scan: ColumnScan, last_map: Floats, given: Floats | None, foretold: _Guessed | None) -> Located:
-        """What was foretold where that is certain, else what the odometry says, if it explains the scan as well."""
-        if foretold is not None and foretold.firm and not foretold.surprising:
-            step = inverse(last_map) @ foretold.T_map_sensor
-            return Located(self._odometry.follow(scan.points[scan.upright], step), foretold.T_map_sensor)
+    def _best(self, scan: ColumnScan, last_map: Floats, given: Floats | None, foretold: Floats | None) -> Located:
+        """By what was foretold where that is certain, else by the odometry, if it explains the scan as well."""
+        tracked = None if foretold is None else self._align(scan, foretold)
+        if tracked is not None and tracked.firm and not tracked.surprising:
+            step = inverse(last_map) @ tracked.T_map_sensor
+            return Located(self._odometry.follow(lambda: scan.points[scan.upright], step), tracked.T_map_sensor)
         T_odom_sensor, guess = self._ask(scan, last_map, given)
         asked = self._align(scan, guess)
-        if foretold is not None and foretold.better_than(asked):
-            return Located(T_odom_sensor, foretold.T_map_sensor)
+        if tracked is not None and tracked.better_than(asked):
+            return Located(T_odom_sensor, tracked.T_map_sensor)
         return Located(T_odom_sensor, asked.T_map_sensor)
-
-    def _foretold(self, scan: ColumnScan, last_map: Floats) -> _Guessed | None:
-        """By the last step; None where there is none."""
-        if self._step is None:
-            return None
-        return self._align(scan, upright_step(last_map @ self._step, last_map, self._walls.T_level_map[2, :3]))
 
     def _ask(self, scan: ColumnScan, last_map: Floats, given: Floats | None) -> tuple[Floats, Floats]:
         """T_odom_sensor, and T_map_sensor by it."""

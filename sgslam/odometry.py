@@ -1,6 +1,7 @@
 """Odometry behind one interface: a scan goes in, T_odom_sensor comes out."""
 
 import logging
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -28,8 +29,9 @@ class Odometry(Protocol):
         """
         ...
 
-    def follow(self, points: Floats, T_last_sensor: Floats) -> Floats:
-        """Takes over a step (4, 4) that somebody who knows more has found; returns T_odom_sensor."""
+    def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
+        """Takes over a step (4, 4) that somebody who knows more has found; returns T_odom_sensor. `points` gives what
+        `register` would have been given."""
         ...
 
 
@@ -75,13 +77,13 @@ class KissOdometry:
         self._scans += 1
         return pose.copy()
 
-    def follow(self, points: Floats, T_last_sensor: Floats) -> Floats:
+    def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
         """See `Odometry.follow`. The local map goes on growing, by scans some way apart."""
         kiss = self._kiss
         pose = squared_up(kiss.last_pose @ T_last_sensor)
         since = inverse(self._mapped) @ pose
         if np.linalg.norm(since[:3, 3]) > _SPACING[0] or np.trace(since[:3, :3]) < 1 + 2 * np.cos(_SPACING[1]):
-            frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
+            frame = kiss.preprocessor.preprocess(points(), np.empty(0), kiss.last_delta)
             kiss.local_map.update(kiss.voxelize(frame)[1], pose)
             self._mapped = pose
         kiss.last_delta, kiss.last_pose = T_last_sensor, pose

@@ -12,6 +12,7 @@ from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import Lines
 
 Floats = NDArray[np.float64]
+_BESIDE = 0.2  # m beyond a wall's end at which a point may still be of it
 _FLOOR_GATE = 0.12  # m; seats and steps are level too, and not much higher than the floor
 
 
@@ -48,30 +49,28 @@ def track(
     too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, how
     the sensor has been `carried` so far. Points between the heights `bands` above the floor stand for walls.
     """
-    upright = _spread(scan.points[scan.upright], 2 * settings.points)
+    upright = scan.points[_spread(np.flatnonzero(scan.upright), 2 * settings.points)]
     z = upright @ predicted[2, :3] + predicted[2, 3]
     upright = upright[(z > bands[0]) & (z < bands[1])]
-    level = _spread(scan.points[scan.level], settings.points)
+    level = scan.points[_spread(np.flatnonzero(scan.level), settings.points)]
     walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
     T, share, held = predicted.copy(), 0.0, 0.0
     prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
     for gate in settings.gates:
-        p = upright @ T[:3, :3].T
-        normal, off = _nearest_walls(p + T[:3, 3], walls)
-        near = np.abs(off) < gate
-        share = float(near.mean())
-        if near.sum() < 10:
+        p, q = upright @ T[:3, :3].T, level @ T[:3, :3].T
+        of_walls, off_walls, near = _to_walls(p, T[:2, 3], walls, gate)
+        walls = walls.only(near)  # a step is too short to bring others near
+        share = len(off_walls) / len(p)
+        if len(off_walls) < 10:
             break
-        of_walls = _rows(p[near], normal[near], off[near], settings.sigma_point, settings.huber)
-        q = level @ T[:3, :3].T
-        floor = q[:, 2] + T[2, 3]
-        on_floor = np.abs(floor) < min(gate, _FLOOR_GATE)
-        up = np.broadcast_to([0.0, 0.0, 1.0], (int(on_floor.sum()), 3))
-        of_floor = _rows(q[on_floor], up, floor[on_floor], settings.sigma_point, settings.huber)
-        held = _held(of_walls[0]) * settings.sigma_point**2
-        H, g = of_walls[0] + of_floor[0], of_walls[1] + of_floor[1]
+        of_floor, off_floor = _to_floor(q, T[2, 3], min(gate, _FLOOR_GATE))
+        J, off = np.concatenate([of_walls, of_floor]), np.concatenate([off_walls, off_floor])
+        weight = np.minimum(1.0, settings.huber / np.maximum(np.abs(off), 1e-9)) / settings.sigma_point**2
+        weighted = J * weight[:, None]
+        H, g = weighted.T @ J, weighted.T @ off
+        held = _held(H) * settings.sigma_point**2
         H[5, 5] += 1 / settings.sigma_height**2
         g[5] += (T[2, 3] - carried.height) / settings.sigma_height**2
         lean = T[:3, :3] @ carried.up_in_sensor  # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
@@ -85,30 +84,34 @@ def track(
     return Tracked(T, share, held)
 
 
-def _spread(points: Floats, count: int) -> Floats:
-    """About `count` of the points, evenly over the scan."""
-    return points[:: max(1, len(points) // count)]
+def _spread(places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """About `count` of the places, evenly over the scan."""
+    return places[:: max(1, len(places) // count)]
 
 
-def _nearest_walls(points: Floats, walls: Lines) -> tuple[Floats, Floats]:
-    """For points (N, 3) of the levelled map the normal (N, 3) of the nearest wall, and the signed distance from it
-    (N,), infinite where the points lie beside all walls."""
-    across = walls.across(points[:, :2])
-    along = walls.along(points[:, :2])
-    cost = np.where((along < walls.low - 0.2) | (along > walls.high + 0.2), np.inf, np.abs(across))
-    nearest = np.argmin(cost, axis=1)
-    every = np.arange(len(points))
-    off = np.where(np.isfinite(cost[every, nearest]), across[every, nearest], np.inf)
-    return np.column_stack([walls.normal[nearest], np.zeros(len(points))]), off
+def _to_walls(turned: Floats, place: Floats, walls: Lines, gate: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
+    """Of points (N, 3) from the sensor at `place` (2,), map axes, those that lie within the gate of the wall nearest to
+    them: the distances' derivatives (M, 6) by a turn and a move of the sensor, the distances (M,), and these walls."""
+    middle, half = (walls.low + walls.high) / 2, (walls.high - walls.low) / 2
+    tangents = np.stack([-walls.normal[:, 1], walls.normal[:, 0], -middle])
+    xy1 = np.column_stack([turned[:, :2] + place, np.ones(len(turned))])
+    across = xy1 @ np.stack([walls.normal[:, 0], walls.normal[:, 1], walls.offset])
+    cost = np.where(np.abs(xy1 @ tangents) > half + _BESIDE, np.inf, np.abs(across))
+    nearest = cost.argmin(axis=1)
+    near = np.flatnonzero(cost[np.arange(len(cost)), nearest] < gate)
+    off = across[near, nearest[near]]
+    (nx, ny), (x, y, z) = walls.normal[nearest[near]].T, turned[near].T
+    J = np.stack([-z * ny, z * nx, x * ny - y * nx, nx, ny, np.zeros(len(off))], axis=1)
+    return J, off, np.unique(nearest[near])
 
 
-def _rows(turned: Floats, normal: Floats, off: Floats, sigma: float, huber: float) -> tuple[Floats, Floats]:
-    """Normal equations of point-to-plane residuals; `turned` (N, 3) are the points from the sensor, map axes."""
-    x, y, z = turned.T
-    nx, ny, nz = normal.T
-    J = np.column_stack([y * nz - z * ny, z * nx - x * nz, x * ny - y * nx, nx, ny, nz])
-    weighted = J * (np.minimum(1.0, huber / np.maximum(np.abs(off), 1e-9)) / sigma**2)[:, None]
-    return weighted.T @ J, weighted.T @ off
+def _to_floor(turned: Floats, height: float, gate: float) -> tuple[Floats, Floats]:
+    """The same of points (N, 3) from the sensor at `height` and the floor z = 0."""
+    off = turned[:, 2] + height
+    near = np.abs(off) < gate
+    J = np.zeros((int(near.sum()), 6))
+    J[:, 0], J[:, 1], J[:, 5] = turned[near, 1], -turned[near, 0], 1.0
+    return J, off[near]
 
 
 def _held(H: Floats) -> float:

@@ -55,8 +55,14 @@ class Lines:
         along = self.along(place[None])[0]
         across = self.across(place[None])[0]
         gap = np.maximum(0.0, np.maximum(self.low - along, along - self.high))
-        chosen = (across > 0) & (np.hypot(across, gap) < reach)
-        return Lines(*(part[chosen] for part in (self.ids, self.normal, self.offset, self.low, self.high, self.count)))
+        return self.only(np.flatnonzero((across > 0) & (np.hypot(across, gap) < reach)))
+
+    def only(self, chosen: NDArray[np.int64]) -> "Lines":
+        """Those at the given places."""
+        return Lines(
+            self.ids[chosen], self.normal[chosen], self.offset[chosen], self.low[chosen], self.high[chosen],
+            self.count[chosen],
+        )  # fmt: skip
 
 
 class WallMap:
@@ -76,19 +82,18 @@ class WallMap:
 
     def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
         """Adds what a keyframe saw: (observation, plane (4,) and ends (2, 3) in the sensor frame) each."""
-        lines = self.lines_of_estimates()
-        for observation, plane, ends in pieces:
-            wall = self._associate(lines, T_map_sensor, plane, ends)
+        if not pieces:
+            return
+        planes_in_map = transform_planes(T_map_sensor, np.stack([plane for _, plane, _ in pieces]))
+        ends_in_level = transform_points(self.T_level_map @ T_map_sensor, np.stack([ends for _, _, ends in pieces]))
+        walls = self._associate(planes_in_map, ends_in_level[..., :2])
+        for (piece, plane, ends), plane_in_map, wall in zip(pieces, planes_in_map, walls, strict=True):
             self.seen.append(
-                SeenWall(
-                    keyframe, wall, plane, ends, observation.heights, observation.sigma_normal, observation.sigma_offset
-                )
+                SeenWall(keyframe, wall, plane, ends, piece.heights, piece.sigma_normal, piece.sigma_offset)
             )
-            if wall not in self.planes_in_map:
-                self.planes_in_map[wall] = transform_planes(T_map_sensor, plane)
-            normal, _ = self._as_lines(self.planes_in_map[wall][None])
-            in_level = transform_points(self.T_level_map @ T_map_sensor, ends)
-            self._widen(np.array([wall]), normal, in_level[None, :, :2])
+            self.planes_in_map.setdefault(wall, plane_in_map)
+        normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
+        self._widen(np.array(walls), normals, ends_in_level[..., :2])
 
     def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
         """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes
@@ -232,23 +237,28 @@ class WallMap:
         scale = np.hypot(level[:, 0], level[:, 1])
         return level[:, :2] / scale[:, None], level[:, 3] / scale
 
-    def _associate(self, lines: Lines, T_map_sensor: Floats, plane: Floats, ends: Floats) -> int:
-        """The wall nearest across among those that face the same way and are near along; else a new one."""
-        normal, _ = self._as_lines(transform_planes(T_map_sensor, plane)[None])
-        points = transform_points(self.T_level_map @ T_map_sensor, ends)[:, :2]
+    def _associate(self, planes_in_map: Floats, ends: Floats) -> list[int]:
+        """For each piece (N, 4), with ends (N, 2, 2) in the levelled map, the wall nearest across among those that face
+        the same way and are near along; else a new one."""
+        lines = self.lines_of_estimates()
+        nearest, fits = np.zeros(len(ends), dtype=np.int64), np.zeros(len(ends), dtype=bool)
         if len(lines.ids):
-            facing = lines.normal @ normal[0] > np.cos(self._settings.associate_angle)
-            across = np.abs(lines.across(points.mean(axis=0)[None])[0])
-            along = np.sort(lines.along(points), axis=0)
-            gap = np.maximum(along[0] - lines.high, lines.low - along[1])
+            normals, _ = self._as_lines(planes_in_map)
+            facing = normals @ lines.normal.T > np.cos(self._settings.associate_angle)
             # a far end that leaves the line says more than the angle of a short piece
-            ends_across = np.abs(lines.across(points)).max(axis=0)
-            fits = facing & (across < self._settings.associate_offset) & (gap < self._settings.associate_gap)
-            fits &= ends_across < 2 * self._settings.associate_offset
-            if fits.any():
-                return int(lines.ids[np.argmin(np.where(fits, across + 0.1 * np.maximum(gap, 0.0), np.inf))])
-        self._walls += 1
-        return self._walls - 1
+            ends_across = lines.across(ends.reshape(-1, 2)).reshape(len(ends), 2, -1)
+            across = np.abs(ends_across.mean(axis=1))
+            along = np.sort(lines.along(ends.reshape(-1, 2)).reshape(len(ends), 2, -1), axis=1)
+            gap = np.maximum(along[:, 0] - lines.high, lines.low - along[:, 1])
+            near = facing & (across < self._settings.associate_offset) & (gap < self._settings.associate_gap)
+            near &= np.abs(ends_across).max(axis=1) < 2 * self._settings.associate_offset
+            nearest = np.argmin(np.where(near, across + 0.1 * np.maximum(gap, 0.0), np.inf), axis=1)
+            fits = near.any(axis=1)
+        walls = []
+        for row, known in zip(nearest.tolist(), fits.tolist(), strict=True):
+            walls.append(int(lines.ids[row]) if known else self._walls)
+            self._walls += not known
+        return walls
 
     def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats) -> None:
         """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2)."""
