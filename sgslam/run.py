@@ -1,6 +1,7 @@
 """`python -m sgslam.run --scan-dir DIR --bim FILE`: scans and a building's model in, an anchored trajectory out."""
 
 import argparse
+import gc
 import logging
 import math
 import sys
@@ -59,6 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     slam = SceneGraphSlam(a_graph, matcher, config)
     log = logging.getLogger("sgslam")
     log.info("%d scans in %s; building: %s", len(scans), scans.path, options.bim or "none")
+    gc.freeze()  # what is loaded now stays: it need not be searched for garbage again and again
     broken = _feed(slam, scans, seconds)
     for skipped in scans.skipped:
         log.warning("%s is skipped: %s", skipped.path.name, skipped.reason)
