@@ -28,22 +28,29 @@ def agreement(s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates,
 
 def _shares(s: GraphTensors, a: GraphTensors, row: Tensor, likely: Tensor, wall: Tensor) -> Tensor:
     """(n, K, 2) for the walls of one pair; `wall` (n,) their nodes."""
-    partner = a.wall_node[row.clamp(min=0)]
-    turn = a.heading[partner] - s.heading[wall][:, None]
-    place, floor = a.centre[partner], a.floor[partner]
     size = torch.sqrt((2 * s.half[wall]).clamp(0.35, 6.0))
     voice, at = (likely * size[:, None]).flatten().topk(min(VOTERS, likely.numel()))
-    i, k = at // likely.shape[1], at % likely.shape[1]
-    voice = (voice / voice.sum().clamp(min=1e-3))[None, None]
-    cos, sin = turn.cos()[..., None], turn.sin()[..., None]
+    i = at // likely.shape[1]
+    voice = voice / voice.sum().clamp(min=1e-3)
+    partner = a.wall_node[row.clamp(min=0)]
+    own, theirs = s.pose[wall], a.pose[partner]
+    (c, s_), (u, v) = own[:, None, 2:].unbind(-1), theirs[..., 2:].unbind(-1)
+    cos, sin = c * u + s_ * v, c * v - s_ * u  # of the motion's yaw
+    turn = torch.stack((cos, sin), dim=-1).flatten(0, 1)  # (n K, 2)
+    # Where the motion lays the voters' walls, less where these say that they are.
+    motion = torch.stack((cos, -sin, theirs[..., 0], sin, cos, theirs[..., 1]), dim=-1)
+    place, floor = theirs.flatten(0, 1)[at], a.floor[partner].flatten()
     parts = []
     for rows in torch.arange(len(wall), device=wall.device).split(max(1, CHUNK // (len(i) * row.shape[1]))):
-        away = (s.centre[wall[i]][None] - s.centre[wall[rows]][:, None])[:, None]  # (rows, 1, V, 2)
-        x = cos[rows] * away[..., 0] - sin[rows] * away[..., 1] + place[rows, :, None, 0] - place[i, k, 0]
-        y = sin[rows] * away[..., 0] + cos[rows] * away[..., 1] + place[rows, :, None, 1] - place[i, k, 1]
-        heard = (floor[rows][..., None] == floor[i, k]) & (rows[:, None] != i)[:, None]
-        heard &= (turn[rows][..., None] - turn[i, k]).cos() > LEAST_COS
-        off, far = x**2 + y**2, away.norm(dim=-1)
-        says = [torch.exp(-0.5 * off / (near + slope * far) ** 2) * heard * voice for near, slope in REACHES]
-        parts.append(torch.stack([share.sum(dim=-1) for share in says], dim=-1))
+        away = own[i, :2] - own[rows, None, :2]  # (rows, V, 2)
+        told = torch.cat((away.mT, torch.ones_like(away[:, None, :, 0])), dim=1)  # (rows, 3, V)
+        x = torch.bmm(motion[rows, :, :3], told) - place[:, 0]
+        y = torch.bmm(motion[rows, :, 3:6], told) - place[:, 1]
+        heard = (turn.view(*u.shape, 2)[rows].flatten(0, 1) @ turn[at].T > LEAST_COS).view(x.shape)
+        heard &= (rows[:, None] != i)[:, None]
+        if a.many_floors:
+            heard &= floor.view(u.shape)[rows][..., None] == floor[at]
+        off, far = x * x + y * y, away.norm(dim=-1)
+        says = [torch.exp(off * (-0.5 / (near + slope * far) ** 2)[:, None]) * heard for near, slope in REACHES]
+        parts.append(torch.stack(says, dim=-2) @ voice)
     return torch.cat(parts)

@@ -41,22 +41,34 @@ def _support(
     s: GraphTensors, a: GraphTensors, candidate: Tensor, near: Tensor, first: int, last: int
 ) -> tuple[Tensor, Tensor, Tensor]:
     k = candidate.shape[1]
-    j = near[first:last]  # (n, J)
-    node_i, node_j = s.wall_node[first:last, None], s.wall_node[j.clamp(min=0)]
-    row_a = candidate[first:last, :, None, None]  # (n, K, 1, 1)
-    row_b = candidate[j.clamp(min=0)][:, None]  # (n, 1, J, K)
-    node_a, node_b = a.wall_node[row_a.clamp(min=0)], a.wall_node[row_b.clamp(min=0)]
-    real = (row_a >= 0) & (row_b >= 0) & (j >= 0)[:, None, :, None] & (a.floor[node_a] == a.floor[node_b])
-    turned = (s.heading[node_j] - s.heading[node_i])[:, None, :, None]
-    real &= (turned - (a.heading[node_b] - a.heading[node_a])).cos() > LEAST_COS
-    far = (s.centre[node_j] - s.centre[node_i]).norm(dim=-1)[:, None, :, None]
-    real &= ((a.centre[node_b] - a.centre[node_a]).norm(dim=-1) - far).abs() < OFFSET_M
-    n, at, m, bt = real.nonzero(as_tuple=True)
-    row_i, row_j = n + first, j[n, m]
-    in_s = s.wall_node[row_i], s.wall_node[row_j]
-    in_a = a.wall_node[candidate[row_i, at]], a.wall_node[candidate[row_j, bt]]
-    kept, feature = compared(s, a, in_s, in_a)
-    return (row_i * k + at)[kept], (row_j * k + bt)[kept], feature
+    node = a.wall_node[candidate.clamp(min=0)]  # (N, K)
+    j = near[first:last].clamp(min=0)  # (n, J)
+    n, wide = j.shape
+    pose_s, pose_a = s.pose[s.wall_node], a.pose[node]
+    turned = _turned(pose_s, pose_a)
+    real = (torch.bmm(turned[first:last], turned[j].flatten(1, 2).mT) > LEAST_COS).view(n, k, wide, k)
+    real &= (candidate[first:last] >= 0)[:, :, None, None]
+    real &= ((candidate >= 0)[j] & (near[first:last] >= 0)[..., None])[:, None]
+    if a.many_floors:
+        real &= a.floor[node[first:last]][:, :, None, None] == a.floor[node[j]][:, None]
+    far = (pose_s[j, :2] - pose_s[first:last, None, :2]).norm(dim=-1)[:, None, :, None]
+    x, y = (pose_a[j][:, None, ..., d] - pose_a[first:last, :, d][:, :, None, None] for d in (0, 1))
+    square = x * x + y * y
+    real &= (square < (far + OFFSET_M) ** 2) & (square > (far - OFFSET_M).clamp(min=0) ** 2)
+    flat = real.flatten().nonzero()[:, 0]
+    bt, at = flat % k, flat // (wide * k) % k
+    row_i = flat // (wide * k * k)
+    row_j, row_i = j.flatten()[row_i * wide + flat // k % wide], row_i + first
+    pair, other = row_i * k + at, row_j * k + bt
+    nodes = node.flatten()
+    kept, feature = compared(s, a, (s.wall_node[row_i], s.wall_node[row_j]), (nodes[pair], nodes[other]))
+    return pair[kept], other[kept], feature
+
+
+def _turned(pose_s: Tensor, pose_a: Tensor) -> Tensor:
+    """(N, K, 2) cosine and sine of the angle from each wall to its candidates."""
+    (c, s), (u, v) = pose_s[:, None, 2:].unbind(-1), pose_a[..., 2:].unbind(-1)
+    return torch.stack((c * u + s * v, c * v - s * u), dim=-1)
 
 
 class Consensus(nn.Module):

@@ -5,6 +5,7 @@ fixed width, so that a layer is a gather and a softmax.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from torch import Tensor, nn
@@ -34,6 +35,16 @@ class GraphTensors:
         """The arrays of one graph, or of a batch that was joined into one."""
         names = GraphTensors.__dataclass_fields__
         return GraphTensors(**{name: torch.as_tensor(getattr(f, name)).to(device) for name in names})
+
+    @cached_property
+    def pose(self) -> Tensor:
+        """(V, 4) centre, and cosine and sine of the heading."""
+        return torch.stack((*self.centre.unbind(-1), self.heading.cos(), self.heading.sin()), dim=-1)
+
+    @cached_property
+    def many_floors(self) -> bool:
+        """Whether there is more than one storey."""
+        return bool(len(self.floor) and (self.floor != self.floor[0]).any())
 
     def numbers(self, nodes: Tensor) -> Tensor:
         """(V,) the place of each node in `nodes`, -1 for those that are not there."""

@@ -23,6 +23,7 @@ ALONG_WAVES = (3.0, 8.0, 20.0)  # those along it are not: the ends of walls slid
 GAP_SCALES = (0.3, 1.5)  # metres
 NODE_SIZE = 9
 EDGE_SIZE = 2 * (2 * len(ACROSS_WAVES) + 2 * len(ALONG_WAVES)) + 4 + 2 + 2 + len(GAP_SCALES) + 2 + 3
+MOST_DENSE = 1 << 22  # pairs of walls for which a table is kept
 SAMPLED_M, SEARCHED = 2.0, 48  # points on walls, among the nearest of which the neighbours are looked up
 
 
@@ -85,8 +86,8 @@ def _features(walls: Walls, floor: int) -> GraphFeatures:
         own = np.nonzero(walls.room == r)[0]
         side = np.sum((centre[n + r] - walls.centre[own]) * (walls.normal[own] + 2 * walls.tangent[own]), axis=-1)
         own = own[np.argsort(0.01 * side - walls.half[own])][: NEIGHBOURS - ROOM_NEIGHBOURS]
-        others = [n + q for q in beside[r]]
-        neighbour[n + r, : len(own) + len(others)] = [*own, *others]
+        others = n + beside[r][beside[r] >= 0]
+        neighbour[n + r, : len(own) + len(others)] = np.append(own, others)
     edge = _edges(walls, centre, home, neighbour, gap)
     return GraphFeatures(
         walls.ids, tuple(r.id for r in walls.rooms), np.arange(n), np.arange(n, n + m), centre.astype(np.float32),
@@ -112,9 +113,9 @@ def _nearest_walls(walls: Walls) -> tuple[Index, Array]:
     share = (np.arange(len(owner)) - first[owner]) / (np.bincount(owner)[owner] - 1) * 2 - 1
     points = walls.centre[owner] + (share * walls.half[owner])[:, None] * walls.tangent[owner]
     near = cKDTree(points).query(points, min(SEARCHED, len(points)))[1].reshape(len(points), -1)
-    pair = np.unique(np.concatenate((owner[:, None] * n + owner[near], owner[near] * n + owner[:, None])))
-    i, j = (x[pair // n != pair % n] for x in (pair // n, pair % n))
-    gap = np.minimum(_gap(walls, i, j), _gap(walls, j, i))
+    i, j = _joined_walls(owner, owner[near], n)
+    gap = np.tile(np.minimum(_gap(walls, i, j), _gap(walls, j, i)), 2)
+    i, j = np.append(i, j), np.append(j, i)
     # Walls that meet have no gap at all: what else they have decides, so that the choice is no matter of rounding.
     away = walls.centre[j] - walls.centre[i]
     side = np.sum(away * (walls.normal[i] + 2 * walls.tangent[i]), axis=-1)
@@ -127,6 +128,18 @@ def _nearest_walls(walls: Walls) -> tuple[Index, Array]:
     return nearest, gaps
 
 
+def _joined_walls(one: Index, others: Index, count: int) -> tuple[Index, Index]:
+    """Each pair of different walls once that `one` (P,) and `others` (P, k) name, whichever way round."""
+    if count * count <= MOST_DENSE:
+        near = np.zeros((count, count), dtype=bool)
+        near[one[:, None], others] = True
+        i, j = np.nonzero(np.triu(near | near.T, 1))
+        return i, j
+    low, high = np.minimum(one[:, None], others), np.maximum(one[:, None], others)
+    pair = np.unique((low * count + high)[low < high])
+    return pair // count, pair % count
+
+
 def _gap(walls: Walls, i: Index, j: Index) -> Array:
     """(P,) metres from the ends and the mid point of walls j to walls i."""
     gap = np.full(len(i), np.inf)
@@ -137,15 +150,24 @@ def _gap(walls: Walls, i: Index, j: Index) -> Array:
     return gap
 
 
-def _rooms_beside(walls: Walls, nearest: Index, gap: Array, centre: Array) -> list[list[int]]:
-    """For each room those whose walls are neighbours of its own, nearest first."""
-    reach: list[dict[int, float]] = [{} for _ in walls.rooms]
-    for i, k in zip(*np.nonzero(nearest >= 0), strict=True):
-        r, q = int(walls.room[i]), int(walls.room[nearest[i, k]])
-        if r >= 0 and q >= 0 and q != r:
-            apart = float(gap[i, k] + 0.1 * np.hypot(*(centre[q] - centre[r])))
-            reach[r][q] = min(reach[r].get(q, np.inf), apart)
-    return [sorted(of, key=lambda q: of[q])[:ROOM_NEIGHBOURS] for of in reach]
+def _rooms_beside(walls: Walls, nearest: Index, gap: Array, centre: Array) -> Index:
+    """(M, ROOM_NEIGHBOURS) for each room those whose walls are neighbours of its own, nearest first, -1 for none."""
+    m = len(walls.rooms)
+    i, k = np.nonzero(nearest >= 0)
+    r, q = walls.room[i], walls.room[nearest[i, k]]
+    other = (r >= 0) & (q >= 0) & (q != r)
+    r, q, apart = r[other], q[other], gap[i[other], k[other]]
+    away = centre[q] - centre[r]
+    apart = apart + 0.1 * np.hypot(away[:, 0], away[:, 1])
+    order = np.lexsort((apart, q, r))
+    first = order[np.append(True, np.diff((r * m + q)[order]) != 0)[: len(order)]]
+    order = first[np.lexsort((apart[first], r[first]))]
+    r, q = r[order], q[order]
+    rank = np.arange(len(r)) - np.searchsorted(r, r)
+    beside = np.full((m, ROOM_NEIGHBOURS), -1)
+    kept = rank < ROOM_NEIGHBOURS
+    beside[r[kept], rank[kept]] = q[kept]
+    return beside
 
 
 def _room_centres(walls: Walls) -> Array:
@@ -200,17 +222,23 @@ def _edges(walls: Walls, centre: Array, home: Index, neighbour: Index, gap: Arra
     same = (room[i] == room[j]) & (room[i] >= 0)
     overlap = np.abs(along[0]) < half[i] + half[j]
     facing = both & (cos < -0.9) & (across[0] < 0) & (across[0] > -THICKEST_M) & overlap
-    columns: list[NDArray[Any]] = [wave for d in across for wave in _waves(d, ACROSS_WAVES)]
-    columns += [wave for d in along for wave in _waves(d, ALONG_WAVES)]
+    columns: list[NDArray[Any]] = [*_waves(across, ACROSS_WAVES), *_waves(along, ALONG_WAVES)]
     columns += [np.clip(d / 5, -4, 4) for d in (*across, *along)]
     columns += [cos, sin, np.minimum(half[j], 10.0) / 2.5, known[j], *(np.exp(-apart / g) for g in GAP_SCALES)]
     columns += [same, facing, both, (i < n) & (j >= n), (i >= n) & (j < n)]
-    edge = np.stack(columns, axis=-1).astype(np.float32)
-    return np.asarray(np.where(neighbour[..., None] >= 0, edge, np.float32(0)))
+    edge = np.empty((*neighbour.shape, EDGE_SIZE), dtype=np.float32)
+    for k, column in enumerate(columns):
+        edge[..., k] = column
+    edge[neighbour < 0] = 0
+    return edge
 
 
-def _waves(d: Array, lengths: tuple[float, ...]) -> list[Array]:
-    return [f(2 * np.pi * d / length) for length in lengths for f in (np.sin, np.cos)]
+def _waves(offsets: list[Array], lengths: tuple[float, ...]) -> Array32:
+    """Sine, then cosine, for each length, for each offset; in single precision once whole waves are taken off."""
+    turns = np.array(offsets)[:, None] / np.array(lengths)[:, None, None]
+    phase = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
+    waves = np.stack((np.sin(phase), np.cos(phase)), axis=2)
+    return waves.reshape(-1, *waves.shape[3:])
 
 
 def joined(parts: list[GraphFeatures]) -> GraphFeatures:

@@ -1,7 +1,7 @@
 """The network as a proposer: an S-graph and an A-graph in, likely partners out; to be verified by others."""
 
-from collections import OrderedDict
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,8 @@ from data.errors import UserError
 from data.scene_graph import SceneGraph
 from matching.encoder import GraphTensors
 from matching.features import GraphFeatures, PairRows, map_features, plan_features
-from matching.network import Encoded
+from matching.kept import Kept
+from matching.network import Encoded, MatchingNetwork
 from matching.networks import Network
 from matching.proposals import MOST, Proposals, TopK
 from matching.relatives_parts import Embedded
@@ -20,22 +21,22 @@ from matching.walls import Index
 from matching.weights_file import load_network
 
 SHIPPED = Path(__file__).parent / "weights" / "learned.pt"
-PLANS_KEPT = 4
+ENOUGH = 0.93  # mean probability of the walls' best answers; further cycles would change little
 
 
 @dataclass(frozen=True)
 class _Plan:
-    graph: SceneGraph  # held, so that its identity is not used again
     features: GraphFeatures
     encoded: Encoded | Embedded
 
 
 class LearnedProposer:
-    """Asks the network; keeps what it knows of the last plans."""
+    """Asks the network, which goes on until it is sure `enough`; keeps what it knows of the last plans."""
 
-    def __init__(self, network: Network) -> None:
+    def __init__(self, network: Network, enough: float = ENOUGH) -> None:
         self._network = network
-        self._plans: OrderedDict[int, _Plan] = OrderedDict()
+        self._ask = partial(network, enough=enough) if isinstance(network, MatchingNetwork) else network
+        self._plan = Kept(self._plan_of)
 
     @staticmethod
     def load(path: Path | str | None = None) -> "LearnedProposer":
@@ -54,7 +55,7 @@ class LearnedProposer:
         sizes = (seen.walls, plan.features.walls, seen.rooms, plan.features.rooms)
         with torch.inference_mode():
             encoded = self._network.encode(GraphTensors.of(seen))
-            output = self._network(encoded, plan.encoded, [PairRows(*((0, len(x)) for x in sizes))])
+            output = self._ask(encoded, plan.encoded, [PairRows(*((0, len(x)) for x in sizes))])
             column, table = output.walls[-1]
             wall_score = table.softmax(dim=-1)[:, :-1]
             room_score = output.rooms[-1].softmax(dim=-1)[:, :-1]
@@ -67,15 +68,10 @@ class LearnedProposer:
             rooms = _best(room_score, every, rows, columns, len(s.rooms))
         return Proposals(walls, rooms)
 
-    def _plan(self, a: SceneGraph) -> _Plan:
-        if id(a) not in self._plans:
-            found = plan_features(a)
-            with torch.inference_mode():
-                self._plans[id(a)] = _Plan(a, found, self._network.encode(GraphTensors.of(found)))
-            while len(self._plans) > PLANS_KEPT:
-                self._plans.popitem(last=False)
-        self._plans.move_to_end(id(a))
-        return self._plans[id(a)]
+    def _plan_of(self, a: SceneGraph) -> _Plan:
+        found = plan_features(a)
+        with torch.inference_mode():
+            return _Plan(found, self._network.encode(GraphTensors.of(found)))
 
 
 def _none(count: int) -> TopK:

@@ -76,8 +76,11 @@ class MatchingNetwork(nn.Module):
         rooms = nn.functional.normalize(self.room_vector(nodes[graph.room_node]), dim=-1)
         return Encoded(graph, nodes, walls, rooms)
 
-    def forward(self, s: Encoded, a: Encoded, pairs: list[PairRows]) -> Output:
-        """What is likely, for every pair of a batch; each has at least one wall on both sides."""
+    def forward(self, s: Encoded, a: Encoded, pairs: list[PairRows], enough: float = 1.0) -> Output:
+        """What is likely, for every pair of a batch; each has at least one wall on both sides.
+
+        No further cycle follows once the walls' best answers have a probability of `enough`, in the mean.
+        """
         batched = Batched.of(s.graph, a.graph, pairs)
         rooms = self._room_table(s, a, pairs)
         dense = self._wall_table(s, a, pairs, rooms)
@@ -89,6 +92,8 @@ class MatchingNetwork(nn.Module):
                 more = self.settings.more
                 candidates = expanded(s.graph, a.graph, batched, dense, candidates, likely, more)
             self._cycle(s.graph, a.graph, batched, candidates, output)
+            if enough < 1 and output.walls[-1][1].softmax(dim=-1).amax(dim=-1).mean() >= enough:
+                break
         return output
 
     def _cycle(self, s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, output: Output) -> None:

@@ -1,5 +1,7 @@
 """How two walls of one graph lie to each other, compared with two walls of the other graph."""
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 
@@ -22,55 +24,93 @@ def wall_neighbours(g: GraphTensors) -> Tensor:
     return torch.where(nodes >= 0, rows, -1)
 
 
-def relation(g: GraphTensors, nodes: Nodes) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """How wall nodes j lie to wall nodes i: across and along i, across and along j, angle from normal to normal."""
-    i, j = nodes
-    x, y = (g.centre[j] - g.centre[i]).unbind(-1)
-    hi, hj = g.heading[i], g.heading[j]
-    ci, si, cj, sj = hi.cos(), hi.sin(), hj.cos(), hj.sin()
-    return x * ci + y * si, y * ci - x * si, -(x * cj + y * sj), -(y * cj - x * sj), hj - hi
+@dataclass(frozen=True)
+class Relation:
+    """How E wall nodes j lie to wall nodes i, all (E,): across and along i, across and along j, angle of j less i."""
+
+    across: Tensor
+    along: Tensor
+    across_j: Tensor
+    along_j: Tensor
+    cos: Tensor
+    sin: Tensor
+
+    @staticmethod
+    def of(g: GraphTensors, nodes: Nodes) -> "Relation":
+        """Of the nodes of one graph."""
+        (x, y, ci, si), (u, v, cj, sj) = (g.pose[n].unbind(-1) for n in nodes)
+        x, y = u - x, v - y
+        return Relation(
+            x * ci + y * si, y * ci - x * si, -(x * cj + y * sj), x * sj - y * cj, ci * cj + si * sj, ci * sj - si * cj
+        )
+
+    def __getitem__(self, kept: Tensor) -> "Relation":
+        return Relation(*(x[kept] for x in vars(self).values()))
+
+    def offsets(self) -> Tensor:
+        """(4, E)."""
+        return torch.stack((self.across, self.along, self.across_j, self.along_j))
 
 
-def _left(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> tuple[list[Tensor], list[Tensor], Tensor]:
-    """By how much the offsets differ (4), what is left of it (4), and the angle by which the pairs differ.
+@dataclass(frozen=True)
+class _Both:
+    """Two relations: by how much the offsets differ, `left` of that, and cosine and sine of the angle between them.
 
     The mid point of a wall slides along it by half of what its length is off: offsets are let off that much.
     """
-    (i, j), (p, q) = in_s, in_a
-    of_s, of_a = relation(s, in_s), relation(a, in_a)
-    off = [(x - y).abs() for x, y in zip(of_s[:4], of_a[:4], strict=True)]
-    slide_i, slide_j = (s.half[i] - a.half[p]).abs(), (s.half[j] - a.half[q]).abs()
-    cos, sin = of_s[4].cos().abs(), of_s[4].sin().abs()
-    slack = [slide_j * sin, slide_i + slide_j * cos, slide_i * sin, slide_j + slide_i * cos]
-    return off, [(d - z).clamp(min=0) for d, z in zip(off, slack, strict=True)], of_s[4] - of_a[4]
+
+    of_s: Relation
+    off: Tensor  # (4, E)
+    left: Tensor  # (4, E)
+    slide: Tensor  # (2, E) of walls i and j
+    cos: Tensor
+    sin: Tensor
+
+    @staticmethod
+    def of(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> "_Both":
+        """Of pairs of nodes of either graph."""
+        of_s, of_a = Relation.of(s, in_s), Relation.of(a, in_a)
+        off = (of_s.offsets() - of_a.offsets()).abs()
+        one, other = ((s.half[i] - a.half[p]).abs() for i, p in zip(in_s, in_a, strict=True))
+        cos, sin = of_s.cos.abs(), of_s.sin.abs()
+        slack = torch.stack((other * sin, one + other * cos, one * sin, other + one * cos))
+        return _Both(
+            of_s, off, (off - slack).clamp(min=0), torch.stack((one, other)),
+            of_s.cos * of_a.cos + of_s.sin * of_a.sin, of_s.sin * of_a.cos - of_s.cos * of_a.sin,
+        )  # fmt: skip
+
+    def __getitem__(self, kept: Tensor) -> "_Both":
+        return _Both(
+            self.of_s[kept], self.off[:, kept], self.left[:, kept], self.slide[:, kept], self.cos[kept], self.sin[kept]
+        )
 
 
 def compared(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> tuple[Tensor, Tensor]:
     """Which of E pairs of walls are alike at all, (F,) of them; and (F, COMPARED_SIZE) how alike, seen in all ways."""
-    _, left, turn = _left(s, a, in_s, in_a)
-    kept = ((turn.cos() > LEAST_COS) & (torch.stack(left).amax(dim=0) < LEFT_M)).nonzero()[:, 0]
+    both = _Both.of(s, a, in_s, in_a)
+    kept = ((both.cos > LEAST_COS) & (both.left.amax(dim=0) < LEFT_M)).nonzero()[:, 0]
     in_s, in_a = (in_s[0][kept], in_s[1][kept]), (in_a[0][kept], in_a[1][kept])
-    return kept, _columns(s, a, in_s, in_a)
+    return kept, _columns(s, a, in_s, in_a, both[kept])
 
 
-def _columns(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> Tensor:
+def _columns(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes, both: _Both) -> Tensor:
     (i, j), (p, q) = in_s, in_a
-    off, left, turn = _left(s, a, in_s, in_a)
-    across, along, _, _, angle = relation(s, in_s)
-    columns = [torch.exp(-((d / scale) ** 2)) for d in left for scale in SCALES_M]
-    columns += [torch.exp(-((off[d] / scale) ** 2)) for d in (0, 2) for scale in SCALES_M]
-    far = torch.hypot(across, along)
-    columns += [10 * torch.sin(turn / 2).abs(), angle.cos().abs(), (angle.cos() < -0.9).float()]
+    scales = torch.tensor(SCALES_M, device=i.device)[:, None]
+    near = torch.exp(-((torch.cat((both.left, both.off[::2]))[:, None] / scales) ** 2)).flatten(0, 1)
+    cos = both.of_s.cos
+    far = torch.hypot(both.of_s.across, both.of_s.along)
+    # The first is ten times the sine of half the angle.
+    columns = [10 * both.sin.abs() / (2 + 2 * both.cos).sqrt(), cos.abs(), (cos < -0.9).float()]
     columns += [torch.exp(-far / 2), far / 8]
-    same_s, same_a = s.home[i] == s.home[j], (a.home[p] == a.home[q]) & (a.home[p] >= 0)
-    housed = (s.home[i] >= 0) & (s.home[j] >= 0)
-    slide = (s.half[i] - a.half[p]).abs() + (s.half[j] - a.half[q]).abs()
-    columns += [(same_s & housed).float(), (same_s == same_a).float() * housed, (p == q).float(), slide]
-    return torch.stack(columns, dim=-1)
+    home_i, home_j, home_p = s.home[i], s.home[j], a.home[p]
+    same_s, same_a = home_i == home_j, (home_p == a.home[q]) & (home_p >= 0)
+    housed = (home_i >= 0) & (home_j >= 0)
+    columns += [(same_s & housed).float(), (same_s == same_a).float() * housed, (p == q).float(), both.slide.sum(dim=0)]
+    return torch.cat((near, torch.stack(columns))).T
 
 
 def close(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> Tensor:
     """(E,) how alike two pairs of walls are, in [0, 1], by the offsets and the angle alone."""
-    _, left, turn = _left(s, a, in_s, in_a)
-    off = torch.stack(left).square().sum(dim=0) / CLOSE_M**2
-    return torch.exp(-0.5 * off) * (turn.cos() > LEAST_COS)
+    both = _Both.of(s, a, in_s, in_a)
+    off = both.left.square().sum(dim=0) / CLOSE_M**2
+    return torch.exp(-0.5 * off) * (both.cos > LEAST_COS)
