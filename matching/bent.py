@@ -13,7 +13,7 @@ import numpy as np
 
 from data.scene_graph import SceneGraph
 from matching import se2
-from matching.bent_evidence import evidence
+from matching.bent_evidence import Chance, evidence
 from matching.doors import doors
 from matching.field import Fields, Scene, judge, motions, partners, step
 from matching.groups import groups
@@ -70,10 +70,12 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
         return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
-    found = _scored(scene, grow(scene, fields, sure))
+    grown = grow(scene, fields, sure)
+    chance = Chance.of(scene, grown, partners(scene, grown[np.zeros(1, dtype=np.int64)]))
+    found = _scored(scene, grown, chance)
     more = rivals(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
     if len(more):
-        found = _merged(found, _scored(scene, _polished(scene, more)))
+        found = _merged(found, _scored(scene, _polished(scene, more), chance))
     kept = [k for k in range(len(found)) if allowed is None or allowed(found.motion(k))]
     return _chosen(found, np.array(kept, dtype=np.int64))
 
@@ -120,9 +122,9 @@ def _polished(scene: Scene, fields: Fields) -> Fields:
     return Fields(fields.storey, state)
 
 
-def _scored(scene: Scene, fields: Fields) -> Bent:
+def _scored(scene: Scene, fields: Fields, chance: Chance) -> Bent:
     table = partners(scene, fields)
-    score = evidence(scene, fields, table)
+    score = evidence(scene, fields, table, chance)
     quality = judge(scene, table, fields.state, 0.15).quality.max(axis=2, initial=0.0)
     rigid = _rigid(scene, fields, quality)
     order = np.argsort(-score, kind="stable")

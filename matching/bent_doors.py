@@ -15,7 +15,7 @@ SIGMAS = np.array([0.15, 0.45])  # metres, of both axes
 SHARES = np.array([0.75, 0.25])  # of the doors that are off by so much
 NO_DOOR = 0.25  # of the map's doors are none of the plan's
 OTHER_ROOMS = 0.3  # what a door counts that joins other rooms than the map's does
-LEAST_DENSITY = 0.03  # doors a square metre
+DENSITY = 0.06  # doors a square metre, that are met by chance
 OPEN = 0.7  # of the plan's doors between two rooms that were seen
 
 
@@ -47,9 +47,8 @@ def _of_one(scene: Scene, storey: int, placed: Array, home: Index) -> float:
         here, there = np.sort(home[scene.doors.rooms], axis=1), np.sort(plan.rooms, axis=1)
         same = (here[:, None] == there).all(axis=-1)
         density *= np.where(same, 1.0, OTHER_ROOMS)
-        chance = max(len(plan) / scene.plan.storeys[storey].area, LEAST_DENSITY)
-        total += float(np.log(NO_DOOR + (1 - NO_DOOR) * density.max(axis=1) / chance).sum())
-        seen[density.argmax(axis=1)[density.max(axis=1) > chance]] = True
+        total += float(np.log(NO_DOOR + (1 - NO_DOOR) * density.max(axis=1) / DENSITY).sum())
+        seen[density.argmax(axis=1)[density.max(axis=1) > DENSITY]] = True
     elif len(placed):
         total += len(placed) * float(np.log(NO_DOOR))
     between = np.isin(plan.rooms, home[home >= 0]).all(axis=1)

@@ -26,7 +26,7 @@ from matching.evidence import (
 from matching.field import STEP, Fields, Judged, Scene, judge, strain
 from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
-from matching.walls import Index, Walls
+from matching.walls import Index
 
 MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from one another
 DIRECTION = 15  # degrees
@@ -42,11 +42,31 @@ class _Homes:
     second: Index  # (K, R)
 
 
-def evidence(scene: Scene, fields: Fields, table: Index) -> Array:
+@dataclass(frozen=True)
+class Chance:
+    """The storey and building whose walls stand for those that are met by chance: one for all fields of a scene.
+
+    Were it each field's own, then of two equal places the one in the emptier storey would seem the better.
+    """
+
+    storey: int
+    building: int
+
+    @staticmethod
+    def of(scene: Scene, fields: Fields, table: Index) -> "Chance":
+        """Where most walls of the first field are, by what they explain."""
+        quality = judge(scene, table[:1], fields.state[:1], SIGMA_SCORE).quality[0]
+        storey = int(fields.storey[0])
+        building = scene.plan.storeys[storey].building[np.where(table[0] >= 0, table[0] - scene.plan.first[storey], 0)]
+        explained = np.bincount(building.ravel(), (quality * scene.s.half[:, None]).ravel())
+        return Chance(storey, int(explained.argmax()))
+
+
+def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> Array:
     """(K,) nats, comparable between fields of one scene, in whatever storey."""
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
-    walls = _of_walls(scene, fields, table, now, homes)
+    walls = _of_walls(scene, fields, table, now, homes, chance)
     seen = [
         _completeness(scene, int(fields.storey[k]), table[k], now.quality[k], homes.first[k])
         for k in range(len(fields))
@@ -84,10 +104,10 @@ def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:
     return _Homes(np.where(most > 0, first, -1), second)
 
 
-def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes) -> Array:
+def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance) -> Array:
     """(K,) nats of all S walls, precisions marginalised over."""
     s, plan = scene.s, scene.plan
-    ratio = _ratios(scene, fields, table, now)  # (K, Ns, P, precisions)
+    ratio = _ratios(scene, fields, table, now, chance)  # (K, Ns, P, precisions)
     other = np.clip(NOT_IN_PLAN / (2 * s.half), *NOT_IN_PLAN_BOUNDS)[None, :, None]
     at = plan.room[table]
     housed = np.append(np.arange(len(s.rooms)), -1)[s.room]  # -1 stays the last
@@ -105,15 +125,12 @@ def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _H
     return np.asarray(np.logaddexp.reduce(rooms + stray, axis=1) - np.log(ratio.shape[-1]))
 
 
-def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged) -> Array:
+def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged, chance: Chance) -> Array:
     """(K, Ns, P, precisions) likelihood ratio of each pair against chance."""
     s, plan = scene.s, scene.plan
     density = np.exp(-0.5 * (now.across[..., None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
     here = now.beside * np.exp(-0.5 * (now.turned / SIGMA_HEADING) ** 2)
-    rho = np.stack([
-        _chance(s, plan.storeys[int(st)], yaw, np.where(row >= 0, row - plan.first[st], 0))
-        for st, yaw, row in zip(fields.storey, _yaw(fields), table, strict=True)
-    ])  # fmt: skip
+    rho = _met(scene, fields, chance)[:, :, None]
     ratio = (here / rho)[..., None] * density
     half = plan.half[table]
     ends = np.ones((*half.shape, len(END_SIGMAS)))
@@ -132,19 +149,21 @@ def _yaw(fields: Fields) -> Array:
     return np.asarray(np.arctan2(np.sin(yaw).mean(axis=1), np.cos(yaw).mean(axis=1)))
 
 
-def _chance(s: Walls, a: Walls, yaw: float, partner: Index) -> Array:
-    """(Ns, P) how many A walls of its direction an S wall meets a metre across, at a random place of the partner's
-    building; directions are taken by degrees."""
-    buildings = len(a.building_areas)
-    degree = np.round(np.degrees(a.heading)).astype(np.int64) % 360
-    window = np.fft.fft(np.minimum(np.arange(360), 360 - np.arange(360)) <= DIRECTION)
-    total = np.zeros((2, buildings, 360))
-    np.add.at(total[0], (a.building, degree), 1.0)
-    np.add.at(total[1], (a.building, degree), a.half)
+def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
+    """(K, Ns) how many A walls of its direction an S wall meets a metre across, at a random place of the building;
+    directions are taken by degrees."""
+    s, storeys = scene.s, scene.plan.storeys
+    a = storeys[chance.storey]
+    here = a.building == chance.building
+    degree = np.round(np.degrees(a.heading[here])).astype(np.int64) % 360
+    near = np.minimum(np.arange(360), 360 - np.arange(360)) <= DIRECTION
+    window = np.fft.fft(near)
+    total = np.stack([np.bincount(degree, weight, 360) for weight in (np.ones(len(degree)), a.half[here])])
     count, half = np.fft.ifft(np.fft.fft(total) * window).real
-    own = np.round(np.degrees(s.heading + yaw)).astype(np.int64) % 360
-    met = 2 * (half[:, own] + count[:, own] * s.half) / a.building_areas[:, None]  # (buildings, Ns)
-    return np.asarray(np.maximum(met[a.building[partner], np.arange(len(s))[:, None]], LEAST_DENSITY))
+    turned = np.array([storeys[int(st)].T_graph_own[0] for st in fields.storey]) - a.T_graph_own[0]
+    own = np.round(np.degrees(s.heading + (_yaw(fields) + turned)[:, None])).astype(np.int64) % 360
+    met = 2 * (half[own] + count[own] * s.half) / a.building_areas[chance.building]
+    return np.asarray(np.maximum(met, LEAST_DENSITY))
 
 
 def _completeness(scene: Scene, storey: int, table: Index, quality: Array, home: Index) -> float:

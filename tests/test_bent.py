@@ -238,6 +238,17 @@ def test_corners_are_those_that_vote(stray):
     assert listed(corners(walls)) == listed(marks(walls))
 
 
+def test_of_equal_rooms_those_in_an_emptier_storey_are_no_likelier():
+    """The upper storey lacks a wing that the lower one has; the rooms that were seen are on both."""
+    wing = a_graph([box(40, 4 * k, 6, 3.85) for k in range(8)], "ground", "wing")
+    site = merged(PLAN, wing, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
+    for seed in range(3):
+        result = MATCHER.match(drawn_from(PLAN, "drift", seed, 9).s_graph, site)
+        first, second = result.hypotheses[:2]
+        assert result.status == "ambiguous" and {first.floor, second.floor} == {"ground", "upper"}
+        assert abs(first.score - second.score) < 0.5
+
+
 def test_where_one_proposes_nothing_the_others_are_asked(drifted):
     def silent(s: SceneGraph, a: SceneGraph) -> Proposals:
         return Proposals.of_dense(
