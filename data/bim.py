@@ -10,7 +10,7 @@ from data.errors import UserError
 from data.files import write_json
 from data.scene_graph import SceneGraph
 
-EXTRACTOR_VERSION = 4  # to be raised whenever the A-graph of the same file changes
+EXTRACTOR_VERSION = 5  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
 
 

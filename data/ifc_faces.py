@@ -13,7 +13,7 @@ from data.areas import Area
 from data.ifc_edges import Edge
 from data.ifc_rooms import Level
 from data.ifc_sections import Solid
-from data.intervals import Intervals, common, united
+from data.intervals import Intervals, common, united, without
 from data.scene_graph import WallSurface
 
 SAME_PLANE = 0.01  # m
@@ -129,16 +129,19 @@ def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface
     return WallSurface("", room, (x, y), (nx, ny), high - low, floor, source, height, coefficients, parts)
 
 
-def _standing(pieces: list[Piece], plane: Edge, middle: float) -> Iterator[tuple[str, float, float]]:
-    """Where which wall stands in every cut, in the order along the plane, from its `middle`."""
+def _standing(pieces: list[Piece], plane: Edge, middle: float) -> Iterator[tuple[str, float, float, bool]]:
+    """Where which wall stands, from the `middle` of the surface, and whether in every cut."""
     cuts = {p.z for p in pieces}
-    solids = dict.fromkeys(p.solid for p in pieces)
     found = []
-    for solid in solids:
+    for solid in dict.fromkeys(p.solid for p in pieces):
         spans = [united([_span(p, plane) for p in pieces if p.solid is solid and p.z == z], gap=BUTT) for z in cuts]
-        found += [(low, high, solid.product.global_id) for low, high in reduce(common, spans)]
-    for low, high, source in sorted(found):
-        yield source, low - middle, high - middle
+        whole = reduce(common, spans)
+        partly = without(united([span for own in spans for span in own]), whole)
+        found += [(low, high, solid.product.global_id, True) for low, high in whole]
+        found += [(low, high, solid.product.global_id, False) for low, high in partly]
+    for low, high, source, is_whole in sorted(found):
+        yield source, low - middle, high - middle, is_whole
+
 
 
 def _height(

@@ -48,8 +48,8 @@ class WallSurface:
     """One side of a wall: `centroid` is its footprint's mid point, `normal` points into the room it faces.
 
     `height` is (z of the lower edge, z of the upper edge); `plane` is (nx, ny, nz, d) with n.x + d = 0. `parts` tell of
-    a planned surface where which wall stands in full height: (its source, from, to), metres leftward from the middle as
-    one looks along the normal; between them are doors and windows.
+    a planned surface where which wall stands: (its source, from, to, whether in full height or under a window), metres
+    leftward from the middle as one looks along the normal; between them are doors and other openings.
     """
 
     id: str
@@ -61,7 +61,7 @@ class WallSurface:
     source: str = ""
     height: tuple[float, float] | None = None
     plane: tuple[float, float, float, float] | None = None
-    parts: tuple[tuple[str, float, float], ...] = ()
+    parts: tuple[tuple[str, float, float, bool], ...] = ()
 
     def ends(self) -> tuple[Xy, Xy]:
         """The footprint's two end points, the first to the left of one who looks along the normal."""

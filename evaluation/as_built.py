@@ -25,6 +25,7 @@ from evaluation.benchmark_page import made_by, write_section
 from evaluation.conditions import Conditions
 from evaluation.sequences import Sequence, SequenceSpec, prepare, read_specs, storey_of
 from evaluation.true_walls import TrueWall, true_walls
+from sgslam.config import Config, MatchingSettings
 
 DEMO = [SequenceSpec("demo", "demo", min_rooms=14, min_length=90.0)]
 MOVED, GONE = 0.3333, 0.12  # shares of a storey's walls: moved; absent, and as many unplanned
@@ -55,11 +56,13 @@ class Row:
 COLUMNS = tuple(f.name for f in fields(Row))
 
 
-def measure(specs: list[SequenceSpec], seeds: list[int], shares: tuple[float, float], out: Path) -> list[Record]:
+def measure(
+    specs: list[SequenceSpec], seeds: list[int], shares: tuple[float, float], out: Path, config: Config
+) -> list[Record]:
     """Runs what is not in `out`/as_built.csv yet and returns all records asked for.
 
-    `shares` are those of the moved walls, and of the absent and of the unplanned ones. Raises UserError for what the
-    simulator and the readers refuse.
+    `shares` are those of the moved walls, and of the absent and of the unplanned ones; `config` is the runs'. Raises
+    UserError for what the simulator and the readers refuse.
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "as_built.csv"
@@ -74,7 +77,7 @@ def measure(specs: list[SequenceSpec], seeds: list[int], shares: tuple[float, fl
                 asked.append(key)
                 if any(_key(r) == key for r in records):
                     continue
-                fresh = [_record(row) for row in _rows(spec, seed, conditions, out)]
+                fresh = [_record(row) for row in _rows(spec, seed, conditions, out, config)]
                 records += fresh
                 _write(path, records)
                 print("; ".join(_short(r) for r in fresh), flush=True)
@@ -88,14 +91,14 @@ def _conditions(shares: tuple[float, float]) -> Iterator[Conditions]:
         yield Conditions(absent_walls=shares[1], unplanned_walls=shares[1])
 
 
-def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path) -> Iterator[Row]:
+def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path, config: Config) -> Iterator[Row]:
     from evaluation.trajectory import error_in_bim
     from sgslam.slam import SceneGraphSlam
 
     sequence = prepare(spec, seed, out, conditions)
     walls = walls_of(spec, sequence)
     storey = storey_of(sequence.a_graph, sequence.truth.poses[0])
-    slam = SceneGraphSlam(sequence.a_graph.on_floor(storey))
+    slam = SceneGraphSlam(sequence.a_graph.on_floor(storey), config=config)
     for scan in ScanFolder(sequence.scan_dir):
         slam.add_scan(scan.stamp_ns, scan.points)
     result = slam.finish()
@@ -114,11 +117,10 @@ def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path) -> I
 
 def walls_of(spec: SequenceSpec, sequence: Sequence) -> list[TrueWall]:
     """What became of the storey's walls in a drive, looked from where keyframes would be taken."""
-    from sgslam.config import KeyframeSettings
     from sgslam.keyframes import KeyframeRule
 
     drive, c = sequence.scan_dir.parent, sequence.conditions
-    rule = KeyframeRule(KeyframeSettings())
+    rule = KeyframeRule(Config().keyframes)
     keyframes = [k for k, pose in enumerate(sequence.truth.poses) if rule.wants(pose)]
     settings = json.loads((drive / "run.json").read_text())
     ifc = drive.parent / settings["bim"] if spec.bim == "demo" else Path(spec.bim)
@@ -198,6 +200,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--moved", type=float, default=MOVED, metavar="SHARE", help=f"of the walls, moved (default {MOVED})")
     add("--gone", type=float, default=GONE, metavar="SHARE",
         help=f"of the walls, absent, and of those that the plan lacks, each (default {GONE})")  # fmt: skip
+    add("--method", default=MatchingSettings().method, metavar="NAME", help="of matching (default %(default)s)")
     add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'as-built' is to be written")
     return parser
 
@@ -210,10 +213,12 @@ def main() -> int:
         if unknown := set(options.sequences) - {spec.name for spec in specs}:
             raise UserError(f"--sequences {' '.join(sorted(unknown))}: not in the list")
         specs = [spec for spec in specs if spec.name in options.sequences]
-    text = table(measure(specs, options.seeds, (options.moved, options.gone), options.out))
+    config = Config(matching=MatchingSettings(method=options.method))
+    text = table(measure(specs, options.seeds, (options.moved, options.gone), options.out, config))
     write_atomically(options.out / "as_built.md", f"# As built against as planned\n\n{text}")
     if options.benchmarks is not None:
-        command = f"python -m evaluation.as_built --out {options.out.name} --benchmarks {options.benchmarks.name}"
+        command = f"python -m evaluation.as_built --out {options.out.name} --method {options.method}"
+        command += f" --benchmarks {options.benchmarks.name}"
         section = f"## As built against as planned\n\n{_ABOUT}\n\n{text}\nBy {made_by(command)}."
         write_section(options.benchmarks, "as-built", section)
     print(text)

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 KINDS = {"moved": "moved", "absent": "absent", "extra": "unplanned"}  # as it is told, and what it is
 LEAST_VIEWS = 3
 _ON_WALL = 0.1  # m
+_ENOUGH = 1.0  # m of a long surface of which a wall is a part
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,13 @@ def _offset_errors(moved: list[dict[str, Any]], a_graph: SceneGraph, there: dict
 def _wall_under(
     s_graph: SceneGraph, s_id: str, T_bim_map: Array | None, there: dict[str, TrueWall]
 ) -> str | None:
-    """The wall on whose faces most of a surface of the map lies."""
+    """The wall on whose faces half of a surface of the map lies, or a metre of it."""
     assert T_bim_map is not None  # without a place in the plan nothing is told
     ends = np.array(s_graph.surface_by_id[s_id].ends())
     line = shapely.LineString(ends @ T_bim_map[:2, :2].T + T_bim_map[:2, 3])
     on = {key: _near(wall).intersection(line).length for key, wall in there.items()}
     best = max(on, key=on.__getitem__, default=None)
-    return best if best is not None and on[best] > 0.5 * line.length else None
+    return best if best is not None and on[best] > min(0.5 * line.length, _ENOUGH) else None
 
 
 def _near(wall: TrueWall) -> Any:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from sgslam.config import Config
 from sgslam.deviations import Piece
+from sgslam.filled_openings import filled_openings
 from sgslam.holding import Holding
 from sgslam.keyframes import KeyframeNode
 from sgslam.presence import absent, extra
@@ -34,4 +35,6 @@ def deviations(
     judged = verdicts(pieces, bodies, sights, config)
     found = moved(pieces, judged)
     found += absent(sides, bodies, holding, pieces, judged, sights, config)
+    doors = np.array([door.centroid for door in floor.doors]).reshape(-1, 2)
+    found += filled_openings(sides, doors, holding, scene, walls, origin, config)
     return found + extra(scene, walls, floor, holding, origin)

@@ -38,14 +38,15 @@ def degrees(tilt_rad: float | None) -> str:
 
 def deviation_text(deviation: dict[str, Any]) -> str:
     """One line for the one who points at the wall."""
+    reason = [str(deviation["reason"])] if deviation.get("reason") else []
     if deviation["kind"] != "moved":
-        return f"{deviation['kind']}{', significant' if deviation['significant'] else ''}"
+        return ", ".join([deviation["kind"], *(["significant"] if deviation["significant"] else []), *reason])
     parts = [f"offset {signed_mm(deviation['offset_m'])}"]
     if deviation.get("sigma_m") is not None:
         parts.append(f"sigma {deviation['sigma_m'] * 1000:.1f} mm")
     if deviation.get("tilt_rad") is not None:
         parts.append(f"tilt {degrees(deviation['tilt_rad'])}")
-    return ", ".join([*parts, *(["significant"] if deviation["significant"] else [])])
+    return ", ".join([*parts, *(["significant"] if deviation["significant"] else []), *reason])
 
 
 def _signed(value: float, digits: int) -> str:

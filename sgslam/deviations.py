@@ -14,7 +14,7 @@ from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _HEIGHT = 1.2  # m above the storey's floor, where offsets are measured
-_STEP = 0.1  # m along a wall
+STEP = 0.1  # m along a wall
 _LEAST_PART = 0.3  # m of a wall that is seen beside another one in its plane
 _OVER_PARAPET = 0.6  # m above the floor; what is never seen lower stands over something: a pane over its parapet
 _SHORT = 1.0, 0.02  # m and rad; what is shorter and turned more than this is badly seen
@@ -55,7 +55,7 @@ def measured_pieces(
     The sigma is the graph's own, of the wall in the BIM frame, the scatter of its observations, and the extraction's
     floor. `origin` (3,) is where the graph's BIM frame, which stands on the storey's floor, lies in the BIM's.
     """
-    scatter, lows, covered = walls.scatter(), walls.lower_ends(), walls.coverage(_STEP)
+    scatter, lows, covered = walls.scatter(), walls.lower_ends(), walls.coverage(STEP)
     tight: dict[int, int] = {}
     for held in holding.walls:
         wall = scene.wall_of_surface[held.surface.id]
@@ -71,7 +71,7 @@ def measured_pieces(
         offset, variance = _without_anchor(offset, variance, tight[wall] if held.agrees else 0, config)
         sigma = float(np.sqrt(variance + scatter.get(wall, 0.0) ** 2 + config.anchors.sigma_extraction**2))
         over_parapet = lows.get(wall, 0.0) > _OVER_PARAPET
-        seen, whole = _along_planned(held, covered[wall], walls, wall, holding.place, centre)
+        seen, whole = along_planned(held, covered[wall], walls, wall, holding.place, centre)
         pieces += [
             Piece(held, source, offset, sigma, _tilt(held, holding.place), span, length, over_parapet)
             for source, span, length in _by_source(sides_of(held.planned), seen, whole)
@@ -104,7 +104,7 @@ def _tilt(held: Held, place: Floats) -> float:
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _along_planned(
+def along_planned(
     held: Held, covered: Floats, walls: WallMap, wall: int, place: Floats, centre: Floats
 ) -> tuple[Floats, tuple[float, float]]:
     """The places at which a surface was seen, and its ends, along the planned one, whose middle is `centre` in the
@@ -129,11 +129,11 @@ def _by_source(
     Every place is of the wall whose hull is nearest; what is less than `_LEAST_PART` of another wall is left out.
     """
     if len(sides) == 1 or not len(seen):
-        return [(sides[0].source, whole, _STEP * len(seen))]
+        return [(sides[0].source, whole, STEP * len(seen))]
     hulls = np.array([side.hull for side in sides])
     away = np.maximum(hulls[:, :1] - seen, seen - hulls[:, 1:])
     nearest = np.argmin(np.maximum(away, 0.0), axis=0)
-    lengths = np.bincount(nearest, minlength=len(sides)) * _STEP
+    lengths = np.bincount(nearest, minlength=len(sides)) * STEP
     least = min(_LEAST_PART, float(lengths.max()))
     return [
         (sides[k].source, (float(seen[nearest == k].min()), float(seen[nearest == k].max())), float(lengths[k]))

@@ -39,8 +39,8 @@ def export(out: Path, bim: Path, ifc: bool = True, bcf: bool = True) -> list[str
         marked = write_as_built(bim, findings, unplanned, out / IFC)
         if findings and not marked:
             (out / IFC).unlink()
-            raise UserError(f"{bim}: has none of the walls that {out} knows of; give the model of that run")
-        lines.append(f"{out / IFC}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned ones added")
+            raise UserError(f"{bim}: has none of the walls that {out} knows; give the model of that run")
+        lines.append(f"{out / IFC}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned added")
     if bcf:
         count = write_topics(
             out / BCF, deviations, a_graph, s_graph, T_bim_map, Model(bim.name, project_of(bim))
@@ -63,7 +63,8 @@ def _read(
             json.loads((out / f"{name}.json").read_text()) for name in ("deviations", "metrics", "matches")
         )
     except (OSError, json.JSONDecodeError):
-        raise UserError(f"{out}: no run's folder (deviations.json, metrics.json, matches.json); give its --out") from None
+        what = "deviations.json, metrics.json, matches.json"
+        raise UserError(f"{out}: no run's folder ({what}); give a run's --out") from None
     if metrics.get("T_bim_map") is None:
         raise UserError(f"{out}: that run was not anchored, so that it knows nothing of how the building was built")
     a_graph, s_graph = SceneGraph.load(out / "a_graph.json"), SceneGraph.load(out / "s_graph.json")

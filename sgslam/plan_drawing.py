@@ -165,7 +165,8 @@ def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tupl
 def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[DrawnWall, ...]:
     """The map's wall surfaces, placed in the plan, with their deviations from it."""
     pairs = data.pairs("wall_surfaces")
-    found = {d["s_id"]: d for d in data.deviations if d["s_id"] is not None}
+    telling = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
+    found = {d["s_id"]: d for d in telling if d["s_id"] is not None}  # of several walls in one plane the most telling
     drawn = []
     for w in data.s_graph.wall_surfaces:
         title, deviation = _pair_title(w.id, pairs), found.get(w.id)

@@ -14,7 +14,7 @@ _OTHER_ROOM = 0.1  # m that a planned wall of another room must be nearer to be 
 _BESIDE = 0.2  # m, likewise for one that lies beside none of the seen wall's length
 _LEAST_SHARE = 0.3  # of the shorter of two walls that lies beside the other
 _IN_PLACE = 0.03  # m; what is nearer stands in the planned wall's plane
-_EXPLAINED = 0.35, 0.6  # of a seen wall's length; where one plane explains more, one that explains less gives way
+_EXPLAINED = 0.35  # of a seen wall's length that planned walls in one plane lie beside
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_t
 
     A planned wall comes into question that faces the same way (`most_turned`, radians), within `reach` metres across,
     beside a good part of the seen one. Of several the nearest is taken, and rather one of the room that the seen
-    wall's room mostly stands in; a stub that a long wall has come near to gives way to the long wall's own.
+    wall's room mostly stands in. What stands off its plane is no wall of which the plan has a stub only.
     """
     if not len(seen.half) or not len(planned.half):
         return np.full(len(seen.half), -1, dtype=np.int64)
@@ -59,7 +59,7 @@ def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_t
     facing = seen.normal @ planned.normal.T > np.cos(most_turned)
     cost = np.where(facing & (off < reach) & (beside > _LEAST_SHARE), off + _BESIDE * (1 - beside), np.inf)
     overlap = np.where(facing, np.clip(seen.half[:, None] + planned.half[None] - along, 0.0, 2 * shorter), 0.0)
-    cost = np.where(_give_way(signed, overlap / (2 * seen.half[:, None]), np.isfinite(cost)), np.inf, cost)
+    cost = np.where(_stubs(signed, overlap / (2 * seen.half[:, None]), np.isfinite(cost)), np.inf, cost)
     home = _homes(seen, planned, cost)
     elsewhere = (home[:, None] >= 0) & (planned.room[None] != home[:, None])
     cost = cost + np.where(elsewhere, _OTHER_ROOM, 0.0)
@@ -67,19 +67,17 @@ def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_t
     return np.where(np.isfinite(cost[np.arange(len(best)), best]), best, -1)
 
 
-def _give_way(off: Floats, share: Floats, possible: Flags) -> Flags:
-    """(N, M) which planned walls explain too little of a seen one, by all that stands in their plane, beside another.
+def _stubs(off: Floats, share: Floats, possible: Flags) -> Flags:
+    """(N, M) which possible planned walls explain too little of a seen one, with all that stands in their plane.
 
     `off` (N, M) are signed metres across, `share` (N, M) of the seen wall's length that lies beside the planned one.
     """
-    gives = np.zeros_like(possible)
-    for i in np.flatnonzero(possible.sum(axis=1) > 1).tolist():
-        own = np.flatnonzero(possible[i])
+    stubs = np.zeros_like(possible)
+    for i in np.flatnonzero((possible & (np.abs(off) > _IN_PLACE)).any(axis=1)).tolist():
+        own = np.flatnonzero(possible[i] & (np.abs(off[i]) > _IN_PLACE))
         in_plane = np.abs(off[i, own][:, None] - off[i][None]) < _IN_PLACE
-        explained = (in_plane * share[i]).sum(axis=1)
-        if explained.max() > _EXPLAINED[1]:
-            gives[i, own] = (explained < _EXPLAINED[0]) & (np.abs(off[i, own]) > _IN_PLACE)
-    return gives
+        stubs[i, own] = (in_plane * share[i]).sum(axis=1) < _EXPLAINED
+    return stubs
 
 
 def _homes(seen: WallArrays, planned: WallArrays, cost: Floats) -> Index:

@@ -24,6 +24,7 @@ _TOLD_OPEN = 0.3  # m that are seen through of a surface of a wall that is absen
 _LEAST_EXTRA = 1.2  # m
 _NO_FURNITURE = 2.0  # m above the floor; cupboards end below
 _PARALLEL = 0.35  # rad; pieces of a niche are seen askew
+_ALONG = 0.35  # of an extra wall's length that may have planned walls along it
 _NEAR_PLANNED = 0.8  # m; before a planned wall this near stand cupboards
 
 
@@ -107,10 +108,11 @@ def extra(
 
 
 def _planned_near(s: WallArrays, i: int, a: WallArrays) -> bool:
-    """Whether a planned wall of either side lies along a seen one, near enough to be meant or to have it before it."""
+    """Whether planned walls of either side lie along a good part of a seen one, near enough to be meant or to have it
+    before them."""
     parallel = np.abs(a.normal @ s.normal[i]) > np.cos(_PARALLEL)
     away = s.centre[i] - a.centre
     across = np.abs(np.sum(away * a.normal, axis=1))
     along = np.abs(away[:, 1] * a.normal[:, 0] - away[:, 0] * a.normal[:, 1])
-    beside = along < a.half + 0.5 * s.half[i]
-    return bool(np.any(parallel & (across < _NEAR_PLANNED) & beside))
+    beside = np.clip(a.half + s.half[i] - along, 0.0, 2 * np.minimum(a.half, s.half[i]))
+    return bool(beside[parallel & (across < _NEAR_PLANNED)].sum() > _ALONG * 2 * s.half[i])

@@ -11,6 +11,7 @@ from data.trajectory import Trajectory
 from sgslam.frames import se2_to_se3
 
 Array = NDArray[np.float64]
+ENTERED_M = 1.0  # of the way that must lie in a room that was entered, not just looked into
 BESIDE_M = 3.0  # gap between the plan and a map that nothing places in it
 
 
@@ -73,6 +74,42 @@ def robots_floor(data: ReportData) -> Floor | None:
         below = [i for elevation, i in known if elevation <= height]
         return floors[below[-1] if below else known[0][1]]
     return max(floors, key=lambda f: sum(r.floor == f.id for r in rooms))
+
+
+def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
+    """The planned rooms that the robot was in and that no room of the map is matched to, each with the room of the map
+    (None where there is none) that it was mapped as a part of. Empty where the map's place is not known."""
+    floor = robots_floor(data)
+    if data.T_bim_map is None or data.a_graph is None:
+        return []
+    on_map = data.trajectory_map.positions[:, :2]
+    in_bim = data.trajectory_map.transformed(data.T_bim_map).positions[:, :2]
+    matched = {a for a, _ in data.pairs("rooms").values()}
+    mapped = {room.id: inside for room in data.s_graph.rooms if (inside := _inside(room, on_map)) is not None}
+    found: list[tuple[str | None, str]] = []
+    for room in data.a_graph.rooms:
+        inside = _inside(room, in_bim)
+        if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
+            continue
+        if inside.mean() * _way(on_map) >= ENTERED_M:
+            shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
+            most = max(shared, key=shared.__getitem__, default=None)
+            found.append((most if most is not None and shared[most] else None, room.id))
+    return found
+
+
+def _inside(room: Room, places: Array) -> NDArray[np.bool_] | None:
+    """(N,) whether places (N, 2) lie in a room; None where its outline is not known."""
+    import shapely
+
+    if room.polygon is None or len(room.polygon) < 3:
+        return None
+    return np.asarray(shapely.contains_xy(shapely.Polygon(room.polygon), places))
+
+
+def _way(places: Array) -> float:
+    """Metres driven."""
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
 def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:

@@ -10,7 +10,7 @@ from data.poses import poses_to_xyzquat
 from sgslam.deviation_bands import degrees, signed_mm
 from sgslam.html_parts import NOTHING, card, count, metres, seconds, table
 from sgslam.hypothesis_plans import hypothesis_texts
-from sgslam.report_data import ReportData
+from sgslam.report_data import ReportData, entered_unmatched
 
 LARGEST = 30  # deviations in the table
 
@@ -67,7 +67,7 @@ def _deviations(data: ReportData) -> str:
         sigma = NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm"
         rows.append((
             str(d["source"] or d["a_id"] or NOTHING), (room.name or room.id) if room else NOTHING, offset or NOTHING,
-            sigma, degrees(d["tilt_rad"]) or NOTHING, "yes" if d["significant"] else "no",
+            sigma, degrees(d["tilt_rad"]) or NOTHING, "yes" if d["significant"] else "no", str(d.get("reason") or ""),
         ))  # fmt: skip
         looks.append(f'{" class=marked" if d["significant"] else ""} data-shows="{escape(str(d["s_id"] or ""))}"')
     significant = sum(bool(d["significant"]) for d in data.deviations)
@@ -75,7 +75,7 @@ def _deviations(data: ReportData) -> str:
     note += f" The {LARGEST} largest are shown." if len(ranked) > LARGEST else ""
     note += " Offsets are along the plan's inward normal: above 0 the wall stands into the room."
     note += " Point at a row to see the wall in the plan."
-    head = ("Wall (source)", "Room", "Offset", "Sigma", "Tilt", "Significant")
+    head = ("Wall (source)", "Room", "Offset", "Sigma", "Tilt", "Significant", "Why")
     return card("Largest deviations", table(head, rows, 2, looks), note)
 
 
@@ -90,6 +90,8 @@ def _rooms(data: ReportData) -> str:
         return (rooms[room_id].name or room_id) if room_id in rooms else room_id
 
     rows = [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
+    rows += [(f"none of its own; in {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched")
+             for s, a in entered_unmatched(data)]  # fmt: skip
     heading = "Matched rooms" if data.T_bim_map is not None else "Rooms by the best guess"
     return card(heading, table(("Room of the map", "Room of the BIM", "Confidence"), rows))
 

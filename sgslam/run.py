@@ -29,10 +29,13 @@ def main(arguments: list[str] | None = None) -> int:
     if options.scan_dir is None and not options.demo:
         raise UserError("--scan-dir is missing: give the folder that holds the scans, or --demo")
     # libraries are loaded only now, so that --help and a missing argument answer at once
+    from data.bcf import Model
     from data.bim import load_bim
     from data.scans import ScanFolder
     from data.trajectory import Trajectory
     from sgslam.accuracy import associate
+    from sgslam.export import BCF
+    from sgslam.findings import write_topics
     from sgslam.output import prepare_folder, save_result
     from sgslam.settings import load_config
     from sgslam.slam import SceneGraphSlam
@@ -74,6 +77,10 @@ def main(arguments: list[str] | None = None) -> int:
     if truth is not None:
         more["accuracy"] = _accuracy(result, truth)
     metrics = save_result(result, out, a_graph=None if bim is None else bim.graph, truth=truth, more=more)
+    if bim is not None and result.T_bim_map is not None:
+        write_topics(
+            out / BCF, result.deviations, bim.graph, result.s_graph, result.T_bim_map, Model(options.bim.name)
+        )  # fmt: skip
     if broken is not None:
         raise UserError(f"{broken}; what was computed up to there is in {out}")
     _show(metrics, out)

@@ -63,7 +63,7 @@ def sights_of(
     through where at least three keyframes have seen something well behind it, and twice as many as have seen something
     at it.
     """
-    asked = [side for side in sides if side.hull[1] - side.hull[0] >= _LEAST_LENGTH]
+    asked = [side for side in sides if sum(high - low for low, high in side.spans) >= _LEAST_LENGTH]
     if not asked:
         return {}
     doors = np.array([d.centroid for d in floor.doors]).reshape(-1, 2)

@@ -18,21 +18,17 @@ _THICKEST = 0.7  # m between the sides of one wall
 @dataclass(frozen=True)
 class Side:
     """What one wall turns to one room: `spans` (m) along its surface, leftward from the surface's middle as one looks
-    along the normal, where it stands in full height."""
+    along the normal, where it stands in full height; `hull`: from where to where, doors and windows included."""
 
     surface: WallSurface
     source: str
     spans: Spans
+    hull: tuple[float, float]
 
     @property
     def key(self) -> Key:
         """The surface's id and the wall's source."""
         return self.surface.id, self.source
-
-    @property
-    def hull(self) -> tuple[float, float]:
-        """From where to where, doors and windows included."""
-        return self.spans[0][0], self.spans[-1][1]
 
 
 @dataclass(frozen=True)
@@ -46,13 +42,15 @@ class Body:
 
 def sides_of(surface: WallSurface) -> list[Side]:
     """The walls that a surface is made of; the surface itself where it does not tell."""
-    by_source: dict[str, list[tuple[float, float]]] = {}
-    for source, low, high in surface.parts:
-        by_source.setdefault(source, []).append((low, high))
-    if not by_source:
+    if not surface.parts:
         half = 0.5 * (surface.length or 0.0)
-        by_source = {surface.source: [(-half, half)]}
-    return [Side(surface, source, tuple(sorted(spans))) for source, spans in by_source.items()]
+        return [Side(surface, surface.source, ((-half, half),), (-half, half))]
+    sides = []
+    for source in dict.fromkeys(part[0] for part in surface.parts):
+        own = [part for part in surface.parts if part[0] == source]
+        spans = tuple(sorted((low, high) for _, low, high, whole in own if whole))
+        sides.append(Side(surface, source, spans, (min(p[1] for p in own), max(p[2] for p in own))))
+    return sides
 
 
 def bodies_of(sides: Iterable[Side]) -> list[Body]:
