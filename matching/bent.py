@@ -15,7 +15,9 @@ from data.scene_graph import SceneGraph
 from matching import se2
 from matching.bent_evidence import Chance, evidence
 from matching.doors import doors
-from matching.field import Fields, Scene, judge, motions, partners, step
+from matching.field import Fields, Scene, judge, motions
+from matching.field_partners import Lookup
+from matching.field_step import step
 from matching.groups import groups
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.local_motions import local_motions, seeds
@@ -24,11 +26,15 @@ from matching.proposals import TopK
 from matching.rivals import rivals
 from matching.se2 import Array
 from matching.second_chance import settled
-from matching.walls import Index, Walls, arrays
+from matching.walls import Index, arrays
 
 SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls speak ever more sharply
+LAST_SIGMAS = np.array([0.25, 0.18, 0.13, 0.13])
 SEEDS = 14
+DOUBTFUL = 150  # walls of a map, times the seeds that are tried however little speaks for them
 WALLS = 2000  # of a map, times the hypotheses that are followed: large maps leave less doubt
+HOPEFUL, RIVALS = 0.5, 2  # of what the best one explains; fields far behind are not followed, but for a few
+SAME = 0.02  # metres, radians
 FOLLOWED = 8  # fields that are polished and scored
 MOST_STEPS = 30  # of growth; larger maps grow by several rooms a step
 
@@ -52,11 +58,10 @@ class Bent:
         return between_graphs(self.scene.s, self.scene.plan.storeys[int(self.fields.storey[k])], self.rigid[k])
 
 
-def scene_of(s: SceneGraph, a: SceneGraph, candidates: list[Walls]) -> Scene:
-    """A map with at least one wall surface, and the storeys of a plan that it may be laid into, at least one."""
+def scene_of(s: SceneGraph, plan: PlanWalls) -> Scene:
+    """A map with at least one wall surface, and what it may be laid into."""
     walls = arrays(s, None, list(s.wall_surfaces))
-    parts = groups(walls, [d.rooms for d in s.doors])
-    return Scene(walls, parts, PlanWalls.of(candidates), doors(s, walls), tuple(doors(a, w) for w in candidates))
+    return Scene(walls, groups(walls, [d.rooms for d in s.doors]), plan, doors(s, walls))
 
 
 def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> Bent:
@@ -66,16 +71,17 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     T_a_s (3,).
     """
     s = scene.s
-    fields, sure = seeds(scene, local_motions(scene, proposals), int(np.clip(WALLS / len(s), 4, SEEDS)))
+    fewest, most = (int(np.clip(w / len(s), least, SEEDS)) for w, least in ((DOUBTFUL, 2), (WALLS, 4)))
+    fields, sure = seeds(scene, local_motions(scene, proposals), fewest, most)
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
         return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
-    grown = grow(scene, fields, sure)
-    chance = Chance.of(scene, grown, partners(scene, grown[np.zeros(1, dtype=np.int64)]))
-    found = _scored(scene, grown, chance)
+    grown, known = grow(scene, fields, sure)
+    chance = Chance.of(scene, grown, known.table)
+    found = _scored(scene, grown, known, chance)
     more = rivals(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
     if len(more):
-        found = _merged(found, _scored(scene, _polished(scene, more), chance))
+        found = _merged(found, _scored(scene, *_polished(scene, more, Lookup.of(scene, more), LAST_SIGMAS), chance))
     kept = [k for k in range(len(found)) if allowed is None or allowed(found.motion(k))]
     return _chosen(found, np.array(kept, dtype=np.int64))
 
@@ -92,40 +98,56 @@ def _allowed(
     return fields[chosen], sure[chosen]
 
 
-def grow(scene: Scene, fields: Fields, sure: Index) -> Fields:
+def grow(scene: Scene, fields: Fields, sure: Index) -> tuple[Fields, Lookup]:
     """Lets each field grow from its sure group over the map; those that come to explain most are polished."""
     hops = scene.groups.hops[sure]  # (K, G)
     pace = max(1, int(np.ceil(hops.max() / MOST_STEPS)))
     turn = -(-hops // pace)  # the step in which a group begins to speak
-    state = fields.state
-    table = partners(scene, fields)
+    known = Lookup.of(scene, fields)
     for n in range(1, int(turn.max()) + 1):
         age = n - turn
         sigma = np.where(age >= 0, SIGMAS[np.clip(age, 0, len(SIGMAS) - 1)], np.inf)
-        state = step(scene, table, state, sigma)
+        fields = Fields(fields.storey, step(scene, known.pairs, fields.state, sigma))
         if n % 4 == 0:
-            table = partners(scene, Fields(fields.storey, state))
-    fields = Fields(fields.storey, state)
-    quality = judge(scene, partners(scene, fields), state, 0.3).quality.max(axis=2, initial=0.0)
-    best = np.argsort(-(quality @ scene.s.weight), kind="stable")
-    apart = _distinct(scene, fields[best], _rigid(scene, fields[best], quality[best]))
-    followed = best[apart[: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]]
-    return _polished(scene, settled(scene, _polished(scene, fields[followed])))
+            known = known.renewed(scene, fields)
+    fields, known = _followed(scene, fields, known.renewed(scene, fields))
+    fields, known = _polished(scene, fields, known, SIGMAS[1:])
+    fields, known = _unlike(fields, known)
+    return _polished(scene, settled(scene, fields, known.pairs), known, LAST_SIGMAS)
 
 
-def _polished(scene: Scene, fields: Fields) -> Fields:
-    state = fields.state
-    for sigma in SIGMAS[1:].tolist():
-        table = partners(scene, Fields(fields.storey, state))
-        for _ in range(2):
-            state = step(scene, table, state, np.full(state.shape[:2], sigma))
-    return Fields(fields.storey, state)
+def _followed(scene: Scene, fields: Fields, known: Lookup) -> tuple[Fields, Lookup]:
+    """Those that explain most, and differ."""
+    quality = judge(scene, known.pairs, fields.state, 0.3).quality.max(axis=2, initial=0.0)
+    explained = quality @ scene.s.weight
+    best = np.argsort(-explained, kind="stable")
+    best = best[_distinct(scene, fields[best], _rigid(scene, fields[best], quality[best]))]
+    hopeful = explained[best] >= HOPEFUL * explained[best[0]]
+    hopeful[:RIVALS] = True
+    chosen = best[hopeful][: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]
+    return fields[chosen], known[chosen]
 
 
-def _scored(scene: Scene, fields: Fields, chance: Chance) -> Bent:
-    table = partners(scene, fields)
+def _unlike(fields: Fields, known: Lookup) -> tuple[Fields, Lookup]:
+    """The first of those that have come to be the same."""
+    off = np.abs(fields.state[:, None] - fields.state).max(axis=(2, 3))
+    same = (off < SAME) & (fields.storey[:, None] == fields.storey)
+    first = np.flatnonzero(same.argmax(axis=1) == np.arange(len(fields)))
+    return fields[first], known[first]
+
+
+def _polished(scene: Scene, fields: Fields, known: Lookup, sigmas: Array) -> tuple[Fields, Lookup]:
+    for sigma in sigmas.tolist():
+        known = known.renewed(scene, fields)
+        every = np.full(fields.state.shape[:2], sigma)
+        fields = Fields(fields.storey, step(scene, known.pairs, fields.state, every))
+    return fields, known.renewed(scene, fields)
+
+
+def _scored(scene: Scene, fields: Fields, known: Lookup, chance: Chance) -> Bent:
+    table = known.table
     score = evidence(scene, fields, table, chance)
-    quality = judge(scene, table, fields.state, 0.15).quality.max(axis=2, initial=0.0)
+    quality = judge(scene, known.pairs, fields.state, 0.15).quality.max(axis=2, initial=0.0)
     rigid = _rigid(scene, fields, quality)
     order = np.argsort(-score, kind="stable")
     found = Bent(scene, fields[order], table[order], score[order], rigid[order])

@@ -21,7 +21,7 @@ OPEN = 0.7  # of the plan's doors between two rooms that were seen
 
 def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
     """(K,) nats of the doors; `homes` (K, R) are the A rooms, of the field's storey, of the S rooms, -1 for none."""
-    if not len(scene.doors) and not any(len(d) for d in scene.plan_doors):
+    if not len(scene.doors) and not any(len(d) for d in scene.plan.doors):
         return np.zeros(len(fields))
     placed = _placed(scene, fields)
     return np.array([_of_one(scene, int(fields.storey[k]), placed[k], homes[k]) for k in range(len(fields))])
@@ -37,7 +37,7 @@ def _placed(scene: Scene, fields: Fields) -> Array:
 
 
 def _of_one(scene: Scene, storey: int, placed: Array, home: Index) -> float:
-    plan = scene.plan_doors[storey]
+    plan = scene.plan.doors[storey]
     home = np.append(home, -1)
     seen = np.zeros(len(plan), dtype=bool)
     total = 0.0

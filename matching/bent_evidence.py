@@ -23,13 +23,13 @@ from matching.evidence import (
     SHOWN,
     SIGMAS,
 )
-from matching.field import STEP, Fields, Judged, Scene, judge, strain
+from matching.field import Fields, Judged, Scene, chi2, judge
 from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
 from matching.walls import Index
 
 MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from one another
-DIRECTION = 15  # degrees
+LEAST_HERE, MOST_OFF = 1e-6, 0.8  # pairs that lie less beside each other, or further off (metres), are as good as none
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
 TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
 
@@ -80,8 +80,7 @@ def bending(scene: Scene, fields: Fields) -> Array:
     groups = scene.groups
     if not len(groups.edges):
         return np.zeros(len(fields))
-    chi2 = ((strain(groups, fields.state) / (STEP * groups.slack[:, None])) ** 2).sum(axis=-1)
-    each = np.minimum(chi2, MOST_STRAINED)
+    each = np.minimum(chi2(groups, fields.state), MOST_STRAINED)
     return np.asarray(each.mean(axis=1) * (len(groups) - 1))
 
 
@@ -104,44 +103,56 @@ def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:
     return _Homes(np.where(most > 0, first, -1), second)
 
 
+@dataclass(frozen=True)
+class _Ratios:
+    """Likelihood ratios against chance, E of pairs that may be, for each precision; sorted by `row` (k Ns + i)."""
+
+    row: Index  # (E,)
+    wall: Index  # (E,) of A
+    ratio: Array  # (E, precisions)
+
+
 def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance) -> Array:
     """(K,) nats of all S walls, precisions marginalised over."""
     s, plan = scene.s, scene.plan
-    ratio = _ratios(scene, fields, table, now, chance)  # (K, Ns, P, precisions)
+    found = _ratios(scene, fields, table, now, chance)
+    K, N = table.shape[:2]
     other = np.clip(NOT_IN_PLAN / (2 * s.half), *NOT_IN_PLAN_BOUNDS)[None, :, None]
-    at = plan.room[table]
-    housed = np.append(np.arange(len(s.rooms)), -1)[s.room]  # -1 stays the last
-    one, two = (np.pad(h, ((0, 0), (0, 1)), constant_values=-1)[:, housed, None] for h in (homes.first, homes.second))
-    free = (at < 0) | (s.room < 0)[None, :, None] | (one < 0)
+    at, own = plan.room[found.wall], np.append(np.arange(len(s.rooms)), -1)[s.room]  # -1 stays the last
+    one, two = (
+        np.pad(h, ((0, 0), (0, 1)), constant_values=-1)[:, own].ravel()[found.row] for h in (homes.first, homes.second)
+    )
+    free = (at < 0) | (s.room < 0)[found.row % N] | (one < 0)
+    first = np.flatnonzero(np.append(True, np.diff(found.row) > 0)[: len(found.row)])
     total = []
     for home in (at == one, (at == one) | (at == two)):
-        prior = np.where(free | home, 1.0, ELSEWHERE)[..., None]
-        best = (ratio * prior).max(axis=2, initial=0.0)
-        total.append(np.log((1 - other) * best + other))
+        best = np.zeros((K * N, found.ratio.shape[1]))
+        if len(first):
+            likely = found.ratio * np.where(free | home, 1.0, ELSEWHERE)[:, None]
+            best[found.row[first]] = np.maximum.reduceat(likely, first, axis=0)
+        total.append(np.log((1 - other) * best.reshape(K, N, -1) + other))
     member = (s.room[None] == np.arange(len(s.rooms))[:, None]).astype(float)  # (R, Ns)
-    by_room = [np.einsum("rn,knc->krc", member, t) for t in total]
-    rooms = np.logaddexp(by_room[0] + np.log(1 - TWO_IN_ONE), by_room[1] + np.log(TWO_IN_ONE)).sum(axis=1)
+    rooms = np.logaddexp(member @ total[0] + np.log(1 - TWO_IN_ONE), member @ total[1] + np.log(TWO_IN_ONE)).sum(axis=1)
     stray = total[0][:, s.room < 0].sum(axis=1)
-    return np.asarray(np.logaddexp.reduce(rooms + stray, axis=1) - np.log(ratio.shape[-1]))
+    return np.asarray(np.logaddexp.reduce(rooms + stray, axis=1) - np.log(found.ratio.shape[1]))
 
 
-def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged, chance: Chance) -> Array:
-    """(K, Ns, P, precisions) likelihood ratio of each pair against chance."""
+def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged, chance: Chance) -> _Ratios:
     s, plan = scene.s, scene.plan
-    density = np.exp(-0.5 * (now.across[..., None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
-    here = now.beside * np.exp(-0.5 * (now.turned / SIGMA_HEADING) ** 2)
-    rho = _met(scene, fields, chance)[:, :, None]
-    ratio = (here / rho)[..., None] * density
-    half = plan.half[table]
-    ends = np.ones((*half.shape, len(END_SIGMAS)))
-    length = np.maximum(2 * half, 1.0)[..., None]
+    here = now.beside * np.exp((-0.5 / SIGMA_HEADING**2) * now.turned**2)
+    k, i, p = np.nonzero((here > LEAST_HERE) & (np.abs(now.across) < MOST_OFF))
+    j, across, along = table[k, i, p], now.across[k, i, p], now.along[k, i, p]
+    density = np.exp(-0.5 * (across[:, None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
+    ratio = (here[k, i, p] / _met(scene, fields, chance)[k, i])[:, None] * density
+    half = plan.half[j]
+    ends = np.ones((len(j), len(END_SIGMAS)))
+    length = np.maximum(2 * half, 1.0)[:, None]
     for side in (-1, 1):
-        gap = (now.along + side * (s.half[:, None] - half))[..., None]
+        gap = (along + side * (s.half[i] - half))[:, None]
         normal = np.exp(-0.5 * (gap / END_SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * END_SIGMAS)
         ends *= SEEN_TO_END * normal * length + 1 - SEEN_TO_END
-    known = s.known[:, None] & plan.known[table]
-    ends = np.where(known[..., None], ends**END_TRUST, 1.0)
-    return np.asarray((ratio[..., None] * ends[..., None, :]).reshape(*half.shape, -1))
+    ends = np.where((s.known[i] & plan.known[j])[:, None], ends**END_TRUST, 1.0)
+    return _Ratios(k * len(s) + i, j, (ratio[:, :, None] * ends[:, None, :]).reshape(len(j), -1))
 
 
 def _yaw(fields: Fields) -> Array:
@@ -154,12 +165,7 @@ def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
     directions are taken by degrees."""
     s, storeys = scene.s, scene.plan.storeys
     a = storeys[chance.storey]
-    here = a.building == chance.building
-    degree = np.round(np.degrees(a.heading[here])).astype(np.int64) % 360
-    near = np.minimum(np.arange(360), 360 - np.arange(360)) <= DIRECTION
-    window = np.fft.fft(near)
-    total = np.stack([np.bincount(degree, weight, 360) for weight in (np.ones(len(degree)), a.half[here])])
-    count, half = np.fft.ifft(np.fft.fft(total) * window).real
+    count, half = scene.plan.met[chance.storey][:, chance.building]
     turned = np.array([storeys[int(st)].T_graph_own[0] for st in fields.storey]) - a.T_graph_own[0]
     own = np.round(np.degrees(s.heading + (_yaw(fields) + turned)[:, None])).astype(np.int64) % 360
     met = 2 * (half[own] + count[own] * s.half) / a.building_areas[chance.building]

@@ -9,10 +9,11 @@ from data.scene_graph import SceneGraph
 from matching import bent
 from matching.bent_complete import complete, complete_rooms
 from matching.bent_verification import verify
+from matching.kept import Kept
+from matching.plan_walls import PlanWalls
 from matching.proposals import Proposer, TopK
 from matching.result import Hypothesis, MatchResult
 from matching.start import Start, near_start
-from matching.walls import Walls, storeys
 
 LISTED = 10  # hypotheses in the answer
 
@@ -25,21 +26,21 @@ class BentMatcher:
 
     def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
         self._propose, self._others = proposer, others
+        self._plan = Kept(PlanWalls.of)
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
         """As `Matcher.match`."""
         began = time.perf_counter()
-        candidates = [w for w in storeys(a) if floor is None or w.floor == floor]
-        for what, empty in (("S-graph", not s.wall_surfaces), ("A-graph", not candidates)):
-            if empty:
-                return MatchResult("none", f"the {what} has no wall surface")
-        scene = bent.scene_of(s, a, candidates)
+        plan = self._plan(a) if floor is None else PlanWalls.of(a, floor)
+        if not s.wall_surfaces or plan is None:
+            return MatchResult("none", f"the {'A' if s.wall_surfaces else 'S'}-graph has no wall surface")
+        scene = bent.scene_of(s, plan)
         allowed = None if start is None else partial(near_start, start)
 
         def found_by(proposer: Proposer) -> bent.Bent:
-            return bent.search(scene, among(proposer(s, a).walls, a, candidates), allowed)
+            return bent.search(scene, among(proposer(s, a).walls, a, plan), allowed)
 
         found = found_by(self._propose)
         if not len(found) and self._others is not None:
@@ -51,11 +52,9 @@ class BentMatcher:
         return answer(found, began)
 
 
-def among(proposals: TopK, a: SceneGraph, candidates: list[Walls]) -> TopK:
+def among(proposals: TopK, a: SceneGraph, plan: PlanWalls) -> TopK:
     """The proposals of a plan's surfaces as those of some storeys' walls, one storey after the other."""
-    place = {name: n for n, name in enumerate(name for w in candidates for name in w.ids)}
-    index = np.array([*(place.get(w.id, -1) for w in a.wall_surfaces), -1])  # the last is for -1
-    partner = index[proposals.partner]
+    partner = plan.rows_of(a)[proposals.partner]
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 

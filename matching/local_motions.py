@@ -11,7 +11,7 @@ import numpy as np
 
 from matching import se2
 from matching.corners import pairs_within
-from matching.field import Fields, Scene, rigid_state
+from matching.field import Fields, Scene, rigid_state, wrapped
 from matching.proposals import TopK
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
@@ -24,6 +24,8 @@ SIGMA = 0.3  # metres across: neighbours' motions differ
 SIGMA_TURN = np.radians(6)
 MOST_PLACES = 40  # of one part
 MOST_PARTS = 8
+LEAST_SCORE = 1e-3  # of a proposal
+LEAST_WORTH = 0.25  # of the best one's; beyond the fewest, others are no seeds
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,7 @@ def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
     found = [_gathered(scene, votes, int(parts[n]), member[n]) for n in heard]
     group, storey = (np.concatenate([f[k] for f in found]) for k in (0, 1))
     motion = np.concatenate([f[2] for f in found])
-    near = np.concatenate([np.repeat(member[n][None], len(f[0]), axis=0) for n, f in zip(heard, found, strict=True)])
-    worth = _worth(scene, proposals, storey, motion, near)
+    worth = np.concatenate([_worth(scene, proposals, f[1], f[2], member[n]) for n, f in zip(heard, found, strict=True)])
     order = np.argsort(-worth, kind="stable")
     return LocalMotions(group[order], storey[order], motion[order], worth[order])
 
@@ -75,11 +76,13 @@ def _votes(scene: Scene, proposals: TopK) -> _Votes:
     width = proposals.partner.shape[1]
     pi, pk = (x.ravel() for x in np.meshgrid(np.arange(width), np.arange(width), indexing="ij"))
     j, m = proposals.partner[i][:, pi], proposals.partner[k][:, pk]
-    real = (j >= 0) & (m >= 0) & (plan.storey[j] == plan.storey[m])
-    opening = se2.wrap(plan.heading[m] - plan.heading[j])
-    off = se2.wrap(opening - turn[:, None])
-    v, w = np.nonzero(real & (np.abs(off) < OPENING))
-    i, k, j, m, opening, off, along = i[v], k[v], j[v, w], m[v, w], opening[v, w], off[v, w], along[v]
+    sure = proposals.score >= LEAST_SCORE
+    v, w = np.nonzero((j >= 0) & (m >= 0) & sure[i][:, pi] & sure[k][:, pk])
+    i, k, j, m, turn, along = i[v], k[v], j[v, w], m[v, w], turn[v], along[v]
+    opening = wrapped(plan.heading[m] - plan.heading[j])
+    off = wrapped(opening - turn)
+    kept = (plan.storey[j] == plan.storey[m]) & (np.abs(off) < OPENING)
+    i, k, j, m, w, opening, off, along = (x[kept] for x in (i, k, j, m, w, opening, off, along))
     yaw = se2.wrap(plan.heading[j] - s.heading[i] + off / 2)
     corner = s.centre[i] + along[:, None] * s.tangent[i]
     # The crossing of the two A lines, from A wall j along its tangent.
@@ -144,30 +147,31 @@ def _gathered(scene: Scene, votes: _Votes, part: int, member: Array) -> tuple[In
     return np.full(len(best), part), storey[first[best]], np.column_stack((mean[:, 0], shift))
 
 
-def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, near: Array) -> Array:
-    """(M,) weight of the proposed pairs of the nearby walls that a motion lays upon each other."""
+def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, member: Array) -> Array:
+    """(M,) weight of the proposed pairs of the walls of a part that a motion lays upon each other."""
     s, plan = scene.s, scene.plan
-    table = proposals.partner
-    placed = se2.apply(motion[:, None], s.centre[None])
-    heading = plan.heading[table]
-    step = placed[:, :, None] - plan.centre[table]
-    c, n = np.cos(heading), np.sin(heading)
-    across = c * step[..., 0] + n * step[..., 1]
-    along = c * step[..., 1] - n * step[..., 0]
-    turned = se2.wrap((s.heading + motion[:, :1])[..., None] - heading)
-    beyond = np.maximum(np.abs(along) - np.abs(plan.half[table] - s.half[:, None]), 0.0)
-    fits = np.exp(-0.5 * (across / SIGMA) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2 - 0.5 * (beyond / 0.8) ** 2)
-    real = (table >= 0) & (plan.storey[table] == storey[:, None, None])
-    value = np.where(real, fits * np.sqrt(proposals.score), 0.0).max(axis=2)
-    return np.asarray(np.sum(value * s.weight * near[:, scene.groups.of_wall], axis=1))
+    told = member[scene.groups.of_wall][:, None].astype(bool) & (proposals.score >= LEAST_SCORE)
+    i, place = np.nonzero(told & (proposals.partner >= 0))
+    if not len(i):
+        return np.zeros(len(motion))
+    j = proposals.partner[i, place]
+    half, heading, n_x, n_y, off, off_along = plan.lines[:, j]
+    x, y = np.moveaxis(se2.apply(motion[:, None], s.centre[i]), -1, 0)
+    across, along = x * n_x + y * n_y - off, np.abs(y * n_x - x * n_y - off_along)
+    turned = wrapped(s.heading[i] - heading + motion[:, :1])
+    beyond = np.maximum(along - np.abs(half - s.half[i]), 0.0)
+    fits = np.exp((-0.5 / SIGMA**2) * across**2 - (0.5 / SIGMA_TURN**2) * turned**2 - (0.5 / 0.8**2) * beyond**2)
+    value = np.where(plan.storey[j] == storey[:, None], fits * np.sqrt(proposals.score[i, place]), 0.0)
+    first = np.flatnonzero(np.append(True, i[1:] != i[:-1]))
+    return np.asarray(np.maximum.reduceat(value, first, axis=1) @ s.weight[i[first]])
 
 
-def seeds(scene: Scene, found: LocalMotions, most: int) -> tuple[Fields, Index]:
+def seeds(scene: Scene, found: LocalMotions, fewest: int, most: int) -> tuple[Fields, Index]:
     """The best motions that differ, as rigid fields, and the group (K,) in which each is sure."""
     kept: list[int] = []
     for n in range(len(found.worth)):
         centre = scene.groups.centre[found.group[n]]
-        if len(kept) == most:
+        if len(kept) == most or (len(kept) >= fewest and found.worth[n] < LEAST_WORTH * found.worth[0]):
             break
         at = se2.apply(found.motion[n], centre)
         hops = scene.groups.hops[found.group[n], found.group[kept]] if kept else np.zeros(0)

@@ -1,13 +1,19 @@
 """All storeys of a plan in one set of arrays."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.scene_graph import SceneGraph
+from matching.corners import corners
+from matching.doors import Doors, doors
 from matching.se2 import Array
-from matching.walls import Index, Walls
+from matching.voting import Marks
+from matching.walls import Index, Walls, storeys
+
+DIRECTION = 15  # degrees
 
 
 @dataclass(frozen=True)
@@ -15,6 +21,7 @@ class PlanWalls:
     """The N wall surfaces of all storeys; coordinates are in each storey's own frame."""
 
     storeys: tuple[Walls, ...]
+    doors: tuple[Doors, ...]  # of each storey
     first: Index  # (storeys + 1,) where each storey's walls begin
     centre: Array  # (N, 2)
     heading: Array  # (N,)
@@ -26,14 +33,47 @@ class PlanWalls:
     def __len__(self) -> int:
         return len(self.half)
 
+    @cached_property
+    def lines(self) -> Array:
+        """(6, N) half length, heading, normal (2), and the centre along the normal and along the tangent."""
+        n_x, n_y = np.cos(self.heading), np.sin(self.heading)
+        x, y = self.centre.T
+        return np.stack((self.half, self.heading, n_x, n_y, n_x * x + n_y * y, n_x * y - n_y * x))
+
+    @cached_property
+    def corners(self) -> tuple[Marks, ...]:
+        """The corners of each storey."""
+        return tuple(corners(w) for w in self.storeys)
+
+    @cached_property
+    def met(self) -> tuple[Array, ...]:
+        """Of each storey (2, buildings, 360): how many walls are of each direction, within 15 degrees, and the half
+        lengths of these."""
+        window = np.fft.rfft(np.minimum(np.arange(360), 360 - np.arange(360)) <= DIRECTION)
+        found = []
+        for a in self.storeys:
+            degree = np.round(np.degrees(a.heading)).astype(np.int64) % 360
+            total = np.zeros((2, len(a.building_areas), 360))
+            np.add.at(total[0], (a.building, degree), 1.0)
+            np.add.at(total[1], (a.building, degree), a.half)
+            found.append(np.fft.irfft(np.fft.rfft(total) * window, 360))
+        return tuple(found)
+
+    def rows_of(self, a: SceneGraph) -> Index:
+        """(surfaces of the A-graph + 1,) which of the N each is, -1 where it is not among them; the last is -1."""
+        place = {name: n for n, name in enumerate(name for w in self.storeys for name in w.ids)}
+        return np.array([*(place.get(w.id, -1) for w in a.wall_surfaces), -1])
+
     @staticmethod
-    def of(storeys: Sequence[Walls]) -> "PlanWalls":
-        """Of one storey or more."""
-        sizes = [len(w) for w in storeys]
+    def of(a: SceneGraph, floor: str | None = None) -> "PlanWalls | None":
+        """All storeys that have walls, or one of them; None where there is none."""
+        chosen = [w for w in storeys(a) if floor is None or w.floor == floor]
+        if not chosen:
+            return None
+        sizes = [len(w) for w in chosen]
+        names = ("centre", "heading", "half", "known", "room")
+        centre, heading, half, known, room = (np.concatenate([getattr(w, name) for w in chosen]) for name in names)
         return PlanWalls(
-            tuple(storeys), np.concatenate(([0], np.cumsum(sizes))), np.concatenate([w.centre for w in storeys]),
-            np.concatenate([w.heading for w in storeys]), np.concatenate([w.half for w in storeys]),
-            np.concatenate([w.known for w in storeys]),
-            np.concatenate([w.room for w in storeys]),
-            np.repeat(np.arange(len(sizes)), sizes),
+            tuple(chosen), tuple(doors(a, w) for w in chosen), np.concatenate(([0], np.cumsum(sizes))), centre, heading,
+            half, known, room, np.repeat(np.arange(len(sizes)), sizes),
         )  # fmt: skip

@@ -14,14 +14,15 @@ from matching.evidence import SEEN
 from matching.field import Fields, Scene, judge
 from matching.scoring import SIGMA_SCORE, Pairing, explained
 from matching.se2 import Array
-from matching.voting import vote
+from matching.voting import Marks, vote
 from matching.walls import Index, Walls
 
 MOST_PLACES = 12  # of each yaw mode
 SIGMA = 0.4  # metres across: places that are alike, not equal
 LEAST = 0.4  # of the walls' weight that a likeness explains
 MOST = 6
-LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere
+LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere,
+MOST_ASKED = 60  # and how many of them are asked whether they lie well there
 
 
 def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
@@ -34,7 +35,8 @@ def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
     if len(used) < LEAST_WALLS:
         return Fields(np.zeros(0, dtype=np.int64), np.zeros((0, *best.state.shape[1:])))
     part = _part(home, used)
-    found = [(w, st, m) for st, a in enumerate(scene.plan.storeys) for w, m in _likenesses(part, a, st == storey)]
+    of_plan = list(zip(scene.plan.storeys, scene.plan.corners, strict=True))
+    found = [(w, st, m) for st, (a, marks) in enumerate(of_plan) for w, m in _likenesses(part, a, marks, st == storey)]
     found = sorted(found, key=lambda f: -f[0])[:MOST]
     states = [_moved(scene, best.state[0], m) for _, _, m in found]
     shape = (0, *best.state.shape[1:])
@@ -48,12 +50,13 @@ def _part(a: Walls, used: Index) -> Walls:
     )  # fmt: skip
 
 
-def _likenesses(part: Walls, a: Walls, at_home: bool) -> list[tuple[float, Array]]:
+def _likenesses(part: Walls, a: Walls, of_a: Marks, at_home: bool) -> list[tuple[float, Array]]:
     """(share explained, motion (3,)) of the places in a storey that are like the part, its own place aside."""
     found: list[tuple[float, Array]] = []
     middle, own = part.centre.mean(axis=0), corners(part)
-    for voted in vote(own, corners(a), MOST_PLACES):
-        worth = explained(Pairing.near(part, a, voted.yaw), voted.motions, SIGMA) / part.weight.sum()
+    some = _part(part, np.arange(0, len(part), -(-len(part) // MOST_ASKED)))
+    for voted in vote(own, of_a, MOST_PLACES):
+        worth = explained(Pairing.near(some, a, voted.yaw), voted.motions, SIGMA) / some.weight.sum()
         for w, m in zip(worth.tolist(), voted.motions, strict=True):
             off = np.hypot(*(se2.apply(m, middle) - middle))
             itself = at_home and off < 0.4 and abs(se2.wrap(m[:1])[0]) < np.radians(4)

@@ -1,8 +1,10 @@
 """Rooms that found no walls of theirs are tried a little aside: a step of drift can be wider than what draws them."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from matching.field import STEP, Fields, Scene, judge, partners, step, strain
+from matching.field import Fields, Pairs, Scene, chi2, judge
+from matching.field_step import step
 from matching.scoring import SIGMA_SCORE
 from matching.se2 import Array
 from matching.walls import Index
@@ -14,41 +16,40 @@ WALL = 2.0  # nats of a wall that is explained, for its weight,
 MOST_STRAINED = 12.0  # against half the chi^2 to the neighbours, in the mean
 
 
-def settled(scene: Scene, fields: Fields) -> Fields:
+def settled(scene: Scene, fields: Fields, known: Pairs) -> Fields:
     """The fields with each discontented group where it is explained best, held by its neighbours."""
-    K, G = fields.state.shape[:2]
-    table = partners(scene, fields)
-    weight = np.bincount(scene.groups.of_wall, scene.s.weight, G)
-    discontented = _explained(scene, table, fields.state) < CONTENT * weight
-    if not discontented.any():
+    discontented = _explained(scene, known, fields.state) < CONTENT * (scene.s.weight @ scene.member)
+    some = np.flatnonzero(discontented.any(axis=1))
+    if not len(some):
         return fields
+    state = fields.state.copy()
+    state[some] = _tried(scene, state[some], known.table[some], discontented[some])
+    return Fields(fields.storey, state)
+
+
+def _tried(scene: Scene, state: Array, table: Index, discontented: NDArray[np.bool_]) -> Array:
+    """(K, G, 3) the best of the places beside for each discontented group."""
+    K, G = state.shape[:2]
     shifts = ASIDE * np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
-    tried = np.repeat(fields.state[:, None], len(shifts), axis=1)  # (K, shifts, G, 3)
+    tried = np.repeat(state[:, None], len(shifts), axis=1)  # (K, shifts, G, 3)
     tried[..., 1:] += shifts[None, :, None] * discontented[:, None, :, None]
     tried = tried.reshape(-1, G, 3)
-    tables = np.repeat(table, len(shifts), axis=0)
+    pairs = Pairs.of(scene, np.repeat(table, len(shifts), axis=0))
     for sigma in SIGMAS:
-        tried = step(scene, tables, tried, np.full((len(tried), G), sigma))
-    merit = WALL * _explained(scene, tables, tried) - 0.5 * _strained(scene, tried)
+        tried = step(scene, pairs, tried, np.full((len(tried), G), sigma))
+    merit = WALL * _explained(scene, pairs, tried) - 0.5 * _strained(scene, tried)
     best = np.where(discontented, merit.reshape(K, len(shifts), G).argmax(axis=1), 0)
-    chosen = tried.reshape(K, len(shifts), G, 3)[np.arange(K)[:, None], best, np.arange(G)]
-    return Fields(fields.storey, chosen)
+    return np.asarray(tried.reshape(K, len(shifts), G, 3)[np.arange(K)[:, None], best, np.arange(G)])
 
 
-def _explained(scene: Scene, table: Index, state: Array) -> Array:
+def _explained(scene: Scene, pairs: Pairs, state: Array) -> Array:
     """(K, G) weight of each group's walls that are explained."""
-    K, G = state.shape[:2]
-    value = judge(scene, table, state, SIGMA_SCORE).quality.max(axis=2, initial=0.0) * scene.s.weight
-    flat = np.arange(K)[:, None] * G + scene.groups.of_wall
-    return np.asarray(np.bincount(flat.ravel(), value.ravel(), K * G).reshape(K, G))
+    quality = judge(scene, pairs, state, SIGMA_SCORE).quality.max(axis=2, initial=0.0)
+    return np.asarray((quality * scene.s.weight) @ scene.member)
 
 
 def _strained(scene: Scene, state: Array) -> Array:
     """(K, G) chi^2 of each group to its neighbours, in the mean."""
-    groups = scene.groups
-    chi2 = ((strain(groups, state) / (STEP * groups.slack[:, None])) ** 2).sum(axis=-1)
-    total, count = np.zeros(state.shape[:2]), np.zeros(state.shape[1])
-    for end in groups.edges.T:
-        np.add.at(total.T, end, np.minimum(chi2, MOST_STRAINED).T)
-        np.add.at(count, end, 1.0)
-    return total / np.maximum(count, 1.0)
+    each = np.minimum(chi2(scene.groups, state), MOST_STRAINED)
+    total = np.concatenate((each, each), axis=1) @ scene.incidence
+    return np.asarray(total / np.maximum(scene.incidence.sum(axis=0), 1.0))

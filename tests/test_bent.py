@@ -8,11 +8,14 @@ from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError
 from data.s_graph_regimes import DrawnGraph, draw
-from matching import MatchResult, bent, field, se2
+from matching import MatchResult, bent, field, field_partners, se2
+from matching.bands import Band
 from matching.bent_matcher import BentMatcher, among
 from matching.corners import corners
 from matching.field import motions
 from matching.hypotheses import between_graphs
+from matching.kept import PLANS_KEPT, Kept
+from matching.plan_walls import PlanWalls
 from matching.proposals import Proposals, TopK
 from matching.voting import marks
 from matching.voting_proposals import voting_proposals
@@ -40,9 +43,9 @@ def share_right(result: MatchResult, truth: DrawnGraph) -> float:
 
 
 def found_for(truth: DrawnGraph, plan: SceneGraph) -> bent.Bent:
-    s, floors = truth.s_graph, storeys(plan)
-    proposals = among(voting_proposals(s, plan).walls, plan, floors)
-    return bent.search(bent.scene_of(s, plan, floors), proposals)
+    s, walls = truth.s_graph, PlanWalls.of(plan)
+    assert walls is not None
+    return bent.search(bent.scene_of(s, walls), among(voting_proposals(s, plan).walls, plan, walls))
 
 
 def errors_by_room(found: bent.Bent, truth: DrawnGraph) -> tuple[np.ndarray, np.ndarray]:
@@ -83,13 +86,42 @@ def test_rooms_merged_and_cut_are_not_matched_wrongly():
         assert share_right(result, truth) > 0.85
 
 
-def test_large_maps_are_solved_as_small_ones_are(drifted, monkeypatch):
-    dense = found_for(drifted, PLAN)
-    monkeypatch.setattr(field, "DENSE", 1)
+def test_large_plans_are_looked_up_as_small_ones_are(drifted, monkeypatch):
+    whole = found_for(drifted, PLAN)
+    monkeypatch.setattr(field_partners, "SMALL", 1)
     monkeypatch.setattr(field, "BLOCK", 7)
-    sparse = found_for(drifted, PLAN)
-    np.testing.assert_allclose(sparse.fields.state[0], dense.fields.state[0], atol=1e-6)
-    np.testing.assert_allclose(sparse.score, dense.score, atol=1e-4)
+    by_window = found_for(drifted, PLAN)
+    monkeypatch.setattr(field_partners, "SMALL", 10**6)
+    monkeypatch.setattr(field_partners, "FEW", 1)
+    by_direction = found_for(drifted, PLAN)
+    for other in (by_window, by_direction):
+        np.testing.assert_allclose(other.fields.state[0], whole.fields.state[0], atol=1e-6)
+        np.testing.assert_allclose(other.score, whole.score, atol=1e-4)
+
+
+@pytest.mark.parametrize("edges", [[(0, 1), (1, 2), (0, 4), (3, 4), (2, 5)], [(0, k) for k in range(1, 9)], []])
+def test_systems_of_blocks_are_solved(edges):
+    rng, count = np.random.default_rng(0), 9
+    ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
+    between, right = rng.normal(size=(2, len(ends), 3, 3)), rng.normal(size=(2, count, 3))
+    own = rng.normal(size=(2, count, 3, 3))
+    own = own @ np.swapaxes(own, -1, -2) + 40 * np.eye(3)
+    whole = np.zeros((2, count, 3, count, 3))
+    for g in range(count):
+        whole[:, g, :, g] = own[:, g]
+    for e, (g, h) in enumerate(ends):
+        whole[:, g, :, h], whole[:, h, :, g] = between[:, e], np.swapaxes(between[:, e], -1, -2)
+    expected = np.linalg.solve(whole.reshape(2, 27, 27), right.reshape(2, 27, 1)).reshape(2, count, 3)
+    np.testing.assert_allclose(Band.of(ends, count).solved(own, between, right), expected, atol=1e-9)
+
+
+def test_what_is_known_of_a_plan_is_kept_for_it_alone():
+    worked = []
+    kept = Kept(lambda graph: worked.append(graph.frame) or graph.frame)
+    graphs = [SceneGraph(f"g{k}") for k in range(PLANS_KEPT + 1)]
+    assert [kept(g) for g in graphs] == [g.frame for g in graphs]
+    assert kept(graphs[-1]) == graphs[-1].frame and len(worked) == len(graphs)
+    assert kept(graphs[0]) == "g0" and worked[-1] == "g0"
 
 
 @pytest.mark.parametrize("of", ["map", "plan"])
