@@ -10,7 +10,6 @@ import ifcopenshell
 import ifcopenshell.api.geometry
 import ifcopenshell.guid
 import numpy as np
-from ifcopenshell.util.representation import get_representation
 from ifcopenshell.util.shape_builder import ShapeBuilder
 from ifcopenshell.util.unit import calculate_unit_scale
 
@@ -123,16 +122,25 @@ def _guid(name: str) -> str:
 
 def _color(model: ifcopenshell.file, product: Entity, status: str, styles: dict[str, Entity]) -> None:
     """Colours the product's body; a style that it has is replaced, one of its material is outdone."""
-    body = get_representation(product, "Model", "Body")
+    body = _body(product)
     if status not in COLORS or body is None:
         return
-    style = styles.setdefault(status, _style(model, status)) if status not in styles else styles[status]
+    if status not in styles:
+        styles[status] = _style(model, status)
+    style = styles[status]
     for item in body.Items:
         own = list(item.StyledByItem)
         if own:
             own[0].Styles = (style,)
         else:
             model.create_entity("IfcStyledItem", item, (style,), None)
+
+
+def _body(product: Entity) -> Entity | None:
+    """The representation that has the product's body, in whatever context."""
+    shape = product.Representation
+    own = shape.Representations if shape is not None else ()
+    return next((r for r in own if r.RepresentationIdentifier == "Body"), None)
 
 
 def _style(model: ifcopenshell.file, status: str) -> Entity:
@@ -183,7 +191,7 @@ def _storeys(model: ifcopenshell.file, global_id: str | None) -> Iterator[Entity
 def _body_context(model: ifcopenshell.file) -> Entity:
     """The context that the walls' bodies are in."""
     for wall in model.by_type("IfcWall"):
-        body = get_representation(wall, "Model", "Body")
+        body = _body(wall)
         if body is not None:
             return body.ContextOfItems
     return model.by_type("IfcGeometricRepresentationContext")[0]
