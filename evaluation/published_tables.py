@@ -47,7 +47,7 @@ def _parser() -> Parser:
     parser.add_argument("--generated", type=int, default=0, metavar="N", help="generated apartments, a pair each")
     parser.add_argument("--se2", type=Path, metavar="FILE", help="a known map, see evaluation.se2_subsets")
     parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.slam_graphs")
-    parser.add_argument("--methods", nargs="+", default=METHODS, metavar="NAME")
+    parser.add_argument("--methods", nargs="*", default=METHODS, metavar="NAME")
     parser.add_argument(
         "--ablation",
         nargs="+",
