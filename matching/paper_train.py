@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 from data.cli import Parser, run_command
 from data.errors import UserError
+from matching.paper_graph import EDGES, WITHOUT
 
 if TYPE_CHECKING:
     from data.plans import Plan
 
 COMMAND = "python -m matching.paper_train"
 PRESETS = ("published", "repository")
-EDGES = ("paper", "code")
-WITHOUT = ("rooms", "ring", "mlp")
 
 
 def main(arguments: list[str] | None = None) -> int:
