@@ -3,7 +3,7 @@
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from data.cli import Parser, run_command
 from data.errors import UserError
@@ -19,20 +19,7 @@ PRESETS = ("published", "repository")
 def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError."""
     given = sys.argv[1:] if arguments is None else arguments
-    parser = Parser(
-        prog=COMMAND,
-        description="Trains the published matcher on pairs of the published perturbation. Goes on where it was stopped "
-        "when --out holds a run. Writes paper.pt, curve.csv, model_card.json.",
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
-    parser.add_argument("--preset", default="published", help="hyper-parameters: published (default) or repository")
-    parser.add_argument("--edges", default="paper", help="of the paper's text (default) or of its code: paper, code")
-    parser.add_argument("--without", nargs="+", default=[], metavar="PART", help=f"left out: {', '.join(WITHOUT)}")
-    add_data_options(parser)
-    parser.add_argument("--epochs", type=int, default=60, metavar="N", help="at most (default: 60)")
-    parser.add_argument("--patience", type=int, default=20, metavar="N", help="epochs without a better (default: 20)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
-    options = parser.parse_args(given)
+    options = _parser().parse_args(given)
     _check(options.preset, "--preset", PRESETS)
     _check(options.edges, "--edges", EDGES)
     for part in options.without:
@@ -71,20 +58,43 @@ def main(arguments: list[str] | None = None) -> int:
     network = training.best_network()
     loss, accuracy = judged(network, pairs.test)
     write_card(out, {
-        "what": "the published matcher, reproduced: answers without a check of its own",
-        "settings": settings.to_dict(), "recipe": recipe.to_dict(),
-        "parameters": sum(p.numel() for p in network.parameters()),
-        "command": shlex.join([*COMMAND.split(), *(_named(g) for g in given)]), "seed": options.seed, "ended": ended,
-        "data": {
-            "files": [p.name for p in options.plans], "plans": len(plans),
-            "pairs": [len(part) for part in (pairs.train, pairs.validation, pairs.test)],
-            "split": "70 / 15 / 15 % by building, stratified by size",
-        },
+        **_told(given, options, len(plans)), "ended": ended, "settings": settings.to_dict(),
+        "recipe": recipe.to_dict(), "parameters": sum(p.numel() for p in network.parameters()),
+        "pairs": [len(part) for part in (pairs.train, pairs.validation, pairs.test)],
         "best": min(training.curve, key=lambda row: row["validation loss"]),
         "test": {"loss": loss, "accuracy": accuracy},
     })  # fmt: skip
     print(f"test set: loss {loss:.4f}, accuracy {accuracy:.4f}")
     return 0
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog=COMMAND,
+        description="Trains the published matcher on pairs of the published perturbation. Goes on where it was stopped "
+        "when --out holds a run. Writes paper.pt, curve.csv, model_card.json.",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
+    parser.add_argument("--preset", default="published", help="hyper-parameters: published (default) or repository")
+    parser.add_argument("--edges", default="paper", help="of the paper's text (default) or of its code: paper, code")
+    parser.add_argument("--without", nargs="+", default=[], metavar="PART", help=f"left out: {', '.join(WITHOUT)}")
+    add_data_options(parser)
+    parser.add_argument("--epochs", type=int, default=60, metavar="N", help="at most (default: 60)")
+    parser.add_argument("--patience", type=int, default=20, metavar="N", help="epochs without a better (default: 20)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
+    return parser
+
+
+def _told(given: list[str], options: Any, plans: int) -> dict[str, Any]:
+    """What the card says of the run and its data."""
+    return {
+        "what": "the published matcher, reproduced: answers without a check of its own",
+        "command": shlex.join([*COMMAND.split(), *map(_named, given)]), "seed": options.seed,
+        "data": {
+            "files": [p.name for p in options.plans], "plans": plans,
+            "split": "70 / 15 / 15 % by building, stratified by size",
+        },
+    }  # fmt: skip
 
 
 def add_data_options(parser: Parser) -> None:

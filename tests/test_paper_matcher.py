@@ -269,7 +269,7 @@ def test_command_trains_goes_on_and_writes_a_card(tmp_path: Path, capsys: pytest
     train_command([*command, "2"])
     assert "goes on after 1 epochs" in capsys.readouterr().out
     card = json.loads((tmp_path / "model_card.json").read_text())
-    assert card["parameters"] == 50_754 and sum(card["data"]["pairs"]) == 20
+    assert card["parameters"] == 50_754 and sum(card["pairs"]) == 20
     assert (tmp_path / "curve.csv").read_text().count("\n") == 3
     assert load_paper_network(tmp_path / "paper.pt").settings == REPOSITORY
 
