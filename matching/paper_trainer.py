@@ -4,7 +4,8 @@ import copy
 import io
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,7 @@ class PaperTraining:
     optimizer: torch.optim.Optimizer
     recipe: Recipe
     seed: int
+    data: str  # tells other pairs from those it is trained on
     curve: list[Row] = field(default_factory=list)
     best: dict[str, Any] | None = None
     seconds: float = 0.0
@@ -70,11 +72,14 @@ class PaperTraining:
         network = PaperNetwork(settings)
         network.standardise_by(torch.cat([nodes.features for nodes in nodes_of(pairs.train)]))
         optimizer = torch.optim.AdamW(network.parameters(), recipe.rate, weight_decay=recipe.decay)
-        return PaperTraining(network, optimizer, recipe, seed)
+        data = blake2b(digest_size=8)
+        for pair in pairs.train:
+            data.update(pair.a.features.tobytes() + pair.s.features.tobytes())
+        return PaperTraining(network, optimizer, recipe, seed, data.hexdigest())
 
     def save(self, path: Path) -> None:
         """Writes everything atomically."""
-        value = {k: getattr(self, k) for k in ("seed", "curve", "best", "seconds")}
+        value = {k: getattr(self, k) for k in ("seed", "data", "curve", "best", "seconds")}
         value |= {"settings": self.network.settings.to_dict(), "recipe": self.recipe.to_dict()}
         value |= {"network": self.network.state_dict(), "optimizer": self.optimizer.state_dict()}
         buffer = io.BytesIO()
@@ -87,11 +92,10 @@ class PaperTraining:
         Raises UserError where something does.
         """
         value = torch.load(path, map_location="cpu", weights_only=True)
-        own = {"settings": self.network.settings.to_dict(), "seed": self.seed, "recipe": self.recipe.to_dict()}
-        for of in own:
-            mine, found = ({k: v for k, v in x.items() if k not in ("epochs", "patience")} if isinstance(x, dict) else x
-                           for x in (own[of], value[of]))  # fmt: skip
-            if mine != found:
+        recipe = replace(Recipe(**value["recipe"]), epochs=self.recipe.epochs, patience=self.recipe.patience)
+        own = {"settings": self.network.settings.to_dict(), "seed": self.seed, "recipe": self.recipe, "data": self.data}
+        for of, found in {**value, "recipe": recipe}.items():
+            if own.get(of, found) != found:
                 raise UserError(f"{path}: a run with another {of}; give another --out or take it away")
         self.network.load_state_dict(value["network"])
         self.optimizer.load_state_dict(value["optimizer"])

@@ -203,6 +203,9 @@ def test_training_lowers_the_loss_and_goes_on_bitwise(pairs: list[PaperPair], tm
     assert best == min(r["validation loss"] for r in whole.curve)
     with pytest.raises(UserError, match="another settings"):
         PaperTraining.begin(PUBLISHED, recipe, parts, 0).load(tmp_path / "checkpoint.pt")
+    with pytest.raises(UserError, match="another data"):
+        others = replace(parts, train=parts.validation)
+        PaperTraining.begin(TINY, recipe, others, 0).load(tmp_path / "checkpoint.pt")
 
 
 def test_training_ends_where_nothing_gets_better(pairs: list[PaperPair]):
