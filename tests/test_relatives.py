@@ -99,3 +99,14 @@ def test_assignments():
     assert mutual_best(table).tolist() == [0, -1, -1]
     assert mutual_best(np.zeros((2, 1))).tolist() == [-1, -1]
     assert best_as_a_whole(np.zeros((0, 4))).tolist() == []
+
+
+@pytest.mark.parametrize("kind", RELATIVES)
+def test_shipped_weights_find_most_of_a_map_of_a_plan_never_seen(kind: str):
+    matcher, right, expected = Matcher.load(kind), 0, 0
+    for seed in range(3):
+        drawn = draw(PLAN, "real", np.random.default_rng(seed), 6)
+        result = matcher.match(drawn.s_graph, PLAN)
+        right += sum(drawn.wall_surfaces.get(s) == a for s, a, _ in result.wall_surfaces)
+        expected += len(drawn.wall_surfaces)
+    assert right > 0.5 * expected
