@@ -1,4 +1,4 @@
-"""Walls that stand in the plane of planned ones where the plan has an opening, or none any more."""
+"""Walls that stand in the plane of planned ones where the plan has an opening, or far beyond their ends."""
 
 from typing import Any
 
@@ -14,6 +14,7 @@ from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _LEAST = 1.0  # m in one stretch, margins left out; closed doors are narrower
+_LEAST_BEYOND = 2.0  # m in one stretch beyond a planned wall's end, where rooms may have been parted otherwise
 _DOOR = 0.75  # m around a door's middle
 _MARGIN = 0.1  # m beside a planned wall's end
 _IN_PLANE = 0.05  # m
@@ -22,9 +23,9 @@ _IN_PLANE = 0.05  # m
 def filled_openings(
     sides: list[Side], doors: Floats, holding: Holding, scene: Scene, walls: WallMap, origin: Floats, config: Config
 ) -> list[dict[str, Any]]:
-    """The entries of deviations.json, as extra walls, of seen surfaces that stand as planned, and go on where no
-    planned wall is in their plane. `doors` (K, 2) are in the BIM frame, `origin` (2,) is where the local frame lies in
-    it. Where the plan does not tell its openings, nothing is told.
+    """The entries of deviations.json, as extra walls, of seen surfaces that stand as planned, and go on through an
+    opening of the planned one, or far beyond its end. `doors` (K, 2) are in the BIM frame, `origin` (2,) is where the
+    local frame lies in it. Where the plan does not tell its openings, nothing is told.
     """
     covered = walls.coverage(STEP)
     found = []
@@ -34,13 +35,15 @@ def filled_openings(
         wall = scene.wall_of_surface[held.surface.id]
         middle = np.subtract(held.planned.centroid, origin)
         seen, _ = along_planned(held, covered[wall], walls, wall, holding.place, middle)
-        free = seen[~_beside_planned(held, seen, sides) & ~_at_door(held, seen, doors)]
-        stretch = _longest(free)
-        if stretch >= _LEAST:
+        free = ~_beside_planned(held, seen, sides) & ~_at_door(held, seen, doors)
+        inside = np.abs(seen) < 0.5 * (held.planned.length or 0.0)
+        within, beyond = _longest(seen[free & inside]), _longest(seen[free & ~inside])
+        if within >= _LEAST or beyond >= _LEAST_BEYOND:
+            where = "where the plan has an opening in its wall" if within >= _LEAST else "beyond the end of its wall"
             found.append({
                 "s_id": held.surface.id, "a_id": None, "source": "", "kind": "extra", "offset_m": None,
                 "tilt_rad": None, "sigma_m": None, "significant": True,
-                "reason": f"{stretch:.1f} m of it stand where the plan has an opening in its wall",
+                "reason": f"{within if within >= _LEAST else beyond:.1f} m of it stand {where}",
             })  # fmt: skip
     return found
 

@@ -23,6 +23,10 @@ _STANDING = 0.25  # of what is seen through; where more of a wall stands as plan
 _TOLD_OPEN = 0.3  # m that are seen through of a surface of a wall that is absent
 _LEAST_EXTRA = 1.2  # m
 _NO_FURNITURE = 2.0  # m above the floor; cupboards end below
+_SCREEN = 1.3  # m above the floor; what is lower is no wall, however thin
+_THIN = 0.25  # m between both sides of a wall; furniture is thicker
+_LEAST_BACK = 1.0  # m of its other side
+_ASKEW = 0.1  # rad between both sides of a wall
 _PARALLEL = 0.35  # rad; pieces of a niche are seen askew
 _ALONG = 0.35  # of an extra wall's length that may have planned walls along it
 _NEAR_PLANNED = 0.8  # m; before a planned wall this near stand cupboards
@@ -83,20 +87,22 @@ def extra(
 ) -> list[dict[str, Any]]:
     """The entries of deviations.json of seen wall surfaces where the plan has none.
 
-    A long surface that is seen higher than cupboards are, from three keyframes or more, with no planned wall along
-    it that it could be, or that it could be furniture of.
+    A long surface that is seen higher than cupboards are, or whose other side is seen too, as thin as a wall, from
+    three keyframes or more, with no planned wall along it that it could be, or that it could be furniture of.
     """
     held = {h.surface.id for h in holding.walls}
     surfaces = list(scene.graph.wall_surfaces)
     s = WallArrays.of(surfaces, {}, np.zeros(2)).moved(holding.place)
     a = WallArrays.of(list(floor.wall_surfaces), {}, origin)
     heights, count = walls.heights(), walls.counts()
+    of = [scene.wall_of_surface[surface.id] for surface in surfaces]
+    tall = np.array([heights[wall][1] > _SCREEN and count[wall] > LOOKS for wall in of], dtype=bool)
     found = []
     for i, surface in enumerate(surfaces):
-        wall = scene.wall_of_surface[surface.id]
+        wall = of[i]
         if surface.id in held or 2 * s.half[i] < _LEAST_EXTRA or count[wall] < LOOKS:
             continue
-        if heights[wall][1] < _NO_FURNITURE or _planned_near(s, i, a):
+        if _planned_near(s, i, a) or (heights[wall][1] < _NO_FURNITURE and not has_other_side(s, i, tall)):
             continue
         low, high = heights[wall]
         found.append({
@@ -105,6 +111,15 @@ def extra(
             "reason": f"{2 * s.half[i]:.1f} m long, seen from {low:.1f} to {high:.1f} m above the floor",
         })  # fmt: skip
     return found
+
+
+def has_other_side(s: WallArrays, i: int, tall: NDArray[np.bool_]) -> bool:
+    """Whether the seen surface i is tall, and so is another one, as thin as a wall behind it, that faces away."""
+    behind = -np.sum((s.centre - s.centre[i]) * s.normal[i], axis=1)
+    t = np.array([-s.normal[i][1], s.normal[i][0]])
+    beside = s.half + s.half[i] - np.abs((s.centre - s.centre[i]) @ t)
+    back = (s.normal @ s.normal[i] < -np.cos(_ASKEW)) & (behind > 0) & (behind < _THIN)
+    return bool(tall[i] and np.any(tall & back & (beside > _LEAST_BACK)))
 
 
 def _planned_near(s: WallArrays, i: int, a: WallArrays) -> bool:

@@ -20,6 +20,7 @@ from sgslam.consensus import Consensus, Pairs
 from sgslam.deviations import Piece
 from sgslam.holding import Held
 from sgslam.position import WallArrays, pair_by_position
+from sgslam.presence import has_other_side
 from sgslam.report_data import ReportData, entered_unmatched
 from sgslam.sights import Sight
 from sgslam.slam import SceneGraphSlam
@@ -204,3 +205,17 @@ def test_a_door_that_was_walled_up_is_told_as_an_extra_wall() -> None:
     seen = result.s_graph.surface_by_id[told["s_id"]]
     centre = result.T_bim_map[:2, :2] @ seen.centroid + result.T_bim_map[:2, 3]
     assert abs((centre - longest.centroid) @ np.array(longest.normal)) < 0.03
+
+
+def test_a_thin_wall_that_is_seen_from_both_sides_is_told_from_furniture() -> None:
+    """Neither is seen above 1.6 m: two sides 12 cm apart are a wall's, one alone may be a cupboard's."""
+    left, right = side("left", 0.12, 1.0, "", length=2.0), side("right", 0.0, -1.0, "", x=0.2, length=2.0)
+    deep = side("deep", -0.4, -1.0, "", length=2.0)
+    tall = np.ones(2, dtype=bool)
+    assert has_other_side(WallArrays.of([left, right], {}, np.zeros(2)), 0, tall)
+    assert has_other_side(WallArrays.of([left, right], {}, np.zeros(2)), 1, tall)
+    assert not has_other_side(WallArrays.of([left, deep], {}, np.zeros(2)), 0, tall)
+    assert not has_other_side(WallArrays.of([left, right], {}, np.zeros(2)), 0, np.array([True, False]))
+    # facing each other across a slit they are no wall
+    slit = [side("near", 0.0, 1.0, "", length=2.0), side("far", 0.12, -1.0, "", length=2.0)]
+    assert not has_other_side(WallArrays.of(slit, {}, np.zeros(2)), 0, tall)
