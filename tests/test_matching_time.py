@@ -1,0 +1,36 @@
+"""The command that times a match beside the published forward pass."""
+
+import subprocess
+import sys
+
+from evaluation.matching_time import CASES, Case, Large, Times, in_new_process, measured, measured_large, page_of
+
+SMALL = Case("apartment", 3, None, 3)
+
+
+def test_sizes_are_the_published_ones():
+    s, a = CASES[0].graphs()
+    assert (len(a.rooms) + len(a.wall_surfaces), len(s.rooms) + len(s.wall_surfaces)) == (95, 69)
+
+
+def test_a_match_takes_longer_than_its_parts():
+    t = in_new_process(measured, SMALL, 1)
+    assert 0 < t.forward <= t.published and 0 < t.proposals < t.match
+    assert t.surfaces[0] == len(SMALL.graphs()[1].wall_surfaces)
+
+
+def test_memory_is_the_most_that_was_held():
+    large = measured_large(SMALL, 1)
+    assert large.memory > 50 and large.grown >= 0 and large.match > 0
+
+
+def test_the_page_tells_the_ratio():
+    t = Times((95, 69), (77, 57), 0.002, 0.01, 0.012, 0.005, 0.02, "unique")
+    page = page_of([t], Large((5000, 200), 0.4, 2.0, 900.0, 300.0, "unique"), 3)
+    assert "| 95 and 69 |" in page and "| 6.0 |" in page and "| 900 |" in page and "least of 3" in page
+
+
+def test_a_number_of_runs_below_one_is_refused():
+    command = [sys.executable, "-m", "evaluation.matching_time", "--repeat", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 2 and "must be at least 1" in done.stderr
