@@ -19,6 +19,7 @@ LEAST_QUALITY = 0.008
 LEAST_SHARE = 0.25  # of an S room's walls, by length, that lie in its A room
 PART_SHARE = 0.2  # of a room's walls in another A room: it may be two rooms in one
 OTHER_ROOM, OTHER_PART = 0.1, 0.5  # what a wall pair is worth whose rooms were not matched, or may be, to each other
+SECOND_SHARE = 0.6  # of the walls of an S room in an A room that another S room has: it was cut in two
 CONTESTED = 0.5  # of the best A room's share; where another one has more, the S room is not matched
 INSIDE = 0.05  # of share, that a room counts more in which the S room's centroid lies
 DOUBT = 0.02  # quality of a wall of no plan
@@ -106,7 +107,8 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
         for q in np.argsort(-merit[r], kind="stable")[:3].tolist():
             if share[r, q] < LEAST_SHARE or np.delete(share[r], q).max(initial=0.0) > CONTESTED * share[r, q]:
                 continue
-            if all(_apart(laid, r, o, q) for o, taken in chosen.items() if taken == q):
+            others = [o for o, taken in chosen.items() if taken == q]
+            if not others or (share[r, q] >= SECOND_SHARE and all(_apart(laid, r, o, q) for o in others)):
                 chosen[r] = q
                 break
     return tuple((r, q, _among(merit[r], q, DOUBT_ROOM)) for r, q in sorted(chosen.items()))
