@@ -131,7 +131,8 @@ INTRODUCTION = (
 
 NOTES = {
     ("pca-gm", "superglue"): "`pca-gm` and `superglue` are networks by these ideas on our features, trained by the "
-    "same command for about ten minutes of one core each; their own assignment is the answer, unchecked.",
+    "same command for fewer than 1000 steps each and still getting better when they were stopped; their own assignment "
+    "is the answer, unchecked.",
     ("combinatorial", "combinatorial-grid"): "`combinatorial` is the search of iS-Graphs, which only answers whole "
     "maps that agree with the plan.",
 }
