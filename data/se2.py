@@ -8,7 +8,7 @@ Array = NDArray[np.float64]
 
 def wrap(angle: Array) -> Array:
     """Angles to [-pi, pi)."""
-    return (angle + np.pi) % (2 * np.pi) - np.pi
+    return angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))  # several times faster than a remainder
 
 
 def rotate(yaw: Array | float, points: Array) -> Array:

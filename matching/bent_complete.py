@@ -24,6 +24,7 @@ CONTESTED = 0.5  # of the best A room's share; where another one has more, the S
 INSIDE = 0.05  # of share, that a room counts more in which the S room's centroid lies
 DOUBT = 0.02  # quality of a wall of no plan
 DOUBT_ROOM = 0.1
+TRIED = 3  # A rooms of each S room
 COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall
 Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share among what stood to choose
 
@@ -96,16 +97,18 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
     if not share.size:
         return ()
     s, a = laid.s, laid.a
-    first = np.array([np.flatnonzero(s.room == r)[0] for r in range(len(s.rooms))])
+    first = np.unique(s.room[s.room >= 0], return_index=True)[1]
+    first = np.flatnonzero(s.room >= 0)[first]
     own = se2.apply(se2.inverse(s.T_graph_own), np.array([r.centroid for r in s.rooms], dtype=float))
     placed = se2.apply(a.T_graph_own, se2.apply(laid.moved[first], own))
     merit = share.copy()
     for r, q in np.argwhere(share >= LEAST_SHARE).tolist():
         merit[r, q] += INSIDE * _holds(a.rooms[q], placed[r])
+    likely = np.argsort(-merit, axis=1, kind="stable")[:, :TRIED]
     chosen: dict[int, int] = {}
     for r in np.argsort(-merit.max(axis=1), kind="stable").tolist():
-        for q in np.argsort(-merit[r], kind="stable")[:3].tolist():
-            if share[r, q] < LEAST_SHARE or np.delete(share[r], q).max(initial=0.0) > CONTESTED * share[r, q]:
+        for q in likely[r].tolist():
+            if share[r, q] < LEAST_SHARE or _most_but(share[r], q) > CONTESTED * share[r, q]:
                 continue
             others = [o for o, taken in chosen.items() if taken == q]
             if not others or (share[r, q] >= SECOND_SHARE and all(_apart(laid, r, o, q) for o in others)):
@@ -138,16 +141,21 @@ def _apart(laid: _Laid, r: int, o: int, q: int) -> bool:
 
 def _holds(room: Room, point: Array) -> bool:
     """Whether a point lies in a room's footprint."""
-    import shapely  # slow to import
-
     if room.polygon is None or len(room.polygon) < 3:
         return False
-    return bool(shapely.contains_xy(shapely.Polygon(room.polygon), *point))
+    x, y = (np.array(room.polygon) - point).T
+    u, v = np.roll(x, -1), np.roll(y, -1)
+    up = (y > 0) != (v > 0)  # edges that the line from the point along x crosses
+    return bool(np.count_nonzero((x * v - u * y)[up] * (v - y)[up] > 0) % 2)
 
 
 def _among(value: Array, chosen: int, doubt: float) -> float:
-    others = np.delete(value, chosen)
-    return float(value[chosen] / (value[chosen] + others.max(initial=0.0) + doubt))
+    return float(value[chosen] / (value[chosen] + _most_but(value, chosen) + doubt))
+
+
+def _most_but(value: Array, chosen: int) -> float:
+    """The largest of values, none below 0, but for one."""
+    return float(max(value[:chosen].max(initial=0.0), value[chosen + 1 :].max(initial=0.0)))
 
 
 def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:

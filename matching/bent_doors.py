@@ -16,6 +16,7 @@ SHARES = np.array([0.75, 0.25])  # of the doors that are off by so much
 NO_DOOR = 0.25  # of the map's doors are none of the plan's
 OTHER_ROOMS = 0.3  # what a door counts that joins other rooms than the map's does
 DENSITY = 0.06  # doors a square metre, that are met by chance
+FAR_M = 5.0  # doors of the plan beyond the map's are not looked at
 OPEN = 0.7  # of the plan's doors between two rooms that were seen
 
 
@@ -39,8 +40,12 @@ def _placed(scene: Scene, fields: Fields) -> Array:
 def _of_one(scene: Scene, storey: int, placed: Array, home: Index) -> float:
     plan = scene.plan.doors[storey]
     home = np.append(home, -1)
-    seen = np.zeros(len(plan), dtype=bool)
     total = 0.0
+    if len(placed):
+        low, high = placed.min(axis=0) - FAR_M, placed.max(axis=0) + FAR_M
+        of_homes = np.isin(plan.rooms, home[home >= 0]).all(axis=1)
+        plan = plan[np.flatnonzero(((plan.place > low) & (plan.place < high)).all(axis=1) | of_homes)]
+    seen = np.zeros(len(plan), dtype=bool)
     if len(placed) and len(plan):
         off = np.hypot(*np.moveaxis(placed[:, None] - plan.place, -1, 0))[..., None]  # (D, M, 1)
         density = np.exp(-0.5 * (off / SIGMAS) ** 2) / (2 * np.pi * SIGMAS**2) @ SHARES

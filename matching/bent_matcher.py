@@ -40,7 +40,7 @@ class BentMatcher:
         allowed = None if start is None else partial(near_start, start)
 
         def found_by(proposer: Proposer) -> bent.Bent:
-            return bent.search(scene, among(proposer(s, a).walls, a, plan), allowed)
+            return bent.search(scene, among(proposer(s, a).walls, plan), allowed)
 
         found = found_by(self._propose)
         if not len(found) and self._others is not None:
@@ -52,9 +52,9 @@ class BentMatcher:
         return answer(found, began)
 
 
-def among(proposals: TopK, a: SceneGraph, plan: PlanWalls) -> TopK:
+def among(proposals: TopK, plan: PlanWalls) -> TopK:
     """The proposals of a plan's surfaces as those of some storeys' walls, one storey after the other."""
-    partner = plan.rows_of(a)[proposals.partner]
+    partner = plan.row[proposals.partner]
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 

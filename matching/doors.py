@@ -17,6 +17,9 @@ class Doors:
     place: Array  # (N, 2)
     rooms: Index  # (N, 2) indices into the walls' rooms; -1 where a door leads out, or to a room without walls
 
+    def __getitem__(self, chosen: Index) -> "Doors":
+        return Doors(self.place[chosen], self.rooms[chosen])
+
     def __len__(self) -> int:
         return len(self.rooms)
 

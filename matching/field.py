@@ -174,16 +174,11 @@ def judged(scene: Scene, pairs: Pairs, at: Placed, sigma: Array | float) -> Judg
     x, y = at.x[..., None], at.y[..., None]
     across = pairs.normal_x * x + pairs.normal_y * y - pairs.across
     along = pairs.normal_x * y - pairs.normal_y * x - pairs.along
-    turned = wrapped((scene.s.heading + at.yaw)[..., None] - pairs.heading)
+    turned = se2.wrap((scene.s.heading + at.yaw)[..., None] - pairs.heading)
     beside = np.clip(pairs.reach - np.abs(along) / pairs.span, 0.0, pairs.most)
     sigma_turned = SIGMA_HEADING * np.clip(np.asarray(sigma) / SIGMA_SCORE, 1.0, 2.0)
     quality = beside * np.exp((-0.5 / np.square(sigma)) * across**2 - (0.5 / sigma_turned**2) * turned**2)
     return Judged(quality, beside, across, along, turned)
-
-
-def wrapped(angle: Array) -> Array:
-    """Angles to [-pi, pi], quicker than `se2.wrap`."""
-    return np.asarray(angle - (2 * np.pi) * np.rint(angle / (2 * np.pi)))
 
 
 def strain(groups: Groups, state: Array) -> Array:
@@ -201,7 +196,7 @@ def strain_and_arms(groups: Groups, state: Array) -> tuple[Array, tuple[Array, A
         cos, sin = sign * np.cos(yaw), sign * np.sin(yaw)
         arms.append(np.stack((cos * half_x - sin * half_y, sin * half_x + cos * half_y)))
     apart = np.moveaxis(other - one, -1, 0)
-    return np.concatenate((wrapped(apart[:1]), apart[1:] + arms[1] - arms[0])), (arms[0], arms[1])
+    return np.concatenate((se2.wrap(apart[:1]), apart[1:] + arms[1] - arms[0])), (arms[0], arms[1])
 
 
 def chi2(groups: Groups, state: Array) -> Array:

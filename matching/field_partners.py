@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching.field import Fields, Pairs, Placed, Scene, placed, wrapped
+from matching import se2
+from matching.field import Fields, Pairs, Placed, Scene, placed
 from matching.se2 import Array
 from matching.walls import Index
 
@@ -80,7 +81,7 @@ def _windows(scene: Scene, fields: Fields, at: Placed) -> Iterator[tuple[int, In
                 yield storey, rows, np.arange(len(a))
                 continue
             for of in np.unique(side[rows]).tolist():
-                turned = np.abs(wrapped(a.heading - (of + 0.5) * SIDE))
+                turned = np.abs(se2.wrap(a.heading - (of + 0.5) * SIDE))
                 yield storey, rows[side[rows] == of], np.flatnonzero(turned < SIDE / 2 + GATE_RAD)
             continue
         arm = a.half[:, None] * np.abs(a.tangent)

@@ -7,7 +7,8 @@ neighbours may have been met far apart on it.
 
 import numpy as np
 
-from matching.field import STEP, Pairs, Placed, Scene, judged, placed, strain_and_arms, wrapped
+from matching import se2
+from matching.field import STEP, Pairs, Placed, Scene, judged, placed, strain_and_arms
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
 
@@ -27,7 +28,7 @@ def step(scene: Scene, pairs: Pairs, state: Array, sigma: Array) -> Array:
     rows[DIAGONAL] += 1 / HELD[:, None, None] ** 2
     information = np.moveaxis(rows[SYMMETRIC], (0, 1), (2, 3))
     new = state + scene.band.solved(information, between, np.moveaxis(rows[6:], 0, 2))
-    new[..., 0] = wrapped(new[..., 0])
+    new[..., 0] = se2.wrap(new[..., 0])
     return np.asarray(new)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from matching import se2
 from matching.corners import pairs_within
-from matching.field import Fields, Scene, rigid_state, wrapped
+from matching.field import Fields, Scene, rigid_state
 from matching.proposals import TopK
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
@@ -79,8 +79,8 @@ def _votes(scene: Scene, proposals: TopK) -> _Votes:
     sure = proposals.score >= LEAST_SCORE
     v, w = np.nonzero((j >= 0) & (m >= 0) & sure[i][:, pi] & sure[k][:, pk])
     i, k, j, m, turn, along = i[v], k[v], j[v, w], m[v, w], turn[v], along[v]
-    opening = wrapped(plan.heading[m] - plan.heading[j])
-    off = wrapped(opening - turn)
+    opening = se2.wrap(plan.heading[m] - plan.heading[j])
+    off = se2.wrap(opening - turn)
     kept = (plan.storey[j] == plan.storey[m]) & (np.abs(off) < OPENING)
     i, k, j, m, w, opening, off, along = (x[kept] for x in (i, k, j, m, w, opening, off, along))
     yaw = se2.wrap(plan.heading[j] - s.heading[i] + off / 2)
@@ -158,7 +158,7 @@ def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, member: 
     half, heading, n_x, n_y, off, off_along = plan.lines[:, j]
     x, y = np.moveaxis(se2.apply(motion[:, None], s.centre[i]), -1, 0)
     across, along = x * n_x + y * n_y - off, np.abs(y * n_x - x * n_y - off_along)
-    turned = wrapped(s.heading[i] - heading + motion[:, :1])
+    turned = se2.wrap(s.heading[i] - heading + motion[:, :1])
     beyond = np.maximum(along - np.abs(half - s.half[i]), 0.0)
     fits = np.exp((-0.5 / SIGMA**2) * across**2 - (0.5 / SIGMA_TURN**2) * turned**2 - (0.5 / 0.8**2) * beyond**2)
     value = np.where(plan.storey[j] == storey[:, None], fits * np.sqrt(proposals.score[i, place]), 0.0)

@@ -22,7 +22,7 @@ SIGMA = 0.4  # metres across: places that are alike, not equal
 LEAST = 0.4  # of the walls' weight that a likeness explains
 MOST = 6
 LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere,
-MOST_ASKED = 60  # and how many of them are asked whether they lie well there
+MOST_CORNERS, MOST_ASKED = 80, 40  # of which vote, and are asked whether they lie well there
 
 
 def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
@@ -54,6 +54,7 @@ def _likenesses(part: Walls, a: Walls, of_a: Marks, at_home: bool) -> list[tuple
     """(share explained, motion (3,)) of the places in a storey that are like the part, its own place aside."""
     found: list[tuple[float, Array]] = []
     middle, own = part.centre.mean(axis=0), corners(part)
+    own = own[:: -(-len(own) // MOST_CORNERS) or 1]
     some = _part(part, np.arange(0, len(part), -(-len(part) // MOST_ASKED)))
     for voted in vote(own, of_a, MOST_PLACES):
         worth = explained(Pairing.near(some, a, voted.yaw), voted.motions, SIGMA) / some.weight.sum()

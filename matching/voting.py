@@ -31,6 +31,12 @@ class Marks:
     opening: Array
     kind: Index
 
+    def __len__(self) -> int:
+        return len(self.point)
+
+    def __getitem__(self, chosen: slice) -> "Marks":
+        return Marks(self.point[chosen], self.heading[chosen], self.opening[chosen], self.kind[chosen])
+
 
 @dataclass(frozen=True)
 class Candidates:

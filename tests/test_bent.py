@@ -45,7 +45,7 @@ def share_right(result: MatchResult, truth: DrawnGraph) -> float:
 def found_for(truth: DrawnGraph, plan: SceneGraph) -> bent.Bent:
     s, walls = truth.s_graph, PlanWalls.of(plan)
     assert walls is not None
-    return bent.search(bent.scene_of(s, walls), among(voting_proposals(s, plan).walls, plan, walls))
+    return bent.search(bent.scene_of(s, walls), among(voting_proposals(s, plan).walls, walls))
 
 
 def errors_by_room(found: bent.Bent, truth: DrawnGraph) -> tuple[np.ndarray, np.ndarray]:
