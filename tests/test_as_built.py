@@ -14,9 +14,7 @@ from data.changes import Changes, write_plan_without
 from data.errors import UserError
 from data.ifc_writer import IfcWriter, box
 from data.simulate import simulate
-from sgslam.bent import bent_with_neighbours
 from sgslam.config import Config
-from sgslam.consensus import Consensus, Pairs
 from sgslam.deviations import Piece
 from sgslam.holding import Held
 from sgslam.position import WallArrays, pair_by_position
@@ -139,20 +137,6 @@ def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
     assert pair_by_position(seen, alone, 0.4, 0.07).tolist() == [-1]
     in_place = WallArrays.of([side("seen", 0.01, 1.0, length=2.5)], {}, np.zeros(2))
     assert pair_by_position(in_place, alone, 0.4, 0.07).tolist() == [0]
-
-
-def test_two_walls_that_were_moved_bend_no_map() -> None:
-    """All that lies across agrees with every place along it, and so tells nothing of it."""
-    n = np.array([[1.0, 0.0], [-1.0, 0.0], *[[0.0, 1.0], [0.0, -1.0]] * 3])
-    middles = np.array([[0.0, 2.0], [4.0, 2.0], *[[2.0 + 2 * k, 4.0 * s] for k in range(3) for s in (0, 1)]])
-    off = np.array([0.2, -0.2, *[0.0] * 6])
-    pairs = Pairs(middles + off[:, None] * n, n, middles, n, np.full(8, 4.0), np.arange(8))
-    overall = Consensus(np.zeros(3), np.abs(off) < 0.02, 0.025, 0.5)
-    # the walls across stand off a little too, so that they leave the place open
-    off[2:] = 0.03
-    pairs = replace(pairs, seen=middles + off[:, None] * n)
-    overall = replace(overall, agree=np.zeros(8, dtype=bool))
-    assert not bent_with_neighbours(pairs, overall, 0.07)[:2].any()
 
 
 def test_what_no_plan_shows_is_taken_from_the_plan(tmp_path: Path) -> None:

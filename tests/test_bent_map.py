@@ -1,6 +1,7 @@
 """Walls that are off alike with all their neighbours are told from walls that were built elsewhere."""
 
 import numpy as np
+import pytest
 
 from sgslam.bent import bent_with_neighbours
 from sgslam.consensus import Pairs, find_consensus
@@ -41,6 +42,16 @@ def test_walls_that_were_built_elsewhere_are_not() -> None:
     rng = np.random.default_rng(1)
     off = np.zeros(48)
     off[rng.permutation(48)[:16]] = rng.uniform(0.1, 0.3, 16) * rng.choice([-1, 1], 16)
+    assert not bent(rooms_in_a_row(12, off.reshape(12, 4))).any()
+
+
+@pytest.mark.parametrize("seed", [8, 9, 14])
+def test_walls_that_agree_with_every_place_bend_nothing(seed: int) -> None:
+    """Half of the walls were built elsewhere: two of one direction that are off alike are no bend, though all walls of
+    the other direction agree with the place that the two tell."""
+    rng = np.random.default_rng(seed)
+    off = np.zeros(48)
+    off[rng.permutation(48)[:22]] = rng.uniform(0.1, 0.3, 22) * rng.choice([-1, 1], 22)
     assert not bent(rooms_in_a_row(12, off.reshape(12, 4))).any()
 
 
