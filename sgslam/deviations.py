@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 _HEIGHT = 1.2  # m above the storey's floor, where offsets are measured
 STEP = 0.1  # m along a wall
 _LEAST_PART = 0.3  # m of a wall that is seen beside another one in its plane
+_BESIDE = 0.3  # m from a wall's ends
 _OVER_PARAPET = 0.6  # m above the floor; what is never seen lower stands over something: a pane over its parapet
 _SHORT = 1.0, 0.02  # m and rad; what is shorter and turned more than this is badly seen
 
@@ -126,13 +127,17 @@ def _by_source(
 ) -> list[tuple[str, tuple[float, float], float]]:
     """Which walls a seen surface is of: each with the span, and the metres that were seen there.
 
-    Every place is of the wall whose hull is nearest; what is less than `_LEAST_PART` of another wall is left out.
+    Every place is of the wall whose hull is nearest, unless that is further than `_BESIDE`; what is less than
+    `_LEAST_PART` of another wall is left out.
     """
     if len(sides) == 1 or not len(seen):
         return [(sides[0].source, whole, STEP * len(seen))]
     hulls = np.array([side.hull for side in sides])
-    away = np.maximum(hulls[:, :1] - seen, seen - hulls[:, 1:])
-    nearest = np.argmin(np.maximum(away, 0.0), axis=0)
+    away = np.maximum(np.maximum(hulls[:, :1] - seen, seen - hulls[:, 1:]), 0.0)
+    nearest = np.argmin(away, axis=0)
+    beside = away.min(axis=0) < _BESIDE
+    if beside.any():
+        seen, nearest = seen[beside], nearest[beside]
     lengths = np.bincount(nearest, minlength=len(sides)) * STEP
     least = min(_LEAST_PART, float(lengths.max()))
     return [
