@@ -39,7 +39,7 @@ class TrackingSettings(_Settings):
     sigma_translation: float = Field(0.05, gt=0, description="m, of the odometry's word for one scan")
     sigma_rotation: float = Field(0.02, gt=0, description="rad, likewise")
     firm_share: float = Field(0.5, ge=0, le=1, description="of a scan's points that must lie on walls, and")
-    firm_points: float = Field(8.0, gt=0, description="on walls across each direction, else the odometry is asked")
+    firm_points: float = Field(20.0, gt=0, description="on walls across each direction, else the odometry is asked")
     surprise_distance: float = Field(0.15, gt=0, description="m from where the last step leads; beyond, likewise")
     surprise_angle: float = Field(0.1, gt=0, description="rad, likewise")
 
