@@ -7,7 +7,7 @@ import math
 import sys
 from datetime import datetime
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import TYPE_CHECKING, Any
 
 from data.cli import Parser, run_command
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     if truth is not None and not len(associate(scans.stamps_ns, truth.stamps_ns)[0]):
         raise UserError(f"{options.ground_truth}: no stamp is near a scan's; give the truth by the scans' clock")
-    began = perf_counter()
+    began, used = perf_counter(), process_time()
     bim = None if options.bim is None else load_bim(options.bim)
     seconds = {"bim": perf_counter() - began}
     a_graph = None if bim is None else _storey(bim.graph, options.storey)
@@ -68,11 +68,12 @@ def main(arguments: list[str] | None = None) -> int:
     for skipped in scans.skipped:
         log.warning("%s is skipped: %s", skipped.path.name, skipped.reason)
     result = slam.finish()
-    seconds["total"] = perf_counter() - began
+    seconds["total"], cpu_seconds = perf_counter() - began, process_time() - used
     log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
     for kind, count in result.factors.counts().items():
         log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
     more: dict[str, Any] = {"scans_skipped": len(scans.skipped), "seconds": {**result.seconds, **seconds}}
+    more["cpu_seconds"] = cpu_seconds  # of all threads together
     more["told"] = {"storey": options.storey, "start": start}
     if truth is not None:
         more["accuracy"] = _accuracy(result, truth)
