@@ -1,7 +1,7 @@
 """A folder of scans as a sequence of `Scan`, everything that is cheap to check checked before one is read."""
 
 import re
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from data.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_tim
 
 WORST_SHARE_SKIPPED = 0.2
 _FAR = 1e9  # m
+_AHEAD = 8  # scans read before they are asked for, so that a reader that is held up holds up nobody
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class SkippedScan:
 
 
 class ScanFolder:
-    """The scans of a folder in order; iterating reads them one by one, one ahead.
+    """The scans of a folder in order; iterating reads them one by one, a few ahead.
 
     Attributes: `files`, `stamps_ns` ((N,) int64, strictly increasing), `note` (one line for the user where
     the stamps are a guess, else None), and `skipped`, filled while iterating.
@@ -72,12 +73,12 @@ class ScanFolder:
         Raises UserError as soon as more than a fifth of the folder has been skipped.
         """
         self.skipped = []
-        with ThreadPoolExecutor(1) as ahead:
-            future: Future[Scan] = ahead.submit(self._read, 0)
+        with ThreadPoolExecutor(1) as reader:
+            ahead: deque[Future[Scan]] = deque(reader.submit(self._read, i) for i in range(min(_AHEAD, len(self))))
             for index in range(len(self)):
-                current = future
-                if index + 1 < len(self):
-                    future = ahead.submit(self._read, index + 1)
+                current = ahead.popleft()
+                if index + _AHEAD < len(self):
+                    ahead.append(reader.submit(self._read, index + _AHEAD))
                 try:
                     scan = current.result()
                 except UnreadableScanError as error:
