@@ -140,7 +140,9 @@ HEAD = (
     "plans than those below; `combinatorial` is the search that it is compared with. Precision, recall and F1 are of "
     "rooms and wall surfaces together, means over pairs with their 95 % intervals (bootstrap over buildings), also of "
     "pairs that were not completed in 60 s, where nothing was answered; accuracy is the share of S nodes answered as "
-    "they should be; time is the mean of a pair on one thread of a machine that others used too."
+    "they should be; time is the mean of a pair on one thread. `combinatorial`, which takes long, was run on the first "
+    "of the pairs only, as many as are told. The machine was busy with other work: times are several times those of an "
+    "idle one, and more of `combinatorial` would be completed there."
 )
 FIRST = "Published table 1: the published perturbation"
 FIRST_NOTE = "Rooms and walls dropped, noise, any turn about the plan's own origin, the same origin"
@@ -166,7 +168,4 @@ COLLAPSE_NOTE = (
     "regime `real` (walls with the noise of real scans, the robot's own start as origin)"
 )
 CONTRIBUTIONS = "Its contributions, one left out at a time"
-CONTRIBUTIONS_NOTE = (
-    "The better parameters, one seed, all trained alike on fewer pairs and for fewer epochs than above; `code`: the "
-    "edges of the public code"
-)
+CONTRIBUTIONS_NOTE = "The better parameters, one seed, all trained alike on fewer pairs and for fewer epochs than above"
