@@ -45,8 +45,8 @@ HEAD = (
 )
 TIMES = (
     "Seconds for one answer, ours of one processor core (the limit is of the wall clock). The public code was measured "
-    "on 2 cores; ours tries the same sets of pairs, thousands at once. At most {worst:.2f} times as long as the public code. Where one of the two was stopped, "
-    "the time is a bound."
+    "on 2 cores; ours tries the same sets of pairs, thousands at once. At most {worst:.2f} times as long as the "
+    "public code. Where one of the two was stopped, the time is a bound."
 )
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ Localization Informing Situational Graphs with Architectural Graphs. IROS 2023, 
 Distances and angles are the same in a mirror, so it finds mirror images too. It is exponential in rooms and
 factorial in walls. Ours is the matching as published, with these differences: random starts have a seed, rounding
 makes no angle undefined, an empty map is answered, walls without a room are paired one to one, and a rigid motion
-is fitted to the pairs, because our answers tell where the map lies. Maps that were matched before are not remembered.
+is fitted to the pairs, because our answers tell where the map lies. Maps that were matched before are not remembered,
+and where walls may be left out only solutions with the most walls tie: what was published is silent there.
 """
 
 import time
