@@ -1,5 +1,7 @@
 """The network as a proposer: an S-graph and an A-graph in, likely partners out; to be verified by others."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -53,7 +55,7 @@ class LearnedProposer:
         if not seen.walls or not plan.features.walls:
             return Proposals(walls, rooms)
         sizes = (seen.walls, plan.features.walls, seen.rooms, plan.features.rooms)
-        with torch.inference_mode():
+        with _asked():
             encoded = self._network.encode(GraphTensors.of(seen))
             output = self._ask(encoded, plan.encoded, [PairRows(*((0, len(x)) for x in sizes))])
             column, table = output.walls[-1]
@@ -70,8 +72,20 @@ class LearnedProposer:
 
     def _plan_of(self, a: SceneGraph) -> _Plan:
         found = plan_features(a)
-        with torch.inference_mode():
+        with _asked():
             return _Plan(found, self._network.encode(GraphTensors.of(found)))
+
+
+@contextmanager
+def _asked() -> Iterator[None]:
+    """Without gradients, and on one thread: graphs are small, and threads would wait for each other."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with torch.inference_mode():
+            yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _none(count: int) -> TopK:
