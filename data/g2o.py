@@ -128,6 +128,7 @@ class _Reader:
         self._refused: list[str] = []
 
     def read(self, lines: list[str]) -> PlaneGraph:
+        """The graph of a file's lines, without what is fixed or not set. Raises UserError, naming the line."""
         words = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
         fixed = {self._id(number, name) for number, (tag, *names) in words if tag == "FIX" for name in names}
         rows = [self._row(number, tag, rest) for number, (tag, *rest) in words if tag in _FIELDS]
