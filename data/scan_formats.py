@@ -9,12 +9,16 @@ import re
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.errors import UserError
+from data.point_times import time_field
+
 Points = NDArray[np.floating]
+Times = NDArray[Any] | None  # in whatever unit, from whatever origin: data.point_times
 
 XYZ = ("x", "y", "z")
 LONGEST_RECORD = 4096  # values a PCD point may have, padding counted
@@ -25,13 +29,28 @@ class UnreadableScanError(Exception):
     """A scan that cannot be read; the text is the reason."""
 
 
-def read_points(path: Path) -> Points:
-    """The scan's points (N, 3), float32 or float64 as stored, by the file's suffix.
+class EndOfScansError(Exception):
+    """There are no more scans."""
 
-    Raises UnreadableScanError for whatever is wrong with the file.
+
+class MissingReaderError(UserError):
+    """A library is not installed that reads the format."""
+
+
+def read_points(path: Path) -> Points:
+    """The points alone of `read_timed`."""
+    return read_timed(path)[0]
+
+
+def read_timed(path: Path) -> tuple[Points, Times]:
+    """The scan's points (N, 3), float32 or float64 as stored, and their times (N,) as stored, by the file's suffix.
+
+    Raises UnreadableScanError for whatever is wrong with the file, MissingReaderError where an extra is needed.
     """
     try:
-        points = READERS[path.suffix.lower()](path)
+        points, times = READERS[path.suffix.lower()](path)
+    except MissingReaderError:
+        raise
     except UnreadableScanError:
         raise
     except FileNotFoundError:
@@ -41,24 +60,24 @@ def read_points(path: Path) -> Points:
         raise UnreadableScanError(f"{type(error).__name__}: {lines[0][:120]}") from None
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise UnreadableScanError("its points are not three numbers each")
-    return points
+    return points, times if times is not None and times.shape == (len(points),) else None
 
 
-def _read_bin(path: Path) -> Points:
+def _read_bin(path: Path) -> tuple[Points, Times]:
     if (size := path.stat().st_size) % 16:
         raise UnreadableScanError(f"{size} bytes are no whole number of float32 x y z intensity")
-    return np.fromfile(path, dtype="<f4").reshape(-1, 4)[:, :3]
+    return np.fromfile(path, dtype="<f4").reshape(-1, 4)[:, :3], None
 
 
-def _read_npy(path: Path) -> Points:
+def _read_npy(path: Path) -> tuple[Points, Times]:
     # mapped, because mapping refuses a header that claims more than the file holds, and pickled objects
     array = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind != "f":
         raise UnreadableScanError(f"shape {array.shape}, type {array.dtype}; (N, 3 or more) floats needed")
-    return np.array(array[:, :3])
+    return np.array(array[:, :3]), None
 
 
-def _read_ply(path: Path) -> Points:
+def _read_ply(path: Path) -> tuple[Points, Times]:
     from trimesh.exchange.ply import load_ply  # half a second to import, so only where there is a PLY
 
     size = path.stat().st_size
@@ -69,13 +88,18 @@ def _read_ply(path: Path) -> Points:
         if (count := int(claimed[1])) > size:
             raise UnreadableScanError(f"its header claims {count} points, the file has {size} bytes")
         file.seek(0)
-        points = np.asarray(load_ply(file, skip_materials=True)["vertices"]) if count else np.empty((0, 3))
+        if not count:
+            return np.empty((0, 3)), None
+        mesh = load_ply(file, skip_materials=True)
+    points = np.asarray(mesh["vertices"])
     if len(points) != count:
         raise UnreadableScanError(f"cut off: its header claims {count} points, {len(points)} are there")
-    return points
+    vertex = mesh["metadata"]["_ply_raw"]["vertex"]
+    name = time_field([str(n) for n in vertex["properties"]])
+    return points, None if name is None else np.asarray(vertex["data"][name]).reshape(-1)
 
 
-def _read_pcd(path: Path) -> Points:
+def _read_pcd(path: Path) -> tuple[Points, Times]:
     from pypcd4 import Encoding, MetaData, PointCloud
 
     with open(path, "rb") as file:
@@ -85,12 +109,17 @@ def _read_pcd(path: Path) -> Points:
         columns = [metadata.fields.index(name) for name in XYZ if name in metadata.fields]
         if len(columns) != 3 or {metadata.count[i] for i in columns} != {1}:
             raise UnreadableScanError("it has no fields x, y, z")
+        name = time_field(metadata.fields)
+        timed = None if name is None or metadata.count[metadata.fields.index(name)] != 1 else name
         if metadata.data == Encoding.ASCII:
-            return _pcd_ascii(file, metadata.points, [sum(metadata.count[:i]) for i in columns])
+            columns += [] if timed is None else [metadata.fields.index(timed)]
+            table = _pcd_ascii(file, metadata.points, [sum(metadata.count[:i]) for i in columns])
+            return table[:, :3], None if timed is None else table[:, 3]
         claimed = metadata.points * metadata.build_dtype().itemsize
         _check_pcd_size(file, claimed, compressed=metadata.data != Encoding.BINARY)
         file.seek(0)
-        return PointCloud.from_fileobj(file).numpy(XYZ)
+        cloud = PointCloud.from_fileobj(file)
+        return cloud.numpy(XYZ), None if timed is None else np.array(cloud.pc_data[timed])
 
 
 def _pcd_header(file: BinaryIO) -> list[str]:
@@ -110,7 +139,7 @@ def _pcd_ascii(file: BinaryIO, count: int, columns: list[int]) -> Points:
     if count * 2 * len(columns) > _bytes_left(file) + 1:
         raise UnreadableScanError(f"cut off: its header claims {count} points")
     # not pypcd4's: it takes a line that ends with a blank, or has two between numbers, for a longer one
-    points = np.loadtxt(file, usecols=columns, ndmin=2, comments=None) if count else np.empty((0, 3))
+    points = np.loadtxt(file, usecols=columns, ndmin=2, comments=None) if count else np.empty((0, len(columns)))
     if len(points) != count:
         raise UnreadableScanError(f"cut off: its header claims {count} points, {len(points)} are there")
     return points
@@ -130,7 +159,7 @@ def _bytes_left(file: BinaryIO) -> int:
     return os.fstat(file.fileno()).st_size - file.tell()
 
 
-READERS: dict[str, Callable[[Path], Points]] = {
+READERS: dict[str, Callable[[Path], tuple[Points, Times]]] = {
     ".bin": _read_bin,
     ".npy": _read_npy,
     ".pcd": _read_pcd,

@@ -1,30 +1,36 @@
-"""A folder of scans as a sequence of `Scan`, everything that is cheap to check checked before one is read."""
+"""Scans in order as `Scan`s, and a folder of them, everything that is cheap to check checked before one is read."""
 
 import re
+from abc import ABC, abstractmethod
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.errors import UserError
-from data.scan_formats import READERS, UnreadableScanError, read_points
+from data.point_times import seconds_after
+from data.scan_formats import READERS, EndOfScansError, UnreadableScanError, read_timed
+from data.stamp_rule import LOOK_AHEAD, StampRule, unusable
 from data.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_times, stamps_from_names
 
 WORST_SHARE_SKIPPED = 0.2
 _FAR = 1e9  # m
-_AHEAD = 8  # scans read before they are asked for, so that a reader that is held up holds up nobody
+_AHEAD = LOOK_AHEAD  # scans read before they are asked for, so that a reader that is held up holds up nobody
 
 
 @dataclass(frozen=True)
 class Scan:
     """One scan: `points` (N, 3) float64, C-contiguous, metres, sensor frame, N >= 1, all finite.
 
-    `index` counts the folder's scans, skipped ones too; `dropped` is how many NaN, infinite and zero returns
-    were taken out.
+    `index` counts the source's scans, skipped ones too; `dropped` is how many NaN, infinite and zero returns
+    were taken out. `point_times` (N,) are seconds after the stamp, None where they are not known. `T_odom_sensor`
+    (4, 4) is the pose that the file gives, None where it gives none.
     """
 
     index: int
@@ -32,6 +38,8 @@ class Scan:
     points: NDArray[np.float64]
     dropped: int
     path: Path
+    point_times: NDArray[np.float64] | None = None
+    T_odom_sensor: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -41,77 +49,132 @@ class SkippedScan:
     index: int
     path: Path
     reason: str
+    name: str
 
 
-class ScanFolder:
-    """The scans of a folder in order; iterating reads them one by one, a few ahead.
+class ScanSource(ABC):
+    """Scans in order; iterating reads them one by one, a few ahead.
 
-    Attributes: `files`, `stamps_ns` ((N,) int64, strictly increasing), `note` (one line for the user where
-    the stamps are a guess, else None), and `skipped`, filled while iterating.
+    Attributes: `path`, `note` (one line for the user where something is a guess, else None), `stamps_ns` ((N,) int64;
+    None where they are known only while reading), and, filled while iterating, `skipped` and `remarks` (one line each
+    on what the user should know of the data).
     """
+
+    path: Path
+    note: str | None = None
+    stamps_ns: NDArray[np.int64] | None = None
+
+    def __init__(self) -> None:
+        self.skipped: list[SkippedScan] = []
+        self.remarks: list[str] = []
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many scans there are, readable or not."""
+
+    @abstractmethod
+    def _jobs(self) -> Iterator[Callable[[], Scan]]:
+        """What reads each scan, in order; it raises UnreadableScanError where it cannot, EndOfScansError at the end."""
+
+    def _name(self, index: int) -> tuple[Path, str]:
+        """The file of a scan and what to call it."""
+        return self.path, f"{self.path.name}, scan {index}"
+
+    def __iter__(self) -> Iterator[Scan]:
+        """Yields the usable scans; those skipped are listed in `skipped`.
+
+        Left out is also what cannot be in time: stamps that repeat, go back, or are far ahead of those that follow.
+        Raises UserError as soon as more than a fifth has been skipped.
+        """
+        self.skipped, self.remarks, rule = [], [], StampRule()
+        with ThreadPoolExecutor(1) as reader:
+            jobs = self._jobs()
+            ahead: deque[Future[Scan]] = deque(reader.submit(job) for job in islice(jobs, _AHEAD))
+            for index in count():
+                if not ahead:
+                    break
+                current = ahead.popleft()
+                ahead.extend(reader.submit(job) for job in islice(jobs, 1))
+                try:
+                    scan = current.result()
+                except UnreadableScanError as error:
+                    self._skip(index, str(error))
+                    continue
+                except EndOfScansError:
+                    break
+                if reason := rule.judge(index, scan.stamp_ns, lambda: self._stamps_of(ahead)):
+                    self._skip(index, reason)
+                else:
+                    yield scan
+        if remark := rule.remark():
+            self.remarks.append(remark)
+
+    @staticmethod
+    def _stamps_of(ahead: Iterable["Future[Scan]"]) -> list[int]:
+        return [future.result().stamp_ns for future in ahead if future.exception() is None]
+
+    def _skip(self, index: int, reason: str) -> None:
+        path, name = self._name(index)
+        self.skipped.append(SkippedScan(index, path, reason, name))
+        if len(self.skipped) > WORST_SHARE_SKIPPED * len(self):
+            first = self.skipped[0]
+            raise UserError(
+                f"{self.path}: at least {len(self.skipped)} of {len(self)} scans cannot be read, more than a fifth; "
+                f"the first is {first.name}: {first.reason}"
+            )
+
+
+class ScanFolder(ScanSource):
+    """The scans of a folder in natural order of their names. Also `files`; `stamps_ns` is always there."""
+
+    stamps_ns: NDArray[np.int64]
 
     def __init__(self, path: Path | str) -> None:
         """Lists the files and settles their stamps; reads no scan.
 
         Raises UserError for a folder that is missing, empty or of mixed formats, and for stamps that are too
-        many or too few, repeat, or go backwards.
+        many or too few, or of which more than a fifth repeat or go backwards.
         """
+        super().__init__()
         self.path = Path(path)
         files = _list_scans(self.path)
         self.files, stamps, self.note = _order_and_stamps(self.path, files)
         self.stamps_ns = np.array(stamps, dtype=np.int64)
-        check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
-        self.skipped: list[SkippedScan] = []
+        if unusable(stamps) > WORST_SHARE_SKIPPED * len(stamps):
+            check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
 
     def __len__(self) -> int:
         """How many scans the folder holds, readable or not."""
         return len(self.files)
 
-    def __iter__(self) -> Iterator[Scan]:
-        """Yields the readable scans; those skipped are listed in `skipped`.
+    def _jobs(self) -> Iterator[Callable[[], Scan]]:
+        return (partial(self._read, index) for index in range(len(self)))
 
-        Raises UserError as soon as more than a fifth of the folder has been skipped.
-        """
-        self.skipped = []
-        with ThreadPoolExecutor(1) as reader:
-            ahead: deque[Future[Scan]] = deque(reader.submit(self._read, i) for i in range(min(_AHEAD, len(self))))
-            for index in range(len(self)):
-                current = ahead.popleft()
-                if index + _AHEAD < len(self):
-                    ahead.append(reader.submit(self._read, index + _AHEAD))
-                try:
-                    scan = current.result()
-                except UnreadableScanError as error:
-                    self._skip(index, str(error))
-                else:
-                    yield scan
+    def _name(self, index: int) -> tuple[Path, str]:
+        return self.files[index], self.files[index].name
 
     def _read(self, index: int) -> Scan:
-        raw = read_points(self.files[index])
-        if not len(raw):
-            raise UnreadableScanError("it is empty")
-        points = np.ascontiguousarray(raw, dtype=np.float64)
-        kept = len(points)
-        if not (points.all() and points.min() > -_FAR and points.max() < _FAR):  # most scans need no second look
-            # squared ranges: NaN and infinity fail the comparison, and so does a return of all zeros
-            with np.errstate(over="ignore", invalid="ignore"):
-                squared = np.einsum("ij,ij->i", points, points)
-                good = (squared > 0) & (squared < np.inf)
-            kept = int(np.count_nonzero(good))
-        if not kept:
-            raise UnreadableScanError("all of its returns are NaN, infinite or zero")
-        dropped = len(points) - kept
-        points = points[good] if dropped else points
-        return Scan(index, int(self.stamps_ns[index]), points, dropped, self.files[index])
+        stamp_ns = int(self.stamps_ns[index])
+        raw, times = read_timed(self.files[index])
+        after = None if times is None else seconds_after(times, stamp_ns)
+        return cleaned(Scan(index, stamp_ns, np.ascontiguousarray(raw, dtype=np.float64), 0, self.files[index], after))
 
-    def _skip(self, index: int, reason: str) -> None:
-        self.skipped.append(SkippedScan(index, self.files[index], reason))
-        if len(self.skipped) > WORST_SHARE_SKIPPED * len(self):
-            first = self.skipped[0]
-            raise UserError(
-                f"{self.path}: at least {len(self.skipped)} of {len(self)} scans cannot be read, more than a fifth; "
-                f"the first is {first.path.name}: {first.reason}"
-            )
+
+def cleaned(scan: Scan) -> Scan:
+    """The scan without its NaN, infinite and zero returns. Raises UnreadableScanError where nothing is left."""
+    points = scan.points
+    if not len(points):
+        raise UnreadableScanError("it is empty")
+    if points.all() and points.min() > -_FAR and points.max() < _FAR:  # most scans need no second look
+        return scan
+    # squared ranges: NaN and infinity fail the comparison, and so does a return of all zeros
+    with np.errstate(over="ignore", invalid="ignore"):
+        squared = np.einsum("ij,ij->i", points, points)
+        good = (squared > 0) & (squared < np.inf)
+    if not good.any():
+        raise UnreadableScanError("all of its returns are NaN, infinite or zero")
+    times = None if scan.point_times is None else scan.point_times[good]
+    return replace(scan, points=points[good], dropped=int(np.count_nonzero(~good)), point_times=times)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:

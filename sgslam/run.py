@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from data.scans import ScanFolder
+    from data.scans import ScanSource
     from data.scene_graph import SceneGraph
     from data.trajectory import Trajectory
     from sgslam.slam import SceneGraphSlam
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     # libraries are loaded only now, so that --help and a missing argument answer at once
     from data.bcf import Model
     from data.bim import load_bim
-    from data.scans import ScanFolder
+    from data.scan_sources import open_scans
     from data.trajectory import Trajectory
     from sgslam.accuracy import associate
     from sgslam.export import BCF
@@ -47,9 +47,10 @@ def main(arguments: list[str] | None = None) -> int:
         _make_demo(options)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start say where in the building; give --bim too")
-    scans = ScanFolder(options.scan_dir)
+    scans = open_scans(options.scan_dir)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
-    if truth is not None and not len(associate(scans.stamps_ns, truth.stamps_ns)[0]):
+    known = scans.stamps_ns  # a bag's are not, before it is read
+    if truth is not None and known is not None and not len(associate(known, truth.stamps_ns)[0]):
         raise UserError(f"{options.ground_truth}: no stamp is near a scan's; give the truth by the scans' clock")
     began, used = perf_counter(), process_time()
     bim = None if options.bim is None else load_bim(options.bim)
@@ -66,7 +67,9 @@ def main(arguments: list[str] | None = None) -> int:
     gc.freeze()  # what is loaded now stays: it need not be searched for garbage again and again
     broken = _feed(slam, scans, seconds)
     for skipped in scans.skipped:
-        log.warning("%s is skipped: %s", skipped.path.name, skipped.reason)
+        log.warning("%s is skipped: %s", skipped.name, skipped.reason)
+    for remark in scans.remarks:
+        log.warning("%s", remark)
     result = slam.finish()
     seconds["total"], cpu_seconds = perf_counter() - began, process_time() - used
     log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
@@ -174,7 +177,7 @@ class _StartedMatcher:
         return self._matcher.match(s, a, start=self._start)
 
 
-def _feed(slam: "SceneGraphSlam", scans: "ScanFolder", seconds: dict[str, float]) -> str | None:
+def _feed(slam: "SceneGraphSlam", scans: "ScanSource", seconds: dict[str, float]) -> str | None:
     """Feeds all scans; returns why it had to stop early, if it had. Nothing can be saved before the first scan."""
     from rich.console import Console
     from rich.progress import Progress
@@ -189,7 +192,7 @@ def _feed(slam: "SceneGraphSlam", scans: "ScanFolder", seconds: dict[str, float]
                 seconds["reading"] += perf_counter() - waiting
                 if not fed:
                     _doubt_units(scan.points)
-                slam.add_scan(scan.stamp_ns, scan.points)
+                slam.add_scan(scan.stamp_ns, scan.points, scan.point_times)
                 fed += 1
                 progress.update(task, completed=scan.index + 1)
                 waiting = perf_counter()
