@@ -84,6 +84,13 @@ class RoomSettings(_Settings):
     lintel_band: tuple[float, float] = Field((2.05, 2.6), description="m above the floor")
 
 
+class CloudSettings(_Settings):
+    """The keyframes' points, kept on the disk for the point cloud map and for whoever compares keyframes."""
+
+    keyframe_voxel: float = Field(0.1, gt=0, description="m; of a keyframe's points one is kept in each voxel")
+    map_voxel: float = Field(0.05, gt=0, description="m, of the point cloud map")
+
+
 class BackendSettings(_Settings):
     """Noise of the factors and the schedule of the optimisation."""
 
@@ -133,6 +140,7 @@ class Config(_Settings):
     keyframes: KeyframeSettings = KeyframeSettings()
     surfaces: SurfaceSettings = SurfaceSettings()
     rooms: RoomSettings = RoomSettings()
+    clouds: CloudSettings = CloudSettings()
     backend: BackendSettings = BackendSettings()
     anchors: AnchorSettings = AnchorSettings()
     matching: MatchingSettings = MatchingSettings()

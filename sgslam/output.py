@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from data import SceneGraph, UserError
 from data.files import write_atomically, write_json
 from data.trajectory import Trajectory
+from sgslam.keyframe_clouds import FILE as CLOUDS
 from sgslam.report_data import ReportData
 from sgslam.settings import save_config
 
@@ -43,6 +44,7 @@ def save_result(
     write_json(out / "matches.json", result.matches or _no_match(result.reason))
     write_json(out / "deviations.json", result.deviations)
     write_atomically(out / "config.yaml", save_config(result.config))
+    result.clouds.copy_to(out / CLOUDS)
     metrics = {**result.metrics(), **(more or {})}
     seconds = dict(metrics["seconds"])
     began = perf_counter()

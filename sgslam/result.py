@@ -19,6 +19,7 @@ from sgslam.deviations import measured_pieces
 from sgslam.factor_log import FactorLog
 from sgslam.frames import inverse
 from sgslam.holding import Holding
+from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.output import prepare_folder, save_result
 from sgslam.scene import Scene
 from sgslam.uncertainty import Uncertainty
@@ -80,6 +81,7 @@ class Result:
     keyframes: int
     seconds: dict[str, float]
     config: Config
+    clouds: KeyframeClouds  # by the number of the keyframe, `k<number>` in the S-graph
 
     def save(self, out: Path | str) -> None:
         """Writes the run's folder: trajectories, graphs, matches, deviations, metrics, configuration, report."""
@@ -105,6 +107,7 @@ class Result:
 def finished(
     scans: list[ScanPose], backend: Backend, scene: Scene, walls: WallMap, bim: SceneGraph | None,
     anchoring: Anchoring | None, first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
+    clouds: KeyframeClouds,
 ) -> Result:  # fmt: skip
     """Puts a run's result together."""
     stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
@@ -123,7 +126,7 @@ def finished(
         [record.to_dict() for record in anchoring.log.records] if anchoring is not None else [],
         backend.log, _covariances(backend, uncertainty, T_bim_map),
         None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
-        len(backend.keyframes), dict(seconds), config,
+        len(backend.keyframes), dict(seconds), config, clouds,
     )  # fmt: skip
 
 

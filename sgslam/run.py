@@ -36,6 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.accuracy import associate
     from sgslam.export import BCF
     from sgslam.findings import write_topics
+    from sgslam.keyframe_clouds import FILE as CLOUDS
+    from sgslam.keyframe_clouds import KeyframeClouds
     from sgslam.output import prepare_folder, save_result
     from sgslam.settings import load_config
     from sgslam.slam import SceneGraphSlam
@@ -61,7 +63,8 @@ def main(arguments: list[str] | None = None) -> int:
     for notice in [scans.note, *(bim.notices if bim is not None else ())]:
         if notice:
             logging.getLogger("sgslam").warning("%s", notice)
-    slam = SceneGraphSlam(a_graph, matcher, config)
+    clouds = KeyframeClouds(out / CLOUDS, config.clouds.keyframe_voxel)
+    slam = SceneGraphSlam(a_graph, matcher, config, clouds=clouds)
     log = logging.getLogger("sgslam")
     log.info("%d scans in %s; building: %s", len(scans), scans.path, options.bim or "none")
     gc.freeze()  # what is loaded now stays: it need not be searched for garbage again and again

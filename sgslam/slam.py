@@ -15,6 +15,7 @@ from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.frames import inverse, is_rigid, level_map, transform_planes
 from sgslam.front_end import FrontEnd, level_to_sensor
+from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.keyframes import KeyframeNode, KeyframeRule
 from sgslam.locating import Locator
 from sgslam.matcher_protocol import AnyMatcher
@@ -30,14 +31,16 @@ class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph where one is given.
 
     `bim` is an A-graph in the BIM frame (or what `load_bim` gives), `matcher` any object with `.match(s, a)` (voting
-    by default), `odometry` any `Odometry` (KISS-ICP by default). Scans are added in the order of their stamps.
+    by default), `odometry` any `Odometry` (KISS-ICP by default), `clouds` where the keyframes' points are kept (a
+    nameless file by default). Scans are added in the order of their stamps.
     """
 
     def __init__(
         self, bim: SceneGraph | Bim | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
-        odometry: Odometry | None = None,
+        odometry: Odometry | None = None, clouds: KeyframeClouds | None = None,
     ) -> None:  # fmt: skip
         self._config = config or Config()
+        self.clouds = KeyframeClouds(None, self._config.clouds.keyframe_voxel) if clouds is None else clouds
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         self._bim = a_graph
         self._front_end = FrontEnd(self._config)
@@ -115,7 +118,7 @@ class SceneGraphSlam:
                 self._optimise(last=True)
         return finished(
             self._scans, self._backend, self._scene, self._walls, self._bim, self._anchoring, self._first_anchor_ns,
-            self.seconds, self._config,
+            self.seconds, self._config, self.clouds,
         )  # fmt: skip
 
     def _add_keyframe(self, points: Floats | None) -> None:
@@ -135,6 +138,7 @@ class SceneGraphSlam:
                     floor_in_map = transform_planes(scan.T_map_sensor, seen.floor.plane)
                     self._walls.T_level_map = level_map(floor_in_map, self._front_end.height)
                 self._walls.add(len(self._backend.keyframes), scan.T_map_sensor, seen.walls)
+                self.clouds.add(len(self._backend.keyframes), points)
         self._backend.add_keyframe(keyframe)
         scan.keyframe = len(self._backend.keyframes) - 1
         scan.T_previous_sensor, scan.T_keyframe_sensor = scan.T_keyframe_sensor, np.eye(4)

@@ -1,0 +1,82 @@
+"""Keyframes' points on the disk: kept as they were, read again after a crash, and no reason for a run to fail."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data.errors import UserError
+from sgslam.keyframe_clouds import KeyframeClouds
+
+
+def some_points(seed: int, count: int = 500) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-8.0, 8.0, (count, 3))
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> KeyframeClouds:
+    clouds = KeyframeClouds(tmp_path / "clouds.bin", voxel=1e-4)  # so small that all points are kept
+    for keyframe in (0, 1, 3):
+        clouds.add(keyframe, some_points(keyframe))
+    return clouds
+
+
+def test_points_come_back_by_their_keyframe(three: KeyframeClouds) -> None:
+    assert list(three) == [0, 1, 3]
+    np.testing.assert_array_equal(three[1], some_points(1).astype(np.float32))
+    assert three[2].shape == (0, 3)
+
+
+def test_one_point_of_the_scan_is_left_in_each_voxel() -> None:
+    points, clouds = some_points(7, 3000), KeyframeClouds(voxel=1.0)
+    clouds.add(0, points)
+    kept = clouds[0]
+    cells = {tuple(cell) for cell in np.floor(points).astype(int).tolist()}
+    assert {tuple(cell) for cell in np.floor(kept).astype(int).tolist()} == cells
+    assert len(kept) == len(cells)
+    assert np.isin(kept, points.astype(np.float32)).all()
+
+
+def test_a_file_that_breaks_off_is_read_as_far_as_it_goes_and_added_to(three: KeyframeClouds) -> None:
+    assert three.path is not None
+    whole = three.path.read_bytes()
+    three.path.write_bytes(whole[:-700])
+    again = KeyframeClouds.open(three.path, voxel=1e-4)
+    assert list(again) == [0, 1]
+    again.add(2, some_points(2))
+    assert list(KeyframeClouds.open(three.path)) == [0, 1, 2]
+    np.testing.assert_array_equal(KeyframeClouds.open(three.path)[2], some_points(2).astype(np.float32))
+
+
+def test_a_run_that_goes_on_from_an_earlier_keyframe_forgets_what_came_after(three: KeyframeClouds) -> None:
+    assert three.path is not None
+    again = KeyframeClouds.open(three.path, keyframes=1, voxel=1e-4)
+    again.add(1, some_points(9))
+    np.testing.assert_array_equal(KeyframeClouds.open(three.path)[1], some_points(9).astype(np.float32))
+    assert list(KeyframeClouds.open(three.path)) == [0, 1]
+
+
+def test_a_nameless_store_is_copied_whole(tmp_path: Path) -> None:
+    clouds = KeyframeClouds(voxel=1e-4)
+    clouds.add(0, some_points(0, 200_000))
+    clouds.copy_to(tmp_path / "copy.bin")
+    np.testing.assert_array_equal(KeyframeClouds.open(tmp_path / "copy.bin")[0], clouds[0])
+
+
+def test_what_is_no_file_of_clouds_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "other").write_bytes(b"something else")
+    for name in ("other", "missing"):
+        with pytest.raises(UserError, match=name):
+            KeyframeClouds.open(tmp_path / name)
+
+
+def test_a_full_disk_costs_the_cloud_and_not_the_run(caplog: pytest.LogCaptureFixture) -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("there is no /dev/full here")
+    clouds = KeyframeClouds(voxel=0.1)
+    clouds._file = full.open("r+b", buffering=0)
+    clouds.add(0, some_points(0))
+    clouds.add(1, some_points(1))
+    assert len(clouds) == 0 and clouds[1].shape == (0, 3)
+    assert len(caplog.records) == 1
