@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from sgslam.state_tree import Stateful
+
 State = Literal["tight", "loose", "withdrawn"]
 Key = tuple[int, str]  # wall, A surface
 _log = logging.getLogger(__name__)
@@ -50,8 +52,10 @@ class Hold:
     why: str
 
 
-class AnchorLog:
+class AnchorLog(Stateful):
     """The records of a run, in the order in which the anchors came."""
+
+    _STATE = ("_records",)
 
     def __init__(self) -> None:
         self._records: dict[Key, AnchorRecord] = {}

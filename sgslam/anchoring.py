@@ -16,6 +16,7 @@ from sgslam.frames import inverse, se2_to_se3, transform_points
 from sgslam.holding import Held, Holding, find_place, hold, in_plan_view
 from sgslam.matcher_protocol import AnyMatcher, Match
 from sgslam.scene import Scene
+from sgslam.state_tree import Stateful
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
@@ -24,26 +25,28 @@ _APART = 1.0, np.radians(5)  # m and rad at which two answers place the map diff
 
 
 @dataclass(frozen=True)
-class _Growth:
+class Growth:
     """What of the S-graph can change the answer."""
 
     rooms: int = 0
     length: float = 0.0
 
     @staticmethod
-    def of(graph: SceneGraph) -> "_Growth":
-        return _Growth(len(graph.rooms), sum(w.length or 0.0 for w in graph.wall_surfaces))
+    def of(graph: SceneGraph) -> "Growth":
+        return Growth(len(graph.rooms), sum(w.length or 0.0 for w in graph.wall_surfaces))
 
-    def enough_since(self, last: "_Growth") -> bool:
+    def enough_since(self, last: "Growth") -> bool:
         return self.rooms > last.rooms or self.length > 1.1 * last.length
 
 
-class Anchoring:
+class Anchoring(Stateful):
     """Keeps the answer of the matcher, and turns a unique one into anchors.
 
     `a_graph` in the BIM frame; inside, a frame on the storey is used (the BIM's, moved by `origin`), because a site may
     lie kilometres from zero, and what is held at zero is held loosely far from it.
     """
+
+    _STATE = ("origin", "match", "committed", "_pairs", "_place", "_matched", "_tried", "_matches", "_moved")
 
     def __init__(self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config) -> None:
         self._a, self._matcher, self._config = a_graph, matcher, config
@@ -54,9 +57,18 @@ class Anchoring:
         self._pairs: set[Key] = set()  # of the committed answer
         self._place = np.zeros(3)  # T_local_level of the committed answer, yaw x y
         self._matched: Scene | None = None  # what the newest answer is about
-        self._tried = _Growth()
+        self._tried = Growth()
         self._matches = 0
         self._moved = False  # what the back end says is of a place that was withdrawn
+
+    def state(self) -> dict[str, Any]:
+        """See `Stateful`; with its log's."""
+        return {**super().state(), "log": self.log.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """See `Stateful`."""
+        super().restore(state)
+        self.log.restore(state["log"])
 
     def update(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> Anchors | None:
         """Returns the anchors that hold now.
@@ -67,7 +79,7 @@ class Anchoring:
         """
         self.log.rename(walls.current)
         self._pairs = {(walls.current(wall), a_id) for wall, a_id in self._pairs}
-        growth = _Growth.of(scene.graph)
+        growth = Growth.of(scene.graph)
         holding = self.holding(scene, walls, T_map_local)
         share = 0.0 if holding is None else holding.share
         if (last or growth.enough_since(self._tried)) and share < self._config.anchors.least_share:

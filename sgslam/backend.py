@@ -6,6 +6,7 @@ without ever editing a graph, and after a failure of the optimizer the graph is 
 
 import logging
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -41,6 +42,8 @@ class Backend:
         self._builder = GraphBuilder(config, self.keyframes, self.log)
         self._optimised_at = 0
         self._sound = 0  # keyframes whose poses are those of an optimum
+        self._told = Told([], {}, [], None)
+        self._walls_told: list[int] = []  # of each that was seen, for what is seen is relabelled
         self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, int]] | None = None
 
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
@@ -48,6 +51,42 @@ class Backend:
         self.keyframes.append(keyframe)
         if len(self.keyframes) > 1:
             self._builder.hold_step(len(self.keyframes) - 1, self._step(len(self.keyframes) - 1))
+
+    def state(self) -> dict[str, Any]:
+        """What it knows, as a tree (see `state_tree`)."""
+        seen = [replace(s, wall=wall) for s, wall in zip(self._told.seen, self._walls_told, strict=True)]
+        return {
+            "keyframes": self.keyframes, "planes_in_map": self.planes_in_map, "floor_in_map": self.floor_in_map,
+            "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at, "sound": self._sound,
+            "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors, "log": self.log.state(),
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `state` told; the factors are made anew from what the last optimisation was told.
+
+        Raises ValueError where they are not those that were held.
+        """
+        self.keyframes[:] = state["keyframes"]
+        self.planes_in_map, self.floor_in_map = state["planes_in_map"], state["floor_in_map"]
+        self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
+        made = FactorLog()
+        builder = GraphBuilder(self._config, self.keyframes, made)
+        for i in range(1, len(self.keyframes)):
+            builder.hold_step(i, self._step(i))
+            if (i, "bridge") in state["log"]["held"]["odometry"]:
+                builder.bridge(i)
+        self._told = self._hold(builder, state["seen"], state["rooms"], state["anchors"])
+        self._walls_told = [s.wall for s in state["seen"]]
+        self.log.restore(state["log"], made)
+
+    def _hold(
+        self, builder: GraphBuilder, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None
+    ) -> Told:
+        anchor_of = builder.hold_walls(seen)
+        builder.hold_floor()
+        builder.hold_rooms(rooms, anchor_of)
+        builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
+        return Told(list(seen), anchor_of, rooms, anchors)
 
     def _step(self, i: int) -> Floats:
         """(4, 4) the odometry's motion from the keyframe before to keyframe i."""
@@ -73,12 +112,9 @@ class Backend:
         error is no number; where it fails still, without what ties the map to the BIM; and where that fails too, the
         estimates of the last optimum stay. All of it is told by warnings.
         """
-        anchor_of = self._builder.hold_walls(seen)
-        self._builder.hold_floor()
-        self._builder.hold_rooms(rooms, anchor_of)
-        self._builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
+        told = self._told = self._hold(self._builder, seen, rooms, anchors)
         self._optimised_at = len(self.keyframes)
-        told = Told(seen, anchor_of, rooms, anchors)
+        self._walls_told = [s.wall for s in seen]
         for attempt in (self._solve, self._rebuild, self._rebuild_without_anchors):
             failure = attempt(told, steps)
             if failure is None:

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import gtsam
 import numpy as np
@@ -43,6 +43,23 @@ class FactorLog:
         self._barred: set[tuple[Kind, Key]] = set()
         self._refused: set[tuple[Kind, Key]] = set()
         self.events: list[FactorEvent] = []
+
+    def state(self) -> dict[str, Any]:
+        """What was held, barred, refused and told, as a tree; the factors themselves are made anew for `restore`."""
+        keys = {kind: list(entries) for kind, entries in self._held.items()}
+        return {"held": keys, "barred": self._barred, "refused": self._refused, "events": self.events}
+
+    def restore(self, state: dict[str, Any], made: "FactorLog") -> None:
+        """Goes on from what `state` told, with the factors of a log into which they were `made` anew.
+
+        Raises ValueError where one is missing there.
+        """
+        for kind in KINDS:
+            factors = made.held(kind)
+            if missing := [key for key in state["held"][kind] if key not in factors]:
+                raise ValueError(f"factor {kind} {missing[0]} cannot be made anew")
+            self._held[kind] = {key: factors[key] for key in state["held"][kind]}
+        self._barred, self._refused, self.events = state["barred"], state["refused"], state["events"]
 
     def held(self, kind: Kind) -> dict[Key, Entry]:
         """The factors of a kind that hold now, by key."""

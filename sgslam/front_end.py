@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sgslam.config import Config
 from sgslam.floor_extraction import FloorObservation, extract_floor
 from sgslam.frames import inverse, levelling, squared_up, transform_planes, transform_points
+from sgslam.state_tree import Stateful
 from sgslam.tracking import Carried, Tracked, track
 from sgslam.virtual_scan import ColumnScan, contour, sort_into_columns
 from sgslam.wall_extraction import WallObservation, extract_walls
@@ -45,8 +46,10 @@ def align(
     return replace(tracked, T=squared_up(inverse(T_level_map) @ tracked.T))
 
 
-class FrontEnd:
+class FrontEnd(Stateful):
     """Knows the sensor's height above the floor, as far as it has been seen."""
+
+    _STATE = ("sensor_height", "_up_in_sensor")
 
     def __init__(self, config: Config) -> None:
         self._config = config

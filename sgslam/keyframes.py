@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sgslam.config import KeyframeSettings
 from sgslam.floor_extraction import FloorObservation
 from sgslam.frames import inverse
+from sgslam.state_tree import Stateful
 
 Floats = NDArray[np.float64]
 
@@ -28,8 +29,10 @@ class KeyframeNode:
     lintels: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
 
 
-class KeyframeRule:
+class KeyframeRule(Stateful):
     """Takes a keyframe by distance, angle, or number of scans."""
+
+    _STATE = ("_last", "_scans")
 
     def __init__(self, settings: KeyframeSettings) -> None:
         self._settings = settings

@@ -10,6 +10,7 @@ from sgslam.config import Config
 from sgslam.frames import inverse, level_map
 from sgslam.front_end import FrontEnd, align, predict, upright_step
 from sgslam.odometry import Odometry
+from sgslam.state_tree import Stateful
 from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import WallMap
 
@@ -39,12 +40,14 @@ class _Guessed:
         return self.firm > other.firm or (self.firm == other.firm and self.share > other.share + _CLEARLY)
 
 
-class Locator:
+class Locator(Stateful):
     """Locates scan after scan.
 
     A robot moves nearly as it did a scan ago, which indoors foretells more exactly than KISS-ICP does, where few rings
     see much of a wall. A scan that was foretold, and that the walls then hold firmly and close by, needs no odometry.
     """
+
+    _STATE = ("_last", "_step", "_stamp_ns", "_interval_ns")
 
     def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, walls: WallMap) -> None:
         self._config, self._odometry, self._front_end, self._walls = config, odometry, front_end, walls

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import SurfaceSettings
 from sgslam.frames import transform_planes, transform_points
+from sgslam.state_tree import Stateful
 from sgslam.wall_extraction import WallObservation
 
 Floats = NDArray[np.float64]
@@ -65,8 +66,13 @@ class Lines:
         )  # fmt: skip
 
 
-class WallMap:
+class WallMap(Stateful):
     """All wall observations of a run and the walls that they are thought to be of."""
+
+    _STATE = (
+        "seen", "_walls", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into",
+        "_lines",
+    )  # fmt: skip
 
     def __init__(self, settings: SurfaceSettings) -> None:
         self._settings = settings

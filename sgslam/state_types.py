@@ -1,0 +1,23 @@
+"""The dataclasses that a saved run may hold."""
+
+from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
+from matching.result import Hypothesis, MatchResult
+from sgslam.anchor_log import AnchorEvent, AnchorRecord
+from sgslam.anchoring import Growth
+from sgslam.factor_log import FactorEvent
+from sgslam.floor_extraction import FloorObservation
+from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
+from sgslam.keyframes import KeyframeNode
+from sgslam.locating import Located
+from sgslam.result import ScanPose
+from sgslam.scene import Scene
+from sgslam.wall_map import Lines, SeenWall
+
+TYPES: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (
+        AnchorEvent, AnchorRecord, Anchors, Door, FactorEvent, Floor, FloorObservation, Growth, Hypothesis, Keyframe,
+        KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, ScanPose, Scene, SceneGraph, SeenWall,
+        WallSurface,
+    )
+}  # fmt: skip
