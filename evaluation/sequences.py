@@ -1,9 +1,10 @@
 """What is measured on: scans, building and truth; simulated by seed, or a user's own, listed in YAML."""
 
 import shutil
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -19,6 +20,9 @@ from data.simulate import PLAN
 from data.trajectory import Trajectory
 from evaluation.conditions import NORMAL, Conditions
 from evaluation.weakened import WeakOdometry, weaken_odometry
+
+if TYPE_CHECKING:
+    from sgslam.config import OdometrySettings
 
 INDOOR_VOXEL = 0.5  # m, of KISS-ICP alone
 
@@ -121,7 +125,7 @@ def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions 
     if not conditions.weaken:
         return sequence
     if not kept.exists():
-        odometry_alone(ScanFolder(scan_dir)).write_tum(kept)
+        odometry_of_run(ScanFolder(scan_dir)).write_tum(kept)
     return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(kept), truth, seed))
 
 
@@ -164,13 +168,35 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
 def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
     """KISS-ICP alone on whole scans, with a voxel for indoors: its default of 1 m is for streets; T_odom_sensor."""
     from sgslam.config import OdometrySettings
+
+    return _registered(scans, OdometrySettings(voxel_size=INDOOR_VOXEL), lambda points: points)
+
+
+def odometry_of_run(scans: Iterable[Scan]) -> Trajectory:
+    """KISS-ICP on the points and with the settings that a run would give it, without walls or floor; T_odom_sensor."""
+    from sgslam.config import Config
+    from sgslam.front_end import FrontEnd
+
+    front_end = FrontEnd(Config())
+
+    def upright(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        columns = front_end.columns(points)
+        return columns.points[columns.upright]
+
+    return _registered(scans, Config().odometry, upright)
+
+
+def _registered(
+    scans: Iterable[Scan], settings: "OdometrySettings",
+    chosen: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> Trajectory:  # fmt: skip
     from sgslam.odometry import KissOdometry
 
-    odometry = KissOdometry(OdometrySettings(voxel_size=INDOOR_VOXEL))
+    odometry = KissOdometry(settings)
     stamps, poses = [], []
     for scan in scans:
         stamps.append(scan.stamp_ns)
-        poses.append(odometry.register(scan.points))
+        poses.append(odometry.register(chosen(scan.points)))
     return Trajectory(np.array(stamps, dtype=np.int64), np.stack(poses))
 
 

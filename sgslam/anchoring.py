@@ -21,6 +21,7 @@ from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
+_STAYS = 2.0  # of the gate; a wall that is off by more though it was pulled
 _APART = 1.0, np.radians(5)  # m and rad at which two answers place the map differently
 
 
@@ -55,6 +56,8 @@ class Anchoring(Stateful):
         self.committed: Match | None = None  # the answer that the anchors stand on
         self.log = AnchorLog()
         self._pairs: set[Key] = set()  # of the committed answer
+        self._pulled: set[Key] = set()  # that were held tight though off, since the map seemed bent there
+        self._resisting: set[Key] = set()  # that were pulled, and did not come
         self._place = np.zeros(3)  # T_local_level of the committed answer, yaw x y
         self._matched: Scene | None = None  # what the newest answer is about
         self._tried = Growth()
@@ -78,9 +81,12 @@ class Anchoring(Stateful):
         `T_map_local` is the back end's estimate of the BIM's local frame where there is one.
         """
         self.log.rename(walls.current)
-        self._pairs = {(walls.current(wall), a_id) for wall, a_id in self._pairs}
+        for keys in (self._pairs, self._pulled, self._resisting):
+            renamed = {(walls.current(wall), a_id) for wall, a_id in keys}
+            keys.clear()
+            keys.update(renamed)
         growth = Growth.of(scene.graph)
-        holding = self.holding(scene, walls, T_map_local)
+        holding = self._pulled_already(scene, walls, T_map_local)
         share = 0.0 if holding is None else holding.share
         if (last or growth.enough_since(self._tried)) and share < self._config.anchors.least_share:
             before = self.committed
@@ -92,6 +98,7 @@ class Anchoring(Stateful):
             self._tried = growth
         if holding is None:
             return None
+        self._pulled = {(scene.wall_of_surface[h.surface.id], h.planned.id) for h in holding.walls if h.bent}
         holds = self._note(scene, holding)
         anchors = self._anchors(scene, walls, holding, T_map_local, holds)
         self._moved = False
@@ -119,8 +126,25 @@ class Anchoring(Stateful):
             return None
         return hold(
             scene, walls, self.storey, self.origin[:2], self._known(walls, T_map_local),
-            self._config.anchors,
+            self._config.anchors, self._resisting,
         )  # fmt: skip
+
+    def _pulled_already(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Holding | None:
+        """As `holding`; a map that is bent gives way when it is pulled straight, walls that were built elsewhere do
+        not: those are taken for such from now on."""
+        holding = self.holding(scene, walls, T_map_local)
+        if holding is None or not self._pulled:
+            return holding
+        stay = {
+            (scene.wall_of_surface[h.surface.id], h.planned.id)
+            for h in holding.walls
+            if abs(h.offset) > _STAYS * holding.gate
+        }
+        stay &= self._pulled
+        if not stay - self._resisting:
+            return holding
+        self._resisting |= stay
+        return self.holding(scene, walls, T_map_local)
 
     def bim_from_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) the map in the BIM frame, from the back end's estimate."""
@@ -165,6 +189,7 @@ class Anchoring(Stateful):
 
     def _withdraw(self, scene: Scene, why: str) -> None:
         self.committed, self._pairs = None, set()
+        self._pulled, self._resisting = set(), set()
         self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
         _log.warning("the match that the anchors stood on is withdrawn: %s", why)
 

@@ -11,18 +11,19 @@ _LEAST_UNITS = 5
 _LEAST_TELLING = 3  # units among them that would not agree with the map's own place
 
 
-def bent_with_neighbours(pairs: Pairs, overall: Consensus, most_turned: float) -> Flags:
+def bent_with_neighbours(pairs: Pairs, overall: Consensus, most_turned: float, built_so: Flags) -> Flags:
     """(N,) the walls off the `overall` consensus whose neighbourhood agrees on a place of its own.
 
     Walls that were built elsewhere, and wrong matches, are each off in their own way; drift moves all walls of a
-    neighbourhood alike. `most_turned` in radians, as in `find_consensus`.
+    neighbourhood alike. Those `built_so` (N,) are known to stand elsewhere, and say nothing of the map.
+    `most_turned` in radians, as in `find_consensus`.
     """
     bent = np.zeros(len(overall.agree), dtype=bool)
     votes = pairs.votes()
     for i in np.argsort(-votes, kind="stable").tolist():
-        if overall.agree[i] or bent[i]:
+        if overall.agree[i] or bent[i] or built_so[i]:
             continue
-        near = np.flatnonzero(np.hypot(*(pairs.seen - pairs.seen[i]).T) < _NEIGHBOURS)
+        near = np.flatnonzero((np.hypot(*(pairs.seen - pairs.seen[i]).T) < _NEIGHBOURS) & ~built_so)
         if votes[near][overall.agree[near]].sum() > _MOST_OVERALL * votes[near].sum():
             continue
         local = find_consensus(pairs.only(near), overall.T_plan_map, most_turned)

@@ -1,11 +1,13 @@
 """The walls of the map at the planned ones: which stands where, how far off, and which agree on the map's place."""
 
+from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
+from sgslam.anchor_log import Key
 from sgslam.bent import bent_with_neighbours
 from sgslam.config import AnchorSettings
 from sgslam.consensus import Pairs, find_consensus
@@ -44,11 +46,13 @@ class Holding:
 
 
 def hold(
-    scene: Scene, walls: WallMap, floor: SceneGraph, origin: Floats, known: Floats, settings: AnchorSettings
-) -> Holding | None:
+    scene: Scene, walls: WallMap, floor: SceneGraph, origin: Floats, known: Floats, settings: AnchorSettings,
+    resisting: Set[Key] = frozenset(),
+) -> Holding | None:  # fmt: skip
     """The walls of `scene` by their position on a storey of the plan; None where they do not agree on a place.
 
     `known` (3,) is T_local_level, yaw x y, to half a metre; the local frame is the BIM's, moved by -`origin` (2,).
+    Those `resisting`, by wall and planned surface, are off because they were built so: the map is not bent there.
     """
     seen, planned = list(scene.graph.wall_surfaces), list(floor.wall_surfaces)
     s_rooms = {room.id: k for k, room in enumerate(scene.graph.rooms)}
@@ -66,7 +70,11 @@ def hold(
             break
         place = found.T_plan_map
     place = found.T_plan_map
-    off, bent = pairs.offsets(place).tolist(), bent_with_neighbours(pairs, found, settings.gate_angle)
+    built_so = np.array(
+        [(scene.wall_of_surface[seen[i].id], planned[int(which[i])].id) in resisting for i in paired.tolist()],
+        dtype=bool,
+    )
+    off, bent = pairs.offsets(place).tolist(), bent_with_neighbours(pairs, found, settings.gate_angle, built_so)
     held = [
         Held(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(bent[k]))
         for k, i in enumerate(paired.tolist())

@@ -25,10 +25,11 @@ def shifted(by: tuple[float, float]) -> np.ndarray:
     return np.array([by[0], -by[0], by[1], -by[1]])
 
 
-def bent(pairs: Pairs) -> np.ndarray:
+def bent(pairs: Pairs, built_so: np.ndarray | None = None) -> np.ndarray:
+    known = np.zeros((len(pairs.unit) // 4, 4), dtype=bool) if built_so is None else built_so
     overall = find_consensus(pairs, np.zeros(3), TURN)
     assert overall is not None and np.allclose(overall.T_plan_map, 0.0, atol=0.01)
-    return bent_with_neighbours(pairs, overall, TURN).reshape(-1, 4)
+    return bent_with_neighbours(pairs, overall, TURN, known.ravel()).reshape(-1, 4)
 
 
 def test_rooms_that_drifted_together_are_bent() -> None:
@@ -57,3 +58,11 @@ def test_walls_that_agree_with_every_place_bend_nothing(seed: int) -> None:
 
 def test_a_map_that_agrees_is_not_bent() -> None:
     assert not bent(rooms_in_a_row(5, np.zeros((5, 4)))).any()
+
+
+def test_walls_that_are_known_to_stand_elsewhere_bend_nothing() -> None:
+    """Not themselves, and not their neighbours either, for which too few are left that say so."""
+    off, known = np.zeros((12, 4)), np.zeros((12, 4), dtype=bool)
+    off[8:] = shifted((0.05, 0.15))
+    known[8:, 2:] = True
+    assert not bent(rooms_in_a_row(12, off), known).any()
