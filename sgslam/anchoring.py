@@ -47,7 +47,10 @@ class Anchoring(Stateful):
     lie kilometres from zero, and what is held at zero is held loosely far from it.
     """
 
-    _STATE = ("origin", "match", "committed", "_pairs", "_place", "_matched", "_tried", "_matches", "_moved")
+    _STATE = (
+        "origin", "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
+        "_moved",
+    )  # fmt: skip
 
     def __init__(self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config) -> None:
         self._a, self._matcher, self._config = a_graph, matcher, config
