@@ -1,17 +1,26 @@
-"""Scans of whatever the user has: a folder of scans."""
+"""Scans of whatever the user has: a folder of scans, or a bag."""
 
 from pathlib import Path
 
 from data.errors import UserError
+from data.scan_formats import READERS
 from data.scans import ScanFolder, ScanSource
 
 
 def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
-    """The scans of a folder.
+    """The scans of a folder or of a bag; of a bag those of one `topic`, guessed where it is None.
 
     Raises UserError where there are none, and where a `topic` is named for what has no topics.
     """
+    from data.bags import BagScans, is_bag
+
     path = Path(path)
+    if is_bag(path) and not (path.is_dir() and _has_scans(path)):
+        return BagScans(path, topic)
     if topic is not None:
         raise UserError(f"--topic {topic}: {path} is no bag and has no topics")
     return ScanFolder(path)
+
+
+def _has_scans(folder: Path) -> bool:
+    return any(p.suffix.lower() in READERS for p in folder.iterdir() if not p.name.startswith("."))

@@ -5,10 +5,11 @@ from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import count, islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,26 +156,27 @@ class ScanFolder(ScanSource):
 
     def _read(self, index: int) -> Scan:
         stamp_ns = int(self.stamps_ns[index])
-        raw, times = read_timed(self.files[index])
-        after = None if times is None else seconds_after(times, stamp_ns)
-        return cleaned(Scan(index, stamp_ns, np.ascontiguousarray(raw, dtype=np.float64), 0, self.files[index], after))
+        points, times = read_timed(self.files[index])
+        return finished(index, stamp_ns, points, times, self.files[index])
 
 
-def cleaned(scan: Scan) -> Scan:
-    """The scan without its NaN, infinite and zero returns. Raises UnreadableScanError where nothing is left."""
-    points = scan.points
+def finished(index: int, stamp_ns: int, points: NDArray[Any], times: NDArray[Any] | None, path: Path) -> Scan:
+    """A scan of points (N, 3) and their times (N,) as stored (see `point_times`), without NaN, infinite and zero
+    returns. Raises UnreadableScanError where nothing is left.
+    """
     if not len(points):
         raise UnreadableScanError("it is empty")
-    if points.all() and points.min() > -_FAR and points.max() < _FAR:  # most scans need no second look
-        return scan
-    # squared ranges: NaN and infinity fail the comparison, and so does a return of all zeros
-    with np.errstate(over="ignore", invalid="ignore"):
-        squared = np.einsum("ij,ij->i", points, points)
-        good = (squared > 0) & (squared < np.inf)
-    if not good.any():
-        raise UnreadableScanError("all of its returns are NaN, infinite or zero")
-    times = None if scan.point_times is None else scan.point_times[good]
-    return replace(scan, points=points[good], dropped=int(np.count_nonzero(~good)), point_times=times)
+    count_all, points = len(points), np.ascontiguousarray(points, dtype=np.float64)
+    if not (points.all() and points.min() > -_FAR and points.max() < _FAR):  # most scans need no second look
+        # squared ranges: NaN and infinity fail the comparison, and so does a return of all zeros
+        with np.errstate(over="ignore", invalid="ignore"):
+            squared = np.einsum("ij,ij->i", points, points)
+            good = (squared > 0) & (squared < np.inf)
+        if not good.any():
+            raise UnreadableScanError("all of its returns are NaN, infinite or zero")
+        points, times = points[good], None if times is None else times[good]
+    after = None if times is None else seconds_after(times, stamp_ns)
+    return Scan(index, stamp_ns, points, count_all - len(points), path, after)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
