@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         _make_demo(options)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start say where in the building; give --bim too")
-    scans = open_scans(options.scan_dir)
+    scans = open_scans(options.scan_dir, options.topic)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     known = scans.stamps_ns  # a bag's are not, before it is read
     if truth is not None and known is not None and not len(associate(known, truth.stamps_ns)[0]):
@@ -98,7 +98,8 @@ def _parser() -> argparse.ArgumentParser:
     about = "Scans and a building's IFC file in, a trajectory in building coordinates out."
     parser = Parser(prog="python -m sgslam.run", description=about)
     add = parser.add_argument
-    add("--scan-dir", type=Path, metavar="DIR", help="folder of scans (.bin, .ply, .pcd, .npy), sensor frame")
+    add("--scan-dir", type=Path, metavar="DIR", help="folder of scans, or a bag; the formats: docs/formats.md")
+    add("--topic", metavar="NAME", help="the scans' topic in a bag, where it holds several")
     add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, or an A-graph as .json")
     add("--out", type=Path, metavar="DIR", help="where the results go (default: out/<date>)")
     add("--ground-truth", type=Path, metavar="FILE", help="sensor poses in the BIM frame, TUM, the scans' clock")
