@@ -190,7 +190,7 @@ def _registered(
     scans: Iterable[Scan], settings: "OdometrySettings",
     chosen: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> Trajectory:  # fmt: skip
-    from sgslam.odometry import KissOdometry
+    from sgslam.odometry_kiss import KissOdometry
 
     odometry = KissOdometry(settings)
     stamps, poses = [], []

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 _HOMES = {
-    "Config": "sgslam.config", "KissOdometry": "sgslam.odometry", "Result": "sgslam.result",
+    "Config": "sgslam.config", "KissOdometry": "sgslam.odometry_kiss", "Result": "sgslam.result",
     "SceneGraph": "data.scene_graph", "SceneGraphSlam": "sgslam.slam", "Update": "sgslam.result",
     "load_bim": "data.bim",
 }  # fmt: skip

@@ -1,5 +1,7 @@
 """Every setting of a run, with its reason; pydantic checks types and bounds."""
 
+from typing import Literal
+
 from pydantic import BaseModel, ConfigDict, Field
 
 
@@ -8,8 +10,9 @@ class _Settings(BaseModel):
 
 
 class OdometrySettings(_Settings):
-    """KISS-ICP, set for indoors: its default voxel of 1 m is for streets."""
+    """KISS-ICP or small_gicp, set for indoors."""
 
+    method: Literal["kiss", "small_gicp"] = Field("kiss", description="what finds the step from scan to scan")
     voxel_size: float = Field(1.0, gt=0, description="m; smaller is more exact and slower")
     max_range: float = Field(60.0, gt=0, description="m")
     min_range: float = Field(0.3, ge=0, description="m")
@@ -19,6 +22,9 @@ class OdometrySettings(_Settings):
     max_turn: float = Field(0.8, gt=0, description="rad from scan to scan, likewise")
     max_tip: float = Field(0.25, gt=0, description="rad by which the vertical tips from scan to scan, likewise")
     min_share: float = Field(0.4, ge=0, le=1, description="of a scan that a search must explain")
+    gicp_voxel_size: float = Field(0.25, gt=0, description="m, of small_gicp's scans and of its local map")
+    gicp_spacing: float = Field(0.3, gt=0, description="m or rad between the scans of its local map")
+    gicp_scans: int = Field(15, ge=1, description="in its local map at most")
     sigma_rotation: float = Field(0.004, gt=0, description="rad, a step between keyframes")
     sigma_translation: float = Field(0.015, gt=0, description="m, a step between keyframes")
 

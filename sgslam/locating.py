@@ -61,7 +61,7 @@ class Locator(Stateful):
         regular = self._is_regular(stamp_ns)
         if last_map is None or self._last is None:
             self._walls.T_level_map = level_map(None, self._front_end.height)
-            T_odom_sensor = self._odometry.register(scan.points[scan.upright]) if given is None else given
+            T_odom_sensor = self._odometry.register(self._points(scan)) if given is None else given
             self._last = Located(T_odom_sensor, np.eye(4))
             return self._last
         if not self._config.tracking.correct:
@@ -81,7 +81,7 @@ class Locator(Stateful):
         tracked = None if foretold is None else self._align(scan, foretold)
         if tracked is not None and tracked.firm and not tracked.surprising:
             step = inverse(last_map) @ tracked.T_map_sensor
-            return Located(self._odometry.follow(lambda: scan.points[scan.upright], step), tracked.T_map_sensor)
+            return Located(self._odometry.follow(lambda: self._points(scan), step), tracked.T_map_sensor)
         T_odom_sensor, guess = self._ask(scan, last_map, given)
         asked = self._align(scan, guess)
         if tracked is not None and tracked.better_than(asked):
@@ -93,9 +93,13 @@ class Locator(Stateful):
         assert self._last is not None
         if given is not None:
             return given, predict(last_map, self._last.T_odom_sensor, given)
-        T_odom_sensor = self._odometry.register(scan.points[scan.upright], self._step)
+        T_odom_sensor = self._odometry.register(self._points(scan), self._step)
         guess = predict(last_map, self._last.T_odom_sensor, T_odom_sensor)
         return T_odom_sensor, upright_step(guess, last_map, self._walls.T_level_map[2, :3])
+
+    def _points(self, scan: ColumnScan) -> Floats:
+        """(N, 3) what the odometry is given of a scan."""
+        return scan.points[scan.upright] if self._odometry.upright_only else scan.points
 
     def _align(self, scan: ColumnScan, guess: Floats) -> _Guessed:
         """Corrected by walls and floor."""

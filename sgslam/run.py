@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from data.scans import ScanSource
     from data.scene_graph import SceneGraph
     from data.trajectory import Trajectory
+    from sgslam.odometry_given import GivenOdometry
     from sgslam.slam import SceneGraphSlam
 
 
@@ -38,11 +39,15 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.findings import write_topics
     from sgslam.keyframe_clouds import FILE as CLOUDS
     from sgslam.keyframe_clouds import KeyframeClouds
+    from sgslam.odometry_choice import choose
     from sgslam.output import prepare_folder, save_result
     from sgslam.settings import load_config
     from sgslam.slam import SceneGraphSlam
 
     config = load_config(options.config, options.set)
+    given = None
+    if options.odometry is not None:
+        config, given = choose(options.odometry, config)
     start = None if options.start is None else _start(options.start)
     matcher = _matcher(config.matching.method, start)
     if options.demo:
@@ -54,6 +59,8 @@ def main(arguments: list[str] | None = None) -> int:
     known = scans.stamps_ns  # a bag's are not, before it is read
     if truth is not None and known is not None and not len(associate(known, truth.stamps_ns)[0]):
         raise UserError(f"{options.ground_truth}: no stamp is near a scan's; give the truth by the scans' clock")
+    if given is not None and known is not None:
+        given.check(known)
     began, used = perf_counter(), process_time()
     bim = None if options.bim is None else load_bim(options.bim)
     seconds = {"bim": perf_counter() - began}
@@ -68,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
     log = logging.getLogger("sgslam")
     log.info("%d scans in %s; building: %s", len(scans), scans.path, options.bim or "none")
     gc.freeze()  # what is loaded now stays: it need not be searched for garbage again and again
-    broken = _feed(slam, scans, seconds)
+    broken = _feed(slam, scans, seconds, given)
     for skipped in scans.skipped:
         log.warning("%s is skipped: %s", skipped.name, skipped.reason)
     for remark in scans.remarks:
@@ -105,6 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--ground-truth", type=Path, metavar="FILE", help="sensor poses in the BIM frame, TUM, the scans' clock")
     add("--start", metavar="X,Y,YAW", help="rough start in the BIM frame, metres and radians; breaks ties")
     add("--storey", metavar="NAME", help="the storey that was scanned, where it is known")
+    add("--odometry", metavar="NAME|FILE", help="kiss (the default), small_gicp, or a TUM file of T_odom_sensor")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
     add("--demo", action="store_true", help="make a building, drive through it, and run on that; needs nothing else")
@@ -181,7 +189,9 @@ class _StartedMatcher:
         return self._matcher.match(s, a, start=self._start)
 
 
-def _feed(slam: "SceneGraphSlam", scans: "ScanSource", seconds: dict[str, float]) -> str | None:
+def _feed(
+    slam: "SceneGraphSlam", scans: "ScanSource", seconds: dict[str, float], given: "GivenOdometry | None"
+) -> str | None:
     """Feeds all scans; returns why it had to stop early, if it had. Nothing can be saved before the first scan."""
     from rich.console import Console
     from rich.progress import Progress
@@ -196,7 +206,8 @@ def _feed(slam: "SceneGraphSlam", scans: "ScanSource", seconds: dict[str, float]
                 seconds["reading"] += perf_counter() - waiting
                 if not fed:
                     _doubt_units(scan.points)
-                slam.add_scan(scan.stamp_ns, scan.points, scan.point_times)
+                T_odom_sensor = None if given is None else given.at(scan.stamp_ns)
+                slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
                 fed += 1
                 progress.update(task, completed=scan.index + 1)
                 waiting = perf_counter()

@@ -19,7 +19,7 @@ from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.keyframes import KeyframeNode, KeyframeRule
 from sgslam.locating import Locator
 from sgslam.matcher_protocol import AnyMatcher
-from sgslam.odometry import KissOdometry, Odometry
+from sgslam.odometry import Odometry, make_odometry
 from sgslam.result import Result, ScanPose, Update, finished
 from sgslam.scene import Scene, build_scene
 from sgslam.wall_map import WallMap
@@ -46,7 +46,7 @@ class SceneGraphSlam:
         self._front_end = FrontEnd(self._config)
         self._rule = KeyframeRule(self._config.keyframes)
         self._walls = WallMap(self._config.surfaces)
-        odometry = odometry or KissOdometry(self._config.odometry)
+        odometry = odometry or make_odometry(self._config.odometry)
         self._locator = Locator(self._config, odometry, self._front_end, self._walls)
         self._backend = Backend(self._config)
         self._anchoring = (
