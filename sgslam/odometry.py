@@ -24,12 +24,6 @@ class Odometry(Protocol):
         """Whether it is to be given only the points on upright surfaces, as the scan itself tells them."""
         ...
 
-    @property
-    def information(self) -> Floats:
-        """(3, 3) how firmly surfaces hold the newest scan that was registered: the normal equations of yaw, x and y in
-        the sensor's axes, one for each point that lies on a surface across a direction (rad^-2 m^2, m, 1)."""
-        ...
-
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """Takes (N, 3) points of one scan in the sensor frame, N >= 0; returns (4, 4) T_odom_sensor.
 

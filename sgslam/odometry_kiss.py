@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import OdometrySettings
-from sgslam.degeneracy import surfaces_of
 from sgslam.frames import inverse, squared_up
 from sgslam.odometry import State
 from sgslam.odometry_steps import far_apart, plausible, search
@@ -15,6 +14,7 @@ from sgslam.odometry_steps import far_apart, plausible, search
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _KERNEL = 0.5  # m, of the registration in a search
+_NEAR = 0.3  # m; a point this close to the map counts as explained by it
 _SPACING = 0.25  # m and rad between the scans of the local map while others find the steps
 
 
@@ -44,17 +44,10 @@ class KissOdometry:
         self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, settings.max_range)
         self._scans = 0
         self._mapped = np.eye(4)  # where the newest scan of the local map was taken
-        self._registered: Floats = np.empty((0, 3))
-
-    @property
-    def information(self) -> Floats:
-        """See `Odometry.information`; of the surfaces in the scan, since pairs of points tell nothing of it."""
-        return surfaces_of(self._registered)
 
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """See `Odometry.register`."""
         kiss = self._kiss
-        self._registered = points
         frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
         source, for_map = kiss.voxelize(frame)
         sigma = self._threshold.sigma
@@ -91,7 +84,7 @@ class KissOdometry:
             "map_points": kiss.local_map.point_cloud().reshape(-1, 3), "mapped": self._mapped.copy(),
             "last_pose": np.array(kiss.last_pose), "last_delta": np.array(kiss.last_delta),
             "threshold": np.array([self._threshold.squares, self._threshold.count]),
-            "registered": np.array(self._registered), "scans": np.array([self._scans], float),
+            "scans": np.array([self._scans], float),
         }  # fmt: skip
 
     def restore(self, state: State) -> None:
@@ -100,7 +93,7 @@ class KissOdometry:
         kiss.local_map.clear()
         kiss.local_map.add_points(np.ascontiguousarray(state["map_points"]))
         kiss.last_pose, kiss.last_delta = np.array(state["last_pose"]), np.array(state["last_delta"])
-        self._mapped, self._registered = np.array(state["mapped"]), np.array(state["registered"])
+        self._mapped = np.array(state["mapped"])
         self._threshold.squares, self._threshold.count = (float(value) for value in state["threshold"])
         self._scans = int(state["scans"][0])
 
@@ -113,7 +106,7 @@ class KissOdometry:
     def _search(self, source: Floats) -> Floats:
         kiss = self._kiss
         found = search(
-            source, kiss.last_pose, kiss.local_map.point_cloud().reshape(-1, 3),
+            source, kiss.last_pose, kiss.local_map.point_cloud().reshape(-1, 3), _NEAR,
             lambda guess: self._align(source, guess, _KERNEL), self._settings,
         )  # fmt: skip
         if found is not None:

@@ -18,8 +18,8 @@ _log = logging.getLogger(__name__)
 _NEIGHBOURS = 10  # that a surface is fitted to
 _LEAST = 20  # points that a registration needs
 _REACH = 0.5  # m between points that may be of one surface
-_ACROSS = 500.0  # 1/m2: a pair's weight across its surface, both covariances being (1, 1, 1e-3)
-_HORIZONTAL = np.ix_([2, 3, 4], [2, 3, 4])  # yaw, x, y of small_gicp's rotation and translation
+_NEAR = 0.15  # m; a point this close to the map counts as explained by it
+_PATIENCE = 5  # scans in a row that may find no place in the map, before it is begun afresh
 
 
 class SmallGicpOdometry:
@@ -40,26 +40,22 @@ class SmallGicpOdometry:
         self._last, self._delta, self._mapped = np.eye(4), np.eye(4), np.eye(4)
         self._window: list[Floats] = []  # points (N, 3) of each scan in the local map, odometry frame
         self._target: Any = None  # the map as small_gicp has it, with its search tree; made when it is asked for
-        self._information = np.zeros((3, 3))
-        self._scans = 0
-
-    @property
-    def information(self) -> Floats:
-        """See `Odometry.information`; from the registration's Hessian."""
-        return self._information.copy()
+        self._lost, self._scans = 0, 0  # scans in a row that found no place in the map, and all
 
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """See `Odometry.register`."""
         guess = squared_up(self._last @ (self._delta if expected_step is None else expected_step))
-        source = self._prepared(points, self._settings.gicp_voxel_size)
+        source = self._prepared(points)
         pose = guess if self._window else self._last
-        self._information = np.zeros((3, 3))
-        if source is not None and self._window:
-            pose = self._align(source, guess)
-            if not plausible(inverse(self._last) @ pose, self._settings):
-                pose = self._search(source)
         if source is not None:
-            self._grow(source.points()[:, :3], pose)
+            found = self._found(source, guess) if self._window else pose
+            self._lost = 0 if found is not None else self._lost + 1
+            if self._lost > _PATIENCE:
+                _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+                self._window, self._lost = [], 0
+            pose = guess if found is None else found
+            if not self._lost:
+                self._grow(source.points()[:, :3], pose)
         self._delta, self._last = inverse(self._last) @ pose, pose
         self._scans += 1
         return pose.copy()
@@ -68,7 +64,7 @@ class SmallGicpOdometry:
         """See `Odometry.follow`."""
         pose = squared_up(self._last @ T_last_sensor)
         if not self._window or far_apart(self._mapped, pose, self._settings.gicp_spacing):
-            source = self._prepared(points(), self._settings.gicp_voxel_size)
+            source = self._prepared(points())
             if source is not None:
                 self._grow(source.points()[:, :3], pose)
         self._delta, self._last = T_last_sensor, pose
@@ -81,7 +77,7 @@ class SmallGicpOdometry:
         return {
             "map_points": points, "points_of_scan": np.array([len(p) for p in self._window], float),
             "mapped": self._mapped.copy(), "last_pose": self._last.copy(), "last_delta": self._delta.copy(),
-            "information": self._information.copy(), "scans": np.array([self._scans], float),
+            "lost": np.array([self._lost], float), "scans": np.array([self._scans], float),
         }  # fmt: skip
 
     def restore(self, state: State) -> None:
@@ -90,22 +86,34 @@ class SmallGicpOdometry:
         self._window = np.split(np.array(state["map_points"]), ends) if len(state["points_of_scan"]) else []
         self._target = None
         self._mapped, self._last = np.array(state["mapped"]), np.array(state["last_pose"])
-        self._delta, self._information = np.array(state["last_delta"]), np.array(state["information"])
-        self._scans = int(state["scans"][0])
+        self._delta = np.array(state["last_delta"])
+        self._lost, self._scans = int(state["lost"][0]), int(state["scans"][0])
 
-    def _prepared(self, points: Floats, voxel: float) -> Any:
+    def _prepared(self, points: Floats) -> Any:
         """The points within range, thinned out, with covariances; None where they are too few to tell of surfaces."""
         distance = np.linalg.norm(points, axis=1)
         kept = points[(distance > self._settings.min_range) & (distance < self._settings.max_range)]
         if len(kept) < _LEAST:
             return None
         cloud, _ = self._gicp.preprocess_points(
-            kept, downsampling_resolution=voxel, num_neighbors=_NEIGHBOURS, num_threads=1
-        )  # fmt: skip
+            kept, downsampling_resolution=self._settings.gicp_voxel_size, num_neighbors=_NEIGHBOURS, num_threads=1
+        )
         return cloud if cloud.size() >= _LEAST else None
 
-    def _align(self, source: Any, guess: Floats) -> Floats:
-        """T_odom_sensor from a start; the start itself where the registration ends nowhere."""
+    def _found(self, source: Any, guess: Floats) -> Floats | None:
+        """T_odom_sensor where the map explains enough of the scan, else None."""
+        pose, share = self._align(source, guess)
+        if share >= self._settings.min_share and plausible(inverse(self._last) @ pose, self._settings):
+            return pose
+        points = np.ascontiguousarray(source.points()[:, :3])
+        map_points = np.concatenate(self._window)
+        return search(
+            points, self._last, map_points, _NEAR, lambda start: self._align(source, start)[0], self._settings
+        )
+
+    def _align(self, source: Any, guess: Floats) -> tuple[Floats, float]:
+        """T_odom_sensor from a start, and the share of the points that have a partner then; the start itself and none
+        where the registration ends nowhere."""
         if self._target is None:
             self._target = self._gicp.preprocess_points(
                 np.concatenate(self._window), downsampling_resolution=self._settings.gicp_voxel_size,
@@ -117,20 +125,8 @@ class SmallGicpOdometry:
             max_correspondence_distance=_REACH, num_threads=1, max_iterations=self._settings.iterations,
         )  # fmt: skip
         if found.num_inliers < _LEAST or not np.isfinite(found.T_target_source).all():
-            self._information = np.zeros((3, 3))
-            return guess
-        self._information = np.array(found.H)[_HORIZONTAL] / _ACROSS
-        return squared_up(np.array(found.T_target_source))
-
-    def _search(self, source: Any) -> Floats:
-        points = np.ascontiguousarray(source.points()[:, :3])
-        map_points = np.concatenate(self._window)
-        found = search(points, self._last, map_points, lambda guess: self._align(source, guess), self._settings)
-        if found is not None:
-            return found
-        _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
-        self._window, self._target, self._information = [], None, np.zeros((3, 3))
-        return self._last
+            return guess, 0.0
+        return squared_up(np.array(found.T_target_source)), found.num_inliers / source.size()
 
     def _grow(self, points: Floats, pose: Floats) -> None:
         """Takes a scan into the local map where it lies some way from the last one in it."""

@@ -12,7 +12,6 @@ from sgslam.config import OdometrySettings
 from sgslam.frames import inverse
 
 Floats = NDArray[np.float64]
-_NEAR = 0.3  # m; a point this close to the map counts as explained
 _TURNS = np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
 
 
@@ -27,10 +26,11 @@ def plausible(T_last_sensor: Floats, settings: OdometrySettings) -> bool:
 
 
 def search(
-    source: Floats, last: Floats, map_points: Floats, align: Callable[[Floats], Floats], settings: OdometrySettings
-) -> Floats | None:
-    """The pose T_odom_sensor that explains most of the scan's points (N, 3), from turns of 30 degrees about the `last`
-    one; None where none explains enough. `align` registers the scan from a start."""
+    source: Floats, last: Floats, map_points: Floats, near: float, align: Callable[[Floats], Floats],
+    settings: OdometrySettings,
+) -> Floats | None:  # fmt: skip
+    """The pose T_odom_sensor that brings most of the scan's points (N, 3) `near` the map's (m), from turns of 30
+    degrees about the `last` one; None where none brings enough. `align` registers the scan from a start."""
     tree = cKDTree(map_points)
     best, best_share = last, 0.0
     for turn in _TURNS if len(source) and len(map_points) else ():
@@ -40,7 +40,7 @@ def search(
         step = inverse(last) @ pose
         if not (step[2, 2] > np.cos(settings.max_tip) and np.linalg.norm(step[:3, 3]) <= settings.max_step):
             continue
-        distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=_NEAR)
+        distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=near)
         share = float(np.mean(np.isfinite(distance)))
         if share > best_share + 0.02:
             best, best_share = pose, share

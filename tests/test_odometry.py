@@ -1,0 +1,140 @@
+"""The odometries against their contract, and what is each one's own."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import Array, pose
+from drives import small_drive
+from odometry_contract import OdometryContract, RegistrationContract, bow, off
+
+from data import UserError
+from data.trajectory import Trajectory
+from sgslam.config import Config, OdometrySettings
+from sgslam.frames import inverse, is_rigid
+from sgslam.odometry import METHODS, Odometry, make_odometry
+from sgslam.odometry_choice import choose
+from sgslam.odometry_given import GivenOdometry
+from sgslam.slam import SceneGraphSlam
+
+NS = 1_000_000_000
+
+
+class TestKiss(RegistrationContract):
+    step_error = 0.04  # with voxels of a metre, in a room of eight by five
+
+    def make(self) -> Odometry:
+        return make_odometry(OdometrySettings(method="kiss"))
+
+
+class TestSmallGicp(RegistrationContract):
+    def make(self) -> Odometry:
+        return make_odometry(OdometrySettings(method="small_gicp"))
+
+
+class TestGiven(OdometryContract):
+    """By a trajectory of another rate, in a frame of its own."""
+
+    def tracked(self, scans: list[Array], truth: list[Array]) -> list[Array]:
+        T_odom_scene = pose(5.0, -3.0, 1.0, 2.0)
+        stamps = np.arange(len(truth)) * (NS // 10)
+        kept = [*range(0, len(stamps) - 1, 3), len(stamps) - 1]
+        given = GivenOdometry(Trajectory(stamps[kept], T_odom_scene @ np.stack(truth)[kept]))
+        return [given.at(int(stamp)) for stamp in stamps]
+
+
+def straight(stamps: list[float]) -> GivenOdometry:
+    """One metre and half a radian a second."""
+    stamps_ns = (np.array(stamps) * NS).astype(np.int64)
+    return GivenOdometry(Trajectory(stamps_ns, np.stack([pose(t, 0.0, 0.0, 0.5 * t) for t in stamps])), "odometry.tum")
+
+
+def test_between_two_poses_the_way_is_even() -> None:
+    given = straight([0.0, 0.5, 1.0, 1.5])
+    for t in (0.0, 0.1, 0.5, 0.77, 1.5):
+        np.testing.assert_allclose(given.at(round(t * NS)), pose(t, 0.0, 0.0, 0.5 * t), atol=1e-9)
+        assert is_rigid(given.at(round(t * NS)))
+
+
+def test_the_ends_reach_one_scan_further() -> None:
+    given = straight([1.0, 1.5, 2.0])
+    np.testing.assert_allclose(given.at(int(0.92 * NS)), pose(0.92, 0.0, 0.0, 0.46), atol=1e-9)
+    np.testing.assert_allclose(given.at(int(2.08 * NS)), pose(2.08, 0.0, 0.0, 1.04), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "at", "what"),
+    [([1.0, 1.5], 0.8, "outside"), ([1.0, 1.5], 1.7, "outside"), ([0.0, 0.5, 4.0, 4.5], 2.0, "gap")],
+)
+def test_a_trajectory_that_does_not_cover_the_scans_is_refused(stamps: list[float], at: float, what: str) -> None:
+    given = straight(stamps)
+    with pytest.raises(UserError, match=rf"odometry.tum.*{at:.1f}.*{what}"):
+        given.at(int(at * NS))
+    with pytest.raises(UserError, match=f"1 more of 3.*{what}"):
+        given.check([int(stamps[0] * NS), int(at * NS), int(at * NS) + 1])
+
+
+def test_one_pose_is_no_odometry() -> None:
+    with pytest.raises(UserError, match="one pose"):
+        straight([0.0])
+
+
+def test_a_name_or_a_file_is_chosen(tmp_path: Path) -> None:
+    for method in METHODS:
+        config, given = choose(method, Config())
+        assert config.odometry.method == method and given is None
+    file = tmp_path / "odometry.tum"
+    Trajectory(np.array([0, NS]), np.stack([pose(0.0, 0.0), pose(1.0, 0.0)])).write_tum(file)
+    config, given = choose(str(file), Config())
+    assert config == Config() and given is not None
+    for told, word in (("small-gicp", "did you mean small_gicp"), ("nowhere.tum", "TUM file")):
+        with pytest.raises(UserError, match=f"{told}.*{word}"):
+            choose(told, Config())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_leap_of_the_scans_is_searched_and_found(method: str) -> None:
+    """The scans turn by 100 degrees from one to the next, which no step of the odometry can follow."""
+    scans, _ = bow()
+    odometry = make_odometry(OdometrySettings(method=method))  # type: ignore[arg-type]
+    contract = TestKiss()
+    for points in scans[:6]:
+        before = odometry.register(contract.given(odometry, points))
+    turned = scans[6] @ pose(0.0, 0.0, 0.0, 1.75)[:3, :3]
+    after = odometry.register(contract.given(odometry, turned))
+    metres, radians = off(before, after)
+    assert metres < 0.3 and radians == pytest.approx(1.75, abs=0.1)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_run_is_anchored_by_each(method: str) -> None:
+    drive = small_drive()
+    slam = SceneGraphSlam(drive.bim, config=Config(odometry=OdometrySettings(method=method)))  # type: ignore[arg-type]
+    for stamp_ns, points in drive.scans:
+        slam.add_scan(stamp_ns, points)
+    result = slam.finish()
+    assert result.anchored, result.reason
+    assert drive.rmse(result) < 0.02
+
+
+def test_the_command_takes_a_file(tmp_path: Path) -> None:
+    """The poses have another rate than the scans; those of the run's odometry are what the file says."""
+    drive, count = small_drive(), 12
+    (tmp_path / "scans").mkdir()
+    for i, (_, points) in enumerate(drive.scans[:count]):
+        np.save(tmp_path / "scans" / f"{i:03d}.npy", points)
+    stamps = [stamp for stamp, _ in drive.scans[:count]]
+    (tmp_path / "scans" / "times.txt").write_text("".join(f"{stamp / NS:.9f}\n" for stamp in stamps))
+    poses = inverse(drive.truth.poses[0]) @ drive.truth.poses[: count + 2]
+    given = Trajectory(drive.truth.stamps_ns[: count + 2 : 2], poses[::2])
+    given.write_tum(tmp_path / "given.tum")
+    command = [sys.executable, "-m", "sgslam.run", "--scan-dir", tmp_path / "scans", "--out", tmp_path / "out"]
+    done = subprocess.run([*command, "--odometry", tmp_path / "given.tum"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    odometry = Trajectory.read_tum(tmp_path / "out" / "trajectory_odometry.tum")
+    np.testing.assert_allclose(odometry.poses[::2], given.poses[: count // 2], atol=1e-6)
+    Trajectory(given.stamps_ns[:2], given.poses[:2]).write_tum(tmp_path / "short.tum")
+    done = subprocess.run([*command, "--odometry", tmp_path / "short.tum"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and done.stderr.splitlines()[-1].startswith("error: ") and "covers" in done.stderr
