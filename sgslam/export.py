@@ -1,93 +1,161 @@
-"""`python -m sgslam.export --out OUT --bim FILE.ifc`: what a finished run found of the building, for BIM viewers.
+"""`python -m sgslam.export --out OUT --format NAME ...`: a finished run in the forms that other programs read.
 
-Writes into the run's folder `as_built.ifc`, a copy of the model whose walls tell how they were built (property set
-`AsBuilt`, and colours), and `deviations.bcf`, a topic for each wall that stands otherwise than planned.
+All files go into the run's folder and are in the frame of its `trajectory.tum`. `ifc` and `bcf` need the building's
+model (`--bim`) and are what is written where no format is named: `as_built.ifc`, a copy of the model whose walls tell
+how they were built (property set `AsBuilt`, and colours), and `deviations.bcf`, a topic for each wall that stands
+otherwise than planned.
 """
 
 import argparse
-import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from data.cli import Parser, run_command
 from data.errors import UserError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from data.scene_graph import SceneGraph
+    from data.trajectory import Trajectory
+    from sgslam.run_folder import RunFolder
 
 IFC, BCF = "as_built.ifc", "deviations.bcf"
+KITTI, KITTI_TIMES, EUROC, PLY = "trajectory.kitti", "trajectory_times.txt", "trajectory_euroc.csv", "map.ply"
 
 
-def export(out: Path, bim: Path, ifc: bool = True, bcf: bool = True) -> list[str]:
-    """Writes what is asked for, and returns a line on each file.
+def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None) -> list[str]:
+    """Writes the formats (of FORMATS; `all` are those that the folder has what it takes for), and returns a line on
+    each file. `voxel` is that of the point cloud map (m), None: as the run was set.
 
-    Raises UserError for a folder that is no run's, a run that was not anchored, a model that cannot be read, and one
-    of whose walls the run knows none.
+    Raises UserError for a folder that is no run's, one that lacks what a format is made of, a format that needs the
+    building's model where none is given, an `ifc` or `bcf` of a run that was not anchored, a model that cannot be
+    read, and one of whose walls the run knows none.
     """
+    from sgslam.run_folder import RunFolder
+
+    run = RunFolder.read(out)
+    if "all" in formats:
+        told = bim is not None and run.T_bim_map is not None
+        formats = [name for name in FORMATS if told or name not in _OF_A_MODEL]
+    if bim is None and (lacking := _OF_A_MODEL.intersection(formats)):
+        raise UserError(f"--format {' '.join(sorted(lacking))}: needs the building's model; give --bim too")
+    return [line for name in formats for line in FORMATS[name](run, bim, voxel)]
+
+
+def _trajectory(run: "RunFolder") -> "Trajectory":
+    from data.trajectory import Trajectory
+
+    return Trajectory.read_tum(run.path / "trajectory.tum")
+
+
+def _kitti(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.trajectory_formats import write_kitti
+
+    trajectory = _trajectory(run)
+    write_kitti(trajectory, run.path / KITTI, run.path / KITTI_TIMES)
+    return [f"{run.path / KITTI}: {len(trajectory)} poses, their times in {KITTI_TIMES}"]
+
+
+def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.trajectory_formats import write_euroc
+
+    trajectory = _trajectory(run)
+    write_euroc(trajectory, run.path / EUROC)
+    return [f"{run.path / EUROC}: {len(trajectory)} poses"]
+
+
+def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.ply import write_ply
+    from sgslam.cloud_map import cloud_map
+    from sgslam.keyframe_clouds import FILE, KeyframeClouds
+    from sgslam.settings import load_config
+
+    voxel = voxel or load_config(run.path / "config.yaml", []).clouds.map_voxel
+    clouds = KeyframeClouds.open(run.path / FILE)
+    poses = {int(k.id[1:]): T for k, T in zip(run.s_graph.keyframes, run.keyframe_poses, strict=True)}
+    points = cloud_map(clouds, poses, voxel)
+    write_ply(run.path / PLY, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
+    return [f"{run.path / PLY}: {len(points)} points of {len(clouds)} keyframes, one in each {voxel:g} m"]
+
+
+def _dsg(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.files import write_json
+    from sgslam.dsg import FILE, dsg
+
+    graph = dsg(run)
+    write_json(run.path / FILE, graph)
+    return [f"{run.path / FILE}: {len(graph['nodes'])} nodes, {len(graph['edges'])} edges"]
+
+
+def _graphml(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.files import write_atomically
+    from sgslam.graphml import FILE, graphml
+
+    write_atomically(run.path / FILE, graphml(run))
+    return [f"{run.path / FILE}: floors, rooms, wall surfaces, doors and keyframes"]
+
+
+def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from sgslam.pose_graph import FILE
+
+    if not (run.path / FILE).is_file():
+        raise UserError(f"{run.path}: has no {FILE}, which a run writes itself; run it again")
+    return [f"{run.path / FILE}: the run wrote it"]
+
+
+def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.ifc_deviations import write_as_built
+    from sgslam.findings import unplanned_walls, wall_findings
+
+    assert bim is not None
+    a_graph, T_bim_map = run.anchored()
+    findings = wall_findings(run.deviations, a_graph)
+    unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, run.matches.get("floor"))
+    target = run.path / IFC
+    marked = write_as_built(bim, findings, unplanned, target)
+    if findings and not marked:
+        target.unlink()
+        raise UserError(f"{bim}: has none of the walls that {run.path} knows; give the model of that run")
+    return [f"{target}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned added"]
+
+
+def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.bcf import Model
-    from data.ifc_deviations import project_of, write_as_built
-    from sgslam.findings import unplanned_walls, wall_findings, write_topics
+    from data.ifc_deviations import project_of
+    from sgslam.findings import write_topics
 
-    deviations, a_graph, s_graph, T_bim_map, storey = _read(out)
-    lines = []
-    if ifc:
-        findings = wall_findings(deviations, a_graph)
-        unplanned = unplanned_walls(deviations, s_graph, T_bim_map, storey)
-        marked = write_as_built(bim, findings, unplanned, out / IFC)
-        if findings and not marked:
-            (out / IFC).unlink()
-            raise UserError(f"{bim}: has none of the walls that {out} knows; give the model of that run")
-        lines.append(f"{out / IFC}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned added")
-    if bcf:
-        count = write_topics(
-            out / BCF, deviations, a_graph, s_graph, T_bim_map, Model(bim.name, project_of(bim))
-        )  # fmt: skip
-        lines.append(f"{out / BCF}: {count} topics")
-    return lines
+    assert bim is not None
+    a_graph, T_bim_map = run.anchored()
+    model = Model(bim.name, project_of(bim))
+    count = write_topics(run.path / BCF, run.deviations, a_graph, run.s_graph, T_bim_map, model)
+    return [f"{run.path / BCF}: {count} topics"]
 
 
-def _read(
-    out: Path,
-) -> "tuple[list[dict[str, Any]], SceneGraph, SceneGraph, NDArray[np.float64], str | None]":
-    """Of a run's folder: deviations, A-graph, S-graph, T_bim_map (4, 4), and the storey's id."""
-    import numpy as np
-
-    from data.poses import xyzquat_to_poses
-    from data.scene_graph import SceneGraph
-
-    try:
-        deviations, metrics, matches = (
-            json.loads((out / f"{name}.json").read_text()) for name in ("deviations", "metrics", "matches")
-        )
-    except (OSError, json.JSONDecodeError):
-        what = "deviations.json, metrics.json, matches.json"
-        raise UserError(f"{out}: no run's folder ({what}); give a run's --out") from None
-    if metrics.get("T_bim_map") is None:
-        raise UserError(f"{out}: that run was not anchored, so that it knows nothing of how the building was built")
-    a_graph, s_graph = SceneGraph.load(out / "a_graph.json"), SceneGraph.load(out / "s_graph.json")
-    T_bim_map = np.asarray(xyzquat_to_poses(np.array(metrics["T_bim_map"], dtype=float)))
-    return deviations, a_graph, s_graph, T_bim_map, matches.get("floor")
+FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {
+    "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "ifc": _ifc,
+    "bcf": _bcf,
+}  # fmt: skip
+_OF_A_MODEL = {"ifc", "bcf"}
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "What a finished run found of the building, for BIM viewers: an IFC copy and BCF topics."
-    parser = Parser(prog="python -m sgslam.export", description=about)
+    parser = Parser(
+        prog="python -m sgslam.export", description="A finished run in the forms that other programs read."
+    )
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="a run's folder, where the files go too")
-    add("--bim", type=Path, required=True, metavar="FILE", help="the IFC model that the run was given")
-    add("--ifc", action="store_true", help=f"only {IFC}")
-    add("--bcf", action="store_true", help=f"only {BCF}")
+    add("--format", nargs="+", choices=[*FORMATS, "all"], default=["ifc", "bcf"], metavar="NAME",
+        help=f"of {', '.join(FORMATS)}, all (default: ifc bcf)")  # fmt: skip
+    add("--bim", type=Path, metavar="FILE", help="the IFC model that the run was given; for ifc and bcf")
+    add("--voxel", type=float, metavar="M", help="of the point cloud map (default: the run's clouds.map_voxel)")
     return parser
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; raises UserError."""
     options = _parser().parse_args(arguments)
-    both = options.ifc == options.bcf
-    for line in export(options.out, options.bim, both or options.ifc, both or options.bcf):
+    if options.voxel is not None and not 1e-3 <= options.voxel <= 10:
+        raise UserError(f"--voxel {options.voxel:g}: metres from 0.001 to 10 are needed")
+    for line in export(options.out, options.format, options.bim, options.voxel):
         print(line)
     return 0
 

@@ -4,10 +4,15 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from data import SceneGraph, UserError
 from data.files import write_atomically, write_json
+from data.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
 from sgslam.keyframe_clouds import FILE as CLOUDS
+from sgslam.pose_graph import FILE as POSE_GRAPH
+from sgslam.pose_graph import write_pose_graph
 from sgslam.report_data import ReportData
 from sgslam.settings import save_config
 
@@ -45,6 +50,8 @@ def save_result(
     write_json(out / "deviations.json", result.deviations)
     write_atomically(out / "config.yaml", save_config(result.config))
     result.clouds.copy_to(out / CLOUDS)
+    poses = xyzquat_to_poses(np.array([keyframe.pose for keyframe in result.s_graph.keyframes]))
+    write_pose_graph(out / POSE_GRAPH, result.factors, poses if result.T_bim_map is None else result.T_bim_map @ poses)
     metrics = {**result.metrics(), **(more or {})}
     seconds = dict(metrics["seconds"])
     began = perf_counter()

@@ -139,18 +139,18 @@ def test_topics_name_the_walls_and_look_at_them(run: tuple[Path, Path]) -> None:
 def test_what_is_no_run_is_refused(run: tuple[Path, Path], tmp_path: Path) -> None:
     out, bim = run
     with pytest.raises(UserError, match="no run's folder"):
-        export(tmp_path, bim)
+        export(tmp_path, ["ifc"], bim)
     for name in ("deviations", "matches", "a_graph", "s_graph"):
         (tmp_path / f"{name}.json").write_bytes((out / f"{name}.json").read_bytes())
     (tmp_path / "metrics.json").write_text('{"T_bim_map": null}')
     with pytest.raises(UserError, match="not anchored"):
-        export(tmp_path, bim)
+        export(tmp_path, ["ifc"], bim)
     (tmp_path / "metrics.json").write_bytes((out / "metrics.json").read_bytes())
     other = write_small_ifc(tmp_path / "other.ifc").path
     foreign = [d | {"source": "0" * 22} for d in json.loads((out / "deviations.json").read_text()) if d["source"]]
     (tmp_path / "deviations.json").write_text(json.dumps(foreign))
     with pytest.raises(UserError, match="none of the walls"):
-        export(tmp_path, other, bcf=False)
+        export(tmp_path, ["ifc"], other)
     assert not (tmp_path / IFC).exists()
 
 
