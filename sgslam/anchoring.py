@@ -1,4 +1,4 @@
-"""When the S-graph is matched, what of a match becomes an anchor, and when an anchor is withdrawn."""
+"""When a floor of the S-graph is matched, what of a match becomes an anchor, and when an anchor is withdrawn."""
 
 import logging
 from dataclasses import dataclass
@@ -41,20 +41,22 @@ class Growth:
 
 
 class Anchoring(Stateful):
-    """Keeps the answer of the matcher, and turns a unique one into anchors.
+    """Keeps the answer of the matcher for floor `number` of the S-graph, and turns a unique one into anchors.
 
-    `a_graph` in the BIM frame; inside, a frame on the storey is used (the BIM's, moved by `origin`), because a site may
-    lie kilometres from zero, and what is held at zero is held loosely far from it.
+    `a_graph` in the BIM frame; inside, a local frame is used (the BIM's, moved by `origin` (3,) into the building),
+    because a site may lie kilometres from zero, and what is held at zero is held loosely far from it.
     """
 
     _STATE = (
-        "origin", "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
+        "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
         "_moved",
     )  # fmt: skip
 
-    def __init__(self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config) -> None:
+    def __init__(
+        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, origin: Floats, number: int = 0
+    ) -> None:
         self._a, self._matcher, self._config = a_graph, matcher, config
-        self.origin = np.array([*a_graph.centroid(), 0.0])
+        self.origin, self.number = origin, number
         self.match: Match | None = None  # the newest answer
         self.committed: Match | None = None  # the answer that the anchors stand on
         self.log = AnchorLog()
@@ -149,12 +151,6 @@ class Anchoring(Stateful):
         self._resisting |= stay
         return self.holding(scene, walls, T_map_local)
 
-    def bim_from_map(self, T_map_local: Floats) -> Floats:
-        """(4, 4) the map in the BIM frame, from the back end's estimate."""
-        T = inverse(T_map_local)
-        T[:3, 3] += self.origin
-        return T
-
     def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
         """Asks the matcher, with the whole building open to it; commits to a unique answer that the walls bear out.
 
@@ -175,7 +171,6 @@ class Anchoring(Stateful):
             self._withdraw(scene, f"match {self._matches} places the map elsewhere")
             self._moved = True
         self.committed, self._place = match, place
-        self.origin[2] = self._elevation or 0.0
         self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
 
     def _borne_out(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
@@ -209,10 +204,15 @@ class Anchoring(Stateful):
         return self._a if floor is None else self._a.on_floor(floor)
 
     @property
-    def _elevation(self) -> float | None:
+    def elevation(self) -> float | None:
         """Of the committed storey's floor, BIM frame."""
         floor = self.committed.floor if self.committed is not None else None
         return next((f.elevation for f in self._a.floors if f.id == floor), None)
+
+    @property
+    def height(self) -> float:
+        """Of the committed storey's floor, local frame; 0 where it is not known."""
+        return 0.0 if self.elevation is None else self.elevation - float(self.origin[2])
 
     def _note(self, scene: Scene, holding: Holding) -> dict[Key, Hold]:
         holds: dict[Key, Hold] = {}
@@ -232,7 +232,7 @@ class Anchoring(Stateful):
         self, scene: Scene, walls: WallMap, holding: Holding, T_map_local: Floats | None, holds: dict[Key, Hold]
     ) -> Anchors:
         assert self.committed is not None
-        T_local_level = se2_to_se3(holding.place[0], holding.place[1], holding.place[2])
+        T_local_level = se2_to_se3(holding.place[0], holding.place[1], holding.place[2], self.height)
         tight: dict[int, dict[str, PlannedWall]] = {}
         settings = self._config.anchors
         bent: dict[int, dict[str, PlannedWall]] = {}
@@ -251,12 +251,12 @@ class Anchoring(Stateful):
         known = self._known(walls, T_map_local)
         if T_map_local is None or self._moved or _apart(holding.place, known, scene, settings.gate_offset):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
-        rooms = _room_anchors(scene, by_rooms) if settings.rooms else {}
+        rooms = _room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
         if not settings.planes:
             tight = bent = loose = {}
         return Anchors(
             T_map_local, {wall: list(p.values()) for wall, p in tight.items()}, rooms,
-            None if self._elevation is None else 0.0,
+            {} if self.elevation is None else {self.number: self.height},
             {wall: list(p.values()) for wall, p in loose.items() if wall not in tight and wall not in bent},
             {wall: list(p.values()) for wall, p in bent.items() if wall not in tight}, f"match {self._matches}",
         )  # fmt: skip
@@ -312,8 +312,11 @@ def _apart(place: Floats, other: Floats, scene: Scene, metres: float = _APART[0]
     return bool(np.hypot(*(put[0] - put[1])) > metres or abs(turn) > _APART[1])
 
 
-def _room_anchors(scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]]) -> dict[int, Floats]:
-    """T_bim_room (4, 4) of each room that has two matched walls of two directions in one planned room."""
+def _room_anchors(
+    scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]], height: float
+) -> dict[int, Floats]:
+    """T_bim_room (4, 4) of each room that has two matched walls of two directions in one planned room; its floor is at
+    `height` (m)."""
     anchors = {}
     for node in scene.rooms:
         choices = [walls for (s_room, _), walls in by_rooms.items() if s_room == scene.room_ids[node.id]]
@@ -322,5 +325,5 @@ def _room_anchors(scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats
         walls = max(choices, key=len)
         fitted = factors.fit_room(list(walls.values()), [node.walls[wall] for wall in walls])
         if fitted is not None:
-            anchors[node.id] = fitted
+            anchors[node.id] = se2_to_se3(0.0, 0.0, 0.0, height) @ fitted
     return anchors

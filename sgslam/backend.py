@@ -10,13 +10,13 @@ from typing import Any
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import P, X
+from gtsam.symbol_shorthand import F, P, X
 from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.factor_log import FactorLog, Key, Kind
 from sgslam.frames import inverse, is_rigid, transform_planes
-from sgslam.graph_builder import BIM, FLOOR, GraphBuilder, Told, start_values
+from sgslam.graph_builder import BIM, GraphBuilder, Told, start_values
 from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
 from sgslam.keyframes import KeyframeNode
 from sgslam.uncertainty import Uncertainty
@@ -30,13 +30,13 @@ _BELIEVABLE = 1e4  # of a graph's error for each factor, at its optimum: a hundr
 
 
 class Backend:
-    """Estimates of keyframes, walls, floor, rooms and T_map_bim. `log` holds the factors."""
+    """Estimates of keyframes, walls, floors, rooms and T_map_bim. `log` holds the factors."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
         self.keyframes: list[KeyframeNode] = []
         self.planes_in_map: dict[int, Floats] = {}
-        self.floor_in_map: Floats | None = None
+        self.floors_in_map: dict[int, Floats] = {}
         self.T_map_bim: Floats | None = None
         self.log = FactorLog()
         self._builder = GraphBuilder(config, self.keyframes, self.log)
@@ -56,7 +56,7 @@ class Backend:
         """What it knows, as a tree (see `state_tree`)."""
         seen = [replace(s, wall=wall) for s, wall in zip(self._told.seen, self._walls_told, strict=True)]
         return {
-            "keyframes": self.keyframes, "planes_in_map": self.planes_in_map, "floor_in_map": self.floor_in_map,
+            "keyframes": self.keyframes, "planes_in_map": self.planes_in_map, "floors_in_map": self.floors_in_map,
             "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at, "sound": self._sound,
             "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors, "log": self.log.state(),
         }  # fmt: skip
@@ -67,7 +67,7 @@ class Backend:
         Raises ValueError where they are not those that were held.
         """
         self.keyframes[:] = state["keyframes"]
-        self.planes_in_map, self.floor_in_map = state["planes_in_map"], state["floor_in_map"]
+        self.planes_in_map, self.floors_in_map = state["planes_in_map"], state["floors_in_map"]
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)
@@ -83,7 +83,7 @@ class Backend:
         self, builder: GraphBuilder, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None
     ) -> Told:
         anchor_of = builder.hold_walls(seen)
-        builder.hold_floor()
+        builder.hold_floors()
         builder.hold_rooms(rooms, anchor_of)
         builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
         return Told(list(seen), anchor_of, rooms, anchors)
@@ -129,7 +129,7 @@ class Backend:
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
         try:
-            values = start_values(graph, told, self.keyframes, self.planes_in_map, self.floor_in_map)
+            values = start_values(graph, told, self.keyframes, self.planes_in_map, self.floors_in_map)
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
             result = optimizer.optimize()
         except RuntimeError as error:
@@ -149,7 +149,7 @@ class Backend:
             if not _usable(self._step(i)) and (i,) in self.log.held("odometry"):
                 self._bar("odometry", (i,), "no robot makes such a step")
         self._restart()
-        values = start_values(self.log.graph(), told, self.keyframes, self.planes_in_map, self.floor_in_map)
+        values = start_values(self.log.graph(), told, self.keyframes, self.planes_in_map, self.floors_in_map)
         for kind, key, why in list(self.log.unsound(values)):
             self._bar(kind, key, why)
         return self._solve(told, steps)
@@ -194,8 +194,10 @@ class Backend:
             wall: transform_planes(poses[anchor], values.atOrientedPlane3(P(wall)).planeCoefficients().ravel())
             for wall, anchor in anchor_of.items() if values.exists(P(wall))
         }  # fmt: skip
-        if values.exists(FLOOR):
-            self.floor_in_map = values.atOrientedPlane3(FLOOR).planeCoefficients().ravel()
+        for storey, anchor in self._builder.floor_anchors().items():
+            if values.exists(F(storey)):
+                plane = values.atOrientedPlane3(F(storey)).planeCoefficients().ravel()
+                self.floors_in_map[storey] = transform_planes(poses[anchor], plane)
         self.T_map_bim = values.atPose3(BIM).matrix() if values.exists(BIM) else None
         self._sound = len(self.keyframes)
 

@@ -49,12 +49,13 @@ class Piece:
 
 
 def measured_pieces(
-    holding: Holding, scene: Scene, walls: WallMap, uncertainty: Uncertainty, origin: Floats, config: Config
+    holding: Holding, scene: Scene, walls: WallMap, uncertainty: Uncertainty, origin: Floats, height: float,
+    config: Config,
 ) -> list[Piece]:
     """What the final graph says of each wall that stands at a planned one.
 
     The sigma is the graph's own, of the wall in the BIM frame, the scatter of its observations, and the extraction's
-    floor. `origin` (3,) is where the graph's BIM frame, which stands on the storey's floor, lies in the BIM's.
+    floor. `origin` (3,) is where the graph's BIM frame lies in the BIM's, and `height` (m) the storey's floor in it.
     """
     scatter, lows, covered = walls.scatter(), walls.lower_ends(), walls.coverage(STEP)
     tight: dict[int, int] = {}
@@ -67,7 +68,7 @@ def measured_pieces(
             continue
         wall, normal = scene.wall_of_surface[held.surface.id], np.array([*held.planned.normal, 0.0])
         centre = np.array([*held.planned.centroid, 0.0]) - origin
-        point = np.array([*_along(held, holding.place, centre), _HEIGHT])
+        point = np.array([*_along(held, holding.place, centre), height + _HEIGHT])
         offset, variance = uncertainty.wall_offset(wall, np.array([*normal[:3], -normal @ centre]), point)
         offset, variance = _without_anchor(offset, variance, tight[wall] if held.agrees else 0, config)
         sigma = float(np.sqrt(variance + scatter.get(wall, 0.0) ** 2 + config.anchors.sigma_extraction**2))

@@ -9,20 +9,21 @@ from functools import partial
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, F, O, P, R, W, X
+from gtsam.symbol_shorthand import B, F, L, O, P, R, W, X
 from numpy.typing import NDArray
 
 import factors
 from sgslam.config import Config
 from sgslam.factor_log import Entry, FactorLog, Key, Kind
 from sgslam.floor_extraction import FloorObservation
-from sgslam.frames import inverse, transform_planes
+from sgslam.frames import inverse, level_map, transform_planes
 from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
 from sgslam.keyframes import KeyframeNode
 from sgslam.wall_map import SeenWall
 
 Floats = NDArray[np.float64]
-BIM, FLOOR, IDENTITY = B(0), F(0), O(0)
+BIM, LEVEL, IDENTITY = B(0), L(0), O(0)
+_PARALLEL = 0.003  # rad between two floors of a building
 
 
 class GraphBuilder:
@@ -87,25 +88,56 @@ class GraphBuilder:
         robust = factors.noise_of_plane(normal, offset, settings.huber)
         return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
 
-    def hold_floor(self) -> None:
-        """The floor as the keyframes saw it, in the frame of the first one."""
-        before, entries = self._log.held("floor"), dict[Key, Entry]()
+    def floor_anchors(self) -> dict[int, int]:
+        """The keyframe that each floor is kept by: the first one on it."""
+        anchors: dict[int, int] = {}
         for i, keyframe in enumerate(self._keyframes):
+            if keyframe.storey is not None:
+                anchors.setdefault(keyframe.storey, i)
+        return anchors
+
+    def hold_floors(self) -> None:
+        """The floors as the keyframes saw them, each in the frame of the first keyframe on it; all are parallel."""
+        before, entries = self._log.held("floor"), dict[Key, Entry]()
+        anchors = self.floor_anchors()
+        seen: set[int] = set()
+        for i, keyframe in enumerate(self._keyframes):
+            if keyframe.floor is None or keyframe.storey is None:
+                continue
             if (i,) in before:
                 entries[i,] = before[i,]
-            elif keyframe.floor is not None:
-                why, build = f"keyframe {i} saw the floor", partial(self._floor, i, keyframe.floor)
+            else:
+                why = f"keyframe {i} saw the floor"
+                build = partial(self._floor, i, keyframe.floor, keyframe.storey, anchors[keyframe.storey])
                 entries |= self._entry("floor", (i,), "floor extraction", why, build)
+            seen.add(keyframe.storey)
+        if len(seen) > 1:
+            entries |= self._parallel_floors({storey: anchors[storey] for storey in seen})
         self._log.hold(len(self._keyframes), "floor", entries, "it is no longer taken for the floor")
 
-    def _floor(self, i: int, floor: FloorObservation) -> gtsam.NonlinearFactor:
+    def _floor(self, i: int, floor: FloorObservation, storey: int, anchor: int) -> gtsam.NonlinearFactor:
         settings = self._config.backend
         normal = float(np.hypot(floor.sigma_normal, settings.sigma_floor_normal))
         offset = float(np.hypot(floor.sigma_offset, settings.sigma_floor_offset))
-        if i == 0:
-            return factors.observe_own_plane(floor.plane, IDENTITY, FLOOR, factors.noise_of_plane(normal, offset, None))
+        if i == anchor:
+            noise = factors.noise_of_plane(normal, offset, None)
+            return factors.observe_own_plane(floor.plane, IDENTITY, F(storey), noise)
         robust = factors.noise_of_plane(normal, offset, settings.huber)
-        return factors.observe_plane(floor.plane, X(i), X(0), FLOOR, robust)
+        return factors.observe_plane(floor.plane, X(i), X(anchor), F(storey), robust)
+
+    def _parallel_floors(self, anchors: dict[int, int]) -> dict[Key, Entry]:
+        """A level frame, loosely where the map begins, in which every floor is level at whatever height."""
+        before, entries = self._log.held("floor"), dict[Key, Entry]()
+        loose = gtsam.PriorFactorPose3(LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
+        entries["level",] = before.get(("level",)) or Entry(loose, "floor extraction", "a frame that all floors share")
+        noise = factors.noise_of_plane(_PARALLEL, 1000.0, None)
+        for storey, anchor in anchors.items():
+            key: Key = ("level", storey)
+            build = partial(factors.observe_plane, [0.0, 0.0, 1.0, 0.0], LEVEL, X(anchor), F(storey), noise)
+            entries |= {key: before[key]} if key in before else self._entry(
+                "floor", key, "floor extraction", "floors of a building are parallel", build
+            )  # fmt: skip
+        return entries
 
     def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
         """Rooms by the walls that bound them."""
@@ -127,13 +159,13 @@ class GraphBuilder:
         if anchors is not None:
             prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_bim), factors.noise_of_pose(1.0, 100.0))
             entries["frame",] = Entry(prior, anchors.by, "where the BIM's frame was told to be, loosely")
-            for number, (grade, wall, planned) in enumerate(planned_walls(anchors, anchor_of), 1):
+            for number, (grade, wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
                 key: Key = (grade, wall, planned.a_id or str(number))
                 place = partial(factors.frame_at, planned.place, BIM, W(number))
                 held = partial(self._anchor, W(number), grade, wall, planned, anchor_of[wall])
                 entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
                 entries |= self._entry("anchor", key, planned.by, planned.why, held)
-            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floor(anchors)
+            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floors(anchors)
         self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring no longer holds it so")
 
     def _anchor(
@@ -160,24 +192,31 @@ class GraphBuilder:
                 entries |= self._entry("anchor", ("room", room), anchors.by, why, build)
         return entries
 
-    def _anchored_floor(self, anchors: Anchors) -> dict[Key, Entry]:
-        if anchors.elevation is None or not self._log.held("floor"):
-            return {}
-        settings = self._config.anchors
+    def _anchored_floors(self, anchors: Anchors) -> dict[Key, Entry]:
+        settings, entries = self._config.anchors, dict[Key, Entry]()
         level = factors.noise_of_plane(settings.sigma_normal, settings.sigma_floor, None)
-        place = partial(factors.frame_at, _middle(anchors), BIM, W(0))
-        held = partial(factors.storey_plane, 0.0, W(0), X(0), FLOOR, level)
-        entries = self._entry("anchor", ("floor", "place"), anchors.by, "a frame on the storey's floor", place)
-        return entries | self._entry("anchor", ("floor",), anchors.by, "the storey's floor", held)
+        kept_by = self.floor_anchors()
+        seen = {k.storey for k in self._keyframes if k.floor is not None}
+        for number, (storey, place_on) in enumerate(_middles(anchors).items()):
+            if storey not in seen:
+                continue
+            place = partial(factors.frame_at, place_on, BIM, W(number))
+            held = partial(factors.storey_plane, 0.0, W(number), X(kept_by[storey]), F(storey), level)
+            key: Key = ("floor", storey)
+            entries |= self._entry("anchor", (*key, "place"), anchors.by, "a frame on the storey's floor", place)
+            entries |= self._entry("anchor", key, anchors.by, "the storey's floor", held)
+        return entries
 
 
-def _middle(anchors: Anchors) -> Floats:
-    """(3,) on the storey's floor where the map begins, in the BIM frame."""
-    return np.array([*inverse(anchors.T_map_bim)[:2, 3], anchors.elevation or 0.0])
+def _middles(anchors: Anchors) -> dict[int, Floats]:
+    """(3,) on each known storey's floor where the map begins, in the BIM frame; their frames are W(0), W(1), ..."""
+    xy = inverse(anchors.T_map_bim)[:2, 3]
+    return {storey: np.array([*xy, z]) for storey, z in sorted(anchors.elevations.items())}
 
 
 def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
-    """(grade, wall, planned wall) of all anchored walls that the graph has; their places are W(1), W(2), ..."""
+    """(grade, wall, planned wall) of all anchored walls that the graph has; their places are W(n), W(n + 1), ..., after
+    those of the n floors."""
     grades = (("tight", anchors.planes), ("bent", anchors.bent), ("loose", anchors.loose))
     return [(g, wall, p) for g, held in grades for wall, planned in held.items() for p in planned if wall in anchor_of]
 
@@ -194,16 +233,22 @@ class Told:
 
 def start_values(
     graph: gtsam.NonlinearFactorGraph, told: Told, keyframes: list[KeyframeNode], planes_in_map: dict[int, Floats],
-    floor_in_map: Floats | None,
+    floors_in_map: dict[int, Floats],
 ) -> gtsam.Values:  # fmt: skip
     """Estimates of the variables of `graph` from what is known: where keyframes and planes are taken to be, else from
     their first observation. Variables that nothing is known of are left out."""
     found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3()}
+    kept_by: dict[int, Floats] = {}  # T_map_sensor of the keyframes that the floors are kept by
     for i, keyframe in enumerate(keyframes):
         found[X(i)] = gtsam.Pose3(keyframe.T_map_sensor)
-        if FLOOR not in found and keyframe.floor is not None and np.isfinite(keyframe.floor.plane).all():
-            in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane)
-            found[FLOOR] = gtsam.OrientedPlane3(in_map if floor_in_map is None else floor_in_map)
+        if keyframe.storey is None:
+            continue
+        T_map_anchor = kept_by.setdefault(keyframe.storey, keyframe.T_map_sensor)
+        if F(keyframe.storey) not in found and keyframe.floor is not None and np.isfinite(keyframe.floor.plane).all():
+            known = floors_in_map.get(keyframe.storey)
+            in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane) if known is None else known
+            found[F(keyframe.storey)] = gtsam.OrientedPlane3(transform_planes(inverse(T_map_anchor), in_map))
+            found.setdefault(LEVEL, gtsam.Pose3(inverse(level_map(in_map, 0.0))))
     for s in told.seen:
         anchor = told.anchor_of.get(s.wall)
         if anchor is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
@@ -217,7 +262,7 @@ def start_values(
     if anchors is not None:
         found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
         places = [p.place for _, _, p in planned_walls(anchors, told.anchor_of)]
-        for number, place in enumerate([_middle(anchors), *places]):
+        for number, place in enumerate([*_middles(anchors).values(), *places]):
             found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
     values = gtsam.Values()
     for key in graph.keyVector():

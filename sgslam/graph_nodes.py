@@ -36,7 +36,7 @@ class Anchors:
     T_map_bim: Floats
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
-    elevation: float | None  # of the storey's floor
+    elevations: dict[int, float]  # of the S-graph's floors by their numbers, as far as their storeys are known
     loose: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: walls that stand otherwise
     bent: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: where the map is to be bent back
     by: str = "given"  # what the storey and the rooms were told by

@@ -17,7 +17,8 @@ Floats = NDArray[np.float64]
 class KeyframeNode:
     """One keyframe of the S-graph; the back end moves `T_map_sensor`, the rest stays.
 
-    `T_odom_sensor` is the tracked motion summed up, which never jumps; only differences of it are used.
+    `T_odom_sensor` is the tracked motion summed up, which never jumps; only differences of it are used. `storey` is the
+    number of the S-graph's floor that it was taken on, None on a stair.
     """
 
     scan: int
@@ -27,6 +28,7 @@ class KeyframeNode:
     floor: FloorObservation | None = None
     outline: Floats = field(default_factory=lambda: np.empty((0, 3)))  # of free space, sensor frame
     lintels: Floats = field(default_factory=lambda: np.empty((0, 3)))  # sensor frame
+    storey: int | None = 0
 
 
 class KeyframeRule(Stateful):

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import Config
+from sgslam.floors import Floors
 from sgslam.frames import inverse, level_map
 from sgslam.front_end import FrontEnd, align, predict, upright_step
 from sgslam.odometry import Odometry
@@ -49,11 +50,16 @@ class Locator(Stateful):
 
     _STATE = ("_last", "_step", "_stamp_ns", "_interval_ns")
 
-    def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, walls: WallMap) -> None:
-        self._config, self._odometry, self._front_end, self._walls = config, odometry, front_end, walls
+    def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, floors: Floors) -> None:
+        self._config, self._odometry, self._front_end, self._floors = config, odometry, front_end, floors
         self._last: Located | None = None
         self._step: Floats | None = None  # T_last_sensor as it was found
         self._stamp_ns, self._interval_ns = 0, 0
+
+    @property
+    def _walls(self) -> WallMap:
+        """Of the floor that the robot is on."""
+        return self._floors.current.walls
 
     def locate(self, stamp_ns: int, scan: ColumnScan, last_map: Floats | None, given: Floats | None) -> Located:
         """Locates a scan. `last_map` (4, 4) is T_map_sensor of the scan before it by the newest estimates, None for the

@@ -11,19 +11,18 @@ from scipy.spatial.transform import Rotation, Slerp
 from data import SceneGraph
 from data.poses import poses_to_xyzquat
 from data.trajectory import Trajectory
-from sgslam.anchoring import Anchoring
 from sgslam.as_built import deviations
 from sgslam.backend import Backend
+from sgslam.building_anchoring import BuildingAnchoring
 from sgslam.config import Config
 from sgslam.deviations import measured_pieces
 from sgslam.factor_log import FactorLog
+from sgslam.floors import Floors
 from sgslam.frames import inverse
 from sgslam.holding import Holding
 from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.output import prepare_folder, save_result
-from sgslam.scene import Scene
 from sgslam.uncertainty import Uncertainty
-from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _COVARIANCES = 50  # poses whose covariance is worked out
@@ -105,8 +104,8 @@ class Result:
 
 
 def finished(
-    scans: list[ScanPose], backend: Backend, scene: Scene, walls: WallMap, bim: SceneGraph | None,
-    anchoring: Anchoring | None, first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
+    scans: list[ScanPose], backend: Backend, floors: Floors, bim: SceneGraph | None,
+    anchoring: BuildingAnchoring | None, first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
     clouds: KeyframeClouds,
 ) -> Result:  # fmt: skip
     """Puts a run's result together."""
@@ -115,15 +114,16 @@ def finished(
     odometry = Trajectory(stamps, np.stack([s.T_odom_sensor for s in scans]))
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
-    holding = anchoring.holding(scene, walls, backend.T_map_bim) if anchoring is not None else None
-    matches = anchoring.answer(scene, holding) if anchoring is not None else None
+    holdings = anchoring.holdings(floors, backend.T_map_bim) if anchoring is not None else {}
+    matches = anchoring.answer(floors, holdings) if anchoring is not None else None
+    s_graph = floors.graph(backend.keyframes, [floor.scene for floor in floors.maps if floor.scene is not None])
     uncertainty = backend.uncertainty() if T_bim_map is not None else None
     return Result(
-        anchored, _reason(anchoring, anchored),
+        anchored, "no BIM was given" if anchoring is None else anchoring.reason,
         trajectory_map if T_bim_map is None else trajectory_map.transformed(T_bim_map),
-        trajectory_map, odometry, T_bim_map, scene.graph, bim, matches,
-        _deviations(anchoring, holding, scene, walls, backend, uncertainty, config),
-        [record.to_dict() for record in anchoring.log.records] if anchoring is not None else [],
+        trajectory_map, odometry, T_bim_map, s_graph, bim, matches,
+        _deviations(anchoring, holdings, floors, backend, uncertainty, config),
+        [record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         backend.log, _covariances(backend, uncertainty, T_bim_map),
         None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
         len(backend.keyframes), dict(seconds), config, clouds,
@@ -131,15 +131,23 @@ def finished(
 
 
 def _deviations(
-    anchoring: Anchoring | None, holding: Holding | None, scene: Scene, walls: WallMap, backend: Backend,
+    anchoring: BuildingAnchoring | None, holdings: dict[int, Holding], floors: Floors, backend: Backend,
     uncertainty: Uncertainty | None, config: Config,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """The form of deviations.json; empty where the run was not anchored."""
-    if anchoring is None or holding is None or uncertainty is None:
-        return []
-    origin, floor = anchoring.origin, anchoring.storey
-    pieces = measured_pieces(holding, scene, walls, uncertainty, origin, config)
-    return deviations(pieces, holding, scene, walls, backend.keyframes, floor, origin[:2], config)
+    """The form of deviations.json, storey after storey; empty where the run was not anchored."""
+    found: list[dict[str, Any]] = []
+    if anchoring is None or uncertainty is None:
+        return found
+    for floor in floors.maps:
+        holding, scene, own = holdings.get(floor.number), floor.scene, anchoring.of(floor.number)
+        if holding is None or scene is None:
+            continue
+        pieces = measured_pieces(holding, scene, floor.walls, uncertainty, anchoring.origin, own.height, config)
+        keyframes = [k for k in backend.keyframes if k.storey == floor.number]
+        found += deviations(
+            pieces, holding, scene, floor.walls, keyframes, own.storey, anchoring.origin[:2], config
+        )  # fmt: skip
+    return found
 
 
 def _covariances(
@@ -173,11 +181,3 @@ def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
         poses[start:end, :3, 3] += np.einsum("nij,nj->ni", poses[start:end, :3, :3], share[:, None] * left[:3, 3])
         poses[start:end, :3, :3] = poses[start:end, :3, :3] @ turn
     return poses
-
-
-def _reason(anchoring: Anchoring | None, anchored: bool) -> str:
-    if anchoring is None:
-        return "no BIM was given"
-    if anchored and anchoring.committed is not None:
-        return anchoring.committed.reason
-    return anchoring.match.reason if anchoring.match is not None else "too little was seen to try a match"

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from data import SceneGraph, UserError
 from data.bim import Bim
 from sgslam.anchor_log import AnchorRecord
-from sgslam.anchoring import Anchoring
 from sgslam.backend import Backend
+from sgslam.building_anchoring import BuildingAnchoring
 from sgslam.config import Config
+from sgslam.floors import Floors
 from sgslam.frames import inverse, is_rigid, level_map, transform_planes
 from sgslam.front_end import FrontEnd, level_to_sensor
 from sgslam.keyframe_clouds import KeyframeClouds
@@ -21,8 +22,6 @@ from sgslam.locating import Locator
 from sgslam.matcher_protocol import AnyMatcher
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.result import Result, ScanPose, Update, finished
-from sgslam.scene import Scene, build_scene
-from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 
@@ -45,14 +44,13 @@ class SceneGraphSlam:
         self._bim = a_graph
         self._front_end = FrontEnd(self._config)
         self._rule = KeyframeRule(self._config.keyframes)
-        self._walls = WallMap(self._config.surfaces)
+        self._floors = Floors(self._config)
         odometry = odometry or make_odometry(self._config.odometry)
-        self._locator = Locator(self._config, odometry, self._front_end, self._walls)
+        self._locator = Locator(self._config, odometry, self._front_end, self._floors)
         self._backend = Backend(self._config)
-        self._anchoring = (
-            None if a_graph is None else Anchoring(a_graph, matcher or _default_matcher(self._config), self._config)
-        )
-        self._scene: Scene | None = None
+        self._anchoring = None
+        if a_graph is not None:
+            self._anchoring = BuildingAnchoring(a_graph, matcher or _default_matcher(self._config), self._config)
         self._scans: list[ScanPose] = []
         self._first_anchor_ns: int | None = None
         stages = ("odometry", "surfaces", "rooms", "matching", "optimisation")
@@ -92,14 +90,15 @@ class SceneGraphSlam:
     @property
     def anchors(self) -> tuple[AnchorRecord, ...]:
         """The record of all anchors so far, those withdrawn too."""
-        return () if self._anchoring is None else self._anchoring.log.records
+        return () if self._anchoring is None else self._anchoring.records
 
     def s_graph(self) -> SceneGraph:
         """The S-graph as it is now, in the map frame: rooms, wall surfaces and doors are cut anew for it, which takes
         some tens of milliseconds and changes nothing in the run. Raises UserError before the first scan."""
         if not self._scans:
             raise UserError("no scan was added: there is no graph yet")
-        return build_scene(self._backend.keyframes, self._walls, self._backend.floor_in_map, self._config).graph
+        scenes = [self._floors.cut(floor, self._backend) for floor in self._floors.maps]
+        return self._floors.graph(self._backend.keyframes, scenes)
 
     def finish(self) -> Result:
         """Matches and optimises a last time; raises UserError where no scan was added."""
@@ -108,17 +107,16 @@ class SceneGraphSlam:
         if self._backend.keyframes[-1].scan != len(self._scans) - 1:
             self._add_keyframe(None)
         self._optimise(last=False)
-        self._cut_scene()
+        self._cut_scenes()
         self._optimise(last=True)
-        assert self._scene is not None
         if self._anchoring is not None:
             with self._clock("matching"):  # the answer that is given is the one on the final map
-                confirmed = self._anchoring.confirm(self._scene, self._walls, self._backend.T_map_bim)
+                confirmed = self._anchoring.confirm(self._floors, self._backend.T_map_bim)
             if not confirmed or (self._anchoring.committed is not None and not self.anchored):
                 self._optimise(last=True)
         return finished(
-            self._scans, self._backend, self._scene, self._walls, self._bim, self._anchoring, self._first_anchor_ns,
-            self.seconds, self._config, self.clouds,
+            self._scans, self._backend, self._floors, self._bim, self._anchoring, self._first_anchor_ns, self.seconds,
+            self._config, self.clouds,
         )  # fmt: skip
 
     def _add_keyframe(self, points: Floats | None) -> None:
@@ -126,18 +124,11 @@ class SceneGraphSlam:
         scan = self._scans[-1]
         before = self._backend.keyframes[-1].T_odom_sensor if self._backend.keyframes else np.eye(4)
         tracked = before @ scan.T_keyframe_sensor  # the map jumps when it is optimised, this does not
-        keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor)
+        floor = self._floors.current
+        keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=floor.number)
         if points is not None:
             with self._clock("surfaces"):
-                T_level_map = self._walls.T_level_map
-                known = self._backend.floor_in_map is not None
-                height = float((T_level_map @ scan.T_map_sensor)[2, 3]) if known else None
-                seen = self._front_end.look(points, level_to_sensor(scan.T_map_sensor, T_level_map[2, :3]), height)
-                keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
-                if seen.floor is not None and self._backend.floor_in_map is None:
-                    floor_in_map = transform_planes(scan.T_map_sensor, seen.floor.plane)
-                    self._walls.T_level_map = level_map(floor_in_map, self._front_end.height)
-                self._walls.add(len(self._backend.keyframes), scan.T_map_sensor, seen.walls)
+                self._see(keyframe, points)
                 self.clouds.add(len(self._backend.keyframes), points)
         self._backend.add_keyframe(keyframe)
         scan.keyframe = len(self._backend.keyframes) - 1
@@ -145,15 +136,26 @@ class SceneGraphSlam:
         if self._backend.due:
             self._optimise(last=False)
 
+    def _see(self, keyframe: KeyframeNode, points: Floats) -> None:
+        """Takes what a keyframe's scan shows of its floor into the keyframe and the floor's map."""
+        floor, known = self._floors.current, self._backend.floors_in_map
+        T_level_map = floor.walls.T_level_map
+        height = float((T_level_map @ keyframe.T_map_sensor)[2, 3]) if floor.number in known else None
+        seen = self._front_end.look(points, level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3]), height)
+        keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
+        if seen.floor is not None and floor.number not in known:
+            floor_in_map = transform_planes(keyframe.T_map_sensor, seen.floor.plane)
+            floor.walls.T_level_map = level_map(floor_in_map, self._front_end.height)
+        floor.walls.add(len(self._backend.keyframes), keyframe.T_map_sensor, seen.walls)
+
     def _optimise(self, last: bool) -> None:
         """Optimises, joins walls, cuts rooms, matches and anchors."""
         anchors = None
-        if self._scene is not None and self._anchoring is not None:
+        if self._anchoring is not None:
             with self._clock("matching"):
-                anchors = self._anchoring.update(self._scene, self._walls, self._backend.T_map_bim, last)
+                anchors = self._anchoring.update(self._floors, self._backend.T_map_bim, last)
         with self._clock("optimisation"):
-            rooms = self._scene.rooms if self._scene is not None else []
-            self._backend.optimise(self._walls.seen, rooms, anchors, steps=20 if last else 6)
+            self._backend.optimise(self._floors.seen, self._floors.rooms, anchors, steps=20 if last else 6)
         newest = self._backend.keyframes[-1]
         self._scans[-1].T_map_sensor = newest.T_map_sensor
         if not self.anchored:
@@ -161,23 +163,24 @@ class SceneGraphSlam:
         elif self._first_anchor_ns is None:
             self._first_anchor_ns = newest.stamp_ns
         with self._clock("surfaces"):
-            T_level_map = level_map(self._backend.floor_in_map, self._front_end.height)
-            self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
-            if not last and self._walls.split_steps():  # at the last all walls shall be those of the graph
-                self._walls.refresh(self._backend.poses, self._backend.planes_in_map, T_level_map)
-            if self._walls.join_duplicates() and self._scene is not None:
-                self._scene = self._scene.relabelled(self._walls.current)
-        if last or (self._anchoring is not None and self._scene_due()):
-            self._cut_scene()
+            self._floors.refresh(self._backend, self._front_end.height, last)
+        if last:
+            self._cut_scenes()
+        elif self._anchoring is not None and self._scene_due():
+            with self._clock("rooms"):
+                self._floors.current.scene = self._floors.cut(self._floors.current, self._backend)
 
     def _scene_due(self) -> bool:
-        settings = self._config.backend
-        grown = len(self._backend.keyframes) - (len(self._scene.graph.keyframes) if self._scene is not None else 0)
-        return grown >= max(settings.scene_keyframes, settings.scene_growth * len(self._backend.keyframes))
+        """Whether the floor that the robot is on has grown enough since it was last cut into rooms."""
+        settings, floor = self._config.backend, self._floors.current
+        own = sum(k.storey == floor.number for k in self._backend.keyframes)
+        grown = own - (len(floor.scene.graph.keyframes) if floor.scene is not None else 0)
+        return grown >= max(settings.scene_keyframes, settings.scene_growth * own)
 
-    def _cut_scene(self) -> None:
+    def _cut_scenes(self) -> None:
         with self._clock("rooms"):
-            self._scene = build_scene(self._backend.keyframes, self._walls, self._backend.floor_in_map, self._config)
+            for floor in self._floors.maps:
+                floor.scene = self._floors.cut(floor, self._backend)
 
     def _checked(self, stamp_ns: int, points: Floats, T_odom_sensor: Floats | None) -> Floats:
         where = f"scan at {stamp_ns} ns"

@@ -13,7 +13,7 @@ from sgslam.frames import transform_planes
 Floats = NDArray[np.float64]
 _BIM = B(0)
 _PLANES = ("p", "f")  # symbols of plane variables, which have three dimensions; all others are poses
-_KINDS = "xpforbw"  # symbols of all variables
+_KINDS = "xpforbwl"  # symbols of all variables
 _LEAST_ROWS = 30  # of a kind of measurement, for its residuals to tell its noise
 _SCALES = 0.15, 3.0  # of the noise given beforehand, the least and the most
 _STEP = 1e-5  # of numeric derivatives, rad and m

@@ -31,6 +31,22 @@ class SeenWall:
     sigma_offset: float
 
 
+class WallRegister(Stateful):
+    """What the wall maps of all floors of a run share: on which floor each observation was made, in the order in which
+    they came, and how many walls have been numbered."""
+
+    _STATE = ("order", "walls")
+
+    def __init__(self) -> None:
+        self.order: list[int] = []
+        self.walls = 0
+
+    def number(self) -> int:
+        """A number that no wall has yet."""
+        self.walls += 1
+        return self.walls - 1
+
+
 @dataclass(frozen=True)
 class Lines:
     """Upright planes seen from above, in the levelled map: n.p + d = 0, from `low` to `high` along the
@@ -67,17 +83,17 @@ class Lines:
 
 
 class WallMap(Stateful):
-    """All wall observations of a run and the walls that they are thought to be of."""
+    """The wall observations of floor `storey` and the walls that they are thought to be of; `register` is the run's."""
 
     _STATE = (
-        "seen", "_walls", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into",
+        "seen", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into",
         "_lines",
     )  # fmt: skip
 
-    def __init__(self, settings: SurfaceSettings) -> None:
+    def __init__(self, settings: SurfaceSettings, register: WallRegister | None = None, storey: int = 0) -> None:
         self._settings = settings
+        self._register, self._storey = register or WallRegister(), storey
         self.seen: list[SeenWall] = []
-        self._walls = 0
         self.planes_in_map: dict[int, Floats] = {}  # the back end's estimates
         self.T_level_map: Floats = np.eye(4)  # levelled: z up, the floor at z = 0
         self._extent: dict[int, tuple[float, float, int]] = {}  # low, high, keyframes
@@ -97,6 +113,7 @@ class WallMap(Stateful):
             self.seen.append(
                 SeenWall(keyframe, wall, plane, ends, piece.heights, piece.sigma_normal, piece.sigma_offset)
             )
+            self._register.order.append(self._storey)
             self.planes_in_map.setdefault(wall, plane_in_map)
         normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
         self._widen(np.array(walls), normals, ends_in_level[..., :2])
@@ -221,9 +238,9 @@ class WallMap(Stateful):
             beyond = _beyond_step(self._along[own], self._across[own], self._settings)
             if beyond is None:
                 continue
+            number = self._register.number()
             for i in np.asarray(own)[beyond]:
-                self.seen[i].wall = self._walls
-            self._walls += 1
+                self.seen[i].wall = number
             parted += 1
         return parted
 
@@ -262,8 +279,7 @@ class WallMap(Stateful):
             fits = near.any(axis=1)
         walls = []
         for row, known in zip(nearest.tolist(), fits.tolist(), strict=True):
-            walls.append(int(lines.ids[row]) if known else self._walls)
-            self._walls += not known
+            walls.append(int(lines.ids[row]) if known else self._register.number())
         return walls
 
     def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats) -> None:

@@ -106,8 +106,7 @@ def test_planes_and_floor_are_found_in_the_map() -> None:
     assert sorted(run.backend.planes_in_map) == list(range(len(WALLS)))
     for wall, plane in run.backend.planes_in_map.items():
         np.testing.assert_allclose(plane, transform_planes(T_map_building, WALLS[wall]), atol=0.02)
-    assert run.backend.floor_in_map is not None
-    np.testing.assert_allclose(run.backend.floor_in_map, [0, 0, 1, HEIGHT], atol=0.01)
+    np.testing.assert_allclose(run.backend.floors_in_map[0], [0, 0, 1, HEIGHT], atol=0.01)
 
 
 def test_wrong_observations_do_little_harm() -> None:
@@ -124,7 +123,7 @@ def anchors_of(run: Run, T_bim_building: Array, guess_off: Array | None = None) 
         for wall, plane in enumerate(WALLS)
     }
     guess = T_map_bim if guess_off is None else T_map_bim @ guess_off
-    return Anchors(guess, planes, {}, float(T_bim_building[2, 3])), T_map_bim
+    return Anchors(guess, planes, {}, {0: float(T_bim_building[2, 3])}), T_map_bim
 
 
 @pytest.mark.parametrize("steps", [6, 20])
@@ -149,12 +148,12 @@ def test_rooms_carry_anchors_too() -> None:
     room = RoomNode(
         7, T_map_room, {w: transform_planes(inverse(T_map_room), run.backend.planes_in_map[w]) for w in range(4)}
     )
-    by_room = Anchors(anchors.T_map_bim, {}, {7: T_bim_building @ pose(3.0, 4.0, 0.0)}, anchors.elevation)
+    by_room = Anchors(anchors.T_map_bim, {}, {7: T_bim_building @ pose(3.0, 4.0, 0.0)}, anchors.elevations)
     run.optimise(by_room, [room])
     assert run.backend.T_map_bim is not None
     assert np.linalg.norm((run.backend.T_map_bim - T_map_bim)[:2, 3]) < 0.03
     assert angle_between(run.backend.T_map_bim[:3, :3], T_map_bim[:3, :3]) < np.radians(0.5)
-    run.optimise(Anchors(anchors.T_map_bim, {}, {8: np.eye(4)}, None), [room])  # a room that is gone: no anchor at all
+    run.optimise(Anchors(anchors.T_map_bim, {}, {8: np.eye(4)}, {}), [room])  # a room that is gone: no anchor at all
     assert run.errors().max() < 0.02
 
 
