@@ -8,12 +8,14 @@ from numpy.typing import NDArray
 
 from data.errors import UserError
 
-Poses = NDArray[np.float64]  # (N, 3) x y yaw
+Poses = NDArray[np.float64]  # (N, 3) x y yaw, or (N, 4) with the ground's z
+STEEP = 0.1  # m a metre: what is steeper is a stair
 
 
 @dataclass(frozen=True)
 class Robot:
-    """Metres, seconds, radians. `rest` is how long it stands before the first move and after the last."""
+    """Metres, seconds, radians. `rest` is how long it stands before the first move and after the last; `stair_speed`
+    is its speed over ground on stairs."""
 
     radius: float = 0.25
     speed: float = 0.8
@@ -21,11 +23,13 @@ class Robot:
     yaw_rate: float = 0.8
     yaw_acceleration: float = 1.0
     rest: float = 0.5
+    stair_speed: float = 0.4
 
     def __post_init__(self) -> None:
         """Raises UserError for a robot that cannot move."""
-        if not min(self.radius, self.speed, self.acceleration, self.yaw_rate, self.yaw_acceleration) > 0:
-            raise UserError("robot: radius, speed, yaw rate and accelerations must be positive")
+        speeds = (self.speed, self.stair_speed, self.yaw_rate)
+        if not min(self.radius, *speeds, self.acceleration, self.yaw_acceleration) > 0:
+            raise UserError("robot: radius, speeds, yaw rate and accelerations must be positive")
         if not self.rest >= 0:
             raise UserError("robot: rest must not be negative")
 
@@ -41,7 +45,8 @@ def drive(
 ) -> tuple[NDArray[np.float64], Poses]:
     """Drives legs (N, 2), each beginning where the one before ends; the robot's x axis points along the way.
 
-    Returns stamps (M,) from 0, `rate` a second, and x y yaw (M, 3).
+    Returns stamps (M,) from 0, `rate` a second, and x y yaw (M, 3). Legs (N, 3) have the ground's z too, and the poses
+    are x y yaw z (M, 4) then; on stairs the robot is slower.
     """
     yaw = start_yaw
     phases = [_stand(legs[0][0], yaw, robot.rest)]
@@ -61,12 +66,12 @@ def drive(
 
 def _headings(leg: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N,) the curve's direction at its points, without jumps of a whole turn."""
-    tangents = np.gradient(leg, axis=0)
+    tangents = np.gradient(leg[:, :2], axis=0)
     return np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
 
 
 def _stand(place: NDArray[np.float64], yaw: float, duration: float) -> _Phase:
-    return _Phase(duration, lambda t: np.tile([*place, yaw], (len(t), 1)))
+    return _Phase(duration, lambda t: np.tile([*place[:2], yaw, *place[2:]], (len(t), 1)))
 
 
 def _turn(place: NDArray[np.float64], yaw: float, angle: float, robot: Robot) -> _Phase:
@@ -78,18 +83,21 @@ def _turn(place: NDArray[np.float64], yaw: float, angle: float, robot: Robot) ->
     def at(t: NDArray[np.float64]) -> Poses:
         rising, falling = np.minimum(t, ramp), np.maximum(t - (duration - ramp), 0)
         turned = rate * np.maximum(t - ramp, 0) + robot.yaw_acceleration / 2 * (rising**2 - falling**2)
-        return np.column_stack([np.tile(place, (len(t), 1)), yaw + np.sign(angle) * turned])
+        x_y_z = np.tile(place, (len(t), 1))
+        return np.column_stack([x_y_z[:, :2], yaw + np.sign(angle) * turned, x_y_z[:, 2:]])
 
     return _Phase(duration, at)
 
 
 def _follow(leg: NDArray[np.float64], headings: NDArray[np.float64], robot: Robot) -> _Phase:
     """From rest to rest as fast as speed, yaw rate, and the accelerations of both allow."""
-    steps = np.linalg.norm(np.diff(leg, axis=0), axis=1)
+    steps = np.linalg.norm(np.diff(leg[:, :2], axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     curvature = np.gradient(headings, along)
     bending = np.abs(np.gradient(curvature, along))
-    v = np.minimum(robot.speed, robot.yaw_rate / np.maximum(np.abs(curvature), 1e-9))
+    steep = np.zeros(len(leg)) if leg.shape[1] == 2 else np.abs(np.gradient(leg[:, 2], along))
+    v = np.where(steep > STEEP, min(robot.speed, robot.stair_speed), robot.speed)
+    v = np.minimum(v, robot.yaw_rate / np.maximum(np.abs(curvature), 1e-9))
     v = np.minimum(v, np.sqrt(robot.yaw_acceleration / np.maximum(bending, 1e-9)))
     v[[0, -1]] = 0.0
     for i in range(1, len(v)):
@@ -102,6 +110,6 @@ def _follow(leg: NDArray[np.float64], headings: NDArray[np.float64], robot: Robo
         i = np.clip(np.searchsorted(seconds, t, side="right") - 1, 0, len(steps) - 1)
         since = t - seconds[i]
         s = along[i] + v[i] * since + (v[i + 1] ** 2 - v[i] ** 2) / (4 * steps[i]) * since**2
-        return np.column_stack([np.interp(s, along, c) for c in (leg[:, 0], leg[:, 1], headings)])
+        return np.column_stack([np.interp(s, along, c) for c in (leg[:, 0], leg[:, 1], headings, *leg[:, 2:].T)])
 
     return _Phase(float(seconds[-1]), at)

@@ -26,15 +26,23 @@ Cell = tuple[int, int]
 def plan_tour(
     grid: Grid, radius: float, min_rooms: int, min_length: float, rng: np.random.Generator
 ) -> tuple[Curve, ...]:
-    """The legs, between which the robot stops and turns: from a random free place and back to it.
+    """The legs, between which the robot stops and turns: from a random free place and back to it; see `tour`."""
+    planner = Planner(grid, radius, rng)
+    start = planner.random_cell(planner.rooms[rng.integers(len(planner.rooms))])
+    return tour(planner, start, start, min_rooms, min_length)
+
+
+def tour(
+    planner: "Planner", start: Cell, end: Cell, min_rooms: int, min_length: float, shortest: float = SHORTEST
+) -> tuple[Curve, ...]:
+    """The legs from one free place to another; the last one is left out where it is not longer than `shortest` (m).
 
     The next room is the nearest of a random part of those not yet visited. The tour ends when `min_rooms`
     rooms (all, where fewer can be reached) have been entered and `min_length` metres driven; rooms are
     visited anew, at other places, where they are too few for the length. Raises UserError where no room can
     be reached.
     """
-    planner = _Planner(grid, radius, rng)
-    start = planner.random_cell(planner.rooms[rng.integers(len(planner.rooms))])
+    grid, rng = planner.grid, planner.rng
     legs: list[Curve] = []
     here, length, fruitless = start, 0.0, 0
     entered: set[int] = set()
@@ -51,8 +59,8 @@ def plan_tour(
             legs.append(leg)
             entered |= set(grid.room_at(leg).tolist()) - {-1}
             here, length = there, length + curve_length(leg)
-    home, _ = planner.nearest(here, [start])
-    return (*legs, home) if curve_length(home) >= SHORTEST else tuple(legs)
+    home, _ = planner.nearest(here, [end])
+    return (*legs, home) if curve_length(home) > shortest else tuple(legs)
 
 
 def _not_passed(grid: Grid, goals: dict[int, Cell], leg: Curve) -> dict[int, Cell]:
@@ -67,11 +75,11 @@ def curve_length(curve: Curve) -> float:
     return float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
 
 
-class _Planner:
+class Planner:
     """Ways through the largest connected part of the cells where the robot fits, counted in rooms."""
 
     def __init__(self, grid: Grid, radius: float, rng: np.random.Generator) -> None:
-        self.grid, self.need, self._rng = grid, radius + MARGIN, rng
+        self.grid, self.need, self.rng = grid, radius + MARGIN, rng
         parts, _ = ndimage.label(grid.clearance > self.need, np.ones((3, 3)))
         in_room = (parts > 0) & (grid.room >= 0)
         reached = np.unique(np.column_stack([parts[in_room], grid.room[in_room]]), axis=0)
@@ -87,7 +95,7 @@ class _Planner:
         """A free cell of the room with at least half of the best clearance there."""
         cells = np.argwhere(self.free & (self.grid.room == room))
         clearance = self.grid.clearance[tuple(cells.T)]
-        row, column = self._rng.choice(cells[clearance >= clearance.max() / 2])
+        row, column = self.rng.choice(cells[clearance >= clearance.max() / 2])
         return int(row), int(column)
 
     def random_goals(self) -> dict[int, Cell]:
@@ -97,7 +105,7 @@ class _Planner:
     def nearest(self, here: Cell, goals: list[Cell]) -> tuple[Curve, Cell]:
         """The smooth way to the goal that costs least, and that goal; no two ways are quite the same."""
         rows, columns = self.free.shape
-        whim = cv2.resize(self._rng.random((rows // WHIM + 2, columns // WHIM + 2)), (columns, rows))
+        whim = cv2.resize(self.rng.random((rows // WHIM + 2, columns // WHIM + 2)), (columns, rows))
         planner = MCP_Geometric(self._costs * (1 + whim))
         costs, _ = planner.find_costs([here], goals, find_all_ends=False)
         there = min(goals, key=lambda g: costs[g])

@@ -1,16 +1,20 @@
 """Simulates a robot that drives a building with a spinning LiDAR: an IFC file or a mesh in, scans and the truth out.
 
     python -m data.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M] [--moved-walls SHARE]
+    python -m data.simulate --bim FILE --storey NAME --storey NEXT --out DIR
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
 frame), `run.json` (what was driven) and, where the building stands otherwise than planned, `changes.json`, and
 `plan.ifc` where the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion.
-All doors stand open (their leaves are left out), furniture is included, window panes are opaque.
+All doors stand open (their leaves are left out), furniture is included, window panes are opaque. From storey to storey
+it goes by the building's stairs; the sensor rises along the flight's slope, as if carried or on legs, and leans with it
+by a small part of its angle.
 """
 
 import argparse
 import shutil
 import tempfile
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,6 +36,9 @@ from data.trajectory import Trajectory
 if TYPE_CHECKING:
     from data.occupancy import Grid
     from data.raycast import TriangleScene
+    from data.storey_model import StoreyModel
+
+    Grids = dict[StoreyModel, Grid]
 
 Settings = dict[str, object]  # for run.json
 
@@ -39,24 +46,29 @@ SENSOR = SpinningSensor()
 ROBOT = Robot()
 ROBOT_TOP = 1.6  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
 PLAN = "plan.ifc"  # what the plan shows, where it lacks walls that stand
+ON_FLOOR = 0.1  # m from a storey's level, at which the robot is on it
+LEAN = 0.15  # of a stair's slope by which the sensor leans: who carries it keeps it nearly level
 SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
 @dataclass(frozen=True)
 class VisitedRoom:
-    """A room (GlobalId, Name and LongName of its IfcSpace) and when the robot entered it, in seconds."""
+    """A room (GlobalId, Name and LongName of its IfcSpace), when the robot entered it, in seconds, and the name of its
+    storey."""
 
     id: str
     name: str
     long_name: str
     entered_s: float
+    storey: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRun:
     """What was driven: `rooms` as they were entered, the start's first; `truth` is T_bim_sensor of each scan.
 
-    Metres, seconds, radians; `start_yaw` is in the BIM frame. `changes` are what stands otherwise than planned.
+    `storey` is where it began, `storeys` are all in the order of the drive. Metres, seconds, radians; `start_yaw` is in
+    the BIM frame. `changes` are what stands otherwise than planned.
     """
 
     out_dir: Path
@@ -67,6 +79,7 @@ class SimulatedRun:
     rooms: tuple[VisitedRoom, ...]
     truth: Trajectory
     changes: tuple[Change, ...] = ()
+    storeys: tuple[str, ...] = ()
 
     @property
     def rooms_entered(self) -> int:
@@ -76,7 +89,7 @@ class SimulatedRun:
 
 def simulate(
     ifc: Path | str,
-    storey: str,
+    storey: str | Sequence[str],
     out_dir: Path | str,
     seed: int = 0,
     min_rooms: int = 8,
@@ -91,36 +104,38 @@ def simulate(
     """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
 
     `ifc` may be a building's mesh too (see `data.mesh_plan`); `storey` is then the name of one of its levels, or empty
-    for the lowest.
+    for the lowest. Several storeys are driven in their order; one that is named again is come back to.
 
     The robot enters `min_rooms` rooms (all, where fewer can be reached), drives `min_length` metres at least,
-    and returns. The level sensor stands `sensor_height` metres above the storey's floor. `changes` are made to the
-    building that is driven, not to its plan. With `and_back` the whole way is then driven in the other direction, so
-    that every place is seen twice. The same seed gives the same bytes. Raises UserError for an unreadable
-    IFC file, an unknown storey, one on which the robot cannot move, an `out_dir` that is not empty, and settings
-    that cannot be.
+    and returns (on each storey, where there are several; then it goes on by the stairs). The level sensor stands
+    `sensor_height` metres above the storey's floor. `changes` are made to the building that is driven, not to its plan,
+    and need a drive on one storey. With `and_back` the whole way is then driven in the other direction, so that every
+    place is seen twice. The same seed gives the same bytes. Raises UserError for an unreadable
+    IFC file, an unknown storey, one on which the robot cannot move, storeys without a stair that it can climb, an
+    `out_dir` that is not empty, and settings that cannot be.
     """
-    from data.mesh_storey import mesh_storey
     from data.occupancy import build_grid
     from data.raycast import TriangleScene
-    from data.route import curve_length, plan_tour
-    from data.storey_model import load_storey
+    from data.route import curve_length
 
     out = Path(out_dir)
     _check(out, scan_format, sensor_height, seed)
-    model = mesh_storey(ifc, storey, changes) if is_mesh(ifc) else load_storey(ifc, storey, changes, seed)
-    scene = TriangleScene(model.solid)
-    grid = build_grid(model, scene, max(ROBOT_TOP, sensor_height + SENSOR_TOP))
+    models = _models(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed)
+    scene = TriangleScene(np.concatenate([m.solid for m in dict.fromkeys(models)]))
+    height = max(ROBOT_TOP, sensor_height + SENSOR_TOP)
+    grids = {model: build_grid(model, scene, height) for model in dict.fromkeys(models)}
     rng = np.random.default_rng(seed)
     start_yaw = float(rng.uniform(-np.pi, np.pi))
-    legs = plan_tour(grid, robot.radius, min_rooms, min_length, rng)
+    legs = _legs(models, grids, scene, robot.radius, min_rooms, min_length, rng)
     if and_back:
         legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
     stamps, poses = drive(legs, start_yaw, robot, sensor.rate)
-    T_bim_sensor = _sensor_poses(poses, model.level + sensor_height)
-    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
+    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), _sensor_poses(poses, models[0].level, sensor_height))
     length = sum(curve_length(leg) for leg in legs)
-    run = SimulatedRun(out, model.name, seed, length, start_yaw, _visited(grid, stamps, poses), truth, model.changes)
+    run = SimulatedRun(
+        out, models[0].name, seed, length, start_yaw, _visited(grids, stamps, poses), truth, models[0].changes,
+        tuple(model.name for model in models),
+    )  # fmt: skip
     settings = {"bim": Path(ifc).name, "sensor": asdict(sensor), "robot": asdict(robot)}
     _write(run, scene, sensor, scan_format, {**settings, "sensor_height_m": sensor_height}, ifc)
     return run
@@ -137,23 +152,66 @@ def _check(out: Path, scan_format: str, sensor_height: float, seed: int) -> None
         raise UserError(f"{out}: exists already and is not an empty folder; give another one")
 
 
-def _sensor_poses(poses: NDArray[np.float64], z: float) -> NDArray[np.float64]:
-    """(N, 4, 4) T_bim_sensor of a level sensor at x y yaw (N, 3)."""
+def _models(ifc: Path | str, storeys: list[str], changes: Changes | None, seed: int) -> "list[StoreyModel]":
+    from data.mesh_storey import mesh_storey
+    from data.storey_model import load_storey, load_storeys
+
+    if len(storeys) == 1:
+        only = storeys[0]
+        return [mesh_storey(ifc, only, changes) if is_mesh(ifc) else load_storey(ifc, only, changes, seed)]
+    if changes is not None and changes.any:
+        raise UserError("walls that stand otherwise than planned: give one storey, not several")
+    if is_mesh(ifc):
+        raise UserError(f"{ifc}: a mesh does not tell its stairs; give one storey, or an IFC file")
+    return load_storeys(ifc, storeys)
+
+
+def _legs(
+    models: "list[StoreyModel]", grids: "Grids", scene: "TriangleScene", radius: float, min_rooms: int,
+    min_length: float, rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
+    """(N, 2) on one storey, (N, 3) over several."""
+    from data.route import Planner, plan_tour
+    from data.stair_way import Storey
+    from data.storeys_drive import plan_storeys
+
+    if len(models) == 1:
+        return plan_tour(grids[models[0]], radius, min_rooms, min_length, rng)
+    of = {model: Storey(model, Planner(grid, radius, rng)) for model, grid in grids.items()}
+    return plan_storeys([of[model] for model in models], scene, radius, min_rooms, min_length, rng)
+
+
+def _sensor_poses(poses: NDArray[np.float64], level: float, height: float) -> NDArray[np.float64]:
+    """(N, 4, 4) T_bim_sensor at x y yaw (N, 3), or x y yaw z (N, 4), `height` above the ground, which is at z or at
+    `level`; level, but for stairs."""
     T = np.tile(np.eye(4), (len(poses), 1, 1))
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
-    T[:, :2, 3], T[:, 2, 3] = poses[:, :2], z
+    T[:, :2, 3], T[:, 2, 3] = poses[:, :2], level + height
+    if poses.shape[1] == 4:
+        T[:, 2, 3] = poses[:, 3] + height
+        moved = np.gradient(poses, axis=0)
+        forward = np.linalg.norm(moved[:, :2], axis=1)
+        up = LEAN * np.arctan2(np.where(forward > 1e-6, moved[:, 3], 0.0), np.maximum(forward, 1e-6))
+        nose_up = np.tile(np.eye(4), (len(poses), 1, 1))
+        nose_up[:, 0, 0], nose_up[:, 0, 2] = np.cos(up), -np.sin(up)
+        nose_up[:, 2, 0], nose_up[:, 2, 2] = np.sin(up), np.cos(up)
+        T = T @ nose_up
     return T
 
 
-def _visited(
-    grid: "Grid", stamps: NDArray[np.float64], poses: NDArray[np.float64]
-) -> tuple[VisitedRoom, ...]:
+def _visited(grids: "Grids", stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> tuple[VisitedRoom, ...]:
     visited: list[VisitedRoom] = []
-    for stamp, k in zip(stamps, grid.room_at(poses[:, :2]), strict=True):
-        if k >= 0 and (not visited or visited[-1].id != grid.rooms[k].id):
-            room = grid.rooms[k]
-            visited.append(VisitedRoom(room.id, room.name, room.long_name, float(stamp)))
+    z = poses[:, 3] if poses.shape[1] == 4 else np.full(len(poses), next(iter(grids)).level)
+    entered = np.full((len(grids), len(poses)), -1)
+    for row, (model, grid) in enumerate(grids.items()):
+        on = np.abs(z - model.level) < ON_FLOOR
+        entered[row, on] = grid.room_at(poses[on, :2])
+    for stamp, of in zip(stamps, entered.T, strict=True):
+        for k, (model, grid) in zip(of, grids.items(), strict=True):
+            if k >= 0 and (not visited or visited[-1].id != grid.rooms[k].id):
+                room = grid.rooms[k]
+                visited.append(VisitedRoom(room.id, room.name, room.long_name, float(stamp), model.name))
     return tuple(visited)
 
 
@@ -177,8 +235,8 @@ def _write(
         if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
             write_plan_without(bim, unplanned, unfinished / PLAN)
         write_json(unfinished / "run.json", {
-            "storey": run.storey, "seed": run.seed, "scans": len(run.truth), "length_m": run.length,
-            "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
+            "storey": run.storey, "storeys": run.storeys, "seed": run.seed, "scans": len(run.truth),
+            "length_m": run.length, "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
             "rooms": [asdict(room) for room in run.rooms], **settings,
         })  # fmt: skip
         unfinished.chmod(0o755)
@@ -193,7 +251,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m data.simulate", description=about)
     add = parser.add_argument
     add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
-    add("--storey", default="", metavar="NAME", help="name or GlobalId of the storey to drive (a mesh needs none)")
+    add("--storey", action="append", default=[], metavar="NAME",
+        help="name or GlobalId of the storey to drive (a mesh needs none); again: the next, by the stairs")
     add("--out", required=True, metavar="DIR", help="new folder for scans and truth")
     add("--seed", type=int, default=0, help="same seed, same bytes (default 0)")
     add("--min-rooms", type=int, default=8, metavar="N", help="rooms to enter (default 8; all, where fewer)")
@@ -212,11 +271,12 @@ def main() -> int:
     """The command line; raises UserError."""
     args = _parser().parse_args()
     run = simulate(
-        args.bim, args.storey, args.out, args.seed, args.min_rooms, args.min_length,
+        args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
         robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
         changes=Changes(args.moved_walls, args.absent_walls, args.unplanned_walls), and_back=args.and_back,
     )  # fmt: skip
-    driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of '{run.storey}'"
+    names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
+    driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"
     changed = f"; {len(run.changes)} walls stand otherwise than planned" if run.changes else ""
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
     return 0

@@ -1,5 +1,6 @@
 """One storey of an IFC model as a robot meets it: what is solid, its rooms, its level; doors stand open."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,12 +40,13 @@ class Space:
     top: Triangles
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StoreyModel:
     """`solid` is the whole building's; all else is the storey's. Metres, BIM frame.
 
     `level` is the z of the finished floor, `extent` are the lowest and the highest x y, (2,) each. `changes` tells
     what stands otherwise than the plan has it; `walls` are the storey's IfcWalls and, as the spaces, the plan's.
+    `stairs` are the whole building's.
     """
 
     id: str
@@ -56,6 +58,7 @@ class StoreyModel:
     extent: tuple[Xy, Xy]
     changes: tuple[Change, ...] = ()
     walls: tuple[IfcProduct, ...] = ()
+    stairs: tuple[Triangles, ...] = ()
 
 
 def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0) -> StoreyModel:
@@ -66,17 +69,52 @@ def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, se
     """
     model = open_ifc(ifc)
     entity = _find_storey(model, storey, ifc)
-    classes = sorted({e.is_a() for e in model.by_type("IfcElement") if not _is_any(e, NOT_SOLID)})
-    solid = [p for p in products(model, tuple(classes)) if not _is_any(model.by_guid(p.global_id), NOT_SOLID)]
+    return _storey_model(model, entity, _Shapes.of(model), changes, seed, f"{ifc}: storey '{storey}'")
+
+
+def load_storeys(ifc: Path | str, storeys: Sequence[str]) -> list[StoreyModel]:
+    """As `load_storey`, of several storeys; what stands is as planned. One that is named twice is read once."""
+    model = open_ifc(ifc)
+    entities = {name: _find_storey(model, name, ifc) for name in storeys}
+    shapes, models = _Shapes.of(model), dict[str, StoreyModel]()
+    for name, entity in entities.items():
+        if entity.GlobalId not in models:
+            models[entity.GlobalId] = _storey_model(model, entity, shapes, None, 0, f"{ifc}: storey '{name}'")
+    return [models[entities[name].GlobalId] for name in storeys]
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """The triangulated products of a whole model: what is solid, spaces, door leaves, openings."""
+
+    solid: list[IfcProduct]
+    spaces: list[IfcProduct]
+    doors: list[IfcProduct]
+    openings: list[IfcProduct]
+
+    @staticmethod
+    def of(model: ifcopenshell.file) -> "_Shapes":
+        classes = sorted({e.is_a() for e in model.by_type("IfcElement") if not _is_any(e, NOT_SOLID)})
+        solid = [p for p in products(model, tuple(classes)) if not _is_any(model.by_guid(p.global_id), NOT_SOLID)]
+        others = (list(products(model, (c,))) for c in ("IfcSpace", "IfcDoor", "IfcOpeningElement"))
+        return _Shapes(solid, *others)
+
+
+def _storey_model(
+    model: ifcopenshell.file, entity: ifcopenshell.entity_instance, shapes: _Shapes, changes: Changes | None, seed: int,
+    what: str,
+) -> StoreyModel:  # fmt: skip
+    """`what` names the storey in messages."""
+    solid = shapes.solid
     walls = [p for p in solid if p.storey == entity.GlobalId and model.by_guid(p.global_id).is_a("IfcWall")]
     made = draw_changes(walls, changes, seed) if changes is not None else ()
     solid = as_built(model, solid, made)
     own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
-    rooms = [p for p in products(model, ("IfcSpace",)) if p.storey == entity.GlobalId]
+    rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
     if not solid or not (spaces or own):
-        raise UserError(f"{ifc}: storey '{storey}' has no geometry to drive in; take another storey")
-    leaves = as_built(model, list(products(model, ("IfcDoor",))), made)
+        raise UserError(f"{what} has no geometry to drive in; take another storey")
+    leaves = as_built(model, shapes.doors, made)
     doors = tuple(_triangles(p) for p in leaves if p.storey == entity.GlobalId)
     corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
     triangles = np.concatenate([_triangles(p) for p in solid])
@@ -84,12 +122,13 @@ def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, se
     level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
     if floors:
-        floors += [_threshold(p, level) for p in products(model, ("IfcOpeningElement",))]
+        floors += [_threshold(p, level) for p in shapes.openings]
     solid_triangles = np.concatenate([triangles, *floors, *ceilings])
     extent = (corners.min(axis=0), corners.max(axis=0))
     level = _measured_floor(TriangleScene(solid_triangles), level, extent)
     return StoreyModel(
-        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent, made, tuple(walls)
+        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent, made, tuple(walls),
+        tuple(stairs),
     )
 
 
