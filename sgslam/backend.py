@@ -55,10 +55,13 @@ class Backend:
     def state(self) -> dict[str, Any]:
         """What it knows, as a tree (see `state_tree`)."""
         seen = [replace(s, wall=wall) for s, wall in zip(self._told.seen, self._walls_told, strict=True)]
+        held = [entry.factor for key, entry in self.log.held("odometry").items() if len(key) == 1]
+        steps = [factor.measured().matrix() for factor in held if isinstance(factor, gtsam.BetweenFactorPose3)]
         return {
-            "keyframes": self.keyframes, "planes_in_map": self.planes_in_map, "floors_in_map": self.floors_in_map,
-            "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at, "sound": self._sound,
-            "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors, "log": self.log.state(),
+            "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
+            "floors_in_map": self.floors_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
+            "sound": self._sound, "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors,
+            "log": self.log.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -71,10 +74,11 @@ class Backend:
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)
-        for i in range(1, len(self.keyframes)):
-            builder.hold_step(i, self._step(i))
-            if (i, "bridge") in state["log"]["held"]["odometry"]:
-                builder.bridge(i)
+        held = state["log"]["held"]["odometry"]
+        for (i,), step in zip((key for key in held if len(key) == 1), state["steps"], strict=True):
+            builder.hold_step(i, step)
+        for i in (key[0] for key in held if len(key) == 2):
+            builder.bridge(i)
         self._told = self._hold(builder, state["seen"], state["rooms"], state["anchors"])
         self._walls_told = [s.wall for s in state["seen"]]
         self.log.restore(state["log"], made)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,8 +46,8 @@ class SceneGraphSlam:
         self._front_end = FrontEnd(self._config)
         self._rule = KeyframeRule(self._config.keyframes)
         self._floors = Floors(self._config)
-        odometry = odometry or make_odometry(self._config.odometry)
-        self._locator = Locator(self._config, odometry, self._front_end, self._floors)
+        self._odometry = odometry or make_odometry(self._config.odometry)
+        self._locator = Locator(self._config, self._odometry, self._front_end, self._floors)
         self._backend = Backend(self._config)
         self._anchoring = None
         if a_graph is not None:
@@ -91,6 +92,32 @@ class SceneGraphSlam:
     def anchors(self) -> tuple[AnchorRecord, ...]:
         """The record of all anchors so far, those withdrawn too."""
         return () if self._anchoring is None else self._anchoring.records
+
+    @property
+    def keyframes(self) -> int:
+        """How many there are so far."""
+        return len(self._backend.keyframes)
+
+    def state(self) -> dict[str, Any]:
+        """All that it knows but the keyframes' points, which `clouds` keep, as a tree (see `state_tree`). It is not a
+        copy: write it before the next scan is added."""
+        own = {"scans": self._scans, "first_anchor_ns": self._first_anchor_ns, "seconds": self.seconds}
+        return own | {name: part.state() for name, part in self._parts.items()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what another one's `state` told that was made for the same building with the same settings, bit
+        by bit as that one would have. Raises KeyError, TypeError or ValueError where it was unlike."""
+        for name, part in self._parts.items():
+            part.restore(state[name])
+        self._scans, self._first_anchor_ns, self.seconds = state["scans"], state["first_anchor_ns"], state["seconds"]
+
+    @property
+    def _parts(self) -> dict[str, Any]:
+        parts = {
+            "front_end": self._front_end, "rule": self._rule, "floors": self._floors, "odometry": self._odometry,
+            "locator": self._locator, "backend": self._backend,
+        }  # fmt: skip
+        return parts if self._anchoring is None else {**parts, "anchoring": self._anchoring}
 
     def s_graph(self) -> SceneGraph:
         """The S-graph as it is now, in the map frame: rooms, wall surfaces and doors are cut anew for it, which takes

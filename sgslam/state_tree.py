@@ -19,7 +19,7 @@ _LONG = 4  # a list of more is kept by columns where its items are alike
 _DTYPES = {"f8": np.float64, "f4": np.float32, "i8": np.int64, "i4": np.int32, "u1": np.uint8, "b1": np.bool_}
 _CODES = {np.dtype(dtype): code for code, dtype in _DTYPES.items()}
 _KINDS = ("float", "array", "dict", "tuple", "set", "some", "numbers", "arrays", "tuples", "lists", "object", "objects",
-          "again")  # fmt: skip
+          "again", "columns")  # fmt: skip
 _FLOATS, _INTS, _PLAIN = {float, np.float64}, {int, np.int64}, {int, str, bool, type(None)}
 
 
@@ -85,6 +85,8 @@ class Packer:
     def _array(self, value: NDArray[Any]) -> dict[str, Any]:
         if value.dtype not in _CODES:
             raise TypeError(f"no state can hold an array of {value.dtype}")
+        if _by_columns(value):
+            return {_KIND: "columns", "v": self._array(value.T)}
         code = _CODES[value.dtype]
         start = self._sizes.get(code, 0)
         self._sizes[code] = start + value.size
@@ -105,9 +107,12 @@ class Packer:
         kind = kinds.pop() if len(kinds) == 1 else None
         if kind is bool:
             return {_KIND: "numbers", "v": self._array(np.array(items))}
-        if kind is np.ndarray and items[0].ndim and len({(i.dtype, i.ndim, i.shape[1:]) for i in items}) == 1:
-            rows = self._array(np.array([len(item) for item in items]))
-            return {_KIND: "arrays", "n": rows, "v": self._array(np.concatenate(items))}
+        if kind is np.ndarray:
+            turned = [_by_columns(item) for item in items]
+            rows = [item.T if turn else item for item, turn in zip(items, turned, strict=True)]
+            if rows[0].ndim and len({(r.dtype, r.ndim, r.shape[1:]) for r in rows}) == 1:
+                sizes = self._array(np.array([len(row) for row in rows]))
+                return {_KIND: "arrays", "n": sizes, "v": self._array(np.concatenate(rows)), "t": self._list(turned)}
         if kind in (tuple, list):
             sizes = self._array(np.array([len(item) for item in items]))
             return {_KIND: f"{kind.__name__}s", "n": sizes, "v": self._list(list(chain.from_iterable(items)))}
@@ -116,6 +121,12 @@ class Packer:
             columns = [self._list([getattr(item, n) for item in items]) for n in names]
             return {_KIND: "objects", "c": name, "f": names, "n": len(items), "v": columns}
         return [self.pack(item) for item in items]
+
+
+def _by_columns(array: NDArray[Any]) -> bool:
+    """Whether a matrix lies in memory column by column; its products may round otherwise than those of the same one
+    row by row."""
+    return array.ndim == 2 and array.flags.f_contiguous and not array.flags.c_contiguous
 
 
 class Unpacker:
@@ -166,7 +177,11 @@ class Unpacker:
         return numbers
 
     def _read_arrays(self, packed: dict[str, Any]) -> list[NDArray[Any]]:
-        return [part.copy() for part in self._parts(packed)]
+        parts = zip(self._parts(packed), self.unpack(packed["t"]), strict=True)
+        return [part.copy().T if turned else part.copy() for part, turned in parts]
+
+    def _read_columns(self, packed: dict[str, Any]) -> NDArray[Any]:
+        return np.asarray(self.unpack(packed["v"]).T)
 
     def _read_tuples(self, packed: dict[str, Any]) -> list[tuple[Any, ...]]:
         return [tuple(part) for part in self._parts(packed)]

@@ -28,7 +28,8 @@ def there_and_back(path: Path, value: Any) -> Any:
 
 def same(a: Any, b: Any) -> bool:
     if isinstance(a, np.ndarray):
-        return isinstance(b, np.ndarray) and a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+        alike = isinstance(b, np.ndarray) and a.dtype == b.dtype and a.flags.c_contiguous == b.flags.c_contiguous
+        return alike and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
     if dataclasses.is_dataclass(a):
         return type(a) is type(b) and all(same(v, getattr(b, k)) for k, v in vars(a).items())
     if isinstance(a, (list, tuple)):
@@ -48,6 +49,8 @@ def same(a: Any, b: Any) -> bool:
         [[1], [], [2, 3], [4], [5]], {(1, "frame"): {"a": (1.0, 2.0)}, 3: None},
         np.eye(4), np.empty((0, 3)), np.arange(5), np.array(2.5), np.array([True, False]), np.float32([1, 2]),
         [np.full((k, 3), k / 3) for k in range(9)], [np.eye(4)] * 9, [np.eye(3), np.eye(4)] * 4,
+        np.arange(6.0).reshape(2, 3).T,
+        [np.arange(9.0).reshape(3, 3).T, np.eye(3)] * 4, [np.arange(6.0).reshape(2, 3).T, np.eye(3)] * 4,
         [Place(f"p{k}", np.full(3, k / 7), None if k % 3 else 0.5) for k in range(20)],
         (Place("a", np.zeros((2, 2))), [Place("b", np.zeros(k)) for k in range(7)]),
     ],
