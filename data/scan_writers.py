@@ -1,4 +1,5 @@
-"""Writes one scan: points (N, 3) float32 in metres, sensor frame; intensity 0 where the format has one."""
+"""Writes one scan: points (N, 3) float32 in metres, sensor frame; intensity 0 where the format has one; and the points'
+times (N,) float32, seconds after the stamp, where they are given and the format can hold them."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,33 +8,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 Points = NDArray[np.float32]
+Times = NDArray[np.float32] | None
 
 
 def _with_intensity(points: Points) -> Points:
     return np.column_stack([points, np.zeros(len(points), np.float32)])
 
 
-def _write_bin(path: Path, points: Points) -> None:
+def _write_bin(path: Path, points: Points, times: Times = None) -> None:
     """KITTI: float32 x y z intensity."""
     _with_intensity(points).tofile(path)
 
 
-def _write_npy(path: Path, points: Points) -> None:
+def _write_npy(path: Path, points: Points, times: Times = None) -> None:
     np.save(path, points)
 
 
-def _write_pcd(path: Path, points: Points) -> None:
+def _write_pcd(path: Path, points: Points, times: Times = None) -> None:
     from pypcd4 import Encoding, PointCloud
 
-    PointCloud.from_xyzi_points(_with_intensity(points)).save(path, encoding=Encoding.BINARY)
+    if times is None:
+        cloud = PointCloud.from_xyzi_points(_with_intensity(points))
+    else:
+        fields = ("x", "y", "z", "intensity", "time")
+        cloud = PointCloud.from_points(np.column_stack([_with_intensity(points), times]), fields, (np.float32,) * 5)
+    cloud.save(path, encoding=Encoding.BINARY)
 
 
-def _write_ply(path: Path, points: Points) -> None:
+def _write_ply(path: Path, points: Points, times: Times = None) -> None:
+    names = "xyz" if times is None else ("x", "y", "z", "time")
+    rows = points if times is None else np.column_stack([points, times])
     header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
-    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
-    path.write_bytes(header.encode() + points.astype("<f4").tobytes())
+    header += "".join(f"property float {name}\n" for name in names) + "end_header\n"
+    path.write_bytes(header.encode() + rows.astype("<f4").tobytes())
 
 
-SCAN_WRITERS: dict[str, Callable[[Path, Points], None]] = {
+SCAN_WRITERS: dict[str, Callable[[Path, Points, Times], None]] = {
     "bin": _write_bin, "pcd": _write_pcd, "ply": _write_ply, "npy": _write_npy,
 }  # fmt: skip
+WITH_TIMES = ("pcd", "ply")  # formats that hold the points' times

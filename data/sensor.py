@@ -55,3 +55,19 @@ class SpinningSensor:
         seen = (ranges >= self.min_range) & (ranges <= self.max_range)
         measured = ranges[seen] + rng.normal(0.0, self.range_noise, int(seen.sum()))
         return (directions[seen] * measured[:, None]).astype(np.float32)
+
+    def sweep(
+        self, scene: TriangleScene, T_bim_sensor: NDArray[np.float64], rng: np.random.Generator
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """One turn of a sensor that moves meanwhile: `T_bim_sensor` (azimuths, 4, 4) is its pose at each azimuth.
+
+        Returns (N, 3) points, each in the sensor's frame at its own time, and (N,) these times in seconds after the
+        first azimuth's.
+        """
+        directions = self.directions.reshape(self.azimuths, self.beams, 3)
+        turned = (directions @ T_bim_sensor[:, :3, :3].transpose(0, 2, 1)).reshape(-1, 3)
+        ranges = scene.distances(np.repeat(T_bim_sensor[:, :3, 3], self.beams, axis=0), turned)
+        seen = (ranges >= self.min_range) & (ranges <= self.max_range)
+        measured = ranges[seen] + rng.normal(0.0, self.range_noise, int(seen.sum()))
+        times = np.repeat(np.arange(self.azimuths) / (self.azimuths * self.rate), self.beams)
+        return (self.directions[seen] * measured[:, None]).astype(np.float32), times[seen].astype(np.float32)

@@ -5,7 +5,8 @@
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
 frame), `run.json` (what was driven) and, where the building stands otherwise than planned, `changes.json`, and
-`plan.ifc` where the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion.
+`plan.ifc` where the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion,
+unless `--rolling` asks for scans of a moving sensor, each point with its time.
 All doors stand open (their leaves are left out), furniture is included, window panes are opaque. From storey to storey
 it goes by the building's stairs; the sensor rises along the flight's slope, as if carried or on legs, and leans with it
 by a small part of its angle.
@@ -28,7 +29,7 @@ from data.drive import Robot, drive
 from data.errors import UserError
 from data.files import write_atomically, write_json
 from data.mesh_files import MESH_SUFFIXES, is_mesh
-from data.scan_writers import SCAN_WRITERS
+from data.scan_writers import SCAN_WRITERS, WITH_TIMES
 from data.sensor import SpinningSensor
 from data.stamps import ns_to_seconds
 from data.trajectory import Trajectory
@@ -100,6 +101,7 @@ def simulate(
     scan_format: str = "bin",
     changes: Changes | None = None,
     and_back: bool = False,
+    rolling: bool = False,
 ) -> SimulatedRun:
     """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
 
@@ -110,7 +112,8 @@ def simulate(
     and returns (on each storey, where there are several; then it goes on by the stairs). The level sensor stands
     `sensor_height` metres above the storey's floor. `changes` are made to the building that is driven, not to its plan,
     and need a drive on one storey. With `and_back` the whole way is then driven in the other direction, so that every
-    place is seen twice. The same seed gives the same bytes. Raises UserError for an unreadable
+    place is seen twice. With `rolling` the sensor moves while it turns: a scan's stamp, and its true pose, are those of
+    its first azimuth. The same seed gives the same bytes. Raises UserError for an unreadable
     IFC file, an unknown storey, one on which the robot cannot move, storeys without a stair that it can climb, an
     `out_dir` that is not empty, and settings that cannot be.
     """
@@ -119,7 +122,7 @@ def simulate(
     from data.route import curve_length
 
     out = Path(out_dir)
-    _check(out, scan_format, sensor_height, seed)
+    _check(out, scan_format, sensor_height, seed, rolling)
     models = _models(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed)
     scene = TriangleScene(np.concatenate([m.solid for m in dict.fromkeys(models)]))
     height = max(ROBOT_TOP, sensor_height + SENSOR_TOP)
@@ -129,21 +132,43 @@ def simulate(
     legs = _legs(models, grids, scene, robot.radius, min_rooms, min_length, rng)
     if and_back:
         legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
-    stamps, poses = drive(legs, start_yaw, robot, sensor.rate)
-    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), _sensor_poses(poses, models[0].level, sensor_height))
+    steps = sensor.azimuths if rolling else 1  # poses a scan
+    stamps, poses = drive(legs, start_yaw, robot, sensor.rate * steps)
+    way = _Way(poses, models[0].level, sensor_height, steps)
+    stamps, poses = stamps[::steps], poses[::steps]
+    T_bim_sensor = _sensor_poses(poses, way.level, sensor_height)
+    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
     length = sum(curve_length(leg) for leg in legs)
     run = SimulatedRun(
         out, models[0].name, seed, length, start_yaw, _visited(grids, stamps, poses), truth, models[0].changes,
         tuple(model.name for model in models),
     )  # fmt: skip
-    settings = {"bim": Path(ifc).name, "sensor": asdict(sensor), "robot": asdict(robot)}
-    _write(run, scene, sensor, scan_format, {**settings, "sensor_height_m": sensor_height}, ifc)
+    settings: Settings = {"bim": Path(ifc).name, "sensor": asdict(sensor), "robot": asdict(robot)}
+    settings |= {"sensor_height_m": sensor_height, "rolling": rolling}
+    _write(run, scene, sensor, scan_format, settings, ifc, way)
     return run
 
 
-def _check(out: Path, scan_format: str, sensor_height: float, seed: int) -> None:
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """All that was driven, as `drive` gives it, `steps` poses a scan; the storey's level, and the sensor's height."""
+
+    poses: NDArray[np.float64]
+    level: float
+    height: float
+    steps: int
+
+    def during(self, scan: int) -> NDArray[np.float64]:
+        """(steps, 4, 4) T_bim_sensor at each azimuth of a scan; the last pose stays."""
+        chosen = np.minimum(np.arange(scan * self.steps, (scan + 1) * self.steps), len(self.poses) - 1)
+        return _sensor_poses(self.poses[chosen], self.level, self.height)
+
+
+def _check(out: Path, scan_format: str, sensor_height: float, seed: int, rolling: bool) -> None:
     if scan_format not in SCAN_WRITERS:
         raise UserError(f"scan format '{scan_format}' is not known; take one of {', '.join(SCAN_WRITERS)}")
+    if rolling and scan_format not in WITH_TIMES:
+        raise UserError(f"rolling scans need a format with points' times: {' or '.join(WITH_TIMES)}, not {scan_format}")
     if not 0 < sensor_height < 10:
         raise UserError(f"a sensor height of {sensor_height} m cannot be; give metres above the floor")
     if seed < 0:
@@ -217,7 +242,7 @@ def _visited(grids: "Grids", stamps: NDArray[np.float64], poses: NDArray[np.floa
 
 def _write(
     run: SimulatedRun, scene: "TriangleScene", sensor: SpinningSensor, scan_format: str, settings: Settings,
-    bim: Path | str,
+    bim: Path | str, way: _Way,
 ) -> None:  # fmt: skip
     """Casts the rays and writes into a folder beside, which then takes the final name: all or nothing."""
     run.out_dir.parent.mkdir(parents=True, exist_ok=True)
@@ -225,8 +250,12 @@ def _write(
     try:
         (scans := unfinished / "scans").mkdir()
         for i, T_bim_sensor in enumerate(run.truth.poses):
-            points = sensor.scan(scene, T_bim_sensor, np.random.default_rng([run.seed, i]))
-            SCAN_WRITERS[scan_format](scans / f"{i:06d}.{scan_format}", points)
+            rng, times = np.random.default_rng([run.seed, i]), None
+            if way.steps == 1:
+                points = sensor.scan(scene, T_bim_sensor, rng)
+            else:
+                points, times = sensor.sweep(scene, way.during(i), rng)
+            SCAN_WRITERS[scan_format](scans / f"{i:06d}.{scan_format}", points, times)
         stamps = run.truth.stamps_ns.tolist()
         write_atomically(scans / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
         run.truth.write_tum(unfinished / "truth.tum")
@@ -261,6 +290,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
     add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that stand and no plan shows (default 0)")
     add("--and-back", action="store_true", help="drive the whole way back again")
+    add("--rolling", action="store_true", help="scans of a moving sensor, points with times (--format pcd or ply)")
     add("--speed", type=float, default=ROBOT.speed, help="metres a second (default 0.8)")
     add("--sensor-height", type=float, default=0.8, help="metres above the floor (default 0.8)")
     add("--format", default="bin", choices=SCAN_WRITERS, help="of the scans (default bin)")
@@ -274,6 +304,7 @@ def main() -> int:
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
         robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
         changes=Changes(args.moved_walls, args.absent_walls, args.unplanned_walls), and_back=args.and_back,
+        rolling=args.rolling,
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"

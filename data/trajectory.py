@@ -55,6 +55,25 @@ class Trajectory:
         """The same motion in another frame; `T_new_old` is (4, 4)."""
         return Trajectory(self.stamps_ns, T_new_old @ self.poses)
 
+    def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(M, 4, 4) the poses at other stamps (M,) int64: between two poses the way is straight and the turn even, and
+        before the first and after the last it goes on as between the two next to it. Raises ValueError for less than
+        two poses."""
+        from scipy.spatial.transform import Rotation  # here, because it takes a third of a second
+
+        if len(self) < 2:
+            raise ValueError(f"trajectory: {len(self)} poses, and between two is asked for")
+        after = np.clip(np.searchsorted(self.stamps_ns, stamps_ns), 1, len(self) - 1)
+        first, second = self.poses[after - 1], self.poses[after]
+        span = self.stamps_ns[after] - self.stamps_ns[after - 1]
+        share = (np.asarray(stamps_ns) - self.stamps_ns[after - 1]) / span
+        turn = Rotation.from_matrix(first[:, :3, :3].transpose(0, 2, 1) @ second[:, :3, :3]).as_rotvec()
+        poses = first.copy()
+        poses[:, :3, :3] = first[:, :3, :3] @ Rotation.from_rotvec(share[:, None] * turn).as_matrix()
+        poses[:, :3, 3] += share[:, None] * (second[:, :3, 3] - first[:, :3, 3])
+        poses[share == 0], poses[share == 1] = first[share == 0], second[share == 1]
+        return poses
+
     def write_tum(self, path: Path | str) -> None:
         """Writes `t x y z qx qy qz qw` a line, atomically; stamps exact to the nanosecond."""
         lines = [

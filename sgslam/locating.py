@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import Config
+from sgslam.deskew import deskewed, part_of
 from sgslam.floors import Floors
 from sgslam.frames import inverse, level_map
 from sgslam.front_end import FrontEnd, align, predict, upright_step
@@ -16,6 +17,7 @@ from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
+_LONGEST_SWEEP = 1.5  # intervals between scans; what takes longer is of another unit
 _CLEARLY = 0.05  # of a scan's points by which one pose explains more than another
 
 
@@ -60,6 +62,32 @@ class Locator(Stateful):
     def _walls(self) -> WallMap:
         """Of the floor that the robot is on."""
         return self._floors.current.walls
+
+    def deskewed(self, stamp_ns: int, points: Floats, seconds: Floats, given: Floats | None) -> tuple[Floats, int]:
+        """(N, 3) a scan's points as if they had been measured in one instant, and that instant, in ns after the stamp;
+        `seconds` (N,) after the stamp they were measured. The sensor is taken to move on as in its last step.
+
+        The instant is the middle of the scan, where an error of that step turns and moves the points on both sides of
+        it against each other; at the stamp it would move the whole scan, and be fed into the next step. With `given`
+        T_odom_sensor at the stamp nothing is fed back, and the instant is the stamp.
+        """
+        if self._last is None:
+            return points, 0
+        instant, step, interval_s = float(seconds.min() + seconds.max()) / 2, self._step, self._interval_ns / 1e9
+        if given is not None:
+            step, interval_s = inverse(self._last.T_odom_sensor) @ given, (stamp_ns - self._stamp_ns) / 1e9
+            instant = 0.0
+        if np.ptp(seconds) > _LONGEST_SWEEP * (stamp_ns - self._stamp_ns) / 1e9:
+            return points, 0
+        if step is not None:
+            points = deskewed(points, seconds - instant, step, interval_s)
+        return points, round(instant * 1e9)
+
+    def live(self, T_map_sensor: Floats, offset_ns: int) -> Floats:
+        """(4, 4) the pose of the newest scan `offset_ns` earlier, by its step."""
+        if self._step is None or not offset_ns:
+            return T_map_sensor
+        return T_map_sensor @ part_of(self._step, -offset_ns / self._interval_ns)
 
     def locate(self, stamp_ns: int, scan: ColumnScan, last_map: Floats | None, given: Floats | None) -> Located:
         """Locates a scan. `last_map` (4, 4) is T_map_sensor of the scan before it by the newest estimates, None for the

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from data.errors import UserError
 from data.stamps import NS, ns_to_seconds
@@ -17,7 +16,7 @@ _GAP_NS = NS  # between two poses; over a longer time nobody knows how the senso
 
 
 class GivenOdometry:
-    """T_odom_sensor at any stamp: between two poses of the trajectory on the straight way, turning evenly.
+    """T_odom_sensor at any stamp that the trajectory covers.
 
     `name` is what messages call it.
     """
@@ -45,16 +44,7 @@ class GivenOdometry:
         """(4, 4) T_odom_sensor; raises UserError where the trajectory does not reach."""
         if not self._covered(np.array([stamp_ns]))[0]:
             raise UserError(self._uncovered(int(stamp_ns), 1, 1))
-        after = self._after(np.array([stamp_ns]))[0]
-        first, second = self._trajectory.poses[after - 1], self._trajectory.poses[after]
-        share = (int(stamp_ns) - int(self._trajectory.stamps_ns[after - 1])) / int(self._steps[after - 1])
-        if share in (0.0, 1.0):
-            return np.array(second if share else first)
-        T = np.eye(4)
-        turn = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3]).as_rotvec()
-        T[:3, :3] = first[:3, :3] @ Rotation.from_rotvec(share * turn).as_matrix()
-        T[:3, 3] = (1 - share) * first[:3, 3] + share * second[:3, 3]
-        return T
+        return np.array(self._trajectory.at(np.array([stamp_ns]))[0])
 
     def _after(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
         """(M,) the pose after each stamp; at the ends the nearest that has one before it."""

@@ -30,7 +30,8 @@ _COVARIANCES = 50  # poses whose covariance is worked out
 
 @dataclass
 class ScanPose:
-    """Where one scan was thought to be when it came; `keyframe` is the last keyframe at or before it."""
+    """Where one scan was thought to be when it came; `keyframe` is the last keyframe at or before it. All poses are of
+    the instant that the scan was deskewed to, `offset_ns` after its stamp."""
 
     stamp_ns: int
     T_odom_sensor: Floats
@@ -38,6 +39,7 @@ class ScanPose:
     keyframe: int
     T_keyframe_sensor: Floats  # since that keyframe
     T_previous_sensor: Floats | None = None  # of a keyframe: since the keyframe before it
+    offset_ns: int = 0
 
 
 @dataclass(frozen=True)
@@ -110,8 +112,8 @@ def finished(
 ) -> Result:  # fmt: skip
     """Puts a run's result together."""
     stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
-    trajectory_map = Trajectory(stamps, smooth(scans, backend.poses))
-    odometry = Trajectory(stamps, np.stack([s.T_odom_sensor for s in scans]))
+    trajectory_map = _at_stamps(scans, smooth(scans, backend.poses))
+    odometry = _at_stamps(scans, np.stack([s.T_odom_sensor for s in scans]))
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
     holdings = anchoring.holdings(floors, backend.T_map_bim) if anchoring is not None else {}
@@ -124,7 +126,7 @@ def finished(
         trajectory_map, odometry, T_bim_map, s_graph, bim, matches,
         _deviations(anchoring, holdings, floors, backend, uncertainty, config),
         [record.to_dict() for record in anchoring.records] if anchoring is not None else [],
-        backend.log, _covariances(backend, uncertainty, T_bim_map),
+        backend.log, _covariances(backend, uncertainty, T_bim_map, trajectory_map),
         None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
         len(backend.keyframes), dict(seconds), config, clouds,
     )  # fmt: skip
@@ -151,15 +153,24 @@ def _deviations(
 
 
 def _covariances(
-    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None
+    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None, in_map: Trajectory
 ) -> PoseCovariances | None:
     if uncertainty is None or T_bim_map is None:
         return None
     count = len(backend.keyframes)
     chosen = np.unique(np.linspace(0, count - 1, min(count, _COVARIANCES)).astype(int))
-    stamps = np.array([backend.keyframes[i].stamp_ns for i in chosen], dtype=np.int64)
+    scans = [backend.keyframes[i].scan for i in chosen]
     covariances = uncertainty.pose_covariances(chosen.tolist())
-    return PoseCovariances(Trajectory(stamps, T_bim_map @ backend.poses[chosen]), covariances)
+    return PoseCovariances(Trajectory(in_map.stamps_ns[scans], T_bim_map @ in_map.poses[scans]), covariances)
+
+
+def _at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
+    """The trajectory at the scans' stamps, of poses (N, 4, 4) at the instants that they were deskewed to."""
+    stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
+    offsets = np.array([s.offset_ns for s in scans], dtype=np.int64)
+    if not offsets.any():
+        return Trajectory(stamps, poses)
+    return Trajectory(stamps, Trajectory(stamps + offsets, poses).at(stamps))
 
 
 def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:

@@ -14,6 +14,7 @@ from sgslam.anchor_log import AnchorRecord
 from sgslam.backend import Backend
 from sgslam.building_anchoring import BuildingAnchoring
 from sgslam.config import Config
+from sgslam.deskew import checked_times
 from sgslam.floors import Floors
 from sgslam.frames import inverse, is_rigid, level_map, transform_planes
 from sgslam.front_end import FrontEnd, level_to_sensor
@@ -62,20 +63,27 @@ class SceneGraphSlam:
     ) -> Update:
         """Adds one scan: (N, 3) metres, sensor frame. `T_odom_sensor` (4, 4) replaces our own odometry for it.
 
-        `point_times` are accepted and not used yet. Raises UserError for stamps that do not increase, for points that
-        are not finite, and for a `T_odom_sensor` that is no rigid motion; the run goes on without that scan.
+        `point_times` (N,) are seconds after the stamp: with them the scan is deskewed. Raises UserError for stamps that
+        do not increase, for points and times that are not finite, and for a `T_odom_sensor` that is no rigid motion;
+        the run goes on without that scan.
         """
         points = self._checked(stamp_ns, points, T_odom_sensor)
+        offset_ns = 0
         with self._clock("odometry"):
+            if point_times is not None:
+                seconds = checked_times(point_times, len(points), stamp_ns)
+                points, offset_ns = self._locator.deskewed(stamp_ns, points, seconds, T_odom_sensor)
             columns = self._front_end.columns(points)
             last = self._scans[-1].T_map_sensor if self._scans else None
-            located = self._locator.locate(stamp_ns, columns, last, T_odom_sensor)
+            located = self._locator.locate(stamp_ns + offset_ns, columns, last, T_odom_sensor)
             T_odom_sensor, T_map_sensor = located.T_odom_sensor, located.T_map_sensor
         since = np.eye(4) if not self._scans else inverse(self._backend.keyframes[-1].T_map_sensor) @ T_map_sensor
-        self._scans.append(ScanPose(stamp_ns, T_odom_sensor, T_map_sensor, len(self._backend.keyframes) - 1, since))
+        keyframe = len(self._backend.keyframes) - 1
+        self._scans.append(ScanPose(stamp_ns, T_odom_sensor, T_map_sensor, keyframe, since, offset_ns=offset_ns))
         if self._rule.wants(T_map_sensor):
             self._add_keyframe(points)
-        return Update(stamp_ns, self._scans[-1].T_map_sensor, len(self._backend.keyframes), self.anchored)
+        live = self._locator.live(self._scans[-1].T_map_sensor, offset_ns)
+        return Update(stamp_ns, live, len(self._backend.keyframes), self.anchored)
 
     @property
     def anchored(self) -> bool:
