@@ -77,7 +77,7 @@ class Locator(Stateful):
         if given is not None:
             step, interval_s = inverse(self._last.T_odom_sensor) @ given, (stamp_ns - self._stamp_ns) / 1e9
             instant = 0.0
-        if np.ptp(seconds) > _LONGEST_SWEEP * (stamp_ns - self._stamp_ns) / 1e9:
+        if np.ptp(seconds) > _LONGEST_SWEEP * ((stamp_ns - self._stamp_ns) / 1e9 + instant):
             return points, 0
         if step is not None:
             points = deskewed(points, seconds - instant, step, interval_s)
