@@ -137,6 +137,8 @@ def simulate(
     way = _Way(poses, models[0].level, sensor_height, steps)
     stamps, poses = stamps[::steps], poses[::steps]
     T_bim_sensor = _sensor_poses(poses, way.level, sensor_height)
+    if rolling:
+        T_bim_sensor = np.stack([way.during(i)[0] for i in range(len(stamps))])
     truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
     length = sum(curve_length(leg) for leg in legs)
     run = SimulatedRun(
