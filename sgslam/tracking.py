@@ -56,12 +56,34 @@ def track(
     walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
+    points = _Points(upright, level)
+    foretold = _through(settings.gates[-1:], points, walls, predicted, carried, settings)
+    moved = foretold.T - predicted
+    if foretold.share > settings.sure_share and np.abs(moved[:, 3]).max() < settings.sure_distance:
+        return foretold  # a second step would not move it by a millimetre
+    return _through(settings.gates, points, walls, predicted, carried, settings)
+
+
+@dataclass(frozen=True)
+class _Points:
+    """What of a scan is used (N, 3), sensor frame: points on upright things at the walls' heights, and on level ones."""
+
+    upright: Floats
+    level: Floats
+
+
+def _through(
+    gates: tuple[float, ...], points: _Points, walls: Lines, predicted: Floats, carried: Carried,
+    settings: TrackingSettings,
+) -> Tracked:  # fmt: skip
+    """One Gauss-Newton step for each of the gates."""
     T, share, held = predicted.copy(), 0.0, 0.0
     prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
-    for gate in settings.gates:
-        p, q = upright @ T[:3, :3].T, level @ T[:3, :3].T
+    for k, gate in enumerate(gates):
+        p, q = points.upright @ T[:3, :3].T, points.level @ T[:3, :3].T
         of_walls, off_walls, near = _to_walls(p, T[:2, 3], walls, gate)
-        walls = walls.only(near)  # a step is too short to bring others near
+        if k + 1 < len(gates):
+            walls = walls.only(np.unique(near))  # a step is too short to bring others near
         share = len(off_walls) / len(p)
         if len(off_walls) < 10:
             break
@@ -91,7 +113,7 @@ def _spread(places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 def _to_walls(turned: Floats, place: Floats, walls: Lines, gate: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Of points (N, 3) from the sensor at `place` (2,), map axes, those that lie within the gate of the wall nearest to
-    them: the distances' derivatives (M, 6) by a turn and a move of the sensor, the distances (M,), and these walls."""
+    them: the distances' derivatives (M, 6) by a turn and a move of the sensor, the distances (M,), and which wall."""
     middle, half = (walls.low + walls.high) / 2, (walls.high - walls.low) / 2
     tangents = np.stack([-walls.normal[:, 1], walls.normal[:, 0], -middle])
     xy1 = np.column_stack([turned[:, :2] + place, np.ones(len(turned))])
@@ -102,7 +124,7 @@ def _to_walls(turned: Floats, place: Floats, walls: Lines, gate: float) -> tuple
     off = across[near, nearest[near]]
     (nx, ny), (x, y, z) = walls.normal[nearest[near]].T, turned[near].T
     J = np.stack([-z * ny, z * nx, x * ny - y * nx, nx, ny, np.zeros(len(off))], axis=1)
-    return J, off, np.unique(nearest[near])
+    return J, off, nearest[near]
 
 
 def _to_floor(turned: Floats, height: float, gate: float) -> tuple[Floats, Floats]:
