@@ -38,7 +38,7 @@ class TrackingSettings(_Settings):
     reach: float = Field(20.0, gt=0, description="m to the walls that are used")
     gates: tuple[float, ...] = Field((0.4, 0.12), description="m from a wall, one for each step")
     sure_share: float = Field(0.7, ge=0, le=1, description="of the points within the last gate at once, and")
-    sure_distance: float = Field(0.01, gt=0, description="m from where it is foretold: then one step is enough")
+    sure_distance: float = Field(0.01, gt=0, description="m and rad from where it is foretold: then one step is enough")
     sigma_point: float = Field(0.05, gt=0, description="m; neighbouring points share their errors")
     huber: float = Field(0.03, gt=0, description="m")
     sigma_height: float = Field(0.03, gt=0, description="m by which the sensor's height above the floor changes")

@@ -59,14 +59,14 @@ def track(
     points = _Points(upright, level)
     foretold = _through(settings.gates[-1:], points, walls, predicted, carried, settings)
     moved = foretold.T - predicted
-    if foretold.share > settings.sure_share and np.abs(moved[:, 3]).max() < settings.sure_distance:
+    if foretold.share > settings.sure_share and np.abs(moved).max() < settings.sure_distance:
         return foretold  # a second step would not move it by a millimetre
     return _through(settings.gates, points, walls, predicted, carried, settings)
 
 
 @dataclass(frozen=True)
 class _Points:
-    """What of a scan is used (N, 3), sensor frame: points on upright things at the walls' heights, and on level ones."""
+    """What of a scan is used (N, 3), sensor frame: points on upright things at walls' heights, and on level ones."""
 
     upright: Floats
     level: Floats
