@@ -1,17 +1,20 @@
-"""The building's plan, an IFC file or an A-graph made from one, as a scene graph in the BIM frame."""
+"""The building's plan, an IFC file, a drawing, GeoJSON or an A-graph, as a scene graph in the BIM frame."""
 
 import hashlib
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from data.errors import UserError
 from data.files import write_json
+from data.json_files import read_json
 from data.scene_graph import SceneGraph
 
 EXTRACTOR_VERSION = 5  # to be raised whenever the A-graph of the same file changes
 IFC_SUFFIXES = (".ifc", ".ifczip")
+PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
 
 
 @dataclass(frozen=True)
@@ -22,22 +25,28 @@ class Bim:
     notices: tuple[str, ...] = ()
 
 
-def load_bim(path: Path | str, cache_dir: Path | str | None = None) -> Bim:
-    """Reads `.ifc` or `.ifczip`, or an A-graph as `.json`.
+def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequence[str] = ()) -> Bim:
+    """Reads `.ifc` or `.ifczip`, `.dxf` (`layers`: those with the walls), `.geojson`, or, as `.json`, an A-graph,
+    GeoJSON or a floor plan (`data.plans_json`).
 
     What was made of an IFC file is kept in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's
     cache directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind,
     cannot be read, or has no walls.
     """
     path = Path(path)
-    if path.is_dir():
-        raise UserError(f"{path}: is a folder; give an IFC file (.ifc, .ifczip) or an A-graph (.json)")
+    suffix = path.suffix.lower()
     if not path.is_file():
-        raise UserError(f"{path}: no such file; give an IFC file (.ifc, .ifczip) or an A-graph (.json)")
-    if path.suffix.lower() == ".json":
-        return Bim(_with_walls(SceneGraph.load(path), path))
-    if path.suffix.lower() not in IFC_SUFFIXES:
-        raise UserError(f"{path}: neither an IFC file (.ifc, .ifczip) nor an A-graph (.json)")
+        raise UserError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give {PLANS}")
+    if suffix == ".dxf":
+        from data.plan_dxf import read_dxf
+
+        return Bim(*read_dxf(path, layers))
+    if layers:
+        raise UserError(f"--layer {layers[0]}: {path} is no DXF drawing and has no layers")
+    if suffix in (".json", ".geojson"):
+        return _of_json(path)
+    if suffix not in IFC_SUFFIXES:
+        raise UserError(f"{path}: not a building; give {PLANS}")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     entry = (Path(cache_dir) if cache_dir else _user_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
     bim = _cached(entry)
@@ -47,6 +56,20 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None) -> Bim:
         bim = Bim(*read_ifc(path))
         _keep(entry, bim)
     return bim
+
+
+def _of_json(path: Path) -> Bim:
+    value = read_json(path, PLANS)
+    known = value if isinstance(value, dict) else {}
+    if path.suffix.lower() == ".geojson" or known.get("type") in ("FeatureCollection", "Feature"):
+        from data.plan_geojson import plan_of
+
+        return Bim(*plan_of(value, str(path)))
+    if "rooms" in known and "schema_version" not in known:
+        from data.plans_json import read_json_plan
+
+        return Bim(read_json_plan(path.read_bytes(), str(path)).graph)
+    return Bim(_with_walls(SceneGraph.load(path), path))
 
 
 def _with_walls(graph: SceneGraph, path: Path) -> SceneGraph:

@@ -80,6 +80,19 @@ def edges_of(area: Area) -> list[Edge]:
     return edges
 
 
+def ends_of(area: Area, widest: float) -> list[Edge]:
+    """The edges at which walls of a straightened area end: short ones between two outer corners."""
+    ends = []
+    for polygon in map(orient, shapely.get_parts(area)):
+        for ring in (polygon.exterior, *polygon.interiors):
+            points = np.asarray(ring.coords)
+            steps = np.diff(points, axis=0)
+            lengths, turns = np.linalg.norm(steps, axis=1), _turns(steps)
+            outer = (turns > REVEAL_TURN) & (np.roll(turns, -1) > REVEAL_TURN) & (lengths <= widest)
+            ends += [Edge(points[k], steps[k] / lengths[k], float(lengths[k])) for k in np.flatnonzero(outer)]
+    return ends
+
+
 def _faces_itself(edge: Edge, area: Area) -> bool:
     middle = edge.point(edge.length / 2)
     sight = shapely.LineString([middle + 0.01 * edge.normal, middle + OPENING_WIDTH * edge.normal])

@@ -71,7 +71,7 @@ def rooms_between(model: ifcopenshell.file, levels: list[Level], walls: list[Sol
     for level, area, here in zip(levels, shut, faces, strict=True):
         if here:
             rooms = _rooms(level, [f for f in here if f in kept], levels)
-            level = replace(level, rooms=rooms, unknown=_rest(area, here))
+            level = replace(level, rooms=rooms, unknown=open_rest(area, [f.area for f in here]))
         result.append(level)
     return result
 
@@ -123,10 +123,10 @@ def _rooms(level: Level, faces: list[Face], levels: list[Level]) -> tuple[RoomVo
     return tuple(finished(RoomVolume(room, face.area, level.bottom, top)) for room, face in volumes)
 
 
-def _rest(walls: Area, faces: list[Face]) -> Area:
+def open_rest(walls: Area, faces: list[Area]) -> Area:
     """What lies indoors and in no closed face."""
     outlines = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(closed(walls, INDOORS)))
-    rest = difference(difference(outlines, walls), united(f.area for f in faces))
+    rest = difference(difference(outlines, walls), united(faces))
     return shapely.MultiPolygon([p for p in shapely.get_parts(opened(rest, HALF_WIDTH)) if p.area > MIN_OPEN])
 
 

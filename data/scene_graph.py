@@ -4,7 +4,6 @@ Metres and radians. All coordinates are in the graph's own frame: `bim` (the IFC
 A-graph, `map` for an S-graph.
 """
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from data.errors import UserError
 from data.files import write_json
+from data.json_files import read_json
 
 Xy = tuple[float, float]
 T = TypeVar("T")
@@ -191,13 +191,9 @@ class SceneGraph:
 
         Raises UserError, naming the file, where it is missing or not a scene graph.
         """
+        value = read_json(path, "a scene graph's JSON file")
         try:
-            value = json.loads(Path(path).read_text())
             return SceneGraph.from_dict(value[part] if isinstance(value, dict) and part in value else value)
-        except OSError as error:
-            raise UserError(f"{path}: cannot be read ({error.strerror}); give a scene graph's JSON file") from None
-        except (json.JSONDecodeError, UnicodeDecodeError):
-            raise UserError(f"{path}: not JSON; give a scene graph's JSON file") from None
         except UserError as error:
             raise UserError(f"{path}: {error}") from None
 

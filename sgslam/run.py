@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
     if given is not None and known is not None:
         given.check(known)
     began, used = perf_counter(), process_time()
-    bim = None if options.bim is None else load_bim(options.bim)
+    bim = None if options.bim is None else load_bim(options.bim, layers=options.layer)
     seconds = {"bim": perf_counter() - began}
     a_graph = None if bim is None else _storey(bim.graph, options.storey)
     out = prepare_folder(options.out or _dated_folder())
@@ -107,7 +107,8 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--scan-dir", type=Path, metavar="DIR", help="folder of scans, or a bag; the formats: docs/formats.md")
     add("--topic", metavar="NAME", help="the scans' topic in a bag, where it holds several")
-    add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, or an A-graph as .json")
+    add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
+    add("--layer", action="append", default=[], metavar="NAME", help="a layer of a .dxf with walls; may be given again")
     add("--out", type=Path, metavar="DIR", help="where the results go (default: out/<date>)")
     add("--ground-truth", type=Path, metavar="FILE", help="sensor poses in the BIM frame, TUM, the scans' clock")
     add("--start", metavar="X,Y,YAW", help="rough start in the BIM frame, metres and radians; breaks ties")
