@@ -44,7 +44,7 @@ def weaken_odometry(odometry: Trajectory, truth: Trajectory, seed: int) -> WeakO
     """
     level = 1
     while level <= MOST_LEVEL:
-        worse = Trajectory(odometry.stamps_ns, _worse(odometry.poses, level, seed))
+        worse = Trajectory(odometry.stamps_ns, worsened(odometry.poses, level, seed))
         rmse = ape(worse, truth, "origin").translation.rmse
         if rmse > LEAST_ERROR_M:
             return WeakOdometry(worse, level, rmse)
@@ -59,8 +59,8 @@ def shortened(points: Array) -> Array:
     return points[near] if near.sum() >= 50 else points[np.argsort(ranges)[:50]]
 
 
-def _worse(poses: Array, level: int, seed: int) -> Array:
-    """(N, 4, 4) the same motion with wrong steps."""
+def worsened(poses: Array, level: int, seed: int) -> Array:
+    """(N, 4, 4) the same motion with steps as wrong as `weaken_odometry` has them at a level."""
     steps = np.linalg.inv(poses[:-1]) @ poses[1:]
     lengths = np.linalg.norm(steps[:, :3, 3], axis=1)
     yaw = level * YAW_RAD * np.sqrt(lengths) * np.random.default_rng([seed, 7]).standard_normal(len(lengths))

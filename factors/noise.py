@@ -4,6 +4,7 @@ from typing import overload
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 
 @overload
@@ -38,13 +39,26 @@ def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale:
     return gtsam.noiseModel.Robust.Create(loss, _diagonal([sigma_normal, sigma_normal, sigma_offset]))
 
 
+def noise_of_covariance(covariance: NDArray[np.float64], huber: float | None = None) -> gtsam.noiseModel.Base:
+    """Noise of a Pose3 residual of a full covariance (6, 6), rotation first (rad), then translation (m).
+
+    Raises ValueError for one that is not finite, symmetric and positive definite.
+    """
+    value = np.asarray(covariance, dtype=float)
+    if value.shape != (6, 6) or not np.isfinite(value).all() or not np.allclose(value, value.T):
+        raise ValueError(f"a covariance is a finite symmetric array (6, 6), not one of shape {value.shape}")
+    if np.linalg.eigvalsh(value)[0] <= 0:
+        raise ValueError("a covariance must be positive definite")
+    return _robust(gtsam.noiseModel.Gaussian.Covariance(value), huber)
+
+
 def _diagonal(sigmas: list[float]) -> gtsam.noiseModel.Diagonal:
     if not (np.all(np.isfinite(sigmas)) and min(sigmas) > 0):
         raise ValueError(f"sigmas must be positive and finite, not {sigmas}")
     return gtsam.noiseModel.Diagonal.Sigmas(np.asarray(sigmas, dtype=float))
 
 
-def _robust(noise: gtsam.noiseModel.Diagonal, huber: float | None) -> gtsam.noiseModel.Base:
+def _robust(noise: gtsam.noiseModel.Gaussian, huber: float | None) -> gtsam.noiseModel.Base:
     if huber is None:
         return noise
     if not (np.isfinite(huber) and huber > 0):

@@ -17,7 +17,7 @@ from sgslam.config import Config
 from sgslam.factor_log import FactorLog, Key, Kind
 from sgslam.frames import inverse, is_rigid, transform_planes
 from sgslam.graph_builder import BIM, GraphBuilder, Told, start_values
-from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
+from sgslam.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.keyframes import KeyframeNode
 from sgslam.uncertainty import Uncertainty
 from sgslam.wall_map import SeenWall
@@ -38,6 +38,7 @@ class Backend:
         self.planes_in_map: dict[int, Floats] = {}
         self.floors_in_map: dict[int, Floats] = {}
         self.T_map_bim: Floats | None = None
+        self.closures: list[Closure] = []  # places seen again
         self.log = FactorLog()
         self._builder = GraphBuilder(config, self.keyframes, self.log)
         self._optimised_at = 0
@@ -61,7 +62,7 @@ class Backend:
             "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
             "floors_in_map": self.floors_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
             "sound": self._sound, "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors,
-            "log": self.log.state(),
+            "closures": self.closures, "log": self.log.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -71,6 +72,7 @@ class Backend:
         """
         self.keyframes[:] = state["keyframes"]
         self.planes_in_map, self.floors_in_map = state["planes_in_map"], state["floors_in_map"]
+        self.closures = list(state["closures"])
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)
@@ -89,6 +91,7 @@ class Backend:
         anchor_of = builder.hold_walls(seen)
         builder.hold_floors()
         builder.hold_rooms(rooms, anchor_of)
+        builder.hold_loops(self.closures)
         builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
         return Told(list(seen), anchor_of, rooms, anchors)
 

@@ -4,6 +4,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from sgslam.loop_settings import LoopSettings
+
 
 class _Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -152,3 +154,4 @@ class Config(_Settings):
     backend: BackendSettings = BackendSettings()
     anchors: AnchorSettings = AnchorSettings()
     matching: MatchingSettings = MatchingSettings()
+    loops: LoopSettings = LoopSettings()

@@ -17,7 +17,7 @@ from sgslam.config import Config
 from sgslam.factor_log import Entry, FactorLog, Key, Kind
 from sgslam.floor_extraction import FloorObservation
 from sgslam.frames import inverse, level_map, transform_planes
-from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
+from sgslam.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.keyframes import KeyframeNode
 from sgslam.wall_map import SeenWall
 
@@ -138,6 +138,22 @@ class GraphBuilder:
                 "floor", key, "floor extraction", "floors of a building are parallel", build
             )  # fmt: skip
         return entries
+
+    def hold_loops(self, closures: list[Closure]) -> None:
+        """Places seen again."""
+        before, entries = self._log.held("loop"), dict[Key, Entry]()
+        for closure in closures:
+            key = (closure.later, closure.earlier)
+            if key in before:
+                entries[key] = before[key]
+            else:
+                entries |= self._entry("loop", key, closure.by, closure.why, partial(self._loop, closure))
+        self._log.hold(len(self._keyframes), "loop", entries, "it is contradicted")
+
+    def _loop(self, closure: Closure) -> gtsam.NonlinearFactor:
+        noise = factors.noise_of_covariance(closure.covariance, self._config.loops.huber)
+        T_earlier_later = gtsam.Pose3(closure.T_earlier_later)
+        return gtsam.BetweenFactorPose3(X(closure.earlier), X(closure.later), T_earlier_later, noise)
 
     def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
         """Rooms by the walls that bound them."""

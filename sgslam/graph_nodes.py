@@ -18,6 +18,22 @@ class RoomNode:
 
 
 @dataclass(frozen=True)
+class Closure:
+    """Keyframe `later` saw the place of keyframe `earlier` again: T_earlier_later (4, 4), its covariance (6, 6),
+    rotation first, in the later one's axes; `correction` (m) and `turn` (rad) are what it moves the map by; what
+    proposed it (`by`), and why it is believed."""
+
+    earlier: int
+    later: int
+    T_earlier_later: Floats
+    covariance: Floats
+    correction: float
+    turn: float
+    by: str
+    why: str
+
+
+@dataclass(frozen=True)
 class PlannedWall:
     """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame; what paired them
     (`by`), and why it holds as it does."""

@@ -18,14 +18,17 @@ from sgslam.deskew import checked_times
 from sgslam.floors import Floors
 from sgslam.frames import inverse, is_rigid, level_map, transform_planes
 from sgslam.front_end import FrontEnd, level_to_sensor
+from sgslam.graph_nodes import Anchors
 from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.keyframes import KeyframeNode, KeyframeRule
 from sgslam.locating import Locator
+from sgslam.loops import LoopCloser
 from sgslam.matcher_protocol import AnyMatcher
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.result import Result, ScanPose, Update, finished
 
 Floats = NDArray[np.float64]
+_LOOP_ROUNDS = 3  # of closing loops and optimising, at most
 
 
 class SceneGraphSlam:
@@ -50,12 +53,13 @@ class SceneGraphSlam:
         self._odometry = odometry or make_odometry(self._config.odometry)
         self._locator = Locator(self._config, self._odometry, self._front_end, self._floors)
         self._backend = Backend(self._config)
+        self._loops = LoopCloser(self._config.loops)
         self._anchoring = None
         if a_graph is not None:
             self._anchoring = BuildingAnchoring(a_graph, matcher or _default_matcher(self._config), self._config)
         self._scans: list[ScanPose] = []
         self._first_anchor_ns: int | None = None
-        stages = ("odometry", "surfaces", "rooms", "matching", "optimisation")
+        stages = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation")
         self.seconds: dict[str, float] = dict.fromkeys(stages, 0.0)
 
     def add_scan(
@@ -189,6 +193,28 @@ class SceneGraphSlam:
         if self._anchoring is not None:
             with self._clock("matching"):
                 anchors = self._anchoring.update(self._floors, self._backend.T_map_bim, last)
+        self._estimate(anchors, last)
+        for _ in range(_LOOP_ROUNDS):
+            if self.anchored or not self._close_loops():
+                break
+            self._estimate(anchors, last=True)
+        if last:
+            self._cut_scenes()
+        elif self._anchoring is not None and self._scene_due():
+            with self._clock("rooms"):
+                self._floors.current.scene = self._floors.cut(self._floors.current, self._backend)
+
+    def _close_loops(self) -> bool:
+        """Whether loops were closed or opened again, so that the map is to be optimised anew."""
+        with self._clock("loops"):
+            opened = self._loops.contradicted(self._backend.keyframes)
+            floor = self._floors.current
+            closed = self._loops.look(self._backend.keyframes, floor.number, floor.walls, self.clouds)
+            self._backend.closures = self._loops.closures
+        return bool(closed or opened)
+
+    def _estimate(self, anchors: Anchors | None, last: bool) -> None:
+        """Moves the map to the optimum and joins the walls that turn out to be one."""
         with self._clock("optimisation"):
             self._backend.optimise(self._floors.seen, self._floors.rooms, anchors, steps=20 if last else 6)
         newest = self._backend.keyframes[-1]
@@ -199,11 +225,6 @@ class SceneGraphSlam:
             self._first_anchor_ns = newest.stamp_ns
         with self._clock("surfaces"):
             self._floors.refresh(self._backend, self._front_end.height, last)
-        if last:
-            self._cut_scenes()
-        elif self._anchoring is not None and self._scene_due():
-            with self._clock("rooms"):
-                self._floors.current.scene = self._floors.cut(self._floors.current, self._backend)
 
     def _scene_due(self) -> bool:
         """Whether the floor that the robot is on has grown enough since it was last cut into rooms."""
