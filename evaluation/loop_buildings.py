@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -85,7 +86,8 @@ def _drawn(corridors: Sequence[shapely.Polygon], rooms: Sequence[_Room], way: Fl
     triangles = [*_upright(below, 0.0, DOOR_HEIGHT), *_upright(open_above, DOOR_HEIGHT, HEIGHT)]
     triangles += [*_level(x0, y0, x1, y1, 0.0), *_level(x0, y0, x1, y1, HEIGHT)]
     for door in doors:
-        triangles += _level(*door.bounds, DOOR_HEIGHT)
+        x0, y0, x1, y1 = door.bounds
+        triangles += _level(x0, y0, x1, y1, DOOR_HEIGHT)
     return Drawn(np.array(triangles), np.array([r.middle for r in rooms]), np.array([r.inside for r in rooms]), way)
 
 
@@ -95,7 +97,7 @@ def _upright(area: shapely.Geometry, low: float, high: float) -> list[Floats]:
     for part in getattr(area, "geoms", [area]):
         for line in (part.exterior, *part.interiors):
             corners = np.asarray(line.coords)
-            for (ax, ay), (bx, by) in zip(corners[:-1], corners[1:], strict=True):
+            for (ax, ay), (bx, by) in pairwise(corners.tolist()):
                 a, b, c, d = (ax, ay, low), (bx, by, low), (bx, by, high), (ax, ay, high)
                 result += [np.array([a, b, c]), np.array([a, c, d])]
     return result

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ def drive_along(route: str, seed: int, level: int = 0) -> Drive:
     rng = np.random.default_rng([seed, 11])
     building = ring() if route == "ring" else long_corridor()
     places = _places(route, building, rng)
-    legs = [_leg(a, b) for a, b in zip(places[:-1], places[1:], strict=True)]
+    legs = [_leg(a, b) for a, b in pairwise(places)]
     stamps, poses = drive(legs, float(rng.uniform(-np.pi, np.pi)), Robot(), SpinningSensor().rate)
     T = np.tile(np.eye(4), (len(poses), 1, 1))
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
@@ -84,7 +85,8 @@ def _row(building: Drawn, rng: np.random.Generator, visits: int) -> Floats:
     places = [building.way[0] + rng.uniform(-0.2, 0.2, 2)]
     for k in chosen:
         before = np.array([building.doors[k, 0], rng.uniform(-0.2, 0.2)])
-        places += [before, building.inside[k] + [0.0, rng.uniform(-0.4, 0.4)], before + [0.001, 0.001]]
+        inside = building.inside[k] + np.array([0.0, rng.uniform(-0.4, 0.4)])
+        places += [before, inside, before + 0.001]
     return np.array([*places, building.way[1] + rng.uniform(-0.2, 0.2, 2)])
 
 

@@ -69,17 +69,20 @@ def tied_by_walls(
     return np.column_stack([new[tied], best[tied]])
 
 
-def passes_near(i: int, places: Floats, way: Floats, ties: Ties, settings: LoopSettings) -> list[Pass]:
+def passes_near(
+    i: int, places: Floats, way: Floats, chosen: NDArray[np.bool_], ties: Ties, settings: LoopSettings
+) -> list[Pass]:
     """The passes by the place of keyframe i that it may have come back to, the nearest first.
 
-    `places` (K, 2) and `way` (K,) are those of all keyframes. Keyframes come into question that were there `gap` metres
-    of way before, no farther off than the drift on the way between allows.
+    `places` (K, 2) and `way` (K,) are those of all keyframes. Keyframes that are `chosen` (K,) come into question, if
+    they were there `gap` metres of way before, no farther off than the drift on the way between allows.
     """
     between = ties.way_between(way, i)
     drift = np.minimum(settings.drift_base + settings.drift * between, settings.most_drift)
     turn = np.minimum(settings.turn_base + settings.turn * between, settings.most_turn)
     off = np.linalg.norm(places - places[i], axis=1)
-    near = np.flatnonzero((way[i] - way > settings.gap) & (off < drift + _VIEW))
+    older = chosen & (way[i] - way > settings.gap)
+    near = np.flatnonzero(older & (off < drift + _VIEW))
     if not len(near):
         return []
     cuts = np.flatnonzero(np.diff(way[near]) > settings.submap) + 1
@@ -87,6 +90,6 @@ def passes_near(i: int, places: Floats, way: Floats, ties: Ties, settings: LoopS
     for first, last in pairwise([0, *cuts.tolist(), len(near)]):
         own = near[first:last]
         nearest = int(own[np.argmin(off[own])])
-        around = np.flatnonzero((np.abs(way - way[nearest]) < settings.submap) & (way[i] - way > settings.gap))
+        around = np.flatnonzero(older & (np.abs(way - way[nearest]) < settings.submap))
         found.append((float(off[nearest]), Pass(around, float(drift[nearest]), float(turn[nearest]))))
     return [p for _, p in sorted(found, key=lambda f: f[0])]

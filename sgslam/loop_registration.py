@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.frames import inverse, transform_points
+from sgslam.frames import inverse, squared_up, transform_points
 from sgslam.loop_settings import LoopSettings
 
 Floats = NDArray[np.float64]
 _VOXEL = 0.1  # m, of the points that are registered
-_NEIGHBOURS = 10
-_ALONG_NORMAL = 500.0  # 1/m2: what GICP counts a point for along its normal (two covariances of 1e-3)
+_NEIGHBOURS = 20  # of a point, for its normal; of fewer, noise makes a bare wall hold something along itself
+_ALIKE, _SIGMA = 100.0, 0.02  # points that err alike; m
 _KNOWN = 0.5  # m
 _COARSE, _FINE = 0.5, 0.2  # m between corresponding points
 
@@ -40,13 +40,13 @@ def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettin
     here, _ = small_gicp.preprocess_points(source, _VOXEL, _NEIGHBOURS, 1)
     if min(there.size(), here.size()) < 50:
         return None
-    T, H = guess, np.zeros((6, 6))
+    T = guess
     for distance in (_COARSE, _FINE):
         found = small_gicp.align(
             there, here, tree, T, registration_type="GICP", max_correspondence_distance=distance, num_threads=1
         )
-        T, H = np.asarray(found.T_target_source), np.asarray(found.H)
-    if not found.converged or not np.isfinite(T).all() or not np.isfinite(H).all():
+        T = squared_up(np.asarray(found.T_target_source))
+    if not found.converged or not np.isfinite(T).all():
         return None
     placed = transform_points(T, np.asarray(here.points())[:, :3])
     nearest, squared = tree.batch_nearest_neighbor_search(np.column_stack([placed, np.ones(len(placed))]))
@@ -54,23 +54,32 @@ def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettin
     nearest = np.asarray(nearest)[known]
     normals, points = np.asarray(there.normals())[nearest, :3], np.asarray(there.points())[nearest, :3]
     near = np.abs(np.sum(normals * (placed[known] - points), axis=1))
-    inliers = near[near < settings.inlier_distance]
+    inlying = near < settings.inlier_distance
+    inliers = near[inlying]
     if len(inliers) < 50:
         return None
+    H = _information(T, np.asarray(here.points())[known, :3][inlying], normals[inlying])
     return Registration(
         T, _covariance(H, settings), len(inliers) / len(near), float(np.sqrt(np.mean(inliers**2))),
-        _held(H, T) / len(inliers),
+        _held(H) / len(inliers),
     )  # fmt: skip
 
 
-def _held(H: Floats, T: Floats) -> float:
+def _information(T: Floats, points: Floats, normals: Floats) -> Floats:
+    """(6, 6) of the distances of points (N, 3), source frame, along normals (N, 3), target frame, by a small motion of
+    the source in its own axes, rotation first. (GICP's own counts a little along each surface as well.)"""
+    along = normals @ T[:3, :3]
+    J = np.concatenate([np.cross(points, along), along], axis=1)
+    return np.asarray(J.T @ J)
+
+
+def _held(H: Floats) -> float:
     """How many points' worth of surfaces hold the horizontal direction that is held worst, turn and tilt left free.
 
     The source's axes are upright but for a lean of a few degrees.
     """
-    free = np.linalg.pinv(H[:3, :3])
-    about = H[3:, 3:] - H[3:, :3] @ free @ H[:3, 3:]
-    return float(np.linalg.eigvalsh(about[:2, :2])[0]) / _ALONG_NORMAL
+    about = H[3:, 3:] - H[3:, :3] @ np.linalg.pinv(H[:3, :3]) @ H[:3, 3:]
+    return float(np.linalg.eigvalsh(about[:2, :2])[0])
 
 
 def _covariance(H: Floats, settings: LoopSettings) -> Floats:
@@ -78,13 +87,13 @@ def _covariance(H: Floats, settings: LoopSettings) -> Floats:
 
     Points of one surface err alike: a hundred count for one, with 2 cm each.
     """
-    values, vectors = np.linalg.eigh(H / _ALONG_NORMAL / 100.0 / 0.02**2)
+    values, vectors = np.linalg.eigh(H / _ALIKE / _SIGMA**2)
     wide = vectors @ np.diag(1.0 / np.maximum(values, 1e-2)) @ vectors.T
     least = [settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3
     return np.asarray((wide + wide.T) / 2 + np.diag(least))
 
 
-def submap(clouds: list[Floats], T_map_sensor: Floats, T_map_frame: Floats) -> Floats:
+def submap(clouds: list[NDArray[np.float32]], T_map_sensor: Floats, T_map_frame: Floats) -> Floats:
     """(N, 3) the clouds of keyframes at T_map_sensor (K, 4, 4), in the frame of T_map_frame (4, 4)."""
     T = inverse(T_map_frame) @ T_map_sensor
     return np.concatenate([transform_points(pose, cloud.astype(float)) for pose, cloud in zip(T, clouds, strict=True)])

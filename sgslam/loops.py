@@ -9,7 +9,7 @@ Mangelson et al., ICRA 2018).
 
 import logging
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from sgslam.wall_map import WallMap
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 _log = logging.getLogger(__name__)
+_PASSES = 2  # earlier passes that are tried for a keyframe
 _CLOUDS = 14  # keyframes of a submap that are registered, at most
 
 
@@ -37,13 +38,15 @@ class Clouds(Protocol):
 
 @dataclass(frozen=True)
 class _Map:
-    """What is known now: poses (K, 4, 4) of all keyframes in the levelled map, places (K, 2), way driven (K,)."""
+    """What is known now: poses (K, 4, 4) of all keyframes in the levelled map, places (K, 2), way driven (K,), and
+    whether each is on the floor that is looked at (K,)."""
 
     keyframes: list[KeyframeNode]
     clouds: Clouds
     T_level_sensor: Floats
     places: Floats
     way: Floats
+    on_floor: NDArray[np.bool_]
 
     def space(self, chosen: Index) -> SeenSpace:
         outlines = [transform_points(self.T_level_sensor[k], self.keyframes[k].outline)[:, :2] for k in chosen]
@@ -61,17 +64,20 @@ class LoopCloser:
         self._tied = np.empty((0, 2), dtype=np.int64)
         self._looked, self._last_way = 0, -np.inf  # keyframes looked at; way at the last search
 
-    def look(self, keyframes: list[KeyframeNode], walls: WallMap, clouds: Clouds) -> list[Closure]:
-        """The closures that are believed since the last look."""
+    def look(
+        self, keyframes: list[KeyframeNode], storey: int, walls: WallMap, clouds: Clouds
+    ) -> list[Closure]:  # fmt: skip
+        """The closures on one floor that are believed since the last look."""
         settings, began = self._settings, self._looked
         self._looked = len(keyframes)
         if not settings.enabled or len(keyframes) < 3:
             return []
         T = walls.T_level_map @ np.stack([k.T_map_sensor for k in keyframes])
-        known = _Map(keyframes, clouds, T, T[:, :2, 3], way_driven(T[:, :2, 3]))
+        here = np.array([k.storey == storey for k in keyframes])
+        known = _Map(keyframes, clouds, T, T[:, :2, 3], way_driven(T[:, :2, 3]), here)
         if known.way[-1] < settings.gap:
             return []
-        new = np.arange(began, len(keyframes))
+        new = began + np.flatnonzero(here[began:])
         tied = tied_by_walls(new, known.places, known.way, *_incidence(walls, len(keyframes)), settings.gap)
         self._tied = np.concatenate([self._tied, tied])
         believed: list[Closure] = []
@@ -81,6 +87,17 @@ class LoopCloser:
                 self._pending.append(found)
                 believed += self._believed(known)
         return believed
+
+    def part_walls(self, closures: list[Closure], walls: WallMap, keyframes: list[KeyframeNode]) -> None:
+        """Parts the walls that were taken for one across two passes that a closure moves by more than walls may be
+        off each other: what was joined while the map was off may be a neighbour's. Those that lie on one another
+        afterwards are joined again."""
+        way = way_driven(np.stack([k.T_map_sensor[:2, 3] for k in keyframes]))
+        for closure in closures:
+            if closure.correction > self._settings.rejoin:
+                before = way[closure.later] - way
+                later, earlier = np.flatnonzero(before < self._settings.submap), before > self._settings.gap
+                walls.part(set(later.tolist()), set(np.flatnonzero(earlier).tolist()))
 
     def contradicted(self, keyframes: list[KeyframeNode]) -> list[tuple[Closure, str]]:
         """The closures that the graph's optimum stays off, which are given up, and why."""
@@ -95,6 +112,21 @@ class LoopCloser:
         self.closures = [closure for closure in self.closures if id(closure) not in lost]
         self.withdrawn += gone
         return gone
+
+    def state(self) -> dict[str, Any]:
+        """What it remembers, as a tree (see `state_tree`)."""
+        return {
+            "closures": self.closures, "pending": self._pending, "tied": self._tied, "looked": self._looked,
+            "last_way": self._last_way, "withdrawn": self.withdrawn,
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `state` told."""
+        self.closures, self._pending, self._tied = state["closures"], state["pending"], state["tied"]
+        self._looked, self._last_way, self.withdrawn = state["looked"], state["last_way"], state["withdrawn"]
+
+    def _passes(self, known: _Map, i: int) -> list[Pass]:
+        return passes_near(i, known.places, known.way, known.on_floor, self._ties(), self._settings)[:_PASSES]
 
     def _ties(self) -> Ties:
         own = np.array([(c.later, c.earlier) for c in self.closures], dtype=np.int64).reshape(-1, 2)
@@ -116,7 +148,7 @@ class LoopCloser:
 
     def _close(self, known: _Map, i: int) -> Closure | None:
         """The closure of keyframe i to an earlier pass, if there is one that can be trusted by itself."""
-        for earlier in passes_near(i, known.places, known.way, self._ties(), self._settings)[:2]:
+        for earlier in self._passes(known, i):
             closure = self._verified(known, i, earlier)
             if closure is not None:
                 return closure
@@ -124,7 +156,7 @@ class LoopCloser:
 
     def _verified(self, known: _Map, i: int, earlier: Pass) -> Closure | None:
         settings = self._settings
-        later = np.flatnonzero(np.abs(known.way - known.way[i]) < settings.submap)
+        later = np.flatnonzero(known.on_floor & (np.abs(known.way - known.way[i]) < settings.submap))
         later = later[known.way[later] - known.way[earlier.keyframes].max() > settings.gap / 2]
         there, here = known.space(earlier.keyframes), known.space(later)
         if len(here.points) < 50:
@@ -173,10 +205,8 @@ class LoopCloser:
     def _believed(self, known: _Map) -> list[Closure]:
         """Of the pending closures those that may be held now."""
         settings, newest = self._settings, self._pending[-1]
-        if newest.correction <= settings.alone and newest.turn <= settings.alone_turn:
-            agreeing = [newest]
-        else:
-            agreeing = [c for c in self._pending if self._agree(known, c, newest)]
+        agreeing = [c for c in self._pending if self._agree(known, c, newest)]
+        if newest.correction > settings.alone or newest.turn > settings.alone_turn:
             ways = known.way[[c.later for c in agreeing]]
             if len(agreeing) < settings.together or np.ptp(ways) < settings.apart:
                 return []

@@ -210,7 +210,8 @@ class SceneGraphSlam:
             opened = self._loops.contradicted(self._backend.keyframes)
             floor = self._floors.current
             closed = self._loops.look(self._backend.keyframes, floor.number, floor.walls, self.clouds)
-            self._backend.closures = self._loops.closures
+            self._backend.closures = list(self._loops.closures)
+            self._loops.part_walls(closed, floor.walls, self._backend.keyframes)
         return bool(closed or opened)
 
     def _estimate(self, anchors: Anchors | None, last: bool) -> None:

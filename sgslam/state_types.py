@@ -6,7 +6,7 @@ from sgslam.anchor_log import AnchorEvent, AnchorRecord
 from sgslam.anchoring import Growth
 from sgslam.factor_log import FactorEvent
 from sgslam.floor_extraction import FloorObservation
-from sgslam.graph_nodes import Anchors, PlannedWall, RoomNode
+from sgslam.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.keyframes import KeyframeNode
 from sgslam.locating import Located
 from sgslam.result import ScanPose
@@ -16,8 +16,8 @@ from sgslam.wall_map import Lines, SeenWall
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        AnchorEvent, AnchorRecord, Anchors, Door, FactorEvent, Floor, FloorObservation, Growth, Hypothesis, Keyframe,
-        KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, ScanPose, Scene, SceneGraph, SeenWall,
-        WallSurface,
+        AnchorEvent, AnchorRecord, Anchors, Closure, Door, FactorEvent, Floor, FloorObservation, Growth, Hypothesis,
+        Keyframe, KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, ScanPose, Scene, SceneGraph,
+        SeenWall, WallSurface,
     )
 }  # fmt: skip

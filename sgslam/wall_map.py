@@ -244,6 +244,16 @@ class WallMap(Stateful):
             parted += 1
         return parted
 
+    def part(self, later: set[int], earlier: set[int]) -> None:
+        """Takes what keyframes of `later` saw of walls that keyframes of `earlier` saw too for other walls."""
+        old = {s.wall for s in self.seen if s.keyframe in earlier}
+        names: dict[int, int] = {}
+        for s in self.seen:
+            if s.keyframe in later and s.wall in old:
+                if s.wall not in names:
+                    names[s.wall] = self._register.number()
+                s.wall = names[s.wall]
+
     def _relabel(self, gone: int, kept: int) -> None:
         self._joined_into[gone], self._lines = kept, None
         for s in self.seen:
