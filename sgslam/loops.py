@@ -116,8 +116,8 @@ class LoopCloser:
     def state(self) -> dict[str, Any]:
         """What it remembers, as a tree (see `state_tree`)."""
         return {
-            "closures": self.closures, "pending": self._pending, "tied": self._tied, "looked": self._looked,
-            "last_way": self._last_way, "withdrawn": self.withdrawn,
+            "closures": list(self.closures), "withdrawn": list(self.withdrawn), "pending": list(self._pending),
+            "tied": self._tied, "looked": self._looked, "last_way": self._last_way,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -126,8 +126,8 @@ class SceneGraphSlam:
     @property
     def _parts(self) -> dict[str, Any]:
         parts = {
-            "front_end": self._front_end, "rule": self._rule, "floors": self._floors, "odometry": self._odometry,
-            "locator": self._locator, "backend": self._backend,
+            "front_end": self._front_end, "rule": self._rule, "floors": self._floors, "loops": self._loops,
+            "odometry": self._odometry, "locator": self._locator, "backend": self._backend,
         }  # fmt: skip
         return parts if self._anchoring is None else {**parts, "anchoring": self._anchoring}
 
