@@ -11,27 +11,25 @@ from sgslam.state_file import read_about, read_state, write_state
 from sgslam.state_types import TYPES
 
 FILE = "state.npz"  # in a run's folder
-FIRST_S = 2.0  # the state of a shorter run is quickly had again
-SHARE = 0.007  # of a run's time that writing its state may take
+SHARE = 0.005  # of a run's time that writing its state may take
 _log = logging.getLogger(__name__)
 
 
 class Checkpoints:
-    """Writes the state of a run into its folder, as often as a hundredth of the run's time allows.
+    """Writes the state of a run into its folder, as often as less than a hundredth of the run's time allows.
 
     `about` tells what the run is of (see `run_inputs`). A disk that is full costs the checkpoint, not the run.
     """
 
     def __init__(self, folder: Path, about: dict[str, Any]) -> None:
         self.path, self._about = folder / FILE, about
-        self._written, self._took = perf_counter(), FIRST_S * SHARE
+        self._written, self._took = perf_counter(), 0.0
         self._failed = False
 
-    def written_if_due(self, slam: SceneGraphSlam, progress: dict[str, Any]) -> bool:
-        """Whether it was time to, and the state could be written; `progress` is what the caller goes on from."""
-        if perf_counter() - self._written < self._took / SHARE:
-            return False
-        return self.write(slam, progress)
+    def write_if_due(self, slam: SceneGraphSlam, progress: dict[str, Any]) -> None:
+        """Writes where it is time to; `progress` is what the caller goes on from."""
+        if perf_counter() - self._written >= self._took / SHARE:
+            self.write(slam, progress)
 
     def write(self, slam: SceneGraphSlam, progress: dict[str, Any], finished: bool = False) -> bool:
         """Whether the state could be written."""
@@ -46,7 +44,7 @@ class Checkpoints:
             return False
         finally:
             self._written = perf_counter()
-            self._took = max(self._written - began, FIRST_S * SHARE)
+            self._took = self._written - began
         self._failed = False
         return True
 

@@ -14,20 +14,15 @@ from data.cli import Parser, run_command
 from data.errors import UserError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
 
-    from data.scans import ScanSource
     from data.scene_graph import SceneGraph
     from data.trajectory import Trajectory
-    from sgslam.odometry_given import GivenOdometry
-    from sgslam.slam import SceneGraphSlam
 
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; returns 0 when done, also when nothing could be anchored. Raises UserError."""
     options = _parser().parse_args(arguments)
-    if options.scan_dir is None and not options.demo:
+    if options.resume is None and options.scan_dir is None and not options.demo:
         raise UserError("--scan-dir is missing: give the folder that holds the scans, or --demo")
     # libraries are loaded only now, so that --help and a missing argument answer at once
     from data.bcf import Model
@@ -35,16 +30,25 @@ def main(arguments: list[str] | None = None) -> int:
     from data.scan_sources import open_scans
     from data.trajectory import Trajectory
     from sgslam.accuracy import associate
+    from sgslam.checkpoints import Checkpoints, load
+    from sgslam.config import Config
     from sgslam.export import BCF
+    from sgslam.feeding import Progress, feed
     from sgslam.findings import write_topics
     from sgslam.keyframe_clouds import FILE as CLOUDS
     from sgslam.keyframe_clouds import KeyframeClouds
     from sgslam.odometry_choice import choose
     from sgslam.output import prepare_folder, save_result
+    from sgslam.resuming import take_up, told_by
+    from sgslam.run_inputs import check_same, inputs_of
     from sgslam.settings import load_config
     from sgslam.slam import SceneGraphSlam
 
-    config = load_config(options.config, options.set)
+    before = None if options.resume is None else take_up(options)
+    if before is None or options.config is not None or options.set:
+        config = load_config(options.config, options.set)
+    else:
+        config = Config.model_validate(before["config"])
     given = None
     if options.odometry is not None:
         config, given = choose(options.odometry, config)
@@ -66,16 +70,27 @@ def main(arguments: list[str] | None = None) -> int:
     seconds = {"bim": perf_counter() - began}
     a_graph = None if bim is None else _storey(bim.graph, options.storey)
     out = prepare_folder(options.out or _dated_folder())
-    _log_to(out / "run.log", options.verbose)
+    inputs = inputs_of(scans, a_graph, config, {"storey": options.storey, "start": start, "topic": options.topic})
+    if before is not None:
+        check_same(out, before, inputs)
+    _log_to(out / "run.log", options.verbose, anew=before is None)
     for notice in [scans.note, *(bim.notices if bim is not None else ())]:
         if notice:
             logging.getLogger("sgslam").warning("%s", notice)
-    clouds = KeyframeClouds(out / CLOUDS, config.clouds.keyframe_voxel)
+    if before is None:
+        clouds = KeyframeClouds(out / CLOUDS, config.clouds.keyframe_voxel)
+    else:
+        clouds = KeyframeClouds.open(out / CLOUDS, before["keyframes"], config.clouds.keyframe_voxel)
     slam = SceneGraphSlam(a_graph, matcher, config, clouds=clouds)
+    progress = Progress() if before is None else Progress(**load(out, slam))
+    checkpoints = Checkpoints(out, {**inputs, "arguments": told_by(options)})
+    if before is None:
+        checkpoints.write(slam, progress.to_dict())  # what an earlier run left there is none of this one's
     log = logging.getLogger("sgslam")
     log.info("%d scans in %s; building: %s", len(scans), scans.path, options.bim or "none")
     gc.freeze()  # what is loaded now stays: it need not be searched for garbage again and again
-    broken = _feed(slam, scans, seconds, given)
+    broken = feed(slam, scans, progress, checkpoints, given)
+    seconds |= progress.seconds
     for skipped in scans.skipped:
         log.warning("%s is skipped: %s", skipped.name, skipped.reason)
     for remark in scans.remarks:
@@ -96,7 +111,9 @@ def main(arguments: list[str] | None = None) -> int:
             out / BCF, result.deviations, bim.graph, result.s_graph, result.T_bim_map, Model(options.bim.name)
         )  # fmt: skip
     if broken is not None:
-        raise UserError(f"{broken}; what was computed up to there is in {out}")
+        how = f"; 'python -m sgslam.run --resume {out}' goes on" if broken.startswith("interrupted") else ""
+        raise UserError(f"{broken}; what was computed up to there is in {out}{how}")
+    checkpoints.write(slam, progress.to_dict(), finished=True)
     _show(metrics, out)
     return 0
 
@@ -116,6 +133,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--odometry", metavar="NAME|FILE", help="kiss (the default), small_gicp, or a TUM file of T_odom_sensor")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
+    add("--resume", type=Path, metavar="DIR", help="go on with the run of that --out folder, which was broken off")
     add("--demo", action="store_true", help="make a building, drive through it, and run on that; needs nothing else")
     add("--seed", type=int, default=0, metavar="N", help="of the demo's drive")
     add("--verbose", action="store_true", help="tell what happens")
@@ -190,61 +208,19 @@ class _StartedMatcher:
         return self._matcher.match(s, a, start=self._start)
 
 
-def _feed(
-    slam: "SceneGraphSlam", scans: "ScanSource", seconds: dict[str, float], given: "GivenOdometry | None"
-) -> str | None:
-    """Feeds all scans; returns why it had to stop early, if it had. Nothing can be saved before the first scan."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    seconds["reading"], fed = 0.0, 0
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as progress:
-        task = progress.add_task("scans", total=len(scans))
-        waiting = perf_counter()
-        try:
-            for scan in scans:
-                seconds["reading"] += perf_counter() - waiting
-                if not fed:
-                    _doubt_units(scan.points)
-                T_odom_sensor = None if given is None else given.at(scan.stamp_ns)
-                slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
-                fed += 1
-                progress.update(task, completed=scan.index + 1)
-                waiting = perf_counter()
-        except UserError as error:
-            if not fed:
-                raise
-            return str(error)
-        except KeyboardInterrupt:
-            if not fed:
-                raise
-            return f"interrupted after {fed} of {len(scans)} scans"
-    return None
-
-
-def _doubt_units(points: "NDArray[np.float64]") -> None:
-    """Warns where the first scan is a building's size in millimetres."""
-    import numpy as np
-
-    far = float(np.median(np.linalg.norm(points, axis=1)))
-    if far > 500.0:
-        logging.getLogger("sgslam").warning("half of the points are over %.0f m away: are the scans in metres?", far)
-
-
 def _accuracy(result: Any, truth: "Trajectory") -> dict[str, Any]:
     from sgslam.accuracy import accuracy
 
     return accuracy(result.trajectory if result.anchored else None, result.trajectory_odometry, truth)
 
 
-def _log_to(path: Path, verbose: bool) -> None:
+def _log_to(path: Path, verbose: bool, anew: bool) -> None:
     logger = logging.getLogger("sgslam")
     logger.setLevel(logging.DEBUG if verbose else logging.INFO)
     screen = logging.StreamHandler(sys.stderr)
     screen.setLevel(logging.DEBUG if verbose else logging.WARNING)
     screen.setFormatter(logging.Formatter("%(message)s"))
-    file = logging.FileHandler(path, mode="w")
+    file = logging.FileHandler(path, mode="w" if anew else "a")
     file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
     logger.handlers = [screen, file]
 

@@ -1,14 +1,22 @@
 """A run that was broken off goes on as if it had not been."""
 
+import json
+import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
 from drives import fed, small_drive
 
 from data.errors import UserError
-from sgslam.checkpoints import Checkpoints, load
+from data.trajectory import Trajectory
+from sgslam.checkpoints import FILE, Checkpoints, about_run, load
 from sgslam.result import Result
+from sgslam.run import main
 from sgslam.slam import SceneGraphSlam
 
 
@@ -41,3 +49,82 @@ def test_a_state_of_an_unlike_run_is_refused(tmp_path: Path) -> None:
         load(tmp_path, SceneGraphSlam(drive.bim))
     with pytest.raises(UserError, match="holds no run"):
         load(tmp_path / "elsewhere", SceneGraphSlam())
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The drive as files: scans, times.txt, a_graph.json."""
+    drive, folder = small_drive(), tmp_path_factory.mktemp("inputs")
+    (folder / "scans").mkdir()
+    for i, (_, points) in enumerate(drive.scans):
+        np.save(folder / "scans" / f"{i}.npy", points.astype(np.float32))
+    (folder / "times.txt").write_text("".join(f"{stamp / 1e9:.9f}\n" for stamp, _ in drive.scans))
+    drive.bim.graph.save(folder / "a_graph.json")
+    return folder
+
+
+def command(*arguments: str | Path) -> list[str]:
+    """`sgslam.run`, which writes its state after every scan."""
+    often = "import sgslam.checkpoints as c; c.SHARE = 1e9; from sgslam.run import *; run_command(main)"
+    return [sys.executable, "-c", often, *map(str, arguments)]
+
+
+def begun(*arguments: str | Path) -> subprocess.Popen[str]:
+    return subprocess.Popen(command(*arguments), text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+def come_to(process: subprocess.Popen[str], out: Path, keyframes: int) -> None:
+    while process.poll() is None:
+        if (out / FILE).is_file() and about_run(out)["keyframes"] >= keyframes:
+            return
+        sleep(0.01)
+    raise AssertionError("it was done before")
+
+
+def refused(*arguments: str | Path) -> str:
+    """What the command says when it refuses."""
+    with pytest.raises(UserError) as told:
+        main([*map(str, arguments)])
+    assert "\n" not in str(told.value)
+    return str(told.value)
+
+
+def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path) -> None:
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    told = ("--scan-dir", inputs / "scans", "--bim", inputs / "a_graph.json", "--set", "matching.method=voting")
+    process = begun(*told, "--out", out)
+    come_to(process, out, 5)
+    process.kill()
+    process.communicate()
+    refuses_what_does_not_go_with_it(inputs, out, tmp_path)
+    process = begun("--resume", out)
+    come_to(process, out, 12)
+    process.send_signal(signal.SIGINT)  # what was computed is there, and how to go on is told
+    said = process.communicate()[1].splitlines()[-1]
+    assert process.returncode == 2 and f"--resume {out}" in said
+    assert len(Trajectory.read_tum(out / "trajectory.tum")) < len(small_drive().scans)
+    assert begun("--resume", out).wait() == begun(*told, "--out", whole).wait() == 0
+    for name in ("trajectory.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json"):
+        assert (out / name).read_bytes() == (whole / name).read_bytes(), name
+    matches = [json.loads((folder / "matches.json").read_text()) for folder in (out, whole)]
+    assert {**matches[0], "seconds": 0} == {**matches[1], "seconds": 0}
+    assert "finished" in refused("--resume", out)
+
+
+def refuses_what_does_not_go_with_it(inputs: Path, out: Path, tmp_path: Path) -> None:
+    assert "holds no run" in refused("--resume", tmp_path)
+    other = ("--set", "odometry.voxel_size=0.5", "--set", "matching.method=voting")
+    assert "voxel_size" in refused("--resume", out, *other)
+    fewer = tmp_path / "scans"
+    shutil.copytree(inputs / "scans", fewer)
+    (fewer / "3.npy").unlink()
+    (tmp_path / "times.txt").write_text("".join((inputs / "times.txt").read_text().splitlines(True)[1:]))
+    assert "other scans" in refused("--resume", out, "--scan-dir", fewer)
+    graph = json.loads((inputs / "a_graph.json").read_text())
+    graph["wall_surfaces"].pop()
+    (tmp_path / "other.json").write_text(json.dumps(graph))
+    assert "another building" in refused("--resume", out, "--bim", tmp_path / "other.json")
+    whole = (out / FILE).read_bytes()
+    (out / FILE).write_bytes(whole[:-3000])
+    assert str(out / FILE) in refused("--resume", out)
+    (out / FILE).write_bytes(whole)
