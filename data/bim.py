@@ -9,6 +9,7 @@ from pathlib import Path
 
 from data.errors import UserError
 from data.files import write_json
+from data.ifc_guard import read_guarded
 from data.json_files import read_json
 from data.scene_graph import SceneGraph
 
@@ -51,9 +52,8 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequ
     entry = (Path(cache_dir) if cache_dir else _user_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
     bim = _cached(entry)
     if bim is None:
-        from data.ifc_graph import read_ifc  # ifcopenshell is loaded only where there is something to read
-
-        bim = Bim(*read_ifc(path))
+        made = read_guarded(path)
+        bim = Bim(SceneGraph.from_dict(made["graph"]), tuple(made["notices"]))
         _keep(entry, bim)
     return bim
 

@@ -1,5 +1,8 @@
 """Triangulated products of an IFC model, in the BIM frame: world coordinates in metres, site included."""
 
+import shutil
+import tempfile
+import zipfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -13,6 +16,7 @@ from numpy.typing import NDArray
 
 from data.errors import UserError
 
+MAX_RATIO = 200  # IFC text packs to a tenth, rarely to a fortieth
 Mesh = tuple[NDArray[np.float64], NDArray[np.int32]]  # vertices (N, 3), faces (M, 3)
 
 
@@ -33,12 +37,35 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file; give an IFC file")
+    if path.suffix.lower() == ".ifczip":
+        return _open_zip(path)
     if path.suffix.lower() == ".ifc" and not _is_whole(path):
         raise UserError(f"{path}: not IFC, or cut off (it does not end in END-ISO-10303-21); give a whole IFC file")
     try:
         return ifcopenshell.open(str(path))
     except Exception as error:  # ifcopenshell raises its own kinds, OSError and RuntimeError
         raise UserError(f"{path}: cannot be read as IFC ({type(error).__name__}); give an IFC file") from None
+
+
+def _open_zip(path: Path) -> ifcopenshell.file:
+    """The one .ifc of an archive, unpacked beside nothing of the user's."""
+    try:
+        with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory(prefix="sgslam-") as folder:
+            inside = [m for m in archive.infolist() if m.filename.lower().endswith(".ifc") and not m.is_dir()]
+            if len(inside) != 1:
+                raise UserError(f"{path}: has {len(inside)} .ifc files in it; one is needed")
+            if inside[0].file_size > MAX_RATIO * path.stat().st_size + (1 << 20):
+                raise UserError(f"{path}: its .ifc claims {inside[0].file_size:,} bytes; give a whole archive")
+            unpacked = Path(folder) / "model.ifc"
+            with archive.open(inside[0]) as packed, unpacked.open("wb") as out:
+                shutil.copyfileobj(packed, out)
+            if not _is_whole(unpacked):
+                raise UserError(f"{path}: the .ifc in it is cut off; give a whole one")
+            return ifcopenshell.open(str(unpacked))
+    except UserError:
+        raise
+    except Exception as error:  # zipfile and ifcopenshell raise many kinds
+        raise UserError(f"{path}: cannot be unpacked ({type(error).__name__}); give a whole .ifczip") from None
 
 
 def _is_whole(path: Path) -> bool:

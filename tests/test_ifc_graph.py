@@ -257,7 +257,7 @@ def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:
     graphless.write_text("{}")
     for path, say in (
         (empty, "has no walls"), (garbage, "not IFC"), (graphless, "not a scene graph"),
-        (tmp_path / "none.ifc", "no such file"), (Path(__file__), "neither an IFC file"),
+        (tmp_path / "none.ifc", "no such file"), (Path(__file__), "not a building"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=say) as error:
             load_bim(path, tmp_path / "cache")
