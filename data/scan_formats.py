@@ -1,4 +1,4 @@
-"""One scan's file to points: KITTI `.bin`, `.pcd`, `.ply`, `.npy`.
+"""One scan's file to points: KITTI `.bin`, `.pcd`, `.ply`, `.npy`, `.las`, `.laz`.
 
 What a header claims is held against the file's size before anything is allocated. Coordinates are metres in
 the sensor frame; NaN and zero returns are still in here.
@@ -159,8 +159,16 @@ def _bytes_left(file: BinaryIO) -> int:
     return os.fstat(file.fileno()).st_size - file.tell()
 
 
+def _read_las(path: Path) -> tuple[Points, Times]:
+    from data.survey_scans import read_las
+
+    return read_las(path)
+
+
 READERS: dict[str, Callable[[Path], tuple[Points, Times]]] = {
     ".bin": _read_bin,
+    ".las": _read_las,
+    ".laz": _read_las,
     ".npy": _read_npy,
     ".pcd": _read_pcd,
     ".ply": _read_ply,

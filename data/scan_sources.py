@@ -1,4 +1,4 @@
-"""Scans of whatever the user has: a folder of scans, or a bag."""
+"""Scans of whatever the user has: a folder of scans, a bag, an E57 file."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from data.scans import ScanFolder, ScanSource
 
 
 def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
-    """The scans of a folder or of a bag; of a bag those of one `topic`, guessed where it is None.
+    """The scans of a folder, a bag, or an E57 file; of a bag those of one `topic`, guessed where it is None.
 
     Raises UserError where there are none, and where a `topic` is named for what has no topics.
     """
@@ -19,6 +19,10 @@ def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
         return BagScans(path, topic)
     if topic is not None:
         raise UserError(f"--topic {topic}: {path} is no bag and has no topics")
+    if path.suffix.lower() == ".e57":
+        from data.survey_scans import E57Scans
+
+        return E57Scans(path)
     return ScanFolder(path)
 
 

@@ -160,7 +160,10 @@ class ScanFolder(ScanSource):
         return finished(index, stamp_ns, points, times, self.files[index])
 
 
-def finished(index: int, stamp_ns: int, points: NDArray[Any], times: NDArray[Any] | None, path: Path) -> Scan:
+def finished(
+    index: int, stamp_ns: int, points: NDArray[Any], times: NDArray[Any] | None, path: Path,
+    T_odom_sensor: NDArray[np.float64] | None = None,
+) -> Scan:  # fmt: skip
     """A scan of points (N, 3) and their times (N,) as stored (see `point_times`), without NaN, infinite and zero
     returns. Raises UnreadableScanError where nothing is left.
     """
@@ -176,7 +179,7 @@ def finished(index: int, stamp_ns: int, points: NDArray[Any], times: NDArray[Any
             raise UnreadableScanError("all of its returns are NaN, infinite or zero")
         points, times = points[good], None if times is None else times[good]
     after = None if times is None else seconds_after(times, stamp_ns)
-    return Scan(index, stamp_ns, points, count_all - len(points), path, after)
+    return Scan(index, stamp_ns, points, count_all - len(points), path, after, T_odom_sensor)
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:

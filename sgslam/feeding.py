@@ -89,7 +89,7 @@ def feed(
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
                 if not progress.fed:
                     _doubt_units(scan.points)
-                T_odom_sensor = None if given is None else given.at(scan.stamp_ns)
+                T_odom_sensor = scan.T_odom_sensor if given is None else given.at(scan.stamp_ns)
                 slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
