@@ -1,6 +1,5 @@
-"""The measurements of trust: plans of other buildings, rooms matched wrongly, runs of thousands of keyframes."""
+"""The measurements of trust: plans of other buildings, rooms matched wrongly."""
 
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,7 @@ from drives import Drive, small_drive
 
 from data import UserError
 from data.plan_generator import generate_plan
-from data.scans import ScanFolder
-from evaluation import long_run, other_buildings, wrong_matches
+from evaluation import other_buildings, wrong_matches
 from evaluation.sequences import SequenceSpec
 
 
@@ -78,21 +76,3 @@ def test_spoilt_runs_stand_beside_clean_ones() -> None:
         ["**a**", "all", "0.0150", "0.0165", "1.10", "25", "35"],
         ["b", "0", "0.0100", "not anchored", "", "20", ""],
     ]
-
-
-def test_scans_are_fed_to_and_fro(folder: Path) -> None:
-    scans = ScanFolder(folder / "scans")
-    count = len(scans.files)
-    sizes = [len(points) for points in islice(long_run.to_and_fro(scans), 3 * count)]
-    assert sizes[:count] == sizes[count - 1 : 2 * count - 1][::-1] == sizes[2 * count - 2 : 3 * count - 2]
-
-
-def test_shares_are_those_of_a_keyframe(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    monkeypatch.setattr(long_run, "MARKS", (15, 30))
-    marks = long_run.measure(ScanFolder(folder / "scans"), folder / "own.json", 45)
-    assert [m.keyframes for m in marks] == [15, 30, 45]
-    assert all(0 < m.optimisation < m.everything for m in marks) and marks[-1].share < 0.1
-    rows = [line.split("|") for line in long_run.table(marks).splitlines()[2:]]
-    assert [float(row[5]) for row in rows] == pytest.approx([m.share / marks[0].share for m in marks], abs=0.01)
-    with pytest.raises(UserError, match="at least 15"):
-        long_run.measure(ScanFolder(folder / "scans"), folder / "own.json", 10)
