@@ -60,7 +60,7 @@ class KeyframeSettings(_Settings):
     distance: float = Field(0.8, gt=0, description="m")
     angle: float = Field(0.6, gt=0, description="rad")
     scans: int = Field(20, ge=1, description="scans while moving: odometry that slips shows no distance")
-    standing: int = Field(50, ge=1, description="scans while standing still")
+    standing: int = Field(50, ge=1, description="scans while standing still, then twice as many, ...")
 
 
 class SurfaceSettings(_Settings):

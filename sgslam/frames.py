@@ -49,7 +49,7 @@ def transform_planes(T_a_b: Floats, planes_in_b: Floats) -> Floats:
     return np.concatenate([normal, offset[..., None]], axis=-1)
 
 
-def transform_points(T_a_b: Floats, points_in_b: Floats) -> Floats:
+def transform_points(T_a_b: Floats, points_in_b: NDArray[np.floating]) -> Floats:
     """(..., 3) points in frame a, of points (..., 3) in frame b."""
     if T_a_b.ndim == 2:
         return points_in_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]

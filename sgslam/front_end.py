@@ -16,6 +16,7 @@ from sgslam.wall_extraction import WallObservation, extract_walls
 from sgslam.wall_map import Lines
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,8 @@ class KeyframeScan:
 
     walls: list[tuple[WallObservation, Floats, Floats]]  # the observation, its plane, its ends (2, 3)
     floor: FloorObservation | None
-    contour: Floats  # (M, 3) nearest upright thing of the high band in each column
-    lintels: Floats  # (L, 3) upright points at the height of lintels
+    contour: Floats32  # (M, 3) nearest upright thing of the high band in each column
+    lintels: Floats32  # (L, 3) upright points at the height of lintels
 
 
 def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
@@ -91,10 +92,10 @@ class FrontEnd(Stateful):
         high_contour = contour(above, settings.high_band)
         walls = _in_frame(T_sensor_above, extract_walls(above, high_contour, settings))
         xy = high_contour[1]
-        outline = np.column_stack([xy, np.zeros(len(xy))]) @ R_level_sensor
+        outline = (np.column_stack([xy, np.zeros(len(xy))]) @ R_level_sensor).astype(np.float32)
         low, high = self._config.rooms.lintel_band
         z = above.points[:, 2]
-        lintels = scan.points[above.upright & (z > low) & (z < high)] @ R_level_sensor
+        lintels = (scan.points[above.upright & (z > low) & (z < high)] @ R_level_sensor).astype(np.float32)
         return KeyframeScan(walls, floor, outline, lintels)
 
     def _floor(self, scan: ColumnScan, T_sensor_level: Floats, height: float | None) -> FloorObservation | None:
