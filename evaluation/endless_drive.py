@@ -101,7 +101,7 @@ def _simulate(asked: Connection, way: Way) -> None:
         folder.mkdir(parents=True)
         for i in range(first, last):
             points = SENSOR.scan(scene, truth.poses[i], np.random.default_rng([way.seed, i]))
-            SCAN_WRITERS["bin"](folder / f"{i:08d}.bin", points)
+            SCAN_WRITERS["bin"](folder / f"{i:08d}.bin", points, None)
         stamps = truth.stamps_ns[first:last].tolist()
         (folder / "times.txt").write_text("".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
         asked.send(None)
