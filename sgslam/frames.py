@@ -26,6 +26,11 @@ def inverse(T: Floats) -> Floats:
     return result
 
 
+def angle_of(T: Floats) -> float:
+    """The angle (rad) of a motion's (4, 4) rotation."""
+    return float(np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1.0, 1.0)))
+
+
 def squared_up(T: Floats) -> Floats:
     """A motion (4, 4) that rounding has left a little askew, its rotation made orthogonal: one step of Newton's."""
     R, result = T[:3, :3], T.copy()

@@ -39,8 +39,12 @@ class GraphBuilder:
         """The odometry's `step` (4, 4) from the keyframe before to keyframe i."""
         settings = self._config.odometry
         noise = factors.noise_of_pose(settings.sigma_rotation, settings.sigma_translation)
+        why, slack = "the step between two keyframes", self._keyframes[i].slack
+        if slack is not None:
+            base = np.diag([settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3)
+            noise, why = factors.noise_of_covariance(base + slack), f"{why}, where surfaces held the sensor badly"
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
-        self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", "the step between two keyframes"))
+        self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
 
     def bridge(self, i: int) -> None:
         """In place of a step that cannot be used: keyframe i is somewhere near the one before it."""

@@ -19,7 +19,8 @@ class KeyframeNode:
     """One keyframe of the S-graph; the back end moves `T_map_sensor`, the rest stays.
 
     `T_odom_sensor` is the tracked motion summed up, which never jumps; only differences of it are used. `storey` is the
-    number of the S-graph's floor that it was taken on, None on a stair.
+    number of the S-graph's floor that it was taken on, None on a stair. `slack` is the covariance (6, 6) of the step to
+    it beyond what every step has, rotation first, in the sensor's axes; None where surfaces held it all the way.
     """
 
     scan: int
@@ -30,6 +31,7 @@ class KeyframeNode:
     outline: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # of free space, sensor frame
     lintels: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # sensor frame
     storey: int | None = 0
+    slack: Floats | None = None
 
 
 class KeyframeRule(Stateful):

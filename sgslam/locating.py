@@ -1,15 +1,17 @@
 """Where each scan was taken: foretold by the step before it and held to the walls and the floor; the odometry is asked
 where these leave something open."""
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import Config
+from sgslam.degeneracy import Slack, surfaces_of, turned
 from sgslam.deskew import deskewed, part_of
 from sgslam.floors import Floors
-from sgslam.frames import inverse, level_map
+from sgslam.frames import angle_of, inverse, level_map
 from sgslam.front_end import FrontEnd, align, predict, upright_step
 from sgslam.odometry import Odometry
 from sgslam.state_tree import Stateful
@@ -17,7 +19,10 @@ from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
 _LONGEST_SWEEP = 1.5  # intervals between scans; what takes longer is of another unit
+_LEAP = 5.0, 10.0  # rad/s and m/s by which a step is uncertain where a given odometry leaps
+_FAST, _TURNING = 5.0, 3.0  # m/s and rad/s, the most that anything carries a sensor at indoors
 _CLEARLY = 0.05  # of a scan's points by which one pose explains more than another
 
 
@@ -38,6 +43,7 @@ class _Guessed:
     share: float
     firm: bool
     surprising: bool
+    information: Floats  # (3, 3) of yaw, x and y in level axes, from walls
 
     def better_than(self, other: "_Guessed") -> bool:
         return self.firm > other.firm or (self.firm == other.firm and self.share > other.share + _CLEARLY)
@@ -50,13 +56,15 @@ class Locator(Stateful):
     see much of a wall. A scan that was foretold, and that the walls then hold firmly and close by, needs no odometry.
     """
 
-    _STATE = ("_last", "_step", "_stamp_ns", "_interval_ns")
+    _STATE = ("_last", "_step", "_stamp_ns", "_interval_ns", "_leapt")
 
     def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, floors: Floors) -> None:
         self._config, self._odometry, self._front_end, self._floors = config, odometry, front_end, floors
         self._last: Located | None = None
         self._step: Floats | None = None  # T_last_sensor as it was found
         self._stamp_ns, self._interval_ns = 0, 0
+        self._leapt = False  # a given odometry, at some time
+        self.slack = Slack(config.odometry, config.tracking)
 
     @property
     def _walls(self) -> WallMap:
@@ -103,24 +111,71 @@ class Locator(Stateful):
             self._last = Located(T_odom_sensor, guess)
         else:
             foretold = None
-            if given is None and regular and self._step is not None:
+            if regular and self._step is not None:
                 foretold = upright_step(last_map @ self._step, last_map, self._walls.T_level_map[2, :3])
-            self._last = self._best(scan, last_map, given, foretold)
+            if given is None:
+                self._last = self._best(scan, last_map, foretold)
+            else:
+                self._last = self._by_given(scan, last_map, given, foretold)
             self._front_end.follow(self._walls.T_level_map @ self._last.T_map_sensor)
         self._step = inverse(last_map) @ self._last.T_map_sensor
         return self._last
 
-    def _best(self, scan: ColumnScan, last_map: Floats, given: Floats | None, foretold: Floats | None) -> Located:
+    def leave_keyframe(self) -> Floats | None:
+        """(6, 6) the covariance of the step from the last keyframe to the newest scan, which is the next one, beyond
+        what every step has; None where there is nothing beyond."""
+        assert self._last is not None
+        return self.slack.leave((self._walls.T_level_map @ self._last.T_map_sensor)[:3, :3])
+
+    def _best(self, scan: ColumnScan, last_map: Floats, foretold: Floats | None) -> Located:
         """By what was foretold where that is certain, else by the odometry, if it explains the scan as well."""
+        settings = self._config.odometry
         tracked = None if foretold is None else self._align(scan, foretold)
         if tracked is not None and tracked.firm and not tracked.surprising:
             step = inverse(last_map) @ tracked.T_map_sensor
+            self._loosen(tracked.information, settings.unheld_turn, settings.unheld_speed)
             return Located(self._odometry.follow(lambda: self._points(scan), step), tracked.T_map_sensor)
-        T_odom_sensor, guess = self._ask(scan, last_map, given)
-        asked = self._align(scan, guess)
-        if tracked is not None and tracked.better_than(asked):
-            return Located(T_odom_sensor, tracked.T_map_sensor)
-        return Located(T_odom_sensor, asked.T_map_sensor)
+        T_odom_sensor, guess = self._ask(scan, last_map, None)
+        best = self._align(scan, guess)
+        if tracked is not None and tracked.better_than(best):
+            best = tracked
+        registered = turned(surfaces_of(scan.points[scan.upright]), self._walls.T_level_map @ best.T_map_sensor)
+        self._loosen(best.information + registered, settings.unheld_turn, settings.unheld_speed)
+        return Located(T_odom_sensor, best.T_map_sensor)
+
+    def _by_given(self, scan: ColumnScan, last_map: Floats, given: Floats, foretold: Floats | None) -> Located:
+        """By somebody else's odometry; where that leaps, by what was foretold, unless the walls bear the leap out."""
+        settings = self._config.odometry
+        guess = self._ask(scan, last_map, given)[1]
+        best, rates = self._align(scan, guess), (settings.given_turn, settings.given_speed)
+        if self._leaps(guess, last_map, foretold):
+            instead = self._align(scan, last_map if foretold is None else foretold)
+            best, rates = best if best.better_than(instead) else instead, _LEAP
+        self._loosen(best.information, *rates)
+        return Located(given, best.T_map_sensor)
+
+    def _loosen(self, information: Floats, turn: float, speed: float) -> None:
+        """One more scan since the keyframe, whose step may be wrong by so many rad/s and m/s where nothing holds it."""
+        seconds = self._interval_ns / 1e9
+        self.slack.add(information, turn * seconds, speed * seconds)
+
+    def _leaps(self, guess: Floats, last_map: Floats, foretold: Floats | None) -> bool:
+        """Whether a given step is one that no robot makes; told once."""
+        settings, seconds = self._config.odometry, self._interval_ns / 1e9
+        step = inverse(last_map) @ guess
+        if foretold is None:  # nobody knows how fast it went
+            farthest, widest = max(settings.max_step, _FAST * seconds), max(settings.max_turn, _TURNING * seconds)
+        else:
+            step, farthest, widest = inverse(foretold) @ guess, settings.leap_distance, settings.leap_angle
+        metres, radians = float(np.linalg.norm(step[:3, 3])), angle_of(step)
+        if metres < farthest and radians < widest:
+            return False
+        if not self._leapt:
+            off = f"{metres:.2f} m and {np.degrees(radians):.0f} degrees"
+            _log.warning("the odometry that is given leaps, by %s at %.3f s; such steps are not believed (told once)",
+                         off, self._stamp_ns / 1e9)  # fmt: skip
+        self._leapt = True
+        return True
 
     def _ask(self, scan: ColumnScan, last_map: Floats, given: Floats | None) -> tuple[Floats, Floats]:
         """T_odom_sensor, and T_map_sensor by it."""
@@ -142,11 +197,12 @@ class Locator(Stateful):
             scan, self._walls.lines, guess, self._walls.T_level_map, self._front_end.carried(), self._config
         )
         missed = inverse(guess) @ tracked.T
-        turn = float(np.arccos(np.clip((np.trace(missed[:3, :3]) - 1) / 2, -1.0, 1.0)))
+        turn = angle_of(missed)
         return _Guessed(
             tracked.T, tracked.share,
             tracked.share > settings.firm_share and tracked.held > settings.firm_points,
             bool(np.linalg.norm(missed[:3, 3]) > settings.surprise_distance or turn > settings.surprise_angle),
+            tracked.information,
         )  # fmt: skip
 
     def _is_regular(self, stamp_ns: int) -> bool:

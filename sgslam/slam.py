@@ -127,7 +127,8 @@ class SceneGraphSlam:
     def _parts(self) -> dict[str, Any]:
         parts = {
             "front_end": self._front_end, "rule": self._rule, "floors": self._floors, "loops": self._loops,
-            "odometry": self._odometry, "locator": self._locator, "backend": self._backend,
+            "odometry": self._odometry, "locator": self._locator, "slack": self._locator.slack,
+            "backend": self._backend,
         }  # fmt: skip
         return parts if self._anchoring is None else {**parts, "anchoring": self._anchoring}
 
@@ -165,6 +166,7 @@ class SceneGraphSlam:
         tracked = before @ scan.T_keyframe_sensor  # the map jumps when it is optimised, this does not
         floor = self._floors.current
         keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=floor.number)
+        keyframe.slack = self._locator.leave_keyframe()
         if points is not None:
             with self._clock("surfaces"):
                 self._see(keyframe, points)

@@ -1,7 +1,7 @@
 """Each scan against the walls and the floor that are known already: KISS-ICP drags along its own scan rings indoors
 (centimetres a scan) and leans; upright walls and a level floor do not."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
@@ -18,12 +18,17 @@ _FLOOR_GATE = 0.12  # m; seats and steps are level too, and not much higher than
 
 @dataclass(frozen=True)
 class Tracked:
-    """`T` (4, 4) of the sensor in the levelled map; `share` of the upright points that lie on walls; how many points'
-    worth of walls hold the horizontal direction that is `held` worst, the turn being free."""
+    """`T` (4, 4) of the sensor in the levelled map; `share` of the upright points that lie on walls; `information`
+    (3, 3): the normal equations of yaw, x and y in level axes, a point on a wall across a direction counting one."""
 
     T: Floats
     share: float
-    held: float = 0.0
+    information: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @property
+    def held(self) -> float:
+        """How many points' worth of walls hold the horizontal direction that is held worst, the turn being free."""
+        return _held(self.information)
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ def _through(
     settings: TrackingSettings,
 ) -> Tracked:  # fmt: skip
     """One Gauss-Newton step for each of the gates."""
-    T, share, held = predicted.copy(), 0.0, 0.0
+    T, share, information = predicted.copy(), 0.0, np.zeros((3, 3))
     prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
     for k, gate in enumerate(gates):
         p, q = points.upright @ T[:3, :3].T, points.level @ T[:3, :3].T
@@ -92,7 +97,7 @@ def _through(
         weight = np.minimum(1.0, settings.huber / np.maximum(np.abs(off), 1e-9)) / settings.sigma_point**2
         weighted = J * weight[:, None]
         H, g = weighted.T @ J, weighted.T @ off
-        held = _held(H) * settings.sigma_point**2
+        information = H[2:5, 2:5] * settings.sigma_point**2
         H[5, 5] += 1 / settings.sigma_height**2
         g[5] += (T[2, 3] - carried.height) / settings.sigma_height**2
         lean = T[:3, :3] @ carried.up_in_sensor  # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
@@ -103,7 +108,7 @@ def _through(
         step = -np.linalg.solve(H + prior, g + prior @ gone)
         T[:3, :3] = gtsam.Rot3.Expmap(step[:3]).matrix() @ T[:3, :3]
         T[:3, 3] += step[3:]
-    return Tracked(T, share, held)
+    return Tracked(T, share, information)
 
 
 def _spread(places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
@@ -137,8 +142,8 @@ def _to_floor(turned: Floats, height: float, gate: float) -> tuple[Floats, Float
 
 
 def _held(H: Floats) -> float:
-    """The information (1/m2) of normal equations (6, 6) about the horizontal direction that is known worst."""
-    a, b, c = H[3, 3], H[3, 4], H[4, 4]
-    if H[2, 2] > 0:  # the turn about the vertical is not known
-        a, b, c = a - H[2, 3] ** 2 / H[2, 2], b - H[2, 3] * H[2, 4] / H[2, 2], c - H[2, 4] ** 2 / H[2, 2]
+    """Of normal equations (3, 3) of yaw, x and y, what they tell of the direction that they tell least of."""
+    a, b, c = H[1, 1], H[1, 2], H[2, 2]
+    if H[0, 0] > 0:  # the turn about the vertical is not known
+        a, b, c = a - H[0, 1] ** 2 / H[0, 0], b - H[0, 1] * H[0, 2] / H[0, 0], c - H[0, 2] ** 2 / H[0, 0]
     return float((a + c) / 2 - np.hypot((a - c) / 2, b))

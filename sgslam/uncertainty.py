@@ -23,7 +23,8 @@ class Uncertainty:
     """Marginals of a graph at its optimum `values`; robust losses count by the weights that they give there.
 
     Each kind of measurement (of walls, of the floor, of the plan, ...) counts by the noise that its residuals show,
-    not by the one it was given beforehand (variance components; Foerstner 1979). The information matrix is factored
+    not by the one it was given beforehand (variance components; Foerstner 1979); steps that nothing else held keep
+    theirs, because their residuals tell nothing. The information matrix is factored
     once; an answer costs one sparse solution for each of its rows. `anchor_of` gives the keyframe in whose frame a
     wall's plane is kept. Raises RuntimeError where a variable is left free.
     """
@@ -45,7 +46,7 @@ class Uncertainty:
         residual[rows[last]] = entries[last]
         rows, columns, entries = rows[~last], columns[~last], entries[~last]
         kind = np.repeat([1 << _KINDS.index(chr(gtsam.symbolChr(key))) for key in keys], sizes)
-        scale = _noise_shown(residual, rows, kind[columns], self._size)
+        scale = _noise_shown(residual, rows, kind[columns], self._size, _unheld(graph, len(residual)))
         jacobian = csc_matrix((entries / scale[rows], (rows, columns)), shape=(len(residual), self._size))
         self._solve: Callable[[Floats], Floats] = splu(
             (jacobian.T @ jacobian).tocsc(), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True}
@@ -100,8 +101,23 @@ class Uncertainty:
         return value, float(J @ self._solve(J))
 
 
-def _noise_shown(residual: Floats, rows: NDArray[np.int64], kinds: NDArray[np.int64], size: int) -> Floats:
-    """(M,) for each whitened residual (M,) the standard deviation of those of its kind.
+def _unheld(graph: gtsam.NonlinearFactorGraph, count: int) -> NDArray[np.bool_]:
+    """(count,) which of the residuals are of steps that were widened in some directions."""
+    unheld, row = np.zeros(count, dtype=bool), 0
+    for i in range(graph.size()):
+        factor = graph.at(i)
+        if isinstance(factor, gtsam.BetweenFactorPose3):
+            noise = factor.noiseModel()  # neither the diagonal one of all steps nor the robust one of loops
+            full = isinstance(noise, gtsam.noiseModel.Gaussian) and not isinstance(noise, gtsam.noiseModel.Diagonal)
+            unheld[row : row + factor.dim()] = full
+        row += factor.dim()
+    return unheld
+
+
+def _noise_shown(
+    residual: Floats, rows: NDArray[np.int64], kinds: NDArray[np.int64], size: int, apart: NDArray[np.bool_]
+) -> Floats:
+    """(M,) for each whitened residual (M,) the standard deviation of those of its kind; one for those `apart` (M,).
 
     `rows` and `kinds` are those of the Jacobian's entries: measurements of the same kinds of variables are of one
     kind. `size` variables were fitted to all of them.
@@ -111,7 +127,7 @@ def _noise_shown(residual: Floats, rows: NDArray[np.int64], kinds: NDArray[np.in
     scale = np.ones(len(residual))
     free = max(1 - size / len(residual), 0.1)
     for one in np.unique(kind):
-        mine = kind == one
+        mine = (kind == one) & ~apart
         if mine.sum() >= _LEAST_ROWS:
             scale[mine] = np.clip(np.sqrt(np.mean(residual[mine] ** 2) / free), *_SCALES)
     return scale
