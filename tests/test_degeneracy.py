@@ -1,0 +1,163 @@
+"""Where surfaces do not hold a scan: what is told of it, direction by direction; and a given odometry that leaps."""
+
+import logging
+from functools import cache
+
+import numpy as np
+import pytest
+from boxes import Array, Box, pose, room, scan, scene_of
+from drives import small_drive
+
+from data.sensor import SpinningSensor
+from sgslam.config import OdometrySettings, TrackingSettings
+from sgslam.degeneracy import Slack, surfaces_of, turned
+from sgslam.frames import inverse
+from sgslam.result import Result
+from sgslam.slam import SceneGraphSlam
+from sgslam.virtual_scan import sort_into_columns
+
+SENSOR = SpinningSensor(azimuths=450, max_range=30.0)
+FURNISHED: list[Box] = [*room(-6.0, -4.0, 14.0, 5.0), (2.0, -4.0, 0.0, 2.2, 0.0, 2.6), (6.0, 3.0, 0.0, 7.0, 5.0, 2.6)]
+CORRIDOR, HALL = room(-60.0, -1.1, 60.0, 1.1), room(-70.0, -70.0, 70.0, 70.0, 8.0)
+YAW = 0.4
+ALONG = np.array([np.cos(YAW), -np.sin(YAW)])  # the scene's x axis in the sensor's frame
+
+
+def surfaces(boxes: list[Box], T: Array) -> Array:
+    columns = sort_into_columns(scan(scene_of(boxes), T, SENSOR), 900)
+    return surfaces_of(columns.points[columns.upright])
+
+
+def test_the_surfaces_of_a_scan_hold_it_across_themselves() -> None:
+    place = pose(1.0, 0.1, 0.8, YAW)
+    in_room, axes = np.linalg.eigh(surfaces(FURNISHED, place)[1:, 1:])
+    assert in_room[0] > 0.1 * in_room[1]
+    in_corridor, axes = np.linalg.eigh(surfaces(CORRIDOR, place)[1:, 1:])
+    assert in_corridor[0] < 0.01 * in_corridor[1] and abs(axes[:, 0] @ ALONG) > 0.99
+    assert surfaces(HALL, place).max() < 1.0
+
+
+def test_the_same_surfaces_hold_the_same_from_any_heading() -> None:
+    T, U = pose(1.0, 0.1, 0.8, 0.4), pose(1.0, 0.1, 0.8, 1.7)
+    one, other = turned(surfaces(FURNISHED, T), T), turned(surfaces(FURNISHED, U), U)
+    assert np.abs(one - other).max() < 0.15 * np.abs(one).max()
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 20])
+def test_a_few_points_hold_nothing(count: int) -> None:
+    H = surfaces_of(np.random.default_rng(count).uniform(-5, 5, (count, 3)))
+    assert H.shape == (3, 3) and np.isfinite(H).all() and np.trace(H[1:, 1:]) <= 2.0
+
+
+def slack(information: Array, scans: int) -> Array | None:
+    own = Slack(OdometrySettings(), TrackingSettings())
+    for _ in range(scans):
+        own.add(information, 0.03, 0.1)
+    return own.leave(np.eye(3))
+
+
+def test_a_step_is_widened_where_nothing_held_it_and_there_alone() -> None:
+    assert slack(np.diag([500.0, 50.0, 50.0]), 10) is None
+    along = slack(np.diag([500.0, 0.0, 50.0]), 10)
+    assert along is not None
+    sigmas = np.sqrt(np.diag(along))
+    assert sigmas[3] == pytest.approx(1.0, rel=0.05) and np.delete(sigmas, 3).max() < 1e-6
+    everywhere = slack(np.zeros((3, 3)), 10)
+    assert everywhere is not None
+    np.testing.assert_allclose(np.sqrt(np.diag(everywhere)), [0, 0, 0.3, 1.0, 1.0, 0], rtol=0.05, atol=1e-9)
+
+
+def test_it_is_told_in_the_axes_of_the_sensor() -> None:
+    own, R_level_sensor = Slack(OdometrySettings(), TrackingSettings()), pose(0.0, 0.0, 0.0, YAW)[:3, :3]
+    own.add(np.diag([500.0, 0.0, 50.0]), 0.03, 0.1)  # held across the level's x axis
+    covariance = own.leave(R_level_sensor)
+    assert covariance is not None
+    variances, axes = np.linalg.eigh(covariance[3:, 3:])
+    assert abs(axes[:2, 2] @ ALONG) > 0.9999 and variances[1] < 1e-9
+    own.add(np.diag([500.0, 50.0, 50.0]), 0.03, 0.1)
+    assert own.leave(np.eye(3)) is None  # begun anew
+
+
+@cache
+def driven(kind: str) -> tuple[SceneGraphSlam, Result, list[Array]]:
+    """A metre or two along the x axis, from rest."""
+    scene = scene_of({"corridor": CORRIDOR, "hall": HALL, "room": FURNISHED}[kind])
+    slam, truth, x = SceneGraphSlam(), [], 0.0
+    for i in range(45):
+        x += min(0.08, 0.005 * i)
+        truth.append(pose(x, 0.1, 0.8, YAW))
+        slam.add_scan(i * 10**8, scan(scene, truth[-1], SENSOR, i))
+    return slam, slam.finish(), truth
+
+
+def end_of(kind: str) -> tuple[Array, Array]:
+    """(6, 6) the covariance of the last pose in scene axes, and (3,) its error."""
+    slam, result, truth = driven(kind)
+    uncertainty = slam._backend.uncertainty()
+    assert uncertainty is not None
+    covariance = uncertainty.pose_covariances([result.keyframes - 1])[0]
+    error = inverse(inverse(truth[0]) @ truth[-1]) @ result.trajectory_map.poses[-1]
+    D = np.kron(np.eye(2), truth[-1][:3, :3])
+    return D @ covariance @ D.T, truth[-1][:3, :3] @ error[:3, 3]
+
+
+def test_in_a_bare_corridor_the_covariance_grows_along_it_and_not_across() -> None:
+    held, error_held = end_of("room")
+    free, error = end_of("corridor")
+    assert np.sqrt(held[3:5, 3:5].diagonal()).max() < 0.02 and np.abs(error_held[:2]).max() < 0.03
+    assert np.sqrt(free[3, 3]) > 0.5 and np.sqrt(free[4, 4]) < 0.02
+    assert np.sqrt(free[2, 2]) < 0.01  # the walls tell the heading
+    assert abs(error[0]) < 3 * np.sqrt(free[3, 3]) and abs(error[1]) < 0.03
+
+
+def test_in_an_open_hall_it_grows_in_all_directions() -> None:
+    free, error = end_of("hall")
+    assert np.sqrt(free[3:5, 3:5].diagonal()).min() > 0.5 and np.sqrt(free[2, 2]) > 0.1
+    assert np.linalg.norm(error[:2]) < 3 * np.sqrt(free[3, 3] + free[4, 4])
+    assert np.sqrt(free[5, 5]) < 0.05  # the floor tells the height
+
+
+def test_in_a_furnished_room_no_step_is_widened() -> None:
+    slam, _, _ = driven("room")
+    assert all(keyframe.slack is None for keyframe in slam._backend.keyframes)
+
+
+def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam, Array, Array]:
+    """A run by a given odometry that is true but for one leap (4, 4); live poses, and the truth in the map."""
+    drive = small_drive()
+    given = drive.truth.poses[:count].copy()
+    if leap is not None:
+        given[at:] = given[at - 1] @ leap @ inverse(given[at - 1]) @ given[at:]
+    slam = SceneGraphSlam()
+    live = [
+        slam.add_scan(stamp, points, T_odom_sensor=T).T_map_sensor
+        for (stamp, points), T in zip(drive.scans[:count], given, strict=True)
+    ]
+    return slam, np.stack(live), inverse(drive.truth.poses[0]) @ drive.truth.poses[:count]
+
+
+@pytest.mark.parametrize("leap", [pose(3.0, -1.0, 0.0, 0.0), pose(0.0, 0.0, 0.0, 2.0), pose(0.8, 0.0, 0.5, 0.3)])
+def test_a_leap_is_not_believed_and_told_once(leap: Array, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING, logger="sgslam"):
+        slam, live, truth = given_with(leap, 40, 80)
+    said = [record.message for record in caplog.records if "leaps" in record.message]
+    assert len(said) == 1 and "not believed" in said[0]
+    assert np.linalg.norm((live - truth)[:, :3, 3], axis=1).max() < 0.1
+    assert np.isfinite(slam.finish().trajectory.poses).all()
+
+
+def test_a_given_odometry_that_does_not_leap_is_believed(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING, logger="sgslam"):
+        _, live, truth = given_with(None, 0, 80)
+    assert not [record for record in caplog.records if "leaps" in record.message]
+    assert np.linalg.norm((live - truth)[:, :3, 3], axis=1).max() < 0.03
+
+
+def test_where_nothing_holds_a_leap_widens_its_step() -> None:
+    """In the open hall, where no wall could tell: the step with the leap is uncertain by it, others are not."""
+    scene, slam = scene_of(HALL), SceneGraphSlam()
+    for i in range(60):
+        T = pose(0.08 * i + (2.0 if i >= 30 else 0.0), 0.0)
+        slam.add_scan(i * 10**8, scan(scene, pose(0.08 * i, 0.0), SENSOR, i), T_odom_sensor=T)
+    sigmas = [0.0 if k.slack is None else float(np.sqrt(k.slack[3, 3])) for k in slam._backend.keyframes]
+    assert max(sigmas) > 0.9 and sorted(sigmas)[-2] < 0.1
