@@ -1,7 +1,8 @@
 """`python -m evaluation.long_run --out DIR`: what half an hour of scans costs, in time and in memory.
 
 20,000 scans of a simulated drive (`--standing`: of a robot that stands still), each of 14,400 beams and with a noise of
-its own, are read from files and fed to a run that is then finished and written to a folder, as `sgslam.run` does.
+its own, are read from files and fed to a run, whose state is kept meanwhile, and that is then finished and written to a
+folder, as `sgslam.run` does.
 Time is counted from the first file to the last line of the report, without the simulation, which is another process.
 """
 
@@ -24,6 +25,9 @@ from data.errors import UserError
 from data.files import write_atomically, write_json
 from data.scans import ScanFolder
 from evaluation.endless_drive import EndlessDrive, Way
+from sgslam.checkpoints import Checkpoints
+from sgslam.keyframe_clouds import FILE, KeyframeClouds
+from sgslam.output import prepare_folder
 from sgslam.slam import SceneGraphSlam
 
 _ROWS = 10
@@ -71,8 +75,9 @@ def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
 
     Raises UserError for a building or a storey that cannot be driven.
     """
-    bim, meter, samples = load_bim(way.bim), _Meter(), list[Sample]()
-    slam = ProcessorTimed(bim)
+    bim, meter, samples, folder = load_bim(way.bim), _Meter(), list[Sample](), prepare_folder(out / "run")
+    slam = ProcessorTimed(bim, clouds=KeyframeClouds(folder / FILE))
+    checkpoints = Checkpoints(folder, {})
     gc.freeze()
     with EndlessDrive(way) as drive:
         fed = 0
@@ -81,6 +86,7 @@ def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
                 for scan in ScanFolder(part):
                     update = slam.add_scan(scan.stamp_ns, scan.points)
                     fed += 1
+                    checkpoints.write_if_due(slam, {"fed": fed})
             optimised = slam.seconds["optimisation"]
             samples.append(Sample(fed, update.keyframes, meter.seconds, meter.cpu, optimised, memory_in_use()))
             print(_told(samples), flush=True)
@@ -89,14 +95,14 @@ def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
             result = slam.finish()
         finishing = meter.seconds - feeding
         with meter.running():
-            result.save(out / "run")
+            result.save(folder)
         errors = np.linalg.norm(result.trajectory.positions - drive.truth.positions, axis=1)
     whole = {
         "scans": fed, "keyframes": result.keyframes, "seconds": meter.seconds, "cpu_seconds": meter.cpu,
         "scans_per_second": fed / meter.seconds, "finish_seconds": finishing,
         "writing_seconds": meter.seconds - feeding - finishing, "memory_mb": memory_in_use(),
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
-        "report_mb": (out / "run" / "report.html").stat().st_size / 1e6, "anchored": result.anchored,
+        "report_mb": (folder / "report.html").stat().st_size / 1e6, "anchored": result.anchored,
         "rmse_m": float(np.sqrt(np.mean(errors**2))) if result.anchored else None,
         "load": os.getloadavg()[2],
     }  # fmt: skip

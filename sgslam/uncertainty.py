@@ -64,14 +64,14 @@ class Uncertainty:
     def pose_covariances(self, keyframes: list[int]) -> Floats:
         """(N, 6, 6) of T_bim_sensor (of T_map_sensor where the graph has no BIM frame), rotation first (rad), then
         translation (m), in the sensor's axes."""
-        J = np.zeros((len(keyframes), 6, self._size))
-        for row, keyframe in zip(J, keyframes, strict=True):
-            row[:, self._columns[X(keyframe)]] = np.eye(6)
+        covariances = np.empty((len(keyframes), 6, 6))
+        for covariance, keyframe in zip(covariances, keyframes, strict=True):
+            J = np.zeros((6, self._size))  # one at a time: all of a long run's would be a hundred megabytes
+            J[:, self._columns[X(keyframe)]] = np.eye(6)
             if self.anchored:
                 T_map_bim, T_map_sensor = self._values.atPose3(_BIM), self._values.atPose3(X(keyframe))
-                row[:, self._columns[_BIM]] = -T_map_sensor.inverse().compose(T_map_bim).AdjointMap()
-        solved = self._solve(np.asfortranarray(J.reshape(-1, self._size).T)).T.reshape(J.shape)
-        covariances = np.einsum("nij,nkj->nik", J, solved)
+                J[:, self._columns[_BIM]] = -T_map_sensor.inverse().compose(T_map_bim).AdjointMap()
+            covariance[:] = J @ self._solve(np.asfortranarray(J.T))
         return np.asarray((covariances + covariances.transpose(0, 2, 1)) / 2)
 
     def wall_offset(self, wall: int, planned: Floats, point: Floats) -> tuple[float, float]:
