@@ -49,7 +49,7 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequ
     if suffix not in IFC_SUFFIXES:
         raise UserError(f"{path}: not a building; give {PLANS}")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    entry = (Path(cache_dir) if cache_dir else _user_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
+    entry = (Path(cache_dir) if cache_dir else user_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
     bim = _cached(entry)
     if bim is None:
         made = read_guarded(path)
@@ -78,7 +78,8 @@ def _with_walls(graph: SceneGraph, path: Path) -> SceneGraph:
     return graph
 
 
-def _user_cache() -> Path:
+def user_cache() -> Path:
+    """The folder where A-graphs are kept: $SGSLAM_CACHE_DIR, else `sgslam` in the user's cache directory."""
     if own := os.environ.get("SGSLAM_CACHE_DIR"):
         return Path(own)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"

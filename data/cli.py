@@ -2,14 +2,31 @@
 
 import argparse
 import sys
-from collections.abc import Callable
-from typing import NoReturn
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, NoReturn
 
 from data.errors import UserError
 
+_called: ContextVar[str | None] = ContextVar("the name under which a command was called", default=None)
+
+
+@contextmanager
+def called_as(name: str) -> Iterator[None]:
+    """Within it a command's help and errors speak of it by this name, whatever it calls itself."""
+    before = _called.set(name)
+    try:
+        yield
+    finally:
+        _called.reset(before)
+
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line. `prog` is what the command calls itself; see `called_as`."""
+
+    def __init__(self, prog: str | None = None, **options: Any) -> None:
+        super().__init__(_called.get() or prog, **options)
 
     def error(self, message: str) -> NoReturn:
         """Prints the error alone, without the usage, and exits with 2."""

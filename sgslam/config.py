@@ -145,7 +145,7 @@ class AnchorSettings(_Settings):
 class MatchingSettings(_Settings):
     """When and how the S-graph is matched."""
 
-    method: str = "learned"
+    method: str = Field("learned", description="the matcher's name, such as learned or voting")
 
 
 class Config(_Settings):

@@ -1,0 +1,99 @@
+"""The command `sgslam`: one name for every command of ours. `sgslam run ...` is `python -m sgslam.run ...`.
+
+It knows the commands by their names and one line each, and loads nothing else but the one that is called.
+"""
+
+import difflib
+import importlib
+import sys
+from dataclasses import dataclass
+
+from data.cli import called_as, run_command
+from data.errors import UserError
+
+
+@dataclass(frozen=True)
+class Command:
+    """The module whose `main` it calls, and what it is for."""
+
+    module: str
+    about: str
+
+
+COMMANDS = {
+    "run": Command("sgslam.run", "scans and a building's plan in, a trajectory in building coordinates out"),
+    "match": Command("matching.match", "finds where a map's scene graph lies in a plan's"),
+    "export": Command("sgslam.export", "a finished run in the forms that other programs read"),
+    "simulate": Command("data.simulate", "drives a simulated robot through a building"),
+    "train": Command("matching.train", "trains the matcher's network anew"),
+    "evaluate": Command("", "measurements; 'sgslam evaluate' lists them"),
+    "doctor": Command("sgslam.doctor", "whether what is installed works here"),
+    "dump-config": Command("sgslam.dump_config", "every setting with what it means, as YAML for --config"),
+}
+
+MEASUREMENTS = {
+    name: Command(f"evaluation.{name}", about)
+    for name, about in {
+        "ablation": "the system with parts of it left out",
+        "as_built": "walls moved, absent and unplanned: told, and nothing else",
+        "combinatorial": "iS-Graphs' search beside its public code",
+        "growth": "time and memory against a drive's length",
+        "long_run": "what a keyframe costs in a run of thousands",
+        "matching": "matchers on maps of known truth",
+        "matching_time": "what a match costs on one core",
+        "one_wall_out": "each wall of a map left out of its anchors",
+        "other_buildings": "drives with other buildings' plans",
+        "published_tables": "the published matcher's tables beside ours",
+        "se2_subsets": "all parts of one known map, matched",
+        "slabim": "a session of the public data set SLABIM, laid out and run",
+        "slam_graphs": "S-graphs of our own pipeline, with truth",
+        "timing": "a run's time against KISS-ICP's own pipeline",
+        "wrong_matches": "runs with rooms matched wrongly",
+    }.items()
+}
+
+
+def main() -> None:
+    """What `sgslam` is installed as; ends the process."""
+    run_command(lambda: call(sys.argv[1:]))
+
+
+def call(arguments: list[str]) -> int | None:
+    """Calls the command that is named first with what follows. Raises UserError where there is none of that name."""
+    name, *rest = arguments or ["--help"]
+    if name in ("--help", "-h"):
+        return _tell("sgslam COMMAND ...", "Indoor LiDAR SLAM that knows the building's plans.", COMMANDS)
+    if name == "--version":
+        from importlib.metadata import version  # slow to load, for one line
+
+        print(f"sgslam {version('sgslam')}")
+        return 0
+    if name == "evaluate":
+        name, *rest = rest or ["--help"]
+        if name in ("--help", "-h"):
+            return _tell("sgslam evaluate NAME ...", "Measurements; each tells its options by --help.", MEASUREMENTS)
+        return _called(_known(name.replace("-", "_"), MEASUREMENTS, "sgslam evaluate"), f"sgslam evaluate {name}", rest)
+    return _called(_known(name, COMMANDS, "sgslam"), f"sgslam {name}", rest)
+
+
+def _known(name: str, commands: dict[str, Command], of: str) -> Command:
+    if name in commands:
+        return commands[name]
+    near = difflib.get_close_matches(name, commands, 1, 0.0)[0]
+    raise UserError(f"{of}: no command '{name}'; the nearest is '{near}', '{of} --help' lists all")
+
+
+def _called(command: Command, name: str, arguments: list[str]) -> int | None:
+    """The commands read `sys.argv`, some of them to write down how they were called."""
+    sys.argv = [name, *arguments]
+    with called_as(name):
+        code: int | None = importlib.import_module(command.module).main()
+    return code
+
+
+def _tell(usage: str, about: str, commands: dict[str, Command]) -> int:
+    width = max(map(len, commands)) + 2
+    lines = [f"  {name:<{width}}{command.about}" for name, command in commands.items()]
+    last = f"'{usage.removesuffix(' ...')} --help' tells the options of each."
+    print("\n".join([f"usage: {usage}", "", about, "", *lines, "", last]))
+    return 0
