@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 from typing import TYPE_CHECKING, Any
 
 from sgslam.run_folder import RunFolder
@@ -10,6 +11,7 @@ if TYPE_CHECKING:
     import networkx
 
 FILE = "scene_graph.graphml"
+_NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML cannot hold them
 
 
 def graph_of(run: RunFolder) -> "networkx.Graph[str]":
@@ -22,7 +24,8 @@ def graph_of(run: RunFolder) -> "networkx.Graph[str]":
 
     def node(identity: str, kind: str, place: Any, **more: Any) -> None:
         x, y, z = (float(value) for value in place)
-        graph.add_node(identity, kind=kind, x=x, y=y, z=z, **{k: v for k, v in more.items() if v is not None})
+        told = {k: _NO_XML.sub("", v) if isinstance(v, str) else v for k, v in more.items() if v is not None}
+        graph.add_node(identity, kind=kind, x=x, y=y, z=z, **told)
 
     for floor in s.floors:
         node(floor.id, "floor", run.on_floor([(0.0, 0.0)], floor.id)[0], name=floor.name)

@@ -14,13 +14,16 @@ import shapely
 import trimesh
 from drives import Drive, fed, small_drive
 
+from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from data.errors import UserError
 from data.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
 from data.trajectory_formats import write_euroc, write_kitti
 from sgslam.cloud_map import VoxelMap
+from sgslam.dsg import dsg
 from sgslam.export import export, main
 from sgslam.factor_log import Entry, FactorLog
+from sgslam.graphml import graphml
 from sgslam.keyframe_clouds import FILE as CLOUDS
 from sgslam.pose_graph import write_pose_graph
 from sgslam.run_folder import RunFolder
@@ -163,6 +166,35 @@ def test_networkx_loads_the_scene_graph(drive: Drive, out: Path) -> None:
         node = loaded.nodes[room.id]
         assert shapely.contains_xy(shapely.Polygon(planned[node["name"]].polygon), node["x"], node["y"])
         assert np.array(json.loads(node["polygon"])).shape[1] == 3
+
+
+def test_storeys_stairs_and_names_of_any_letters(tmp_path: Path) -> None:
+    spark_dsg = pytest.importorskip("spark_dsg", reason="spark-dsg has no wheel for this machine")
+    floors = (Floor("floor-0", "Erdgeschoß", 0.0), Floor("floor-1", "1 <\x01>", 3.0))
+    rooms = tuple(Room(f"r{i}", (float(i), 0.0), f"floor-{i}", f"{i}\x0b & 部屋") for i in range(2))
+    walls = (WallSurface("w0", None, (0.0, 1.0), (0.0, 1.0)), WallSurface("w1", "r1", (1.0, 0.0), (1.0, 0.0), 2.0))
+    doors = (Door("d0", ("r0",), (0.5, 0.0)), Door("d1", (), (9.0, 9.0)), Door("d2", ("r0", "r1"), (0.0, 0.0)))
+    keyframes = (
+        Keyframe("k0", 0, (0.0, 0.0, 0.8, 0.0, 0.0, 0.0, 1.0), "floor-0", "r0", ("w0",)),
+        Keyframe("k1", 1, (0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 1.0)),  # on the stair
+    )
+    s = SceneGraph("map", rooms, walls, doors, floors, keyframes)
+    run = RunFolder(tmp_path, s, None, None, {}, [])
+    (tmp_path / "g").write_bytes(graphml(run))
+    read = networkx.read_graphml(tmp_path / "g")
+    assert set(read) == {"floor-0", "floor-1", "r0", "r1", "w0", "w1", "d0", "d1", "d2", "k0", "k1"}
+    assert read.nodes["r1"]["name"] == "1 & 部屋" and read.nodes["r1"]["z"] == 3.0
+    assert read.nodes["floor-1"]["name"] == "1 <>"
+    (tmp_path / "d.json").write_text(json.dumps(dsg(run)))
+    loaded = spark_dsg.DynamicSceneGraph.load(str(tmp_path / "d.json"))
+    above = {
+        node.attributes.metadata.get()["id"]: loaded.get_node(node.get_parent()).attributes.metadata.get().get("id")
+        for node in loaded.nodes if node.has_parent()
+    }  # fmt: skip
+    assert above == {
+        "floor-0": None, "floor-1": None, "r0": "floor-0", "r1": "floor-1", "w0": None, "w1": "r1", "d0": "r0",
+        "d1": None, "d2": "r0", "k0": "r0", "k1": None,
+    }  # fmt: skip
 
 
 def test_gtsam_loads_the_pose_graph(out: Path) -> None:
