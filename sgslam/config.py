@@ -26,7 +26,7 @@ class OdometrySettings(_Settings):
     min_share: float = Field(0.4, ge=0, le=1, description="of a scan that a search must explain")
     gicp_voxel_size: float = Field(0.25, gt=0, description="m, of small_gicp's scans and of its local map")
     gicp_spacing: float = Field(0.3, gt=0, description="m or rad between the scans of its local map")
-    gicp_scans: int = Field(20, ge=1, description="in its local map at most")
+    gicp_scans: int = Field(15, ge=1, description="in its local map at most")
     leap_distance: float = Field(0.4, gt=0, description="m by which a given step may differ from the one before it")
     leap_angle: float = Field(0.5, gt=0, description="rad, likewise; a step beyond is not believed")
     unheld_speed: float = Field(1.0, gt=0, description="m/s that go unnoticed where surfaces do not hold the sensor")
@@ -42,11 +42,10 @@ class TrackingSettings(_Settings):
 
     correct: bool = Field(True, description="correct each scan; false where the odometry is to be trusted")
     points: int = Field(100, ge=20, description="of the floor that are used, and twice as many of walls")
-    every_column: int = Field(6, ge=1, description="of a scan that is used, for odometry too")
+    every_column: int = Field(4, ge=1, description="of a scan that is used, for odometry too")
     reach: float = Field(20.0, gt=0, description="m to the walls that are used")
     gates: tuple[float, ...] = Field((0.4, 0.12), description="m from a wall, one for each step")
-    sure_share: float = Field(0.7, ge=0, le=1, description="of the points within the last gate at once, and")
-    sure_distance: float = Field(0.01, gt=0, description="m and rad from where it is foretold: then one step is enough")
+    sure_step: float = Field(0.01, gt=0, description="m and rad; after a shorter one of all points no other is made")
     sigma_point: float = Field(0.05, gt=0, description="m; neighbouring points share their errors")
     huber: float = Field(0.03, gt=0, description="m")
     sigma_height: float = Field(0.03, gt=0, description="m by which the sensor's height above the floor changes")
@@ -65,7 +64,7 @@ class KeyframeSettings(_Settings):
 
     distance: float = Field(0.8, gt=0, description="m")
     angle: float = Field(0.6, gt=0, description="rad")
-    scans: int = Field(20, ge=1, description="scans while moving: odometry that slips shows no distance")
+    scans: int = Field(15, ge=1, description="scans while moving: odometry that slips shows no distance")
     standing: int = Field(50, ge=1, description="scans while standing still, then twice as many, ...")
 
 
@@ -110,10 +109,10 @@ class CloudSettings(_Settings):
 class BackendSettings(_Settings):
     """Noise of the factors and the schedule of the optimisation."""
 
-    scene_keyframes: int = Field(14, ge=1, description="keyframes between two cuts into rooms, at the least")
+    scene_keyframes: int = Field(16, ge=1, description="keyframes between two cuts into rooms, at the least")
     scene_growth: float = Field(0.25, ge=0, description="and this share of all keyframes")
-    every_keyframes: int = Field(10, ge=1, description="keyframes between two optimisations, at the least")
-    growth: float = Field(0.1, ge=0, description="and this share of all keyframes")
+    every_keyframes: int = Field(12, ge=1, description="keyframes between two optimisations, at the least")
+    growth: float = Field(0.08, ge=0, description="and this share of all keyframes")
     sigma_normal: float = Field(0.004, gt=0, description="rad, floor of a wall observation's normal")
     sigma_offset: float = Field(0.008, gt=0, description="m, floor of a wall observation's offset")
     sigma_floor_offset: float = Field(0.01, gt=0, description="m")

@@ -13,6 +13,7 @@ from sgslam.wall_map import Lines
 
 Floats = NDArray[np.float64]
 _BESIDE = 0.2  # m beyond a wall's end at which a point may still be of it
+_SAME = 0.97  # of the points; where so many lie within the last gate, it is as if it had been used
 _FLOOR_GATE = 0.12  # m; seats and steps are level too, and not much higher than the floor
 
 
@@ -61,34 +62,11 @@ def track(
     walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
-    points = _Points(upright, level)
-    foretold = _through(settings.gates[-1:], points, walls, predicted, carried, settings)
-    moved = foretold.T - predicted
-    if foretold.share > settings.sure_share and np.abs(moved).max() < settings.sure_distance:
-        return foretold  # a second step would not move it by a millimetre
-    return _through(settings.gates, points, walls, predicted, carried, settings)
-
-
-@dataclass(frozen=True)
-class _Points:
-    """What of a scan is used (N, 3), sensor frame: points on upright things at walls' heights, and on level ones."""
-
-    upright: Floats
-    level: Floats
-
-
-def _through(
-    gates: tuple[float, ...], points: _Points, walls: Lines, predicted: Floats, carried: Carried,
-    settings: TrackingSettings,
-) -> Tracked:  # fmt: skip
-    """One Gauss-Newton step for each of the gates."""
     T, share, information = predicted.copy(), 0.0, np.zeros((3, 3))
     prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
-    for k, gate in enumerate(gates):
-        p, q = points.upright @ T[:3, :3].T, points.level @ T[:3, :3].T
+    for gate in settings.gates:
+        p, q = upright @ T[:3, :3].T, level @ T[:3, :3].T
         of_walls, off_walls, near = _to_walls(p, T[:2, 3], walls, gate)
-        if k + 1 < len(gates):
-            walls = walls.only(np.unique(near))  # a step is too short to bring others near
         share = len(off_walls) / len(p)
         if len(off_walls) < 10:
             break
@@ -108,6 +86,10 @@ def _through(
         step = -np.linalg.solve(H + prior, g + prior @ gone)
         T[:3, :3] = gtsam.Rot3.Expmap(step[:3]).matrix() @ T[:3, :3]
         T[:3, 3] += step[3:]
+        within = np.count_nonzero(np.abs(off_walls) < settings.gates[-1]) / len(off_walls)
+        if within > _SAME and np.abs(step).max() < settings.sure_step:
+            break  # the next step would be by the same points, from where they want to be
+        walls = walls.only(np.unique(near))  # a step is too short to bring others near
     return Tracked(T, share, information)
 
 
