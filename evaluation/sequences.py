@@ -22,7 +22,8 @@ from evaluation.conditions import NORMAL, Conditions
 from evaluation.weakened import WeakOdometry, weaken_odometry
 
 if TYPE_CHECKING:
-    from sgslam.config import OdometrySettings
+    from sgslam.config import Config
+    from sgslam.odometry import Odometry
 
 INDOOR_VOXEL = 0.5  # m, of KISS-ICP alone
 
@@ -168,31 +169,33 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
 def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
     """KISS-ICP alone on whole scans, with a voxel for indoors: its default of 1 m is for streets; T_odom_sensor."""
     from sgslam.config import OdometrySettings
+    from sgslam.odometry_kiss import KissOdometry
 
-    return _registered(scans, OdometrySettings(voxel_size=INDOOR_VOXEL), lambda points: points)
+    return _registered(scans, KissOdometry(OdometrySettings(voxel_size=INDOOR_VOXEL)), lambda points: points)
 
 
-def odometry_of_run(scans: Iterable[Scan]) -> Trajectory:
-    """KISS-ICP on the points and with the settings that a run would give it, without walls or floor; T_odom_sensor."""
+def odometry_of_run(scans: Iterable[Scan], config: "Config | None" = None) -> Trajectory:
+    """The odometry on the points and with the settings that a run would give it, without walls or floor; T_odom_sensor.
+
+    `config` says which one, KISS-ICP by default. Scans are taken as they are, not deskewed.
+    """
     from sgslam.config import Config
     from sgslam.front_end import FrontEnd
+    from sgslam.odometry import make_odometry
 
-    front_end = FrontEnd(Config())
+    config = config or Config()
+    front_end, odometry = FrontEnd(config), make_odometry(config.odometry)
 
-    def upright(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def chosen(points: NDArray[np.float64]) -> NDArray[np.float64]:
         columns = front_end.columns(points)
-        return columns.points[columns.upright]
+        return columns.points[columns.upright] if odometry.upright_only else columns.points
 
-    return _registered(scans, Config().odometry, upright)
+    return _registered(scans, odometry, chosen)
 
 
 def _registered(
-    scans: Iterable[Scan], settings: "OdometrySettings",
-    chosen: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-) -> Trajectory:  # fmt: skip
-    from sgslam.odometry_kiss import KissOdometry
-
-    odometry = KissOdometry(settings)
+    scans: Iterable[Scan], odometry: "Odometry", chosen: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> Trajectory:
     stamps, poses = [], []
     for scan in scans:
         stamps.append(scan.stamp_ns)
