@@ -1,4 +1,4 @@
-"""`python -m evaluation.odometries --out DIR --list FILE`: KISS-ICP, small_gicp and a given odometry, alone and in runs.
+"""`python -m evaluation.odometries --out DIR --list FILE`: KISS-ICP, small_gicp, a given one; alone and in runs.
 
 Alone: on the points that a run hands it, without walls, floor or plan. The given one is a TUM file that KISS-ICP wrote
 on whole scans. One line of the CSV for each drive and odometry; what is there already is skipped.
@@ -37,8 +37,8 @@ WRONG_M = 0.5  # an anchored run that is this far off is anchored to the wrong p
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """One drive with one odometry. `alone_*`: of the odometry itself, the relative error over a metre and the absolute
-    one after SE(3) alignment, metres. `cpu_*` are seconds of the processor, the reading of the scans included; `cpu_kiss`
-    those of KISS-ICP's own pipeline on the same drive."""
+    one after SE(3) alignment, metres. `cpu_*` are seconds of the processor, the reading of the scans included;
+    `cpu_kiss` those of KISS-ICP's own pipeline on the same drive."""
 
     sequence: str
     seed: int
