@@ -247,8 +247,8 @@ class SceneGraphSlam:
             points = np.ascontiguousarray(points, dtype=np.float64)
         except (TypeError, ValueError):
             raise UserError(f"{where}: points must be an array (N, 3) of numbers") from None
-        # the sum of squares is finite only where every number is
-        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(np.vdot(points, points)):
+        # the sum is finite only where every number is
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points.sum()):
             raise UserError(f"{where}: points must be (N, 3), at least one, and finite")
         if not isinstance(stamp_ns, (int, np.integer)):
             raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")
