@@ -71,7 +71,8 @@ def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
     voxel = voxel or load_config(run.path / "config.yaml", []).clouds.map_voxel
     clouds = KeyframeClouds.open(run.path / FILE)
-    poses = {int(k.id[1:]): T for k, T in zip(run.s_graph.keyframes, run.keyframe_poses, strict=True)}
+    named = zip(run.s_graph.keyframes, run.keyframe_poses, strict=True)
+    poses = {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
     points = cloud_map(clouds, poses, voxel)
     write_ply(run.path / PLY, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
     return [f"{run.path / PLY}: {len(points)} points of {len(clouds)} keyframes, one in each {voxel:g} m"]

@@ -38,12 +38,19 @@ class RunFolder:
             )
             pose = metrics["T_bim_map"]
             T_bim_map = None if pose is None else np.asarray(xyzquat_to_poses(np.array(pose, dtype=float)))
+            if not isinstance(matches, dict) or not isinstance(deviations, list):
+                raise TypeError
         except (OSError, KeyError, TypeError, ValueError):
             what = "deviations.json, metrics.json, matches.json"
             raise UserError(f"{path}: no run's folder ({what}); give a run's --out") from None
         plan = path / "a_graph.json"
         a_graph = SceneGraph.load(plan) if plan.is_file() else None
-        return RunFolder(path, SceneGraph.load(path / "s_graph.json"), a_graph, T_bim_map, matches, deviations)
+        run = RunFolder(path, SceneGraph.load(path / "s_graph.json"), a_graph, T_bim_map, matches, deviations)
+        try:
+            _ = run.keyframe_poses
+        except (TypeError, ValueError):
+            raise UserError(f"{path / 's_graph.json'}: a keyframe's pose is not x y z qx qy qz qw") from None
+        return run
 
     def anchored(self) -> tuple[SceneGraph, Floats]:
         """The A-graph and T_bim_map; raises UserError where the run was not anchored."""
@@ -63,7 +70,8 @@ class RunFolder:
     @cached_property
     def keyframe_poses(self) -> Floats:
         """(K, 4, 4) T_frame_sensor of the keyframes."""
-        return self._T_frame_map @ xyzquat_to_poses(np.array([k.pose for k in self.s_graph.keyframes]).reshape(-1, 7))
+        poses = np.array([k.pose for k in self.s_graph.keyframes], dtype=float)
+        return self._T_frame_map @ xyzquat_to_poses(poses if len(poses) else poses.reshape(0, 7))
 
     @cached_property
     def planned_rooms(self) -> dict[str, str]:

@@ -168,6 +168,36 @@ def test_networkx_loads_the_scene_graph(drive: Drive, out: Path) -> None:
         assert np.array(json.loads(node["polygon"])).shape[1] == 3
 
 
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("metrics.json", "[]", "no run's folder"), ("metrics.json", '{"T_bim_map": [0, 0, 0]}', "no run's folder"),
+        ("matches.json", "[]", "no run's folder"), ("deviations.json", "\x00", "no run's folder"),
+        ("s_graph.json", "{", "s_graph.json"), ("trajectory.tum", "1 2 3\n", "trajectory.tum, line 1"),
+        ("keyframe_clouds.bin", "SGKC", "keyframe_clouds.bin"), ("config.yaml", "clouds: [", "config.yaml"),
+    ],
+)  # fmt: skip
+def test_damaged_files_are_told_by_their_name(
+    out: Path, tmp_path: Path, name: str, content: str, message: str
+) -> None:
+    for path in out.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    (tmp_path / name).unlink()
+    (tmp_path / name).write_text(content)
+    with pytest.raises(UserError, match=message):
+        export(tmp_path, ["kitti", "ply"])
+
+
+def test_a_keyframe_without_a_pose_is_told(out: Path, tmp_path: Path) -> None:
+    for path in out.glob("*.json"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    graph = json.loads((tmp_path / "s_graph.json").read_text())
+    graph["keyframes"][1]["pose"] = [0.0, 1.0]
+    (tmp_path / "s_graph.json").write_text(json.dumps(graph))
+    with pytest.raises(UserError, match=r"s_graph.json: a keyframe's pose"):
+        RunFolder.read(tmp_path)
+
+
 def test_storeys_stairs_and_names_of_any_letters(tmp_path: Path) -> None:
     spark_dsg = pytest.importorskip("spark_dsg", reason="spark-dsg has no wheel for this machine")
     floors = (Floor("floor-0", "Erdgeschoß", 0.0), Floor("floor-1", "1 <\x01>", 3.0))
