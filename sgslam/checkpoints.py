@@ -2,7 +2,7 @@
 
 import logging
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 from data import UserError
@@ -11,7 +11,7 @@ from sgslam.state_file import read_about, read_state, write_state
 from sgslam.state_types import TYPES
 
 FILE = "state.npz"  # in a run's folder
-SHARE = 0.005  # of a run's time that writing its state may take
+SHARE = 0.005  # of the processor's time that writing the state may take
 _log = logging.getLogger(__name__)
 
 
@@ -23,17 +23,17 @@ class Checkpoints:
 
     def __init__(self, folder: Path, about: dict[str, Any]) -> None:
         self.path, self._about = folder / FILE, about
-        self._written, self._took = perf_counter(), 0.0
+        self._written, self._took = process_time(), 0.0
         self._failed = False
 
     def write_if_due(self, slam: SceneGraphSlam, progress: dict[str, Any]) -> None:
         """Writes where it is time to; `progress` is what the caller goes on from."""
-        if perf_counter() - self._written >= self._took / SHARE:
+        if process_time() - self._written >= self._took / SHARE:
             self.write(slam, progress)
 
     def write(self, slam: SceneGraphSlam, progress: dict[str, Any], finished: bool = False) -> bool:
         """Whether the state could be written."""
-        began = perf_counter()
+        began = process_time()
         about = {**self._about, "finished": finished, "keyframes": slam.keyframes}
         try:
             write_state(self.path, about, {"slam": slam.state(), "progress": progress}, TYPES)
@@ -43,8 +43,8 @@ class Checkpoints:
             self._failed = True
             return False
         finally:
-            self._written = perf_counter()
-            self._took = self._written - began
+            self._written = process_time()
+            self._took = self._written - began if slam.keyframes else 0.0  # the first time libraries are loaded
         self._failed = False
         return True
 
