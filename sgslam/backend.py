@@ -39,6 +39,7 @@ class Backend:
         self.floors_in_map: dict[int, Floats] = {}
         self.T_map_bim: Floats | None = None
         self.closures: list[Closure] = []  # places seen again
+        self._found: dict[int, Floats] = {}  # keyframes to which no odometry leads: where they were found to be
         self.log = FactorLog()
         self._builder = GraphBuilder(config, self.keyframes, self.log)
         self._optimised_at = 0
@@ -62,7 +63,7 @@ class Backend:
             "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
             "floors_in_map": self.floors_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
             "sound": self._sound, "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors,
-            "closures": self.closures, "log": self.log.state(),
+            "closures": self.closures, "found": self._found, "log": self.log.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -72,10 +73,12 @@ class Backend:
         """
         self.keyframes[:] = state["keyframes"]
         self.planes_in_map, self.floors_in_map = state["planes_in_map"], state["floors_in_map"]
-        self.closures = list(state["closures"])
+        self.closures, self._found = list(state["closures"]), dict(state["found"])
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)
+        for i, place in self._found.items():
+            builder.hold_place(i, place)
         held = state["log"]["held"]["odometry"]
         for (i,), step in zip((key for key in held if len(key) == 1), state["steps"], strict=True):
             builder.hold_step(i, step)
@@ -94,6 +97,27 @@ class Backend:
         builder.hold_loops(self.closures)
         builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
         return Told(list(seen), anchor_of, rooms, anchors)
+
+    def absorb(self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int]) -> None:
+        """Takes over the keyframes of another graph, which lies at `T_map_other` (4, 4), with what ties them to one
+        another. Their scans come after so many `scans`, their floors are called as `storeys` says."""
+        first = len(self.keyframes)
+        steps = other.log.held("odometry")
+        for i, keyframe in enumerate(other.keyframes):
+            storey = None if keyframe.storey is None else storeys[keyframe.storey]
+            T = T_map_other @ keyframe.T_map_sensor
+            self.keyframes.append(replace(keyframe, scan=keyframe.scan + scans, T_map_sensor=T, storey=storey))
+            if i == 0 or i in other._found:
+                self._found[first + i] = T
+                self._builder.hold_place(first + i, T)
+            elif (i,) in steps and isinstance(step := steps[i,].factor, gtsam.BetweenFactorPose3):
+                self._builder.hold_step(first + i, step.measured().matrix())
+            else:
+                self._builder.bridge(first + i)
+        self.closures += [replace(c, earlier=c.earlier + first, later=c.later + first) for c in other.closures]
+        for number, plane in other.floors_in_map.items():
+            self.floors_in_map.setdefault(storeys[number], transform_planes(T_map_other, plane))
+        self._sound = len(self.keyframes)
 
     def _step(self, i: int) -> Floats:
         """(4, 4) the odometry's motion from the keyframe before to keyframe i."""

@@ -3,12 +3,14 @@
 import logging
 from pathlib import Path
 from time import process_time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from data import UserError
-from sgslam.slam import SceneGraphSlam
 from sgslam.state_file import read_about, read_state, write_state
 from sgslam.state_types import TYPES
+
+if TYPE_CHECKING:
+    from sgslam.slam import SceneGraphSlam
 
 FILE = "state.npz"  # in a run's folder
 SHARE = 0.005  # of the processor's time that writing the state may take
@@ -26,12 +28,12 @@ class Checkpoints:
         self._written, self._took = process_time(), 0.0
         self._failed = False
 
-    def write_if_due(self, slam: SceneGraphSlam, progress: dict[str, Any]) -> None:
+    def write_if_due(self, slam: "SceneGraphSlam", progress: dict[str, Any]) -> None:
         """Writes where it is time to; `progress` is what the caller goes on from."""
         if process_time() - self._written >= self._took / SHARE:
             self.write(slam, progress)
 
-    def write(self, slam: SceneGraphSlam, progress: dict[str, Any], finished: bool = False) -> bool:
+    def write(self, slam: "SceneGraphSlam", progress: dict[str, Any], finished: bool = False) -> bool:
         """Whether the state could be written."""
         began = process_time()
         about = {**self._about, "finished": finished, "keyframes": slam.keyframes}
@@ -56,7 +58,7 @@ def about_run(folder: Path) -> dict[str, Any]:
     return read_about(folder / FILE)
 
 
-def load(folder: Path, slam: SceneGraphSlam) -> dict[str, Any]:
+def load(folder: Path, slam: "SceneGraphSlam") -> dict[str, Any]:
     """Takes a run's state into `slam`, which was made for the same building and with the same settings; returns the
     progress that was written with it.
 

@@ -46,6 +46,11 @@ class GraphBuilder:
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
         self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
 
+    def hold_place(self, i: int, T_map_sensor: Floats) -> None:
+        """Keyframe i, to which no odometry leads, is about here (4, 4); walls tell more closely where."""
+        prior = gtsam.PriorFactorPose3(X(i), gtsam.Pose3(T_map_sensor), factors.noise_of_pose(0.1, 1.0))
+        self._log.add(i + 1, "start", ("found", i), Entry(prior, "match", "the place where the sensor was found again"))
+
     def bridge(self, i: int) -> None:
         """In place of a step that cannot be used: keyframe i is somewhere near the one before it."""
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(), factors.noise_of_pose(1.0, 2.0))

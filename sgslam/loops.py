@@ -88,6 +88,10 @@ class LoopCloser:
                 believed += self._believed(known)
         return believed
 
+    def go_on_from(self, closures: list[Closure], keyframes: int) -> None:
+        """Takes over closures of graphs that were joined; what was seen up to now is not looked at again."""
+        self.closures, self._looked = list(closures), keyframes
+
     def part_walls(self, closures: list[Closure], walls: WallMap, keyframes: list[KeyframeNode]) -> None:
         """Parts the walls that were taken for one across two passes that a closure moves by more than walls may be
         off each other: what was joined while the map was off may be a neighbour's. Those that lie on one another

@@ -43,6 +43,8 @@ def save_result(
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")
+    for number, earlier in enumerate(result.earlier, 1):
+        earlier.write_tum(out / f"trajectory_run{number}.tum")
     result.s_graph.save(out / "s_graph.json")
     if a_graph is not None:
         a_graph.save(out / "a_graph.json")

@@ -1,6 +1,6 @@
 """What a run gives: trajectories of all scans, the S-graph, the matches, deviations, metrics; and its folder."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,15 @@ class ScanPose:
     T_keyframe_sensor: Floats  # since that keyframe
     T_previous_sensor: Floats | None = None  # of a keyframe: since the keyframe before it
     offset_ns: int = 0
+
+
+@dataclass(frozen=True)
+class Returned:
+    """Whether a run was found in the map of earlier ones, so many seconds after its start, and why."""
+
+    found: bool
+    found_s: float | None
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -83,6 +92,8 @@ class Result:
     seconds: dict[str, float]
     config: Config
     clouds: KeyframeClouds  # by the number of the keyframe, `k<number>` in the S-graph
+    earlier: tuple[Trajectory, ...] = ()  # of the runs that the map was joined to, in the frame of `trajectory`
+    returned: Returned | None = None  # where there was a known map
 
     def save(self, out: Path | str) -> None:
         """Writes the run's folder: trajectories, graphs, matches, deviations, metrics, configuration, report."""
@@ -102,18 +113,21 @@ class Result:
             "wall_surfaces": len(self.s_graph.wall_surfaces),
             "first_anchor_s": self.first_anchor_s,
             "seconds": self.seconds,
+            "runs": len(self.earlier) + 1,
+            "returned": None if self.returned is None else asdict(self.returned),
         }
 
 
 def finished(
     scans: list[ScanPose], backend: Backend, floors: Floors, bim: SceneGraph | None,
     anchoring: BuildingAnchoring | None, first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
-    clouds: KeyframeClouds,
+    clouds: KeyframeClouds, begins: list[int], returned: Returned | None,
 ) -> Result:  # fmt: skip
-    """Puts a run's result together."""
-    stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
-    trajectory_map = _at_stamps(scans, smooth(scans, backend.poses))
-    odometry = _at_stamps(scans, np.stack([s.T_odom_sensor for s in scans]))
+    """Puts a run's result together; `begins` are the places in the scans at which runs begin, this one the last."""
+    runs = [slice(a, b) for a, b in zip(begins, [*begins[1:], len(scans)], strict=True)]
+    poses, newest = smooth(scans, backend.poses), runs[-1]
+    *earlier, trajectory_map = [_at_stamps(scans[run], poses[run]) for run in runs]
+    odometry = _at_stamps(scans[newest], np.stack([s.T_odom_sensor for s in scans[newest]]))
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
     holdings = anchoring.holdings(floors, backend.T_map_bim) if anchoring is not None else {}
@@ -126,9 +140,10 @@ def finished(
         trajectory_map, odometry, T_bim_map, s_graph, bim, matches,
         _deviations(anchoring, holdings, floors, backend, uncertainty, config),
         [record.to_dict() for record in anchoring.records] if anchoring is not None else [],
-        backend.log, _covariances(backend, uncertainty, T_bim_map, trajectory_map),
-        None if first_anchor_ns is None else (first_anchor_ns - int(stamps[0])) / 1e9,
+        backend.log, _covariances(backend, uncertainty, T_bim_map, trajectory_map, newest.start),
+        (first_anchor_ns - scans[newest.start].stamp_ns) / 1e9 if anchored and first_anchor_ns is not None else None,
         len(backend.keyframes), dict(seconds), config, clouds,
+        tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier), returned,
     )  # fmt: skip
 
 
@@ -153,13 +168,14 @@ def _deviations(
 
 
 def _covariances(
-    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None, in_map: Trajectory
+    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None, in_map: Trajectory, begin: int
 ) -> PoseCovariances | None:
     if uncertainty is None or T_bim_map is None:
         return None
-    count = len(backend.keyframes)
-    chosen = np.unique(np.linspace(0, count - 1, min(count, _COVARIANCES)).astype(int))
-    scans = [backend.keyframes[i].scan for i in chosen]
+    own = [i for i, keyframe in enumerate(backend.keyframes) if keyframe.scan >= begin]
+    places = np.unique(np.linspace(0, len(own) - 1, min(len(own), _COVARIANCES)).astype(int))
+    chosen = np.array(own)[places]
+    scans = [backend.keyframes[i].scan - begin for i in chosen]
     covariances = uncertainty.pose_covariances(chosen.tolist())
     return PoseCovariances(Trajectory(in_map.stamps_ns[scans], T_bim_map @ in_map.poses[scans]), covariances)
 
@@ -183,8 +199,8 @@ def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
         poses[i] = keyframe_poses[scan.keyframe] @ scan.T_keyframe_sensor
     for keyframe, start in first_of.items():
         end = first_of.get(keyframe + 1)
-        if end is None or end - start < 2:
-            continue
+        if end is None or end - start < 2 or scans[end].T_previous_sensor is None:
+            continue  # nothing leads to where another run begins
         arrived = keyframe_poses[keyframe] @ scans[end].T_previous_sensor  # type: ignore[operator]
         left = inverse(arrived) @ keyframe_poses[keyframe + 1]
         share = np.arange(end - start) / (end - start)

@@ -21,11 +21,12 @@ from sgslam.front_end import FrontEnd, level_to_sensor
 from sgslam.graph_nodes import Anchors
 from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.keyframes import KeyframeNode, KeyframeRule
+from sgslam.known_map import KnownMap, plan_of
 from sgslam.locating import Locator
 from sgslam.loops import LoopCloser
 from sgslam.matcher_protocol import AnyMatcher
 from sgslam.odometry import Odometry, make_odometry
-from sgslam.result import Result, ScanPose, Update, finished
+from sgslam.result import Result, Returned, ScanPose, Update, finished
 
 Floats = NDArray[np.float64]
 _LOOP_ROUNDS = 3  # of closing loops and optimising, at most
@@ -36,12 +37,14 @@ class SceneGraphSlam:
 
     `bim` is an A-graph in the BIM frame (or what `load_bim` gives), `matcher` any object with `.match(s, a)` (voting
     by default), `odometry` any `Odometry` (KISS-ICP by default), `clouds` where the keyframes' points are kept (a
-    nameless file by default). Scans are added in the order of their stamps.
+    nameless file by default). `known` is the map of earlier runs, in which this one finds itself, wherever it starts,
+    and to which it is joined at the end: all of the result is in that map's frame then. Scans are added in the order of
+    their stamps.
     """
 
     def __init__(
         self, bim: SceneGraph | Bim | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
-        odometry: Odometry | None = None, clouds: KeyframeClouds | None = None,
+        odometry: Odometry | None = None, clouds: KeyframeClouds | None = None, known: KnownMap | None = None,
     ) -> None:  # fmt: skip
         self._config = config or Config()
         self.clouds = KeyframeClouds(None, self._config.clouds.keyframe_voxel) if clouds is None else clouds
@@ -54,9 +57,10 @@ class SceneGraphSlam:
         self._locator = Locator(self._config, self._odometry, self._front_end, self._floors)
         self._backend = Backend(self._config)
         self._loops = LoopCloser(self._config.loops)
-        self._anchoring = None
-        if a_graph is not None:
-            self._anchoring = BuildingAnchoring(a_graph, matcher or _default_matcher(self._config), self._config)
+        self._known, self._matcher = known, matcher
+        plan, self._plan_is_known = (a_graph, False) if known is None else plan_of(known, a_graph)
+        self._anchoring = self._anchored_in(plan)
+        self._begins = [0]  # the places in the scans at which a run begins
         self._scans: list[ScanPose] = []
         self._first_anchor_ns: int | None = None
         stages = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation")
@@ -92,13 +96,24 @@ class SceneGraphSlam:
     @property
     def anchored(self) -> bool:
         """Whether the S-graph is anchored to the BIM."""
-        return self._backend.T_map_bim is not None
+        return not self._plan_is_known and self._backend.T_map_bim is not None
+
+    @property
+    def T_known_map(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the map in the frame of the known one, as it is known now; None where it was not found in it yet."""
+        T_map_bim, known = self._backend.T_map_bim, self._known
+        if known is None or self._anchoring is None or T_map_bim is None:
+            return None
+        T_known_plan = inverse(known.T_plan_map if known.T_bim_map is None or self._plan_is_known else known.T_bim_map)
+        return np.asarray(T_known_plan @ self._anchoring.bim_from_map(T_map_bim))
 
     @property
     def T_bim_map(self) -> Floats | None:  # noqa: N802
         """(4, 4) the map in the BIM frame, as it is known now; None while it is not anchored."""
         T_map_bim = self._backend.T_map_bim
-        return None if self._anchoring is None or T_map_bim is None else self._anchoring.bim_from_map(T_map_bim)
+        if self._anchoring is None or T_map_bim is None or self._plan_is_known:
+            return None
+        return self._anchoring.bim_from_map(T_map_bim)
 
     @property
     def anchors(self) -> tuple[AnchorRecord, ...]:
@@ -113,7 +128,10 @@ class SceneGraphSlam:
     def state(self) -> dict[str, Any]:
         """All that it knows but the keyframes' points, which `clouds` keep, as a tree (see `state_tree`). It is not a
         copy: write it before the next scan is added."""
-        own = {"scans": self._scans, "first_anchor_ns": self._first_anchor_ns, "seconds": self.seconds}
+        own = {
+            "scans": self._scans, "begins": self._begins, "first_anchor_ns": self._first_anchor_ns,
+            "seconds": self.seconds, "T_bim_map": self.T_bim_map,
+        }  # fmt: skip
         return own | {name: part.state() for name, part in self._parts.items()}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -122,6 +140,7 @@ class SceneGraphSlam:
         for name, part in self._parts.items():
             part.restore(state[name])
         self._scans, self._first_anchor_ns, self.seconds = state["scans"], state["first_anchor_ns"], state["seconds"]
+        self._begins = state["begins"]
 
     @property
     def _parts(self) -> dict[str, Any]:
@@ -144,6 +163,15 @@ class SceneGraphSlam:
         """Matches and optimises a last time; raises UserError where no scan was added."""
         if not self._scans:
             raise UserError("no scan was added: nothing to finish")
+        self._complete()
+        returned = None if self._known is None else self._return_to(self._known)
+        return finished(
+            self._scans, self._backend, self._floors, self._bim, None if self._plan_is_known else self._anchoring,
+            self._first_anchor_ns, self.seconds, self._config, self.clouds, self._begins, returned,
+        )  # fmt: skip
+
+    def _complete(self) -> None:
+        """Matches and optimises a last time."""
         if self._backend.keyframes[-1].scan != len(self._scans) - 1:
             self._add_keyframe(None)
         self._optimise(last=False)
@@ -152,12 +180,34 @@ class SceneGraphSlam:
         if self._anchoring is not None:
             with self._clock("matching"):  # the answer that is given is the one on the final map
                 confirmed = self._anchoring.confirm(self._floors, self._backend.T_map_bim)
-            if not confirmed or (self._anchoring.committed is not None and not self.anchored):
+            if not confirmed or (self._anchoring.committed is not None and self._backend.T_map_bim is None):
                 self._optimise(last=True)
-        return finished(
-            self._scans, self._backend, self._floors, self._bim, self._anchoring, self._first_anchor_ns, self.seconds,
-            self._config, self.clouds,
-        )  # fmt: skip
+
+    def _return_to(self, known: KnownMap) -> Returned:
+        """Joins the run to the known map, if it was found in it; the BIM then holds both."""
+        T_known_map, found_ns = self.T_known_map, self._first_anchor_ns
+        reason = "" if self._anchoring is None else self._anchoring.reason
+        if T_known_map is not None:
+            height = self._front_end.height
+            own = KnownMap(self._backend, self._floors, self._scans, self._begins, height, None, self.clouds)
+            began_ns = self._scans[0].stamp_ns
+            known.join(own, T_known_map, self._config)
+            self._backend, self._floors, self.clouds = known.backend, known.floors, known.clouds
+            self._scans, self._begins = known.scans, known.begins
+            self._loops = LoopCloser(self._config.loops)
+            self._loops.go_on_from(self._backend.closures, len(self._backend.keyframes))
+        elif not self._plan_is_known or self._bim is None:
+            return Returned(False, None, reason)
+        self._plan_is_known, self._anchoring = False, self._anchored_in(self._bim)
+        self._complete()
+        if T_known_map is None or found_ns is None:
+            return Returned(False, None, reason)
+        return Returned(True, (found_ns - began_ns) / 1e9, reason)
+
+    def _anchored_in(self, plan: SceneGraph | None) -> BuildingAnchoring | None:
+        if plan is None:
+            return None
+        return BuildingAnchoring(plan, self._matcher or _default_matcher(self._config), self._config)
 
     def _add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with what can be seen in its points."""
@@ -197,7 +247,7 @@ class SceneGraphSlam:
                 anchors = self._anchoring.update(self._floors, self._backend.T_map_bim, last)
         self._estimate(anchors, last)
         for _ in range(_LOOP_ROUNDS):
-            if self.anchored or not self._close_loops():
+            if self._backend.T_map_bim is not None or not self._close_loops():
                 break
             self._estimate(anchors, last=True)
         if last:
@@ -222,7 +272,7 @@ class SceneGraphSlam:
             self._backend.optimise(self._floors.seen, self._floors.rooms, anchors, steps=20 if last else 6)
         newest = self._backend.keyframes[-1]
         self._scans[-1].T_map_sensor = newest.T_map_sensor
-        if not self.anchored:
+        if self._backend.T_map_bim is None:
             self._first_anchor_ns = None
         elif self._first_anchor_ns is None:
             self._first_anchor_ns = newest.stamp_ns

@@ -4,7 +4,7 @@ A wall here is an upright plane with a side; the S-graph's wall surfaces are its
 faces.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,6 +117,13 @@ class WallMap(Stateful):
             self.planes_in_map.setdefault(wall, plane_in_map)
         normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
         self._widen(np.array(walls), normals, ends_in_level[..., :2])
+
+    def absorb(self, other: "WallMap", keyframes: int, wall_of: dict[int, int]) -> None:
+        """Takes over what another map's keyframes saw, which are numbered from `keyframes` on here, of walls that are
+        called as `wall_of` says. To be refreshed then."""
+        for s in other.seen:
+            self.seen.append(replace(s, keyframe=s.keyframe + keyframes, wall=wall_of[s.wall]))
+            self._register.order.append(self._storey)
 
     def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
         """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes
