@@ -7,7 +7,7 @@ from typing import Any
 from data import UserError
 from sgslam.checkpoints import about_run
 
-_PATHS = ("scan_dir", "bim", "ground_truth")
+_PATHS = ("scan_dir", "bim", "ground_truth", "map")
 _WORDS = ("topic", "start", "storey", "odometry")
 
 

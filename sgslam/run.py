@@ -37,6 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.findings import write_topics
     from sgslam.keyframe_clouds import FILE as CLOUDS
     from sgslam.keyframe_clouds import KeyframeClouds
+    from sgslam.known_map import KnownMap
     from sgslam.odometry_choice import choose
     from sgslam.output import prepare_folder, save_result
     from sgslam.resuming import take_up, told_by
@@ -56,6 +57,14 @@ def main(arguments: list[str] | None = None) -> int:
     matcher = _matcher(config.matching.method, start)
     if options.demo:
         _make_demo(options)
+    earlier = None
+    if options.map is not None:
+        if options.out is not None and options.out.resolve() == options.map.resolve():
+            raise UserError(f"--map {options.map}: is the --out folder too; give another --out")
+        earlier = KnownMap.load(options.map, config)
+        plan = options.map / "a_graph.json"
+        if options.bim is None and earlier.T_bim_map is not None and plan.is_file():
+            options.bim = plan  # the building that the map is anchored to
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start say where in the building; give --bim too")
     scans = open_scans(options.scan_dir, options.topic)
@@ -70,7 +79,8 @@ def main(arguments: list[str] | None = None) -> int:
     seconds = {"bim": perf_counter() - began}
     a_graph = None if bim is None else _storey(bim.graph, options.storey)
     out = prepare_folder(options.out or _dated_folder())
-    inputs = inputs_of(scans, a_graph, config, {"storey": options.storey, "start": start, "topic": options.topic})
+    told = {"storey": options.storey, "start": start, "topic": options.topic}
+    inputs = inputs_of(scans, a_graph, config, told, options.map)
     if before is not None:
         check_same(out, before, inputs)
     _log_to(out / "run.log", options.verbose, anew=before is None)
@@ -81,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
         clouds = KeyframeClouds(out / CLOUDS, config.clouds.keyframe_voxel)
     else:
         clouds = KeyframeClouds.open(out / CLOUDS, before["keyframes"], config.clouds.keyframe_voxel)
-    slam = SceneGraphSlam(a_graph, matcher, config, clouds=clouds)
+    slam = SceneGraphSlam(a_graph, matcher, config, clouds=clouds, known=earlier)
     progress = Progress() if before is None else Progress(**load(out, slam))
     checkpoints = Checkpoints(out, {**inputs, "arguments": told_by(options)})
     if before is None:
@@ -126,6 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--topic", metavar="NAME", help="the scans' topic in a bag, where it holds several")
     add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
     add("--layer", action="append", default=[], metavar="NAME", help="a layer of a .dxf with walls; may be given again")
+    add("--map", type=Path, metavar="DIR", help="the --out folder of an earlier run, whose map this one goes on with")
     add("--out", type=Path, metavar="DIR", help="where the results go (default: out/<date>)")
     add("--ground-truth", type=Path, metavar="FILE", help="sensor poses in the BIM frame, TUM, the scans' clock")
     add("--start", metavar="X,Y,YAW", help="rough start in the BIM frame, metres and radians; breaks ties")
@@ -233,6 +244,9 @@ def _show(metrics: dict[str, Any], out: Path) -> None:
     rows = {"reason": metrics["reason"]}
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
     rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
+    if (returned := metrics["returned"]) is not None:
+        found = f"found in it after {returned['found_s']:.1f} s" if returned["found"] else "not found in it"
+        rows["earlier map"] = f"{found}: {returned['reason']}"
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
     for name, value in metrics.get("accuracy", {}).items():

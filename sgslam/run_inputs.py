@@ -7,16 +7,20 @@ from typing import Any
 
 from data import SceneGraph, UserError
 from data.scans import ScanSource
+from sgslam.checkpoints import FILE
 from sgslam.config import Config
 
 _PIECE = 1 << 20  # bytes of a file's beginning and of its end
 
 
-def inputs_of(scans: ScanSource, a_graph: SceneGraph | None, config: Config, told: dict[str, Any]) -> dict[str, Any]:
-    """What tells a run from others, as JSON; `told` is what else its user told."""
+def inputs_of(
+    scans: ScanSource, a_graph: SceneGraph | None, config: Config, told: dict[str, Any], known: Path | None = None
+) -> dict[str, Any]:
+    """What tells a run from others, as JSON; `told` is what else its user told, `known` the folder of the known map."""
     return {
         "scans": _fingerprint(scans),
         "building": None if a_graph is None else _digest(json.dumps(a_graph.to_dict(), sort_keys=True).encode()),
+        "map": None if known is None else _digest((known / FILE).read_bytes()),
         "config": config.model_dump(mode="json"),
         "told": json.loads(json.dumps(told)),
     }
@@ -24,7 +28,7 @@ def inputs_of(scans: ScanSource, a_graph: SceneGraph | None, config: Config, tol
 
 def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
     """Raises UserError, in one line, where a run that is to go on is given other inputs than it had."""
-    for name, what in (("scans", "other scans"), ("building", "another building")):
+    for name, what in (("scans", "other scans"), ("building", "another building"), ("map", "another map")):
         if before.get(name) != now[name]:
             raise UserError(f"--resume {folder}: that run is of {what}; give the same again, or run it anew")
     for name in ("config", "told"):
