@@ -2,7 +2,7 @@
 
 import logging
 from pathlib import Path
-from time import process_time
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from data import UserError
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sgslam.slam import SceneGraphSlam
 
 FILE = "state.npz"  # in a run's folder
-SHARE = 0.005  # of the processor's time that writing the state may take
+SHARE = 0.005  # of a run that writing its state may take
 _log = logging.getLogger(__name__)
 
 
@@ -25,17 +25,17 @@ class Checkpoints:
 
     def __init__(self, folder: Path, about: dict[str, Any]) -> None:
         self.path, self._about = folder / FILE, about
-        self._written, self._took = process_time(), 0.0
+        self._written, self._took = perf_counter(), 0.0
         self._failed = False
 
     def write_if_due(self, slam: "SceneGraphSlam", progress: dict[str, Any]) -> None:
         """Writes where it is time to; `progress` is what the caller goes on from."""
-        if process_time() - self._written >= self._took / SHARE:
+        if perf_counter() - self._written >= self._took / SHARE:
             self.write(slam, progress)
 
     def write(self, slam: "SceneGraphSlam", progress: dict[str, Any], finished: bool = False) -> bool:
         """Whether the state could be written."""
-        began = process_time()
+        began = perf_counter()
         about = {**self._about, "finished": finished, "keyframes": slam.keyframes}
         try:
             write_state(self.path, about, {"slam": slam.state(), "progress": progress}, TYPES)
@@ -45,7 +45,7 @@ class Checkpoints:
             self._failed = True
             return False
         finally:
-            self._written = process_time()
+            self._written = perf_counter()
             self._took = self._written - began if slam.keyframes else 0.0  # the first time libraries are loaded
         self._failed = False
         return True
