@@ -1,0 +1,79 @@
+"""A second run finds itself in the map of the first, wherever it starts, and both become one map."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import Array, pose, room, scan, scene_of
+from drives import fed, small_drive
+
+from data.errors import UserError
+from data.trajectory import Trajectory
+from sgslam.checkpoints import Checkpoints
+from sgslam.config import Config
+from sgslam.keyframe_clouds import FILE as CLOUDS
+from sgslam.known_map import KnownMap
+from sgslam.result import Result
+from sgslam.slam import SceneGraphSlam
+
+
+def back() -> list[tuple[int, Array]]:
+    """The drive from its end to its beginning, on another clock."""
+    return [(7 + 200_000_000 * i, points) for i, (_, points) in enumerate(reversed(small_drive().scans))]
+
+
+def first_run(folder: Path, anchored: bool) -> Result:
+    drive = small_drive()
+    slam = fed(SceneGraphSlam(drive.bim if anchored else None), drive.scans)
+    result = slam.finish()
+    Checkpoints(folder, {}).write(slam, {}, finished=True)
+    result.clouds.copy_to(folder / CLOUDS)
+    return result
+
+
+def apart(run: Trajectory, truth: Array, T_truth_run: Array) -> float:
+    """(m) RMSE of a run's positions, moved by `T_truth_run`, to the truth's."""
+    placed = run.transformed(T_truth_run).positions
+    return float(np.sqrt(np.mean(np.sum((placed - truth) ** 2, axis=1))))
+
+
+def test_a_second_run_finds_itself_in_the_map_of_the_first_and_is_joined_to_it(tmp_path: Path) -> None:
+    drive, first = small_drive(), first_run(tmp_path, anchored=False)
+    result = fed(SceneGraphSlam(known=KnownMap.load(tmp_path, Config())), back()).finish()
+    assert result.returned is not None and result.returned.found and not result.anchored
+    T_bim_map = drive.truth.poses[0]  # the map's frame is the first pose of the first run
+    before = apart(first.trajectory, drive.truth.positions, T_bim_map)
+    assert apart(result.trajectory, drive.truth.positions[::-1], T_bim_map) < before + 0.02
+    assert apart(result.earlier[0], drive.truth.positions, T_bim_map) < before + 0.01
+    assert len(result.s_graph.rooms) == len(first.s_graph.rooms)  # what both saw is there once
+    assert len(result.s_graph.wall_surfaces) <= len(first.s_graph.wall_surfaces) + 3
+    assert len(result.clouds) > 1.8 * len(first.clouds)
+    assert result.keyframes == len(result.s_graph.keyframes) and result.metrics()["runs"] == 2
+
+
+def test_with_the_building_both_runs_are_in_its_frame(tmp_path: Path) -> None:
+    drive, first = small_drive(), first_run(tmp_path, anchored=True)
+    known = KnownMap.load(tmp_path, Config())
+    assert known.T_bim_map is not None and np.allclose(known.T_bim_map, first.T_bim_map)
+    result = fed(SceneGraphSlam(drive.bim, known=known), back()).finish()
+    assert result.anchored and result.returned is not None and result.returned.found
+    assert apart(result.trajectory, drive.truth.positions[::-1], np.eye(4)) < 0.03
+    assert apart(result.earlier[0], drive.truth.positions, np.eye(4)) < 0.03
+    assert len(result.s_graph.rooms) == len(first.s_graph.rooms)
+
+
+def test_a_run_elsewhere_is_not_found_and_stays_its_own(tmp_path: Path) -> None:
+    first_run(tmp_path, anchored=False)
+    walls = scene_of(room(0, 0, 9, 4))
+    scans = [(100_000_000 * i, scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(40)]
+    result = fed(SceneGraphSlam(known=KnownMap.load(tmp_path, Config())), scans).finish()
+    assert result.returned is not None and not result.returned.found and not result.earlier
+    assert len(result.trajectory) == 40 and np.allclose(result.trajectory.poses[0], np.eye(4), atol=1e-6)
+
+
+def test_a_map_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="holds no run"):
+        KnownMap.load(tmp_path, Config())
+    Checkpoints(tmp_path, {}).write(fed(SceneGraphSlam(), small_drive().scans[:5]), {})
+    with pytest.raises(UserError, match="--resume"):
+        KnownMap.load(tmp_path, Config())
