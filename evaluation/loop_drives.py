@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from data.drive import Robot, drive
 from data.errors import UserError
 from data.raycast import TriangleScene
 from data.sensor import SpinningSensor
+from data.simulate import ROBOT_TOP
 from data.trajectory import Trajectory
 from evaluation.loop_buildings import Drawn, long_corridor, ring
 from evaluation.weakened import shortened, worsened
@@ -23,13 +25,15 @@ ROUTES = {
     "visits-back": "along the corridor and back, into other offices each way",
     "ring": "once around the ring of corridors, and on past the start",
 }
+ONCE = ("along", "visits")  # routes that never come back: any closure is false
 SENSOR_HEIGHT, STEP = 0.8, 0.01  # m
 PAST_THE_START = 12.0  # m
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """`truth` are sensor poses in the building's frame; `odometry` (N, 4, 4) T_odom_sensor where it is given."""
+    """`truth` are sensor poses in the building's frame; with a `level` above 0 the sensor sees a few metres only and
+    `odometry` (N, 4, 4) is given, T_odom_sensor."""
 
     scene: TriangleScene
     truth: Trajectory
@@ -37,12 +41,13 @@ class Drive:
     level: int
     odometry: Floats | None
 
-    def scans(self) -> Iterator[tuple[int, Floats]]:
-        """Stamp and points (N, 3) of each scan, sensor frame; a weak sensor's end at a few metres."""
+    def scans(self) -> Iterator[tuple[int, Floats, Floats | None]]:
+        """Stamp (ns), points (N, 3) in the sensor frame, and T_odom_sensor (4, 4) where it is given, of each scan."""
         sensor = SpinningSensor()
         for k, (stamp_ns, pose) in enumerate(zip(self.truth.stamps_ns.tolist(), self.truth.poses, strict=True)):
             points = sensor.scan(self.scene, pose, np.random.default_rng([self.seed, k])).astype(float)
-            yield stamp_ns, shortened(points) if self.level else points
+            given = None if self.odometry is None else self.odometry[k]
+            yield stamp_ns, shortened(points) if self.level else points, given
 
 
 def drive_along(route: str, seed: int, level: int = 0) -> Drive:
@@ -54,16 +59,35 @@ def drive_along(route: str, seed: int, level: int = 0) -> Drive:
         raise UserError(f"no route '{route}'; there are {', '.join(ROUTES)}")
     rng = np.random.default_rng([seed, 11])
     building = ring() if route == "ring" else long_corridor()
-    places = _places(route, building, rng)
-    legs = [_leg(a, b) for a, b in pairwise(places)]
+    legs = [_leg(a, b) for a, b in pairwise(_places(route, building, rng))]
+    return _driven(legs, TriangleScene(building.triangles), SENSOR_HEIGHT, rng, seed, level)
+
+
+def drive_through(bim: Path, storey: str, length: float, seed: int, level: int = 0) -> Drive:
+    """A tour of `length` metres or more through the rooms of an IFC model's storey, and back to where it began.
+
+    Raises UserError for what the simulator refuses.
+    """
+    from data.occupancy import build_grid
+    from data.route import plan_tour
+    from data.storey_model import load_storey
+
+    model = load_storey(bim, storey)
+    scene, rng = TriangleScene(model.solid), np.random.default_rng([seed, 12])
+    legs = plan_tour(build_grid(model, scene, ROBOT_TOP), Robot().radius, 8, length, rng)
+    return _driven(list(legs), scene, model.level + SENSOR_HEIGHT, rng, seed, level)
+
+
+def _driven(
+    legs: list[Floats], scene: TriangleScene, height: float, rng: np.random.Generator, seed: int, level: int
+) -> Drive:
     stamps, poses = drive(legs, float(rng.uniform(-np.pi, np.pi)), Robot(), SpinningSensor().rate)
     T = np.tile(np.eye(4), (len(poses), 1, 1))
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
-    T[:, :2, 3], T[:, 2, 3] = poses[:, :2], SENSOR_HEIGHT
+    T[:, :2, 3], T[:, 2, 3] = poses[:, :2], height
     truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T)
-    odometry = worsened(truth.poses, level, seed) if level else None
-    return Drive(TriangleScene(building.triangles), truth, seed, level, odometry)
+    return Drive(scene, truth, seed, level, worsened(truth.poses, level, seed) if level else None)
 
 
 def _places(route: str, building: Drawn, rng: np.random.Generator) -> Floats:

@@ -151,6 +151,11 @@ class SceneGraphSlam:
         }  # fmt: skip
         return parts if self._anchoring is None else {**parts, "anchoring": self._anchoring}
 
+    @property
+    def loops(self) -> LoopCloser:
+        """Which loops were closed, and which of them were opened again."""
+        return self._loops
+
     def s_graph(self) -> SceneGraph:
         """The S-graph as it is now, in the map frame: rooms, wall surfaces and doors are cut anew for it, which takes
         some tens of milliseconds and changes nothing in the run. Raises UserError before the first scan."""
