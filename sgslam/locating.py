@@ -83,8 +83,9 @@ class Locator(Stateful):
             return points, 0
         instant, step, interval_s = float(seconds.min() + seconds.max()) / 2, self._step, self._interval_ns / 1e9
         if given is not None:
-            step, interval_s = inverse(self._last.T_odom_sensor) @ given, (stamp_ns - self._stamp_ns) / 1e9
-            instant = 0.0
+            instant, told = 0.0, inverse(self._last.T_odom_sensor) @ given
+            if not self._leap(told, stamp_ns - self._stamp_ns):
+                step, interval_s = told, (stamp_ns - self._stamp_ns) / 1e9
         if np.ptp(seconds) > _LONGEST_SWEEP * ((stamp_ns - self._stamp_ns) / 1e9 + instant):
             return points, 0
         if step is not None:
@@ -100,7 +101,11 @@ class Locator(Stateful):
     def locate(self, stamp_ns: int, scan: ColumnScan, last_map: Floats | None, given: Floats | None) -> Located:
         """Locates a scan. `last_map` (4, 4) is T_map_sensor of the scan before it by the newest estimates, None for the
         first scan; `given` T_odom_sensor of this one by somebody else's odometry."""
-        regular = self._is_regular(stamp_ns)
+        interval_ns = stamp_ns - self._stamp_ns
+        regular, leap = self._is_regular(interval_ns), False
+        if given is not None and self._last is not None:
+            leap = self._told(self._leap(inverse(self._last.T_odom_sensor) @ given, interval_ns), stamp_ns)
+        self._stamp_ns, self._interval_ns = stamp_ns, interval_ns
         if last_map is None or self._last is None:
             self._walls.T_level_map = level_map(None, self._front_end.height)
             T_odom_sensor = self._odometry.register(self._points(scan)) if given is None else given
@@ -116,7 +121,7 @@ class Locator(Stateful):
             if given is None:
                 self._last = self._best(scan, last_map, foretold)
             else:
-                self._last = self._by_given(scan, last_map, given, foretold)
+                self._last = self._by_given(scan, last_map, given, foretold, leap)
             self._front_end.follow(self._walls.T_level_map @ self._last.T_map_sensor)
         self._step = inverse(last_map) @ self._last.T_map_sensor
         return self._last
@@ -143,12 +148,14 @@ class Locator(Stateful):
         self._loosen(best.information + registered, settings.unheld_turn, settings.unheld_speed)
         return Located(T_odom_sensor, best.T_map_sensor)
 
-    def _by_given(self, scan: ColumnScan, last_map: Floats, given: Floats, foretold: Floats | None) -> Located:
+    def _by_given(
+        self, scan: ColumnScan, last_map: Floats, given: Floats, foretold: Floats | None, leap: bool
+    ) -> Located:
         """By somebody else's odometry; where that leaps, by what was foretold, unless the walls bear the leap out."""
         settings = self._config.odometry
-        guess = self._ask(scan, last_map, given)[1]
-        best, rates = self._align(scan, guess), (settings.given_turn, settings.given_speed)
-        if self._leaps(guess, last_map, foretold):
+        best = self._align(scan, self._ask(scan, last_map, given)[1])
+        rates = settings.given_turn, settings.given_speed
+        if leap:
             instead = self._align(scan, last_map if foretold is None else foretold)
             best, rates = best if best.better_than(instead) else instead, _LEAP
         self._loosen(best.information, *rates)
@@ -159,23 +166,27 @@ class Locator(Stateful):
         seconds = self._interval_ns / 1e9
         self.slack.add(information, turn * seconds, speed * seconds)
 
-    def _leaps(self, guess: Floats, last_map: Floats, foretold: Floats | None) -> bool:
-        """Whether a given step is one that no robot makes; told once."""
-        settings, seconds = self._config.odometry, self._interval_ns / 1e9
-        step = inverse(last_map) @ guess
-        if foretold is None:  # nobody knows how fast it went
+    def _leap(self, step: Floats, interval_ns: int) -> tuple[float, float] | None:
+        """The metres and radians of a given step (4, 4) that no robot makes, or by which it differs from the one before
+        it as no robot's does; None where it is a step like others."""
+        settings, seconds = self._config.odometry, interval_ns / 1e9
+        farthest, widest = settings.leap_distance, settings.leap_angle
+        if self._step is not None and self._is_regular(interval_ns):
+            step = inverse(self._step) @ step
+        else:  # nobody knows how fast it went
             farthest, widest = max(settings.max_step, _FAST * seconds), max(settings.max_turn, _TURNING * seconds)
-        else:
-            step, farthest, widest = inverse(foretold) @ guess, settings.leap_distance, settings.leap_angle
         metres, radians = float(np.linalg.norm(step[:3, 3])), angle_of(step)
-        if metres < farthest and radians < widest:
-            return False
-        if not self._leapt:
-            off = f"{metres:.2f} m and {np.degrees(radians):.0f} degrees"
-            _log.warning("the odometry that is given leaps, by %s at %.3f s; such steps are not believed (told once)",
-                         off, self._stamp_ns / 1e9)  # fmt: skip
-        self._leapt = True
-        return True
+        return None if metres < farthest and radians < widest else (metres, radians)
+
+    def _told(self, leap: tuple[float, float] | None, stamp_ns: int) -> bool:
+        """Whether there is a leap; the first is told."""
+        if leap is not None and not self._leapt:
+            _log.warning(
+                "the odometry that is given leaps, by %.2f m and %.0f degrees at %.3f s; such steps are not believed "
+                "(told once)", leap[0], np.degrees(leap[1]), stamp_ns / 1e9,
+            )  # fmt: skip
+            self._leapt = True
+        return leap is not None
 
     def _ask(self, scan: ColumnScan, last_map: Floats, given: Floats | None) -> tuple[Floats, Floats]:
         """T_odom_sensor, and T_map_sensor by it."""
@@ -205,8 +216,6 @@ class Locator(Stateful):
             tracked.information,
         )  # fmt: skip
 
-    def _is_regular(self, stamp_ns: int) -> bool:
-        """Whether this scan comes after the last one as that one after the one before it."""
-        before, self._interval_ns = self._interval_ns, stamp_ns - self._stamp_ns
-        self._stamp_ns = stamp_ns
-        return 2 * before < 3 * self._interval_ns < 4.5 * before
+    def _is_regular(self, interval_ns: int) -> bool:
+        """Whether a scan comes after the last one as that one after the one before it."""
+        return 2 * self._interval_ns < 3 * interval_ns < 4.5 * self._interval_ns

@@ -131,6 +131,20 @@ def test_with_odometry_from_outside_scans_are_deskewed_by_it() -> None:
     assert result.anchored and rmse(result, truth) < 0.02
 
 
+def test_a_leap_of_a_given_odometry_does_not_tear_a_scan() -> None:
+    """The scan with the leap and those after it are found where they are."""
+    _, scans, truth = fast_drive()
+    given = truth.poses[:60].copy()
+    given[30:, :2, 3] += [2.0, -1.0]
+    slam = SceneGraphSlam()
+    live = [
+        slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T).T_map_sensor
+        for scan, T in zip(scans[:60], given, strict=True)
+    ]
+    in_map = inverse(truth.poses[0]) @ truth.poses[:60]
+    assert np.linalg.norm((np.stack(live) - in_map)[:, :3, 3], axis=1).max() < 0.1
+
+
 def test_a_trajectory_between_its_poses() -> None:
     stamps = (np.array([0.0, 0.5, 1.0]) * NS).astype(np.int64)
     given = Trajectory(stamps, np.stack([pose(t, 0.0, 0.0, 0.5 * t) for t in (0.0, 0.5, 1.0)]))
