@@ -25,6 +25,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.resume is None and options.scan_dir is None and not options.demo:
         raise UserError("--scan-dir is missing: give the folder that holds the scans, or --demo")
     # libraries are loaded only now, so that --help and a missing argument answer at once
+    from threadpoolctl import threadpool_limits
+
     from data.bcf import Model
     from data.bim import load_bim
     from data.scan_sources import open_scans
@@ -45,6 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.settings import load_config
     from sgslam.slam import SceneGraphSlam
 
+    threadpool_limits(1, user_api="blas")  # a scan is small: more threads only wait for each other
     before = None if options.resume is None else take_up(options)
     if before is None or options.config is not None or options.set:
         config = load_config(options.config, options.set)
