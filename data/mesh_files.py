@@ -42,6 +42,8 @@ def _triangles(path: Path) -> NDArray[np.float64]:
         missing = path.suffix.lower() == ".dae" and isinstance(error, (ImportError, NotImplementedError, ValueError))
         hint = "; COLLADA needs pycollada: pip install 'sgslam[mesh]'" if missing else ""
         raise UserError(f"{path}: cannot be read as a mesh ({type(error).__name__}){hint}") from None
+    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3):
+        raise UserError(f"{path}: holds faces that are no triangles in space")
     if path.suffix.lower() == ".dae":
         triangles = _upright(triangles, path)
     if not len(triangles) or not np.isfinite(triangles).all():

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from data.errors import UserError
 from data.files import write_json
 from data.json_files import read_json
+from data.scene_graph_fields import check_item
 
 Xy = tuple[float, float]
 T = TypeVar("T")
@@ -210,6 +211,10 @@ def _frozen(value: Any) -> Any:
 
 def _read(kind: type[T], items: Iterable[dict[str, Any]]) -> tuple[T, ...]:
     names = {f.name for f in fields(kind)}  # type: ignore[arg-type]
+    if not isinstance(items, (list, tuple)):
+        raise ValueError(f"{str(items)[:40]} is no list")
+    for item in items:
+        check_item(item)
     return tuple(kind(**{k: _frozen(v) for k, v in item.items() if k in names}) for item in items)
 
 

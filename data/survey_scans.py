@@ -62,6 +62,14 @@ def _check_las(path: Path) -> None:
     later, later_records = struct.unpack_from("<QI", head, 235) if head[25] >= 4 and len(head) >= 247 else (0, 0)
     if head_size < 227 or start > size or records * 54 > size or later > size or later_records * 60 > size:
         raise UnreadableScanError("its header claims more than the file holds")
+    if head[104] & 0x80:  # LAZ: a table of its chunks lies where the points begin with a pointer to it
+        with path.open("rb") as file:
+            file.seek(start)
+            (table,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+            file.seek(*((table, 0) if 0 < table < size - 8 else (size - 8, 0)))
+            _, chunks = struct.unpack("<II", file.read(8).ljust(8, b"\0"))
+        if not 0 < table < size - 8 or chunks > size:
+            raise UnreadableScanError("cut off: the table of its compressed points is not there")
 
 
 class E57Scans(ScanSource):

@@ -14,6 +14,7 @@ from data.files import write_atomically
 from matching.networks import Network, kind_of, network_of, settings_of
 
 VERSION = 1
+LARGEST = 4096  # no width, number of layers, ... of a network is larger
 
 
 def save_network(path: Path, network: Network) -> None:
@@ -29,9 +30,15 @@ def load_network(path: Path, kind: str = "learned") -> Network:
     """
     settings, state = read_weights(path, _version(kind), "python -m matching.train")
     try:
+        if not all(type(value) in (int, float) and 0 <= value <= LARGEST for value in settings.values()):
+            raise TypeError("a setting is out of all bounds")
+        with torch.device("meta"):  # takes no memory: what the file claims is first held against what it holds
+            wanted = {k: v.shape for k, v in network_of(settings_of(kind, settings)).state_dict().items()}
+        if wanted != {k: v.shape for k, v in state.items()}:
+            raise TypeError("the weights are of another network")
         network = network_of(settings_of(kind, settings))
         network.load_state_dict({k: v.float() for k, v in state.items()}, strict=True)
-    except (KeyError, TypeError, AttributeError, RuntimeError):
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError):
         raise UserError(f"{path}: its network does not fit this program; train it again") from None
     return network.eval().requires_grad_(False)
 

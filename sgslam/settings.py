@@ -58,7 +58,7 @@ def _read(path: Path) -> dict[str, Any]:
 def _yaml(text: str, where: str) -> Any:
     try:
         return yaml.safe_load(text)
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # numbers of thousands of digits, endless nesting
         raise UserError(f"{where}: not YAML ({' '.join(str(error).split())})") from None
 
 

@@ -1,6 +1,7 @@
 """The state of a run as one file: an npz without pickle, written whole or not at all, refused when damaged."""
 
 import json
+import tokenize
 import zipfile
 from collections.abc import Mapping
 from io import BytesIO
@@ -58,7 +59,8 @@ def _bytes(value: Any) -> NDArray[np.uint8]:
 
 # whatever a byte turned over anywhere in a file can lead to
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, OSError, zipfile.BadZipFile,
-           NotImplementedError, RecursionError, MemoryError, OverflowError, RuntimeError, UserError)  # fmt: skip
+           NotImplementedError, RecursionError, MemoryError, OverflowError, RuntimeError, UserError, SyntaxError,
+           tokenize.TokenError)  # fmt: skip
 
 
 def _opened(path: Path) -> zipfile.ZipFile:
