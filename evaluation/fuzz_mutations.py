@@ -6,6 +6,7 @@ import random
 import re
 import zipfile
 from collections.abc import Callable
+from copy import deepcopy
 from typing import Any
 
 _NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
@@ -15,7 +16,7 @@ _TEXTS = (
     b"\n", b"#", b"()", b"[]", b"{}", b"null", b"!!python/object:os.system", b"&a [*a]", b"\x00",
 )  # fmt: skip
 _INTEGERS = (0, 1, 2, 127, 128, 255, 256, 32767, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63 - 1, 2**64 - 1)
-_VALUES = (
+_VALUES: tuple[Any, ...] = (
     None, True, 0, -1, 1e308, 1e-320, float("nan"), float("inf"), 10**30, 2**63, "", "x", "nan", [], {}, [[]], [0, 0],
     {"x": 1}, "9" * 400, [None] * 4, 1e6, 0.5,
 )  # fmt: skip
@@ -183,9 +184,9 @@ def _change_node(value: Any, rng: random.Random) -> None:
     elif kind == 1 and isinstance(holder[key], (int, float)):
         holder[key] = holder[key] * rng.choice((-1, 0, 1e-9, 1e9, 1e300, 1000))
     elif kind == 2 and isinstance(holder, list):
-        holder.insert(rng.randrange(len(holder) + 1), holder[key])
+        holder.insert(rng.randrange(len(holder) + 1), deepcopy(holder[key]))
     elif kind == 3:
         other = rng.choice(list(holder)) if isinstance(holder, dict) else rng.randrange(len(holder))
         holder[key], holder[other] = holder[other], holder[key]
     else:
-        holder[key] = rng.choice(_VALUES)
+        holder[key] = deepcopy(rng.choice(_VALUES))

@@ -4,7 +4,7 @@ import json
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -180,11 +180,11 @@ def _rows(count: int) -> Callable[[Path], list[bytes]]:
 
 
 READERS = (
-    *(Reader(f"scans {s}", s, lambda folder, s=s: samples.scan(s, folder), read_timed, share=1.5)
+    *(Reader(f"scans {s}", s, partial(samples.scan, s), read_timed, share=1.5)
       for s in (".bin", ".npy", ".pcd", ".ply")),
-    *(Reader(f"scans {s}", s, lambda folder, s=s: samples.las(s, folder), read_timed) for s in (".las", ".laz")),
+    *(Reader(f"scans {s}", s, partial(samples.las, s), read_timed) for s in (".las", ".laz")),
     Reader("scans .e57", ".e57", samples.e57, _scans, mutated_e57, 0.3),
-    *(Reader(f"bag {kind}", suffix, lambda folder, kind=kind: samples.bag(kind, folder), _scans, share=0.5)
+    *(Reader(f"bag {kind}", suffix, partial(samples.bag, kind), _scans, share=0.5)
       for kind, suffix in (("ros1", ".bag"), ("ros1-lz4", ".bag"), ("mcap", ".mcap"), ("sqlite3", ".db3"))),
     Reader("IFC", ".ifc", samples.ifc, _ifc, share=0.1),
     Reader("IFC, packed", ".ifczip", lambda folder: samples.ifc(folder, packed=True), _ifc, mutated_zip(mutated), 0.02),

@@ -21,7 +21,7 @@ _WALLS = shapely.difference(shapely.box(0, 0, 8, 4), shapely.union_all([*_ROOMS,
 def scan(suffix: str, folder: Path) -> list[bytes]:
     """A scan each as our writers make it, and the same in text where the format has one."""
     path = folder / f"a{suffix}"
-    SCAN_WRITERS[suffix[1:]](path, POINTS)
+    SCAN_WRITERS[suffix[1:]](path, POINTS, None)
     rows = "".join(f"{x:.4f} {y:.4f} {z:.4f} {k}\n" for k, (x, y, z) in enumerate(POINTS.tolist()))
     ply = f"ply\nformat ascii 1.0\nelement vertex {len(POINTS)}\nproperty float x\nproperty float y\nproperty float z\n"
     pcd = "VERSION 0.7\nFIELDS x y z t\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 40\nHEIGHT 1\n"
