@@ -66,6 +66,7 @@ class Row:
     seconds_odometry: float | None = None
     seconds_surfaces: float | None = None
     seconds_rooms: float | None = None
+    seconds_loops: float | None = None
     seconds_matching: float | None = None
     seconds_optimisation: float | None = None
     peak_memory_mb: float | None = None
