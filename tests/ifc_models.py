@@ -8,6 +8,8 @@ import ifcopenshell.api.aggregate
 import ifcopenshell.api.context
 import ifcopenshell.api.feature
 import ifcopenshell.api.geometry
+import ifcopenshell.api.owner
+import ifcopenshell.api.owner.settings
 import ifcopenshell.api.project
 import ifcopenshell.api.root
 import ifcopenshell.api.spatial
@@ -21,6 +23,7 @@ UNITS = {
     "metres": (1.0, {"is_metric": True, "raw": "METERS"}),
     "millimetres": (0.001, {"is_metric": True, "raw": "MILLIMETERS"}),
     "feet": (0.3048, {"is_metric": False, "raw": "FEET"}),
+    "inches": (0.0254, {"is_metric": False, "raw": "INCHES"}),
 }
 
 
@@ -30,13 +33,17 @@ def box(x0: float, y0: float, x1: float, y1: float) -> Polygon:
 
 
 class IfcModel:
-    """An IFC4 file under construction; all lengths in metres in the building's own axes.
+    """An IFC file under construction; all lengths in metres in the building's own axes.
 
     `T_world_building` (4, 4) is the site's placement; `unit` is the file's unit of length.
     """
 
-    def __init__(self, unit: str = "metres", T_world_building: NDArray[np.float64] | None = None) -> None:
-        self.file = ifcopenshell.api.project.create_file(version="IFC4")
+    def __init__(
+        self, unit: str = "metres", T_world_building: NDArray[np.float64] | None = None, version: str = "IFC4"
+    ) -> None:
+        self.file = ifcopenshell.api.project.create_file(version=version)
+        if version == "IFC2X3":
+            self._sign()
         self.scale, length = UNITS[unit]
         self.T_world_building = np.eye(4) if T_world_building is None else T_world_building
         project = self._entity("IfcProject", "project")
@@ -61,7 +68,7 @@ class IfcModel:
     def prism(self, ifc_class: str, polygon: Polygon, z: tuple[float, float], storey: Entity, name: str = "") -> Entity:
         """A product with an upright prism for a body, in a storey."""
         product = self._entity(ifc_class, name)
-        if product.is_a("IfcSpatialElement"):
+        if product.is_a("IfcSpatialStructureElement"):
             ifcopenshell.api.aggregate.assign_object(self.file, products=[product], relating_object=storey)
         else:
             ifcopenshell.api.spatial.assign_container(self.file, products=[product], relating_structure=storey)
@@ -94,6 +101,15 @@ class IfcModel:
         self.file.write(str(path))
         return path
 
+    def _sign(self) -> None:
+        """IFC2X3 wants to know whose everything is."""
+        person = ifcopenshell.api.owner.add_person(self.file)
+        organisation = ifcopenshell.api.owner.add_organisation(self.file)
+        user = ifcopenshell.api.owner.add_person_and_organisation(self.file, person, organisation)
+        application = ifcopenshell.api.owner.add_application(self.file, organisation)
+        ifcopenshell.api.owner.settings.get_user = lambda file: user if file is self.file else None
+        ifcopenshell.api.owner.settings.get_application = lambda file: application if file is self.file else None
+
     def _entity(self, ifc_class: str, name: str) -> Entity:
         return ifcopenshell.api.root.create_entity(self.file, ifc_class=ifc_class, name=name)
 
@@ -117,6 +133,7 @@ class IfcModel:
         corners = [self.file.createIfcCartesianPoint(p) for p in [*local.tolist(), local[0].tolist()]]
         profile = self.file.createIfcArbitraryClosedProfileDef("AREA", None, self.file.createIfcPolyline(corners))
         up = self.file.createIfcDirection((0.0, 0.0, 1.0))
-        solid = self.file.createIfcExtrudedAreaSolid(profile, None, up, (z[1] - z[0]) / self.scale)
+        here = self.file.createIfcAxis2Placement3D(self.file.createIfcCartesianPoint((0.0, 0.0, 0.0)))
+        solid = self.file.createIfcExtrudedAreaSolid(profile, here, up, (z[1] - z[0]) / self.scale)
         shape = self.file.createIfcShapeRepresentation(self.body, "Body", "SweptSolid", [solid])
         ifcopenshell.api.geometry.assign_representation(self.file, product=product, representation=shape)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_files import NS, START, cloud, lidar_bag, livox, scan_points, store, write_bag
 
 from data.errors import UserError
 from data.scan_sources import open_scans
 from data.scans import ScanFolder
-from tests.bag_files import NS, START, cloud, lidar_bag, livox, scan_points, store, write_bag
 
 KINDS = ["ros1", "ros1-bz2", "ros1-lz4", "sqlite3", "sqlite3-zstd", "mcap"]
 SECONDS = np.linspace(0, 0.099, 40)
