@@ -14,6 +14,7 @@ _NEIGHBOURS = 5  # cells that make a piece of a surface
 _NEAR = 0.6  # m to the furthest of them
 _MOST = 200.0  # points that a scan counts for at most: neighbours share their errors
 _CHANCE = 0.003  # of the points, across a direction: what errors of the normals alone make of parallel walls
+_DOUBLED = 2.0  # variance against a usual step's; less beyond it is not worth a factor of its own
 
 
 def surfaces_of(points: Floats) -> Floats:
@@ -81,10 +82,9 @@ class Slack(Stateful):
         covariance, self._covariance, self._scans = self._covariance, np.zeros((3, 3)), 0
         whitener = np.linalg.inv(self._base)
         variances, axes = np.linalg.eigh(whitener @ covariance @ whitener)
-        beyond = np.maximum(variances - 1.0, 0.0)
-        if not beyond.any():
+        if variances[-1] < _DOUBLED:
             return None
-        root = self._base @ axes * np.sqrt(beyond)
+        root = self._base @ axes * np.sqrt(np.maximum(variances - 1.0, 0.0))
         M = np.zeros((6, 3))
         M[:3, 0], M[3:, 1:] = R_level_sensor[2], R_level_sensor[:2].T
         return np.asarray((M @ root) @ (M @ root).T)
