@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
 from sgslam.anchor_log import Key
-from sgslam.bent import bent_with_neighbours
+from sgslam.bent import bent_with_neighbours, rooms_moved_whole
 from sgslam.config import AnchorSettings
 from sgslam.consensus import Pairs, find_consensus
 from sgslam.frames import transform_planes
@@ -75,6 +75,7 @@ def hold(
         dtype=bool,
     )
     off, bent = pairs.offsets(place).tolist(), bent_with_neighbours(pairs, found, settings.gate_angle, built_so)
+    bent |= rooms_moved_whole(pairs, found, s.room[paired], built_so)
     held = [
         Held(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(bent[k]))
         for k, i in enumerate(paired.tolist())

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sgslam.bent import bent_with_neighbours
+from sgslam.bent import bent_with_neighbours, rooms_moved_whole
 from sgslam.consensus import Pairs, find_consensus
 
 ROOM = 4.0  # m
@@ -66,3 +66,28 @@ def test_walls_that_are_known_to_stand_elsewhere_bend_nothing() -> None:
     off[8:] = shifted((0.05, 0.15))
     known[8:, 2:] = True
     assert not bent(rooms_in_a_row(12, off), known).any()
+
+
+def moved_whole(off: np.ndarray, built_so: np.ndarray | None = None) -> np.ndarray:
+    pairs = rooms_in_a_row(len(off), off)
+    overall = find_consensus(pairs, np.zeros(3), TURN)
+    assert overall is not None and np.allclose(overall.T_plan_map, 0.0, atol=0.01)
+    known = np.zeros(len(pairs.unit), dtype=bool) if built_so is None else built_so.ravel()
+    return rooms_moved_whole(pairs, overall, np.repeat(np.arange(len(off)), 4), known).reshape(-1, 4)
+
+
+def test_a_room_into_which_a_step_was_wrong_is_moved_whole() -> None:
+    off = np.zeros((12, 4))
+    off[5] = shifted((0.1, 0.0))
+    found = moved_whole(off)
+    assert found[5].tolist() == [True, True, False, False] and found.sum() == 2
+
+
+@pytest.mark.parametrize("opposite", [0.0, -0.16, 0.1])
+def test_a_wall_that_was_moved_moves_no_room(opposite: float) -> None:
+    """The opposite one stands as planned, or otherwise than the room would have it; or has been pulled already."""
+    off = np.zeros((12, 4))
+    off[5, :2] = 0.1, opposite
+    assert not moved_whole(off).any()
+    off[5] = shifted((0.1, 0.0))
+    assert not moved_whole(off, built_so=np.abs(off) > 0.05).any()
