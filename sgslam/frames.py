@@ -81,6 +81,13 @@ def level_map(floor_in_map: Floats | None, height: float) -> Floats:
     return T
 
 
+def raised(T_level_map: Floats, height: float) -> Floats:
+    """(4, 4) the same with z counted from a plane that lies so much lower."""
+    T = T_level_map.copy()
+    T[2, 3] += height
+    return T
+
+
 def local_coordinates(T_a_b: Floats, T_a_c: Floats) -> Floats:
     """(6,) the pose (4, 4) of c as seen from b, in GTSAM's local coordinates: rotation first, then translation."""
     import gtsam

@@ -67,9 +67,10 @@ class FrontEnd(Stateful):
         share = 1.0 if self._up_in_sensor is None else self._config.tracking.tilt_memory
         self._up_in_sensor = self.carried().followed_by(T_level_sensor, share).up_in_sensor
 
-    def columns(self, points: Floats) -> ColumnScan:
-        """Sorts a scan (N, 3), sensor frame."""
-        return sort_into_columns(points, self._config.surfaces.columns, self._config.tracking.every_column)
+    def columns(self, points: Floats, whole: bool = False) -> ColumnScan:
+        """Sorts a scan (N, 3), sensor frame; of its columns only some are kept, unless it is to be `whole`."""
+        every = 1 if whole else self._config.tracking.every_column
+        return sort_into_columns(points, self._config.surfaces.columns, every)
 
     @property
     def height(self) -> float:

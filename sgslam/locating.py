@@ -2,16 +2,18 @@
 where these leave something open."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.climb import Climb
 from sgslam.config import Config
 from sgslam.degeneracy import Slack, surfaces_of, turned
 from sgslam.deskew import deskewed, part_of
 from sgslam.floors import Floors
-from sgslam.frames import angle_of, inverse, level_map
+from sgslam.frames import angle_of, inverse, level_map, raised, squared_up
 from sgslam.front_end import FrontEnd, align, predict, upright_step
 from sgslam.odometry import Odometry
 from sgslam.state_tree import Stateful
@@ -65,6 +67,31 @@ class Locator(Stateful):
         self._stamp_ns, self._interval_ns = 0, 0
         self._leapt = False  # a given odometry, at some time
         self.slack = Slack(config.odometry, config.tracking)
+        self._climb = Climb(config.tracking)
+
+    def state(self) -> dict[str, Any]:
+        """See `Stateful`; with what is known of stairs."""
+        return {**super().state(), "climb": self._climb.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """See `Stateful`."""
+        super().restore(state)
+        self._climb.restore(state["climb"])
+
+    @property
+    def climbing(self) -> bool:
+        """Whether the robot is on no floor."""
+        return self._climb.active
+
+    @property
+    def ground(self) -> float:
+        """Metres above the floor at which the robot goes, where that has steps or ramps."""
+        return self._climb.ground
+
+    @property
+    def T_ground_map(self) -> Floats:  # noqa: N802
+        """(4, 4) the levelled map of the floor that the robot is on, with z from the ground on which it goes."""
+        return raised(self._walls.T_level_map, -self._climb.ground)
 
     @property
     def _walls(self) -> WallMap:
@@ -115,15 +142,19 @@ class Locator(Stateful):
             T_odom_sensor, guess = self._ask(scan, last_map, given)
             self._last = Located(T_odom_sensor, guess)
         else:
+            self._climb.moved(last_map @ inverse(self._last.T_map_sensor))
             foretold = None
             if regular and self._step is not None:
                 foretold = upright_step(last_map @ self._step, last_map, self._walls.T_level_map[2, :3])
+            if self._climb.active:
+                self._climb.begin(self.T_ground_map)
             if given is None:
                 self._last = self._best(scan, last_map, foretold)
             else:
                 self._last = self._by_given(scan, last_map, given, foretold, leap)
-            self._front_end.follow(self._walls.T_level_map @ self._last.T_map_sensor)
         self._step = inverse(last_map) @ self._last.T_map_sensor
+        if self._config.tracking.correct:
+            self._follow(scan)
         return self._last
 
     def leave_keyframe(self) -> Floats | None:
@@ -131,6 +162,29 @@ class Locator(Stateful):
         what every step has; None where there is nothing beyond."""
         assert self._last is not None
         return self.slack.leave((self._walls.T_level_map @ self._last.T_map_sensor)[:3, :3])
+
+    def _follow(self, scan: ColumnScan) -> None:
+        """Takes note of how the sensor is carried, and of floors that are left or reached."""
+        assert self._last is not None
+        T_map_sensor = self._last.T_map_sensor
+        if not self._climb.active:
+            carried = self._front_end.carried()
+            left = self._climb.watch(scan, self._walls.lines, T_map_sensor, self.T_ground_map, carried)
+            if left is None and not self._climb.suspected:
+                self._front_end.follow(self.T_ground_map @ T_map_sensor)
+            elif left is not None:
+                self._last = replace(self._last, T_map_sensor=left)
+            return
+        T_level_map = self._walls.T_level_map
+        arrival = self._climb.follow(scan, T_map_sensor, T_level_map, self._front_end.height, self._floors)
+        if arrival is None:
+            return
+        if arrival.floor is None:
+            self._floors.begin().walls.T_level_map = raised(T_level_map, -arrival.height)
+            _log.info("a new floor begins, %+.2f m from the one that was left", arrival.height)
+        else:
+            self._floors.current = arrival.floor
+        self._climb.end(arrival.height if arrival.floor is not None else 0.0)
 
     def _best(self, scan: ColumnScan, last_map: Floats, foretold: Floats | None) -> Located:
         """By what was foretold where that is certain, else by the odometry, if it explains the scan as well."""
@@ -202,11 +256,13 @@ class Locator(Stateful):
         return scan.points[scan.upright] if self._odometry.upright_only else scan.points
 
     def _align(self, scan: ColumnScan, guess: Floats) -> _Guessed:
-        """Corrected by walls and floor."""
-        settings = self._config.tracking
-        tracked = align(
-            scan, self._walls.lines, guess, self._walls.T_level_map, self._front_end.carried(), self._config
-        )
+        """Corrected by walls and floor, on a stair by walls and what is level there."""
+        settings, walls = self._config.tracking, self._walls.lines
+        if self._climb.active:
+            tracked = self._climb.align(scan, walls, self.T_ground_map @ guess)
+            tracked = replace(tracked, T=squared_up(inverse(self.T_ground_map) @ tracked.T))
+        else:
+            tracked = align(scan, walls, guess, self.T_ground_map, self._front_end.carried(), self._config)
         missed = inverse(guess) @ tracked.T
         turn = angle_of(missed)
         return _Guessed(

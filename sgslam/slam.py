@@ -81,7 +81,7 @@ class SceneGraphSlam:
             if point_times is not None:
                 seconds = checked_times(point_times, len(points), stamp_ns)
                 points, offset_ns = self._locator.deskewed(stamp_ns, points, seconds, T_odom_sensor)
-            columns = self._front_end.columns(points)
+            columns = self._front_end.columns(points, whole=self._locator.climbing)
             last = self._scans[-1].T_map_sensor if self._scans else None
             located = self._locator.locate(stamp_ns + offset_ns, columns, last, T_odom_sensor)
             T_odom_sensor, T_map_sensor = located.T_odom_sensor, located.T_map_sensor
@@ -219,12 +219,13 @@ class SceneGraphSlam:
         scan = self._scans[-1]
         before = self._backend.keyframes[-1].T_odom_sensor if self._backend.keyframes else np.eye(4)
         tracked = before @ scan.T_keyframe_sensor  # the map jumps when it is optimised, this does not
-        floor = self._floors.current
-        keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=floor.number)
+        storey = None if self._locator.climbing else self._floors.current.number
+        keyframe = KeyframeNode(len(self._scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
         keyframe.slack = self._locator.leave_keyframe()
         if points is not None:
             with self._clock("surfaces"):
-                self._see(keyframe, points)
+                if storey is not None:
+                    self._see(keyframe, points)
                 self.clouds.add(len(self._backend.keyframes), points)
         self._backend.add_keyframe(keyframe)
         scan.keyframe = len(self._backend.keyframes) - 1
@@ -235,11 +236,13 @@ class SceneGraphSlam:
     def _see(self, keyframe: KeyframeNode, points: Floats) -> None:
         """Takes what a keyframe's scan shows of its floor into the keyframe and the floor's map."""
         floor, known = self._floors.current, self._backend.floors_in_map
-        T_level_map = floor.walls.T_level_map
+        T_level_map = self._locator.T_ground_map
         height = float((T_level_map @ keyframe.T_map_sensor)[2, 3]) if floor.number in known else None
         seen = self._front_end.look(points, level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3]), height)
         keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
-        if seen.floor is not None and floor.number not in known:
+        if self._locator.ground:
+            keyframe.floor = None
+        elif seen.floor is not None and floor.number not in known:
             floor_in_map = transform_planes(keyframe.T_map_sensor, seen.floor.plane)
             floor.walls.T_level_map = level_map(floor_in_map, self._front_end.height)
         floor.walls.add(len(self._backend.keyframes), keyframe.T_map_sensor, seen.walls)

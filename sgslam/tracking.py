@@ -55,10 +55,10 @@ def track(
     too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, how
     the sensor has been `carried` so far. Points between the heights `bands` above the floor stand for walls.
     """
-    upright = scan.points[_spread(np.flatnonzero(scan.upright), 2 * settings.points)]
+    upright = scan.points[spread(np.flatnonzero(scan.upright), 2 * settings.points)]
     z = upright @ predicted[2, :3] + predicted[2, 3]
     upright = upright[(z > bands[0]) & (z < bands[1])]
-    level = scan.points[_spread(np.flatnonzero(scan.level), settings.points)]
+    level = scan.points[spread(np.flatnonzero(scan.level), settings.points)]
     walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
@@ -66,7 +66,7 @@ def track(
     prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
     for gate in settings.gates:
         p, q = upright @ T[:3, :3].T, level @ T[:3, :3].T
-        of_walls, off_walls, near = _to_walls(p, T[:2, 3], walls, gate)
+        of_walls, off_walls, near = to_walls(p, T[:2, 3], walls, gate)
         share = len(off_walls) / len(p)
         if len(off_walls) < 10:
             break
@@ -93,12 +93,12 @@ def track(
     return Tracked(T, share, information)
 
 
-def _spread(places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+def spread(places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """About `count` of the places, evenly over the scan."""
     return places[:: max(1, len(places) // count)]
 
 
-def _to_walls(turned: Floats, place: Floats, walls: Lines, gate: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
+def to_walls(turned: Floats, place: Floats, walls: Lines, gate: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Of points (N, 3) from the sensor at `place` (2,), map axes, those that lie within the gate of the wall nearest to
     them: the distances' derivatives (M, 6) by a turn and a move of the sensor, the distances (M,), and which wall."""
     middle, half = (walls.low + walls.high) / 2, (walls.high - walls.low) / 2
