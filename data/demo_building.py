@@ -27,7 +27,8 @@ from data.demo_plan import (
 from data.errors import UserError
 from data.ifc_writer import IfcWriter, Prism, box, placed
 
-DEMO_STOREY = GROUND.name  # the one to drive
+DEMO_STOREY = GROUND.name  # the one to drive, where it is to be one
+DEMO_STOREYS = (GROUND.name, UPPER.name)  # in the order of the demo's drive, by the stair
 SLAB = 0.3  # m
 DOOR_HEIGHT = 2.1
 LEAF = 0.04  # m thick

@@ -1,6 +1,7 @@
 """When a floor of the S-graph is matched, what of a match becomes an anchor, and when an anchor is withdrawn."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 import factors
 from data import SceneGraph, WallSurface
+from matching.result import MatchResult
 from sgslam.anchor_log import AnchorLog, Hold, Key
 from sgslam.backend import Anchors, PlannedWall
 from sgslam.config import Config
@@ -22,6 +24,7 @@ from sgslam.wall_map import WallMap
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _STAYS = 2.0  # of the gate; a wall that is off by more though it was pulled
+_LEAST_HELD = 4  # walls as planned, for a floor to take over another one's place
 _APART = 1.0, np.radians(5)  # m and rad at which two answers place the map differently
 
 
@@ -44,19 +47,25 @@ class Anchoring(Stateful):
     """Keeps the answer of the matcher for floor `number` of the S-graph, and turns a unique one into anchors.
 
     `a_graph` in the BIM frame; inside, a local frame is used (the BIM's, moved by `origin` (3,) into the building),
-    because a site may lie kilometres from zero, and what is held at zero is held loosely far from it.
+    because a site may lie kilometres from zero, and what is held at zero is held loosely far from it. `plan` gives the
+    A-graph of a storey, the whole one for None.
     """
 
     _STATE = (
         "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
-        "_moved",
+        "_moved", "asked", "accepted", "follows", "_confidence",
     )  # fmt: skip
 
     def __init__(
-        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, origin: Floats, number: int = 0
-    ) -> None:
-        self._a, self._matcher, self._config = a_graph, matcher, config
+        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, origin: Floats,
+        plan: Callable[[str | None], SceneGraph], number: int = 0,
+    ) -> None:  # fmt: skip
+        self._a, self._matcher, self._config, self._plan = a_graph, matcher, config, plan
         self.origin, self.number = origin, number
+        self.asked: str | None = None  # the storey that the matcher is asked about; all of them, where it is None
+        self.accepted: list[str] | None = None  # the storeys that this floor can be, where it is known
+        self._confidence = 0.0  # of a commitment that follows another one
+        self.follows = False  # whether the commitment is that of another floor
         self.match: Match | None = None  # the newest answer
         self.committed: Match | None = None  # the answer that the anchors stand on
         self.log = AnchorLog()
@@ -124,6 +133,42 @@ class Anchoring(Stateful):
         self._withdraw(scene, self.match.reason)
         return False
 
+    def ask_about(self, storey: str) -> None:
+        """From now on the matcher is asked about this storey alone, and at once."""
+        self.asked, self._tried = storey, Growth()
+
+    @property
+    def confidence(self) -> float:
+        """The least of the committed pairs."""
+        given = self.committed.wall_surfaces if self.committed is not None else ()
+        return min((c for _, _, c in given), default=self._confidence)
+
+    def follow(
+        self, storey: str, scene: Scene, walls: WallMap, T_map_local: Floats, confidence: float
+    ) -> bool:  # fmt: skip
+        """Takes over the place that other floors have, on a storey; whether the walls bear that out."""
+        self.committed, self.follows = None, False
+        place = self._place = self._known(walls, T_map_local)
+        T_a_s = float(place[0]), float(place[1] + self.origin[0]), float(place[2] + self.origin[1])
+        self.committed = MatchResult("unique", "its place is that of the floors above or below", T_a_s=T_a_s,
+                                     floor=storey)  # fmt: skip
+        if self.held_share(scene, walls, T_map_local) < self._config.anchors.least_share:
+            self.committed = None
+            return False
+        self.match, self._matched, self.follows, self._pairs = self.committed, scene, True, set()
+        self.asked, self._confidence = storey, confidence
+        return True
+
+    def held_share(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> float:
+        """The share of the walls that stand as planned; 0 where they agree on no place, or are too few to tell."""
+        holding = self.holding(scene, walls, T_map_local)
+        return 0.0 if holding is None or sum(h.agrees for h in holding.walls) < _LEAST_HELD else holding.share
+
+    def withdraw(self, scene: Scene, why: str) -> None:
+        """Gives up what was committed to."""
+        if self.committed is not None:
+            self._withdraw(scene, why)
+
     def holding(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Holding | None:
         """The walls of `scene` that stand at planned ones; None where nothing is committed to, or where they do not
         agree on a place. `T_map_local` as in `update`."""
@@ -156,21 +201,26 @@ class Anchoring(Stateful):
 
         An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
         """
-        match = self.match = self._matcher.match(scene.graph, self._a)
+        match = self.match = self._matcher.match(scene.graph, self._plan(self.asked))
         self._matched = scene
         self._matches += 1
         rooms = len(scene.graph.rooms)
         _log.info("match %d, of %d rooms: %s, %s", self._matches, rooms, match.status, match.reason)
+        if match.status == "unique" and self.accepted is not None and match.floor not in self.accepted:
+            _log.info("match %d is not committed to: the way from floor to floor speaks against it", self._matches)
+            return
         place = self._borne_out(match, scene, walls) if match.status == "unique" else None
         if place is None:
             return
         replaced = self.committed is not None and (
             match.floor != self.committed.floor or _apart(place, self._known(walls, T_map_local), scene)
         )
+        if replaced and self.follows:
+            return
         if replaced:
             self._withdraw(scene, f"match {self._matches} places the map elsewhere")
             self._moved = True
-        self.committed, self._place = match, place
+        self.committed, self._place, self.follows = match, place, False
         self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
 
     def _borne_out(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
@@ -186,7 +236,7 @@ class Anchoring(Stateful):
         return place
 
     def _withdraw(self, scene: Scene, why: str) -> None:
-        self.committed, self._pairs = None, set()
+        self.committed, self._pairs, self.follows = None, set(), False
         self._pulled, self._resisting = set(), set()
         self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
         _log.warning("the match that the anchors stood on is withdrawn: %s", why)
@@ -201,7 +251,7 @@ class Anchoring(Stateful):
     def storey(self) -> SceneGraph:
         """The storey of the plan that was committed to; the whole plan where there is none, or no storey is named."""
         floor = self.committed.floor if self.committed is not None else None
-        return self._a if floor is None else self._a.on_floor(floor)
+        return self._plan(floor)
 
     @property
     def elevation(self) -> float | None:
@@ -274,7 +324,7 @@ class Anchoring(Stateful):
             return None if self.match is None else self.match.to_dict()
         about_scene = self.committed is self.match and self._matched is scene
         given = {s: (a, c) for s, a, c in self.committed.wall_surfaces} if about_scene else {}
-        least = min((c for _, _, c in self.committed.wall_surfaces), default=0.0)
+        least = self.confidence
         surfaces = []
         for held in holding.walls:
             a_id, confidence = given.get(held.surface.id, (held.planned.id, least))

@@ -51,7 +51,7 @@ class Arrival:
 class Climb(Stateful):
     """Watches whether the robot is on its floor, and locates it where it is not."""
 
-    _STATE = ("active", "ground", "_window", "_mapped", "_suspected", "_way")
+    _STATE = ("active", "ground", "_window", "_mapped", "_suspected", "_idle", "_way")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
@@ -60,6 +60,7 @@ class Climb(Stateful):
         self._window: list[Floats] = []  # (N, 3) level points of each kept scan, map frame
         self._mapped = np.full(3, np.inf)
         self._suspected = 0
+        self._idle = False  # every other scan is enough
         self._way: list[Floats] = []  # x y and the ground's height since the floor was left, level frame
         self._tree: tuple[cKDTree, Floats] | None = None  # in plan, with the points, level frame
 
@@ -80,6 +81,9 @@ class Climb(Stateful):
         """Of a scan that was located on its floor: None, or T_map_sensor by the level surfaces, where these show that
         the floor has been left."""
         T_level_sensor = T_level_map @ T_map_sensor
+        self._idle = not self._idle
+        if self._idle and not self._suspected:
+            return None
         points = _level_points(scan, T_level_sensor)
         other = None
         if self._doubtful(points, T_level_sensor, T_level_map, carried):

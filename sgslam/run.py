@@ -80,7 +80,9 @@ def main(arguments: list[str] | None = None) -> int:
     began, used = perf_counter(), process_time()
     bim = None if options.bim is None else load_bim(options.bim, layers=options.layer)
     seconds = {"bim": perf_counter() - began}
-    a_graph = None if bim is None else _storey(bim.graph, options.storey)
+    a_graph = None if bim is None else bim.graph
+    if a_graph is not None:
+        _check_storey(a_graph, options.storey)
     out = prepare_folder(options.out or _dated_folder())
     told = {"storey": options.storey, "start": start, "topic": options.topic}
     inputs = inputs_of(scans, a_graph, config, told, options.map)
@@ -94,7 +96,7 @@ def main(arguments: list[str] | None = None) -> int:
         clouds = KeyframeClouds(out / CLOUDS, config.clouds.keyframe_voxel)
     else:
         clouds = KeyframeClouds.open(out / CLOUDS, before["keyframes"], config.clouds.keyframe_voxel)
-    slam = SceneGraphSlam(a_graph, matcher, config, clouds=clouds, known=earlier)
+    slam = SceneGraphSlam(a_graph, matcher, config, clouds=clouds, known=earlier, storey=options.storey)
     progress = Progress() if before is None else Progress(**load(out, slam))
     checkpoints = Checkpoints(out, {**inputs, "arguments": told_by(options)})
     if before is None:
@@ -143,7 +145,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", type=Path, metavar="DIR", help="where the results go (default: out/<date>)")
     add("--ground-truth", type=Path, metavar="FILE", help="sensor poses in the BIM frame, TUM, the scans' clock")
     add("--start", metavar="X,Y,YAW", help="rough start in the BIM frame, metres and radians; breaks ties")
-    add("--storey", metavar="NAME", help="the storey that was scanned, where it is known")
+    add("--storey", metavar="NAME", help="the storey where the run begins, where it is known")
     add("--odometry", metavar="NAME|FILE", help="kiss (the default), small_gicp, or a TUM file of T_odom_sensor")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
@@ -161,7 +163,7 @@ def _dated_folder() -> Path:
 def _make_demo(options: argparse.Namespace) -> None:
     """Writes the demo building and a simulated drive into the out folder, and points the options at them."""
     from data.bim import load_bim
-    from data.demo_building import DEMO_STOREY, write_demo_building
+    from data.demo_building import DEMO_STOREYS, write_demo_building
     from data.simulate import simulate
     from sgslam.output import prepare_folder
 
@@ -174,9 +176,10 @@ def _make_demo(options: argparse.Namespace) -> None:
         raise UserError(f"{options.out}: holds a demo already; give another --out")
     print(f"demo: writing a building of two storeys, {options.bim}")
     write_demo_building(options.bim)
-    _storey(load_bim(options.bim).graph, options.storey)  # a wrong name is told before the drive
-    print(f"demo: driving through its '{DEMO_STOREY}' with a simulated LiDAR, {drive}")
-    simulate(options.bim, DEMO_STOREY, drive, seed=options.seed, min_rooms=6, min_length=50.0)
+    _check_storey(load_bim(options.bim).graph, options.storey)  # a wrong name is told before the drive
+    names = " and ".join(f"'{name}'" for name in DEMO_STOREYS)
+    print(f"demo: driving through its {names} with a simulated LiDAR, {drive}")
+    simulate(options.bim, DEMO_STOREYS, drive, seed=options.seed, min_rooms=4, min_length=30.0)
     options.scan_dir, options.ground_truth = drive / "scans", drive / "truth.tum"
     print("demo: now the main job, with nothing known but scans and building")
 
@@ -191,15 +194,15 @@ def _start(text: str) -> tuple[float, float, float]:
     return x, y, yaw
 
 
-def _storey(a_graph: "SceneGraph", name: str | None) -> "SceneGraph":
-    """The whole A-graph, or the storey that the user names (by name or id, upper and lower case alike)."""
-    if name is None:
-        return a_graph
-    named = [f for f in a_graph.floors if name.casefold() in (f.name.casefold(), f.id.casefold())]
-    if not named:
-        names = ", ".join(f.name or f.id for f in a_graph.floors)
-        raise UserError(f"--storey {name}: no such storey; there are: {names}")
-    return a_graph.on_floor(named[0].id)
+def _check_storey(a_graph: "SceneGraph", name: str | None) -> None:
+    """Raises UserError for the name of a storey that there is not."""
+    from sgslam.storey_hypotheses import floor_named
+
+    if name is not None:
+        try:
+            floor_named(a_graph, name)
+        except UserError as error:
+            raise UserError(f"--{error}") from None
 
 
 def _matcher(method: str, start: tuple[float, float, float] | None) -> Any:

@@ -27,6 +27,7 @@ from sgslam.loops import LoopCloser
 from sgslam.matcher_protocol import AnyMatcher
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.result import Result, Returned, ScanPose, Update, finished
+from sgslam.storey_hypotheses import floor_named
 
 Floats = NDArray[np.float64]
 _LOOP_ROUNDS = 3  # of closing loops and optimising, at most
@@ -39,12 +40,14 @@ class SceneGraphSlam:
     by default), `odometry` any `Odometry` (KISS-ICP by default), `clouds` where the keyframes' points are kept (a
     nameless file by default). `known` is the map of earlier runs, in which this one finds itself, wherever it starts,
     and to which it is joined at the end: all of the result is in that map's frame then. Scans are added in the order of
-    their stamps.
+    their stamps. `storey` is the name or the id of the A-graph's floor on which the run begins, where that is known;
+    raises UserError for one that there is not.
     """
 
     def __init__(
         self, bim: SceneGraph | Bim | None = None, matcher: AnyMatcher | None = None, config: Config | None = None,
         odometry: Odometry | None = None, clouds: KeyframeClouds | None = None, known: KnownMap | None = None,
+        storey: str | None = None,
     ) -> None:  # fmt: skip
         self._config = config or Config()
         self.clouds = KeyframeClouds(None, self._config.clouds.keyframe_voxel) if clouds is None else clouds
@@ -59,6 +62,7 @@ class SceneGraphSlam:
         self._loops = LoopCloser(self._config.loops)
         self._known, self._matcher = known, matcher
         plan, self._plan_is_known = (a_graph, False) if known is None else plan_of(known, a_graph)
+        self._start = None if storey is None or a_graph is None else floor_named(a_graph, storey).id
         self._anchoring = self._anchored_in(plan)
         self._begins = [0]  # the places in the scans at which a run begins
         self._scans: list[ScanPose] = []
@@ -212,7 +216,8 @@ class SceneGraphSlam:
     def _anchored_in(self, plan: SceneGraph | None) -> BuildingAnchoring | None:
         if plan is None:
             return None
-        return BuildingAnchoring(plan, self._matcher or _default_matcher(self._config), self._config)
+        start = self._start if plan is self._bim else None
+        return BuildingAnchoring(plan, self._matcher or _default_matcher(self._config), self._config, start)
 
     def _add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with what can be seen in its points."""
