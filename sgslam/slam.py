@@ -216,7 +216,7 @@ class SceneGraphSlam:
     def _anchored_in(self, plan: SceneGraph | None) -> BuildingAnchoring | None:
         if plan is None:
             return None
-        start = self._start if plan is self._bim else None
+        start = self._start if self._known is None else None  # a known map has floors of its own
         return BuildingAnchoring(plan, self._matcher or _default_matcher(self._config), self._config, start)
 
     def _add_keyframe(self, points: Floats | None) -> None:
