@@ -58,7 +58,7 @@ class Locator(Stateful):
     see much of a wall. A scan that was foretold, and that the walls then hold firmly and close by, needs no odometry.
     """
 
-    _STATE = ("_last", "_step", "_stamp_ns", "_interval_ns", "_leapt")
+    _STATE = ("_last", "_step", "_stamp_ns", "_interval_ns", "_leapt", "_external", "_T_odom_source")
 
     def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, floors: Floors) -> None:
         self._config, self._odometry, self._front_end, self._floors = config, odometry, front_end, floors
@@ -66,6 +66,8 @@ class Locator(Stateful):
         self._step: Floats | None = None  # T_last_sensor as it was found
         self._stamp_ns, self._interval_ns = 0, 0
         self._leapt = False  # a given odometry, at some time
+        self._external: bool | None = None  # whether the last T_odom_sensor was given
+        self._T_odom_source: Floats | None = None  # the frame of those who give it now; None where it is their own
         self.slack = Slack(config.odometry, config.tracking)
         self._climb = Climb(config.tracking)
 
@@ -110,9 +112,11 @@ class Locator(Stateful):
             return points, 0
         instant, step, interval_s = float(seconds.min() + seconds.max()) / 2, self._step, self._interval_ns / 1e9
         if given is not None:
-            instant, told = 0.0, inverse(self._last.T_odom_sensor) @ given
-            if not self._leap(told, stamp_ns - self._stamp_ns):
-                step, interval_s = told, (stamp_ns - self._stamp_ns) / 1e9
+            instant = 0.0
+            if self._external:
+                told = inverse(self._last.T_odom_sensor) @ self._shown(given, True)
+                if not self._leap(told, stamp_ns - self._stamp_ns):
+                    step, interval_s = told, (stamp_ns - self._stamp_ns) / 1e9
         if np.ptp(seconds) > _LONGEST_SWEEP * ((stamp_ns - self._stamp_ns) / 1e9 + instant):
             return points, 0
         if step is not None:
@@ -130,12 +134,13 @@ class Locator(Stateful):
         first scan; `given` T_odom_sensor of this one by somebody else's odometry."""
         interval_ns = stamp_ns - self._stamp_ns
         regular, leap = self._is_regular(interval_ns), False
+        given = None if given is None else self._shown(given, True)
         if given is not None and self._last is not None:
             leap = self._told(self._leap(inverse(self._last.T_odom_sensor) @ given, interval_ns), stamp_ns)
         self._stamp_ns, self._interval_ns = stamp_ns, interval_ns
         if last_map is None or self._last is None:
             self._walls.T_level_map = level_map(None, self._front_end.height)
-            T_odom_sensor = self._odometry.register(self._points(scan)) if given is None else given
+            T_odom_sensor = self._shown(self._odometry.register(self._points(scan)), False) if given is None else given
             self._last = Located(T_odom_sensor, np.eye(4))
             return self._last
         if not self._config.tracking.correct:
@@ -193,7 +198,8 @@ class Locator(Stateful):
         if tracked is not None and tracked.firm and not tracked.surprising:
             step = inverse(last_map) @ tracked.T_map_sensor
             self._loosen(tracked.information, settings.unheld_turn, settings.unheld_speed)
-            return Located(self._odometry.follow(lambda: self._points(scan), step), tracked.T_map_sensor)
+            followed = self._odometry.follow(lambda: self._points(scan), step)
+            return Located(self._shown(followed, False), tracked.T_map_sensor)
         T_odom_sensor, guess = self._ask(scan, last_map, None)
         best = self._align(scan, guess)
         if tracked is not None and tracked.better_than(best):
@@ -247,9 +253,18 @@ class Locator(Stateful):
         assert self._last is not None
         if given is not None:
             return given, predict(last_map, self._last.T_odom_sensor, given)
-        T_odom_sensor = self._odometry.register(self._points(scan), self._step)
+        T_odom_sensor = self._shown(self._odometry.register(self._points(scan), self._step), False)
         guess = predict(last_map, self._last.T_odom_sensor, T_odom_sensor)
         return T_odom_sensor, upright_step(guess, last_map, self._walls.T_level_map[2, :3])
+
+    def _shown(self, T_source_sensor: Floats, external: bool) -> Floats:
+        """T_odom_sensor. Where another source begins to tell (poses are given for some scans only), its frame is laid
+        so that the sensor goes on as before."""
+        if external != self._external and self._last is not None:
+            step = np.eye(4) if self._step is None else self._step
+            self._T_odom_source = self._last.T_odom_sensor @ step @ inverse(T_source_sensor)
+        self._external = external
+        return T_source_sensor if self._T_odom_source is None else self._T_odom_source @ T_source_sensor
 
     def _points(self, scan: ColumnScan) -> Floats:
         """(N, 3) what the odometry is given of a scan."""

@@ -153,6 +153,21 @@ def test_a_given_odometry_that_does_not_leap_is_believed(caplog: pytest.LogCaptu
     assert np.linalg.norm((live - truth)[:, :3, 3], axis=1).max() < 0.03
 
 
+def test_poses_may_be_given_for_some_scans_only(caplog: pytest.LogCaptureFixture) -> None:
+    """In a frame of their own: where they begin and end, the odometry goes on without a leap."""
+    drive, slam = small_drive(), SceneGraphSlam()
+    given = pose(5.0, -3.0, 2.0, 1.0) @ drive.truth.poses[:90]
+    with caplog.at_level(logging.WARNING, logger="sgslam"):
+        for i, (stamp, points) in enumerate(drive.scans[:90]):
+            slam.add_scan(stamp, points, T_odom_sensor=given[i] if 20 <= i < 45 or i >= 70 else None)
+    assert not [record for record in caplog.records if "leaps" in record.message]
+    result = slam.finish()
+    odometry, truth = result.trajectory_odometry.poses, inverse(drive.truth.poses[0]) @ drive.truth.poses[:90]
+    steps, true = (inverse(poses[:-1]) @ poses[1:] for poses in (odometry, truth))
+    assert np.linalg.norm((inverse(true) @ steps)[:, :3, 3], axis=1).max() < 0.3
+    assert np.linalg.norm((result.trajectory.poses - truth)[:, :3, 3], axis=1).max() < 0.06
+
+
 def test_where_nothing_holds_a_leap_widens_its_step() -> None:
     """In the open hall, where no wall could tell: the step with the leap is uncertain by it, others are not."""
     scene, slam = scene_of(HALL), SceneGraphSlam()
