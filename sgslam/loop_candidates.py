@@ -1,7 +1,7 @@
 """Which keyframes may have come back to a place seen before, as far as the graph lets the map drift."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,26 +70,33 @@ def tied_by_walls(
 
 
 def passes_near(
-    i: int, places: Floats, way: Floats, chosen: NDArray[np.bool_], ties: Ties, settings: LoopSettings
-) -> list[Pass]:
+    i: int, places: Floats, way: Floats, chosen: NDArray[np.bool_], ties: Ties, settings: LoopSettings,
+    alike: Mapping[str, Index] | None = None,
+) -> list[Pass]:  # fmt: skip
     """The passes by the place of keyframe i that it may have come back to, the nearest first.
 
     `places` (K, 2) and `way` (K,) are those of all keyframes. Keyframes that are `chosen` (K,) come into question, if
-    they were there `gap` metres of way before, no farther off than the drift on the way between allows.
+    they were there `gap` metres of way before, no farther off than the drift on the way between allows; those that are
+    `alike` by their walls or rooms, twice as far.
     """
     between = ties.way_between(way, i)
-    drift = np.minimum(settings.drift_base + settings.drift * between, settings.most_drift)
-    turn = np.minimum(settings.turn_base + settings.turn * between, settings.most_turn)
-    off = np.linalg.norm(places - places[i], axis=1)
+    allowed, turn = settings.drift_base + settings.drift * between, settings.turn_base + settings.turn * between
     older = chosen & (way[i] - way > settings.gap)
-    near = np.flatnonzero(older & (off < drift + _VIEW))
-    if not len(near):
-        return []
-    cuts = np.flatnonzero(np.diff(way[near]) > settings.submap) + 1
-    found = []
-    for first, last in pairwise([0, *cuts.tolist(), len(near)]):
-        own = near[first:last]
-        nearest = int(own[np.argmin(off[own])])
-        around = np.flatnonzero(older & (np.abs(way - way[nearest]) < settings.submap))
-        found.append((float(off[nearest]), Pass(around, float(drift[nearest]), float(turn[nearest]))))
-    return [p for _, p in sorted(found, key=lambda f: f[0])]
+    off = np.linalg.norm(places - places[i], axis=1)
+    found: list[Pass] = []
+    proposed = [("position", np.arange(len(way)), 1.0), *((by, own, 2.0) for by, own in (alike or {}).items())]
+    for by, candidates, times in proposed:
+        drift = np.minimum(times * allowed, settings.most_drift)
+        near = candidates[older[candidates] & (off[candidates] < drift[candidates] + _VIEW)]
+        if not len(near):
+            continue
+        new: list[tuple[float, Pass]] = []
+        for own in np.split(near, np.flatnonzero(np.diff(way[near]) > settings.submap) + 1):
+            nearest = int(own[np.argmin(off[own])])
+            if any(nearest in p.keyframes for p in found):
+                continue
+            around = np.flatnonzero(older & (np.abs(way - way[nearest]) < settings.submap))
+            turned = min(times * float(turn[nearest]), settings.most_turn)
+            new.append((float(off[nearest]), Pass(around, float(drift[nearest]), turned, by)))
+        found += [p for _, p in sorted(new, key=lambda one: one[0])]
+    return found

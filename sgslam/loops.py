@@ -8,6 +8,7 @@ Mangelson et al., ICRA 2018).
 """
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -18,15 +19,18 @@ from sgslam.frames import inverse, se2_to_se3, transform_points
 from sgslam.graph_nodes import Closure
 from sgslam.keyframes import KeyframeNode
 from sgslam.loop_candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
+from sgslam.loop_likeness import Widths, alike, alike_rooms
 from sgslam.loop_registration import register, submap
 from sgslam.loop_search import SeenSpace, agreement, search
 from sgslam.loop_settings import LoopSettings
+from sgslam.scene import Scene
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
+Alike = Mapping[str, Index]  # keyframes, by what makes them alike
 _log = logging.getLogger(__name__)
-_PASSES = 2  # earlier passes that are tried for a keyframe
+_PASSES = 3  # earlier passes that are tried for a keyframe
 _CLOUDS = 14  # keyframes of a submap that are registered, at most
 
 
@@ -62,12 +66,13 @@ class LoopCloser:
         self.withdrawn: list[tuple[Closure, str]] = []  # that held once, and why they no longer do
         self._pending: list[Closure] = []
         self._tied = np.empty((0, 2), dtype=np.int64)
+        self._widths: dict[int, Widths] = {}  # of keyframes, found once
         self._looked, self._last_way = 0, -np.inf  # keyframes looked at; way at the last search
 
     def look(
-        self, keyframes: list[KeyframeNode], storey: int, walls: WallMap, clouds: Clouds
-    ) -> list[Closure]:  # fmt: skip
-        """The closures on one floor that are believed since the last look."""
+        self, keyframes: list[KeyframeNode], storey: int, walls: WallMap, clouds: Clouds, scene: Scene | None = None
+    ) -> list[Closure]:
+        """The closures on one floor that are believed since the last look; `scene` is what it was last cut into."""
         settings, began = self._settings, self._looked
         self._looked = len(keyframes)
         if not settings.enabled or len(keyframes) < 3:
@@ -81,8 +86,10 @@ class LoopCloser:
         tied = tied_by_walls(new, known.places, known.way, *_incidence(walls, len(keyframes)), settings.gap)
         self._tied = np.concatenate([self._tied, tied])
         believed: list[Closure] = []
-        for i in self._places(known, new, set(tied[:, 0].tolist())):
-            found = self._close(known, i)
+        chosen = self._places(known, new, set(tied[:, 0].tolist()))
+        likeness = self._alike(known, chosen, walls, scene)
+        for i in chosen:
+            found = self._close(known, i, likeness[i])
             if found is not None:
                 self._pending.append(found)
                 believed += self._believed(known)
@@ -129,8 +136,21 @@ class LoopCloser:
         self.closures, self._pending, self._tied = state["closures"], state["pending"], state["tied"]
         self._looked, self._last_way, self.withdrawn = state["looked"], state["last_way"], state["withdrawn"]
 
-    def _passes(self, known: _Map, i: int) -> list[Pass]:
-        return passes_near(i, known.places, known.way, known.on_floor, self._ties(), self._settings)[:_PASSES]
+    def _alike(self, known: _Map, chosen: list[int], walls: WallMap, scene: Scene | None) -> dict[int, Alike]:
+        """For each chosen keyframe those that have the same walls about them, and those of rooms like its own."""
+        if not chosen:
+            return {}
+        planes: dict[int, list[Floats]] = {}
+        for s in walls.seen:
+            if s.keyframe not in self._widths:
+                planes.setdefault(s.keyframe, []).append(s.plane)
+        self._widths |= {k: Widths.of(k, np.stack(own)) for k, own in planes.items()}
+        widths = Widths.together([w for k, w in self._widths.items() if known.on_floor[k]]).turned(known.T_level_sensor)
+        rooms = {} if scene is None else alike_rooms(scene)
+        return {
+            i: {"walls": alike(widths.by(i), widths), "room": np.array(rooms.get(i, []), dtype=np.int64)}
+            for i in chosen
+        }
 
     def _ties(self) -> Ties:
         own = np.array([(c.later, c.earlier) for c in self.closures], dtype=np.int64).reshape(-1, 2)
@@ -150,9 +170,10 @@ class LoopCloser:
             self._last_way = max(ways)
         return chosen[::-1]
 
-    def _close(self, known: _Map, i: int) -> Closure | None:
+    def _close(self, known: _Map, i: int, likeness: Alike) -> Closure | None:
         """The closure of keyframe i to an earlier pass, if there is one that can be trusted by itself."""
-        for earlier in self._passes(known, i):
+        at = known.places, known.way, known.on_floor
+        for earlier in passes_near(i, *at, self._ties(), self._settings, likeness)[:_PASSES]:
             closure = self._verified(known, i, earlier)
             if closure is not None:
                 return closure

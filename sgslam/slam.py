@@ -274,7 +274,7 @@ class SceneGraphSlam:
         with self._clock("loops"):
             opened = self._loops.contradicted(self._backend.keyframes)
             floor = self._floors.current
-            closed = self._loops.look(self._backend.keyframes, floor.number, floor.walls, self.clouds)
+            closed = self._loops.look(self._backend.keyframes, floor.number, floor.walls, self.clouds, floor.scene)
             self._backend.closures = list(self._loops.closures)
             self._loops.part_walls(closed, floor.walls, self._backend.keyframes)
         return bool(closed or opened)

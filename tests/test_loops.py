@@ -20,6 +20,7 @@ from sgslam.front_end import FrontEnd
 from sgslam.graph_nodes import Closure
 from sgslam.keyframes import KeyframeNode
 from sgslam.loop_candidates import Ties, passes_near, tied_by_walls, way_driven
+from sgslam.loop_likeness import Widths, alike
 from sgslam.loop_registration import register
 from sgslam.loop_search import SeenSpace, agreement, search
 from sgslam.loop_settings import LoopSettings
@@ -273,3 +274,30 @@ def test_a_covariance_whitens() -> None:
     values.insert(0, gtsam.Pose3())
     values.insert(1, gtsam.Pose3(gtsam.Rot3(), np.array([0.2, 0.0, 0.0])))
     assert factor.error(values) == pytest.approx(2.0, rel=1e-6)  # two sigma, below the robust threshold
+
+
+def room_planes(width: float, depth: float, at: tuple[float, float], yaw: float) -> Array:
+    """(4, 4) the inward planes of a room's four walls, seen from a place in it, turned by `yaw`."""
+    n = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], dtype=float)
+    d = np.array([at[0], width - at[0], at[1], depth - at[1]])
+    return np.column_stack([n @ pose(0, 0, 0, yaw)[:3, :3].T, d])
+
+
+def test_a_room_is_alike_wherever_the_sensor_stands_and_however_it_is_turned() -> None:
+    poses = np.array([pose(9, 9, 0, -0.8), pose(0, 0, 0, 0.0), pose(3, 1, 0, 0.0), pose(5, 5, 0, 0.0)])
+    here = Widths.of(0, room_planes(3.2, 5.1, (1.0, 2.0), 0.8)).turned(poses)
+    known = [Widths.of(1, room_planes(3.2, 5.1, (2.5, 4.0), 0.0)), Widths.of(2, room_planes(3.2, 4.4, (1.0, 2.0), 0.0))]
+    corridor = Widths.of(3, room_planes(3.2, 5.1, (1.0, 2.0), 0.0)[:2])
+    assert alike(here, Widths.together([*known, corridor]).turned(poses)).tolist() == [1]
+    assert len(alike(corridor.turned(poses), corridor.turned(poses))) == 0, "its width alone tells no corridor"
+    assert len(alike(here, Widths.together([]))) == 0
+
+
+def test_what_is_alike_may_be_farther_off() -> None:
+    way = there_and_back(30)
+    way[31:] += [0.0, 6.0]  # an odometry that slipped aside where it turned
+    everywhere, none = np.ones(len(way), bool), Ties(np.empty((0, 2), dtype=np.int64))
+    told = len(way) - 1, way, way_driven(way), everywhere, none, SETTINGS
+    assert passes_near(*told) == []
+    found = passes_near(*told, {"walls": np.array([1, 2]), "room": np.empty(0, np.int64)})
+    assert [p.by for p in found] == ["walls"] and 2 in found[0].keyframes
