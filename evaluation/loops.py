@@ -42,7 +42,8 @@ Record = dict[str, str]
 @dataclass(frozen=True, kw_only=True)
 class Row:
     """One run. `ape_m` is over the positions, aligned to the truth; `end_m` that of the last one,
-    first poses made to coincide, `end_percent` of the way. `closure_m` is the worst error of a closure that was believed; `withdrawn` of them were given up."""
+    first poses made to coincide, `end_percent` of the way. `closure_m` is the worst error of a closure that was
+    believed; `withdrawn` of them were given up."""
 
     drive: str
     front_end: str
@@ -245,8 +246,8 @@ _ABOUT = (
     + f"; others: a tour of {LENGTH:g} m through rooms and corridors and back to its start. Front ends: "
     + "; ".join(f"{name}: {told}" for name, told in FRONT_ENDS.items())
     + f". The bad odometry's steps are {LEVEL} % too long, its yaw walks by {0.3 * LEVEL:.1f} degrees per square root "
-    "of a metre. APE is over positions, aligned to the truth (a straight way by its first pose). A closure is false that is more than "
-    f"{FALSE_M:g} m or {np.degrees(FALSE_RAD):.0f} degrees off the truth; those given up later count too."
+    "of a metre. APE is over positions, aligned to the truth (a straight way by its first pose). A closure is false "
+    f"that is more than {FALSE_M:g} m or {np.degrees(FALSE_RAD):.0f} degrees off the truth; those given up later count."
 )
 
 
