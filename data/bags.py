@@ -150,7 +150,7 @@ class BagScans(ScanSource):
             self._told_at_end(index)
             raise EndOfScansError
         cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
-        if not cloud.stamp_ns and not self._unset_told:
+        if not cloud.stamp_ns and record.log_ns and not self._unset_told:
             self._unset_told = True
             self.remarks.append(f"{self.topic}: headers without a stamp; the time of recording is taken for it")
         return finished(index, cloud.stamp_ns or record.log_ns, cloud.points, cloud.times, self.path)

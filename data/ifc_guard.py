@@ -49,9 +49,13 @@ def _asked(request: dict[str, Any]) -> int:
     if helper is None or helper.poll() is not None:
         helper = _helpers[os.getpid()] = _started()
     assert helper.stdin is not None and helper.stdout is not None
-    helper.stdin.write(json.dumps(request).encode() + b"\n")
-    helper.stdin.flush()
-    answer = helper.stdout.readline()
+    try:
+        helper.stdin.write(json.dumps(request).encode() + b"\n")
+        helper.stdin.flush()
+        answer = helper.stdout.readline()
+    except BaseException:  # interrupted: its answer would be taken for that to the next request
+        helper.kill()
+        raise
     if not answer:
         raise UserError(f"{request['told']}: the helper that reads IFC files ended; try again")
     return int(answer)

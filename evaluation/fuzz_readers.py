@@ -37,7 +37,7 @@ def _building(path: Path) -> object:
 def _ifc(path: Path) -> object:
     from data.ifc_guard import read_guarded
 
-    return read_guarded(path, seconds=20)
+    return read_guarded(path, seconds=10)
 
 
 def _scans(path: Path) -> object:
@@ -186,7 +186,7 @@ READERS = (
     Reader("scans .e57", ".e57", samples.e57, _scans, mutated_e57, 0.3),
     *(Reader(f"bag {kind}", suffix, partial(samples.bag, kind), _scans, share=0.5)
       for kind, suffix in (("ros1", ".bag"), ("ros1-lz4", ".bag"), ("mcap", ".mcap"), ("sqlite3", ".db3"))),
-    Reader("IFC", ".ifc", samples.ifc, _ifc, share=0.1),
+    Reader("IFC", ".ifc", samples.ifc, _ifc, share=0.05),
     Reader("IFC, packed", ".ifczip", lambda folder: samples.ifc(folder, packed=True), _ifc, mutated_zip(mutated), 0.02),
     Reader("GeoJSON", ".geojson", lambda folder: samples.geojson(), _building, mutated_json, 0.2),
     Reader("DXF", ".dxf", samples.dxf, _building, share=0.1),

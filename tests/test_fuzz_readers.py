@@ -15,6 +15,7 @@ from evaluation.fuzz_readers import READERS, Reader
 BY_NAME = {reader.name: reader for reader in READERS}
 SLOW = {"IFC", "IFC, packed", "DXF", "mesh .stl", "mesh .obj", "network's input", "network"}  # for the command alone
 QUICK = [name for name in BY_NAME if name not in SLOW]
+fuzz.ring_on_time()
 _samples: dict[str, list[bytes]] = {}
 
 
@@ -29,14 +30,10 @@ def samples_of(reader: Reader, folder: Path) -> list[bytes]:
 def test_damage_is_read_or_refused(name: str, tmp_path: Path) -> None:
     reader = BY_NAME[name]
     seeds, path = samples_of(reader, tmp_path / "samples"), tmp_path / f"input{reader.suffix}"
-    before = signal.signal(signal.SIGALRM, fuzz._ring)
-    try:
-        for number in range(25):
-            path.write_bytes(fuzz.input_of(reader, seeds, 1, number))
-            outcome, what = fuzz.outcome_of(reader, path)
-            assert outcome != "crashes", f"input {number}: {what}"
-    finally:
-        signal.signal(signal.SIGALRM, before)
+    for number in range(25):
+        path.write_bytes(fuzz.input_of(reader, seeds, 1, number))
+        outcome, what = fuzz.outcome_of(reader, path)
+        assert outcome != "crashes", f"input {number}: {what}"
 
 
 @settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
@@ -84,6 +81,7 @@ def test_crashes_of_every_kind_are_counted(monkeypatch: pytest.MonkeyPatch, tmp_
     bad = Reader("bad", ".x", lambda folder: [b"whole"], _fails, lambda seeds, rng: texts[rng.randrange(5)])
     monkeypatch.setattr(fuzz, "READERS", (bad,))
     monkeypatch.setattr(fuzz, "HANG", 1)
+    monkeypatch.setattr(fuzz, "WAIT", 1)
     numbers = [random.Random(f"0 bad {k}").randrange(5) for k in range(12)]
     assert set(numbers) == {0, 1, 2, 3, 4}
     counts = fuzz.fuzz(["bad"], 12, 60, 0, tmp_path, 1)["bad"]
