@@ -1,11 +1,11 @@
 """Point clouds as binary PLY files."""
 
-import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from data.files import atomic_file
 
 _FAR = 4096.0  # m from zero up to which single precision is exact to half a millimetre
 
@@ -16,14 +16,7 @@ def write_ply(path: Path, points: NDArray[np.floating], comment: str = "") -> No
     kind, name = ("<f8", "double") if far else ("<f4", "float")
     head = ["ply", "format binary_little_endian 1.0", *([f"comment {comment}"] if comment else [])]
     head += [f"element vertex {len(points)}", *(f"property {name} {axis}" for axis in "xyz"), "end_header"]
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(("\n".join(head) + "\n").encode())
-            for part in range(0, len(points), 1 << 16):
-                file.write(points[part : part + (1 << 16)].astype(kind).tobytes())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with atomic_file(path) as file:
+        file.write(("\n".join(head) + "\n").encode())
+        for part in range(0, len(points), 1 << 16):
+            file.write(points[part : part + (1 << 16)].astype(kind).tobytes())

@@ -1,5 +1,6 @@
 """The free space of a storey as a grid: what was seen free, and what stands between rooms."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -27,7 +28,7 @@ class Grid:
         columns, rows = np.ceil((high - low) / cell).astype(int) + 1
         return Grid(low, cell, (int(rows), int(columns)))
 
-    def to_cells(self, points: Floats) -> NDArray[np.int32]:
+    def to_cells(self, points: NDArray[np.floating]) -> NDArray[np.int32]:
         """(N, 2) column and row of points (N, 2), clipped to the grid."""
         cells = np.rint((points - self.origin) / self.cell).astype(np.int32)
         return np.clip(cells, 0, [self.shape[1] - 1, self.shape[0] - 1])
@@ -53,7 +54,7 @@ class FreeSpace:
 
 
 def free_space(
-    sensors: Floats, outlines: list[Floats], segments: Floats, lintels: list[Floats], settings: RoomSettings
+    sensors: Floats, outlines: Iterable[Floats], segments: Floats, lintels: Iterable[Floats], settings: RoomSettings
 ) -> FreeSpace:
     """Draws the free space of keyframes at `sensors` (K, 2), all in the levelled map.
 
@@ -61,8 +62,10 @@ def free_space(
     K sets of points (L, 2) over doors; a cell counts as lintel when three keyframes or more have seen one
     there.
     """
-    near = [_within_reach(sensor, outline) for sensor, outline in zip(sensors, outlines, strict=True)]
-    grid = Grid.around(np.concatenate([sensors, *near]), settings.cell)
+    # single precision, and one after another: of a long run there are thousands
+    near = [_within_reach(place, outline).astype(np.float32) for place, outline in zip(sensors, outlines, strict=True)]
+    extent = [corner for outline in near if len(outline) for corner in (outline.min(axis=0), outline.max(axis=0))]
+    grid = Grid.around(np.concatenate([sensors, np.array(extent).reshape(-1, 2)]), settings.cell)
     free = np.zeros(grid.shape, np.uint8)
     for outline in near:
         if len(outline) >= 3:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.errors import UserError
+from data.files import atomic_file
 
 FILE = "keyframe_clouds.bin"  # in a run's folder
 _MAGIC = b"SGKC0001"
@@ -104,16 +105,9 @@ class KeyframeClouds:
         """Writes them to another file, atomically, a piece at a time; nothing where that is their own file."""
         if self.path is not None and path.exists() and path.samefile(self.path):
             return
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                for place in range(0, self._end, 1 << 20):
-                    file.write(os.pread(self._file.fileno(), min(1 << 20, self._end - place), place))
-            os.chmod(temporary, 0o644)
-            os.replace(temporary, path)
-        except BaseException:
-            os.unlink(temporary)
-            raise
+        with atomic_file(path) as file:
+            for place in range(0, self._end, 1 << 20):
+                file.write(os.pread(self._file.fileno(), min(1 << 20, self._end - place), place))
 
 
 def voxel_keys(points: NDArray[np.floating], voxel: float) -> NDArray[np.int64]:

@@ -97,8 +97,8 @@ def build_scene(
 
 def _segment(own: dict[int, KeyframeNode], walls: WallMap, T: Floats, config: Config) -> Segmentation:
     keyframes, row = list(own.values()), {i: k for k, i in enumerate(own)}
-    outlines = [transform_points(pose, k.outline)[:, :2] for pose, k in zip(T, keyframes, strict=True)]
-    lintels = [transform_points(pose, k.lintels)[:, :2] for pose, k in zip(T, keyframes, strict=True)]
+    outlines = (transform_points(pose, k.outline)[:, :2] for pose, k in zip(T, keyframes, strict=True))
+    lintels = (transform_points(pose, k.lintels)[:, :2] for pose, k in zip(T, keyframes, strict=True))
     segments = np.empty((0, 2, 2))
     if walls.seen:
         ends = np.stack([s.ends for s in walls.seen])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import UserError
-from data.files import write_atomically
+from data.files import atomic_file
 from sgslam.state_tree import Packer, Unpacker
 
 FORMAT, VERSION = "sgslam state", 1
@@ -27,9 +27,8 @@ def write_state(path: Path, about: dict[str, Any], state: Any, known: Mapping[st
     packer = Packer(known)
     tree = _bytes(packer.pack(state))
     header = _bytes({"format": FORMAT, "version": VERSION, "about": about})
-    file = BytesIO()
-    np.savez(file, allow_pickle=False, **{_HEADER: header, _TREE: tree, **packer.arrays()})
-    write_atomically(path, file.getvalue())
+    with atomic_file(path) as file:
+        np.savez(file, allow_pickle=False, **{_HEADER: header, _TREE: tree, **packer.arrays()})
 
 
 def read_about(path: Path) -> dict[str, Any]:

@@ -48,8 +48,9 @@ class Packer:
         self._met: dict[int, int] = {}
 
     def arrays(self) -> Arrays:
-        """The long arrays (N,) that the packed trees refer to, by the code of their kind of number."""
-        return {code: np.concatenate(parts) for code, parts in self._buffers.items()}
+        """The long arrays (N,) that the packed trees refer to, by the code of their kind of number; asked for once, at
+        the end, since the parts that they are made of are given up."""
+        return {code: np.concatenate(self._buffers.pop(code)) for code in list(self._buffers)}
 
     def pack(self, value: Any) -> Any:
         """What JSON can hold of a value. Raises TypeError for what no tree may hold."""
