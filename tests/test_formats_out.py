@@ -192,7 +192,7 @@ def test_a_keyframe_without_a_pose_is_told(out: Path, tmp_path: Path) -> None:
     for path in out.glob("*.json"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     graph = json.loads((tmp_path / "s_graph.json").read_text())
-    graph["keyframes"][1]["pose"] = [0.0, 1.0]
+    graph["keyframes"][1]["pose"] = [0.0] * 7
     (tmp_path / "s_graph.json").write_text(json.dumps(graph))
     with pytest.raises(UserError, match=r"s_graph.json: a keyframe's pose"):
         RunFolder.read(tmp_path)
