@@ -12,7 +12,7 @@ from sgslam.frames import inverse, squared_up, transform_points
 from sgslam.loop_settings import LoopSettings
 
 Floats = NDArray[np.float64]
-_VOXEL = 0.1  # m, of the points that are registered
+_VOXEL = 0.15  # m, of the points that are registered
 _NEIGHBOURS = 20  # of a point, for its normal; of fewer, noise makes a bare wall hold something along itself
 _ALIKE, _SIGMA = 100.0, 0.02  # points that err alike; m
 _KNOWN = 0.5  # m

@@ -31,7 +31,7 @@ Index = NDArray[np.int64]
 Alike = Mapping[str, Index]  # keyframes, by what makes them alike
 _log = logging.getLogger(__name__)
 _PASSES = 3  # earlier passes that are tried for a keyframe
-_CLOUDS = 14  # keyframes of a submap that are registered, at most
+_CLOUDS = 10  # keyframes of a submap that are registered, at most
 
 
 class Clouds(Protocol):
