@@ -141,11 +141,12 @@ def storeys_of(graph: SceneGraph) -> list[Storey]:
     return known[1]
 
 
-def walk(storey: Storey, rng: np.random.Generator, count: int | None) -> Walk:
+def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int | None = None) -> Walk:
     """Explores so many rooms that have walls, one after the other: through doors, where none leads on across a wall.
 
     The first one is drawn among those from where the count can be reached, by doors alone if possible; fewer rooms
-    are explored where there are no more. `count` None: all, also those that no way leads to, the nearest first.
+    are explored where there are no more. `count` None: all, also those that no way leads to, the nearest first. `start`
+    names the first one in place of a draw.
     """
     walled = np.array([len(w) > 0 for w in storey.walls_of])
     wanted = int(walled.sum()) if count is None else count
@@ -154,9 +155,9 @@ def walk(storey: Storey, rng: np.random.Generator, count: int | None) -> Walk:
     most = max(1, min(wanted, int(storey.reach[1].max())))
     starts = np.flatnonzero(walled & (storey.reach[0] >= most))
     starts = starts if len(starts) else np.flatnonzero(walled & (storey.reach[1] >= most))
-    rooms, parents = [int(rng.choice(starts))], [-1]
+    rooms, parents = [int(rng.choice(starts)) if start is None else start], [-1]
     doors, walls = _Ways(storey.by_door), _Ways(storey.across_walls)
-    left = wanted - 1
+    left = wanted - int(walled[rooms[0]])
     while left:
         for ways in (doors, walls):
             ways.open(rooms)

@@ -69,7 +69,7 @@ def draw(
         raise UserError(f"no regime '{regime}' of S-graphs; there are: {', '.join(REGIMES)}")
     storey = _choose(a, floor, rng)
     while True:  # of a small part of a plan it may happen that nothing is seen
-        drawn = _paper(storey, rng) if regime == "paper" else _mapped(storey, regime, rng, rooms)
+        drawn = _paper(storey, rng) if regime == "paper" else draw_walk(storey, walk(storey, rng, rooms), regime, rng)
         if drawn.rooms:
             return drawn
 
@@ -97,8 +97,13 @@ def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
     return _built(storey, map_rooms, motions, rng, False, place)
 
 
-def _mapped(storey: Storey, regime: str, rng: np.random.Generator, rooms: int | None) -> DrawnGraph:
-    walked = walk(storey, rng, rooms)
+def draw_walk(storey: Storey, walked: Walk, regime: str, rng: np.random.Generator) -> DrawnGraph:
+    """Draws the S-graph of a walk through a storey; a room of which nothing is seen is not in it.
+
+    Raises UserError for an unknown regime, and for `paper`, which knows no walk.
+    """
+    if regime not in REGIMES[1:]:
+        raise UserError(f"no regime '{regime}' of S-graphs of a walk; there are: {', '.join(REGIMES[1:])}")
     map_rooms = housed(storey, walked, see(storey, np.array(walked.rooms), rng))
     map_rooms = overlooked(map_rooms, rng)
     bent = regime != "real"

@@ -14,7 +14,7 @@ from data.plans import Plan, read_plans
 from data.s_graph_regimes import REGIMES, DrawnGraph, draw
 from evaluation.slam_graph_files import read_drives
 from evaluation.true_matches import TrueMatches
-from evaluation.twins import is_twin
+from matching.twins import is_twin
 
 ELSEWHERE, SGSLAM = "elsewhere", "sgslam"
 DRAWN = (*REGIMES, ELSEWHERE)

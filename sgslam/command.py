@@ -23,6 +23,7 @@ class Command:
 COMMANDS = {
     "run": Command("sgslam.run", "scans and a building's plan in, a trajectory in building coordinates out"),
     "match": Command("matching.match", "finds where a map's scene graph lies in a plan's"),
+    "inspect-bim": Command("sgslam.inspect_bim", "what a plan lacks, where it is its own twin, rooms to see"),
     "export": Command("sgslam.export", "a finished run in the forms that other programs read"),
     "simulate": Command("data.simulate", "drives a simulated robot through a building"),
     "train": Command("matching.train", "trains the matcher's network anew"),
@@ -44,6 +45,7 @@ MEASUREMENTS = {
         "one_wall_out": "each wall of a map left out of its anchors",
         "other_buildings": "drives with other buildings' plans",
         "published_tables": "the published matcher's tables beside ours",
+        "rooms_needed": "what inspect-bim foretells against the matching benchmark",
         "se2_subsets": "all parts of one known map, matched",
         "slabim": "a session of the public data set SLABIM, laid out and run",
         "slam_graphs": "S-graphs of our own pipeline, with truth",

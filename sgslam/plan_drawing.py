@@ -152,6 +152,11 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     )  # fmt: skip
 
 
+def planned_wall(wall: WallSurface) -> DrawnWall:
+    """A wall surface of the BIM, in the BIM frame."""
+    return _wall(wall, np.eye(4), 0.0, False, f"{wall.id} {wall.source}")
+
+
 def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tuple[DrawnWall, ...]:
     """The BIM's wall surfaces on a storey (all where it is None), in the BIM frame."""
     walls = [w for w in (data.a_graph.wall_surfaces if data.a_graph else ()) if _on(w, floor)]

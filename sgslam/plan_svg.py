@@ -57,7 +57,7 @@ def plan_svg(drawing: PlanDrawing) -> str:
     groups = _layers(drawing, pen)
     body = "\n".join(f'<g class="layer-{name}">{content}</g>' for name, content in groups if content)
     left, top, width, height = box
-    scale = _scale_bar(left + 0.4 * margin, top + height - 0.4 * margin, width)
+    scale = scale_bar(left + 0.4 * margin, top + height - 0.4 * margin, width)
     return (
         f'<svg id="plan" viewBox="{left:.3f} {top:.3f} {width:.3f} {height:.3f}" role="img" '
         f'aria-label="{escape(drawing.heading)}">\n{body}\n{scale}\n<g id="marker"><polyline/></g></svg>'
@@ -148,7 +148,8 @@ def _start_and_end(drawing: PlanDrawing, pen: Pen) -> str:
     return "".join(pen.line(np.stack([p, p]), name, f' class="{name}"') for name, p in dots)
 
 
-def _scale_bar(x: float, y: float, width: float) -> str:
+def scale_bar(x: float, y: float, width: float) -> str:
+    """A round number of metres, no longer than a sixth of the drawing's width, from a place in its numbers."""
     length = next((m for m in (50, 20, 10, 5, 2, 1) if m <= width / 6), 1)
     size = max(width / 90, 0.15)
     return (

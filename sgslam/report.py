@@ -1,15 +1,11 @@
 """`report.html`: one self-contained page that says what the run found, and shows it on the plan."""
 
-import base64
-import hashlib
-import json
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 from data.files import write_atomically
 from sgslam.error_chart import chart_data, error_chart, error_lines
+from sgslam.html_page import page
 from sgslam.html_parts import card, count, metres, seconds
 from sgslam.hypothesis_plans import hypothesis_plans
 from sgslam.plan_drawing import PlanDrawing, plan_drawing
@@ -18,6 +14,7 @@ from sgslam.report_data import ReportData
 from sgslam.report_tables import tables
 from sgslam.scene_view import scene_card, scene_data
 
+STYLES = ("report.css",)
 SCRIPTS = ("report_plan.js", "report_scene.js", "report_chart.js")
 HELP = {
     "ambiguous": "What helps: driving into more rooms; naming the storey (--storey NAME); telling roughly where the "
@@ -41,38 +38,7 @@ def report_html(data: ReportData) -> str:
         parts.append(card("Error against the truth", error_chart(data, lines)))
         embedded["chart-data"] = chart_data(data, lines, drawing)
     parts.append(tables(data))
-    return _page("\n".join(parts), embedded)
-
-
-def _page(body: str, embedded: dict[str, Any]) -> str:
-    """The document. The browser itself refuses whatever is not in it, and any script or style but these two."""
-    css = _read("report.css")
-    script = "\n" + "".join(_read(name) for name in SCRIPTS)
-    policy = f"default-src 'none'; style-src '{_digest(css)}'; script-src '{_digest(script)}'"
-    blocks = "".join(
-        f'<script type="application/json" id="{name}">{_json(value)}</script>\n' for name, value in embedded.items()
-    )
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>Run report</title>\n<style>{css}</style>\n</head>\n<body>\n<main>\n{body}\n</main>\n"
-        f"{blocks}<script>{script}</script>\n</body>\n</html>\n"
-    )
-
-
-def _read(name: str) -> str:
-    return files("sgslam").joinpath(name).read_text(encoding="utf-8")
-
-
-def _digest(text: str) -> str:
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-
-
-def _json(value: Any) -> str:
-    """JSON that cannot end the script element that it stands in."""
-    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    return page("Run report", "\n".join(parts), STYLES, SCRIPTS, embedded)
 
 
 def _verdict(data: ReportData) -> str:

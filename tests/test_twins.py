@@ -11,8 +11,8 @@ from data.s_graph_regimes import DrawnGraph, draw
 from evaluation.matching_metrics import matching_scores, unique_is_wrong
 from evaluation.matching_oracle import oracle_match
 from evaluation.true_matches import TrueMatches
-from evaluation.twins import is_twin, twins
 from matching import MatchResult
+from matching.twins import is_twin, twins
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 

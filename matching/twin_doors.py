@@ -8,8 +8,8 @@ from data import SceneGraph, se2
 from data.s_graph_regimes import SIGMA_DOOR, DrawnGraph
 from data.s_graph_rooms import DOOR_MISSING
 from data.se2 import Array
-from evaluation.twin_motion import Laid, Part
 from matching.doors import Doors, doors
+from matching.twin_motion import Laid, Part
 from matching.walls import Index, Walls
 
 NO_DOOR = 3.0  # nats: a neck within a room may be taken for a door

@@ -26,11 +26,11 @@ from data import SceneGraph, se2
 from data.s_graph_noise import MISSING, SHORTEST, SIGMA_END
 from data.s_graph_regimes import DrawnGraph
 from data.se2 import Array
-from evaluation.twin_doors import door_nats, seen_doors
-from evaluation.twin_motion import Laid, lay, part_of
-from evaluation.twin_sight import sight
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.scoring import Pairing, explained
+from matching.twin_doors import door_nats, seen_doors
+from matching.twin_motion import Laid, lay, part_of
+from matching.twin_sight import sight
 from matching.voting import candidates
 from matching.walls import Index, Walls, arrays, storeys
 

@@ -1,0 +1,141 @@
+"""`python -m evaluation.rooms_needed FILE --inspection inspection.json`: what `inspect-bim` foretells of each start
+room, against pairs of the matching benchmark (regime `real`) that start there.
+
+The benchmark explores in any order and draws its own noise. It is asked on both sides of what was foretold: in the
+first of its columns that holds so many rooms most pairs must be unique and right, in the last one before it most must
+not. Where it is foretold that the place is never known, most pairs of all rooms must not.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data import SceneGraph
+from data.cli import Parser, run_command
+from data.errors import UserError
+from evaluation.matching_pairs import COLUMNS, Prepared
+
+OUTCOMES = ("known", "never")
+
+
+@dataclass(frozen=True)
+class Side:
+    """Pairs of one start room: how many rooms are seen (None: all), whether they should be known, and which are.
+
+    `unique`: the learned matcher named the true place alone; `alone`: no other place explains the map (no twin).
+    """
+
+    rooms: int | None
+    foretold: bool
+    unique: tuple[bool, ...]
+    alone: tuple[bool, ...]
+
+    def agrees(self, of: Sequence[bool]) -> bool:
+        """Whether most pairs are as foretold."""
+        return (2 * sum(of) > len(of)) == self.foretold
+
+
+@dataclass(frozen=True)
+class Start:
+    """A start room, and both sides of what was foretold of it."""
+
+    room: str
+    needed: int | None
+    sides: tuple[Side, ...]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command. Raises UserError."""
+    parser = Parser(prog="python -m evaluation.rooms_needed", description="What inspect-bim foretells, checked.")
+    parser.add_argument("bim", type=Path, metavar="FILE", help="the building, as inspect-bim was given it")
+    parser.add_argument("--inspection", type=Path, required=True, metavar="FILE", help="what inspect-bim wrote")
+    parser.add_argument("--pairs", type=int, default=3, metavar="N", help="pairs on each side (default 3)")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="only each Nth start room (default: all)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N")
+    options = parser.parse_args(arguments)
+    from data.bim import load_bim
+    from data.json_files import read_json
+
+    inspection = read_json(options.inspection, "what inspect-bim wrote")
+    graph = load_bim(options.bim).graph
+    foretold = {r["room"]: (r["outcome"], r["rooms"]) for r in _rooms(inspection, options.inspection)}
+    if unknown := sorted(foretold.keys() - graph.room_by_id.keys()):
+        raise UserError(f"{options.inspection}: no room '{unknown[0]}' in {options.bim}; it is of another building")
+    chosen = {r: v for n, (r, v) in enumerate(foretold.items()) if n % options.every == 0 and v[0] in OUTCOMES}
+    print(table(list(checked(graph, chosen, options.pairs, options.seed)), options.bim.name))
+    return 0
+
+
+def _rooms(inspection: Any, path: Path) -> list[dict[str, Any]]:
+    try:
+        return [dict(r) for r in inspection["rooms"]]
+    except (KeyError, TypeError, ValueError):
+        raise UserError(f"{path}: not what inspect-bim writes") from None
+
+
+def checked(
+    graph: SceneGraph, foretold: dict[str, tuple[str, int | None]], pairs: int, seed: int
+) -> Iterator[Start]:  # fmt: skip
+    """The start rooms in the plan's order, `foretold` by room id: the outcome and how many rooms."""
+    from data.s_graph_exploration import storeys_of, walk
+    from data.s_graph_regimes import draw_walk
+    from evaluation.matching_judge import is_wrong
+    from matching import Matcher
+
+    matcher = Matcher.load()
+    for place, storey in enumerate(storeys_of(graph)):
+        for start, room in enumerate(storey.rooms):
+            if room.id not in foretold:
+                continue
+            needed = foretold[room.id][1]
+            sides = []
+            for count, known in sides_of(needed):
+                unique, alone = [], []
+                for n in range(pairs):
+                    rng = np.random.default_rng((seed, 1, place, start, count or 0, n))
+                    pair = Prepared.of(draw_walk(storey, walk(storey, rng, count, start), "real", rng), graph)
+                    answer = matcher.match(pair.drawn.s_graph, graph)
+                    unique.append(answer.status == "unique" and not is_wrong(answer, pair.truth, False))
+                    alone.append(not pair.twin)
+                sides.append(Side(count, known, tuple(unique), tuple(alone)))
+            yield Start(room.id, needed, tuple(sides))
+
+
+def sides_of(needed: int | None) -> list[tuple[int | None, bool]]:
+    """The benchmark's columns on both sides (None: all rooms), and whether the place is known there."""
+    if needed is None:
+        return [(None, False)]
+    below, above = [c for c in COLUMNS if c < needed], [c for c in COLUMNS if c >= needed]
+    enough: list[tuple[int | None, bool]] = [(above[0] if above else None, True)]
+    return [(below[-1], False), *enough] if below else enough
+
+
+def table(starts: Sequence[Start], building: str) -> str:
+    """Markdown: shares of start rooms for which the benchmark says what was foretold."""
+    if not starts:
+        raise UserError("no start room to check; see --inspection")
+    lines = [
+        f"| {building}, {len(starts)} start rooms | learned: unique and right | no twin |", "|---|---|---|",
+    ]  # fmt: skip
+    kinds = {"enough rooms: known": True, "fewer rooms, or never: not known": False}
+    for label, known in kinds.items():
+        sides = [side for start in starts for side in start.sides if side.foretold == known]
+        lines.append(f"| {label} ({len(sides)}) | {_share(sides, 'unique')} | {_share(sides, 'alone')} |")
+    both = [[all(side.agrees(getattr(side, of)) for side in s.sides) for s in starts] for of in ("unique", "alone")]
+    lines.append(f"| both sides | {_percent(both[0])} | {_percent(both[1])} |")
+    return "\n".join(lines)
+
+
+def _share(sides: Sequence[Side], of: str) -> str:
+    return _percent([side.agrees(getattr(side, of)) for side in sides])
+
+
+def _percent(hits: Sequence[bool]) -> str:
+    return f"{100 * sum(hits) / len(hits):.0f} % ({sum(hits)} of {len(hits)})" if hits else "-"
+
+
+if __name__ == "__main__":
+    run_command(main)

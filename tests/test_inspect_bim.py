@@ -1,0 +1,203 @@
+"""A plan looked at before any robot drives: what it lacks, its own twins, and rooms that must be seen."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plans import a_graph, box, merged, moved, offices
+
+from data import Door, Floor, Room, SceneGraph, UserError
+from data.s_graph_exploration import storeys_of
+from data.s_graph_regimes import draw_walk
+from data.s_graph_walks import nearest_first, seen_in
+from evaluation.rooms_needed import Side, Start, sides_of, table
+from sgslam.inspection import Ask, Inspection, inspect
+from sgslam.inspection_page import inspection_html
+from sgslam.own_twins import OwnTwins
+from sgslam.plan_gaps import gaps
+
+VOTING = Ask("voting", maps=1)
+
+
+def with_doors(graph: SceneGraph, *doors: tuple[str, str, float, float]) -> SceneGraph:
+    """Doors between two rooms each, at x, y."""
+    made = tuple(Door(f"door{n}", (a, b), (x, y)) for n, (a, b, x, y) in enumerate(doors))
+    return dataclasses.replace(graph, doors=made)
+
+
+def corridor_house() -> SceneGraph:
+    """Uneven offices on both sides of a corridor, a door from each."""
+    graph = a_graph(offices([3.0, 4.2, 5.1], [6.0, 2.6, 3.9]), "ground")
+    doors = [(r.id, "room6", r.centroid[0], 5.06 if r.centroid[1] < 5 else 7.18) for r in graph.rooms[:-1]]
+    return dataclasses.replace(with_doors(graph, *doors), floors=(Floor("ground", "Ground", 0.0),))
+
+
+def test_the_nearest_room_by_the_way_through_doors_comes_first() -> None:
+    storey = storeys_of(corridor_house())[0]
+    walked, by_doors = nearest_first(storey, 0)
+    names = [storey.rooms[k].id for k in walked.rooms]
+    # from the first office below: the corridor, then by the places of the doors along it
+    doors = {r.id: np.array([r.centroid[0], 5.06 if r.centroid[1] < 5 else 7.18]) for r in storey.rooms[:-1]}
+    expected = sorted((n for n in doors if n != "room0"), key=lambda n: float(np.hypot(*(doors[n] - doors["room0"]))))
+    assert names == ["room0", "room6", *expected] and by_doors == len(names) == 7
+    assert walked.parents[:2] == (-1, 0) and set(walked.parents[2:]) == {1}
+
+
+def test_where_no_door_leads_on_the_way_is_across_walls() -> None:
+    graph = with_doors(a_graph([box(0, 0, 4, 3), box(4.1, 0, 3, 3), box(7.2, 0, 5, 3)]), ("room0", "room1", 4.05, 1.5))
+    walked, by_doors = nearest_first(storeys_of(graph)[0], 0)
+    assert walked.rooms == (0, 1, 2) and walked.parents == (-1, 0, 1) and by_doors == 2
+
+
+def test_a_map_grows_without_being_drawn_anew() -> None:
+    storey = storeys_of(corridor_house())[0]
+    walked, _ = nearest_first(storey, 0)
+    drawn = draw_walk(storey, walked, "real", np.random.default_rng(5))
+    order = [storey.rooms[k].id for k in walked.rooms]
+    sizes, before = [], set()
+    for n in range(1, len(order) + 1):
+        part = seen_in(drawn, set(order[:n]))
+        walls = set(part.s_graph.wall_surfaces)
+        assert before <= walls <= set(drawn.s_graph.wall_surfaces)
+        assert {part.rooms[w.room] for w in walls if w.room} <= set(order[:n])
+        before = walls
+        sizes.append(len(walls))
+    assert sizes[-1] == len(drawn.s_graph.wall_surfaces) > sizes[0] > 0
+
+
+def kinds(graph: SceneGraph) -> set[str]:
+    return {gap.kind for gap in gaps(graph)}
+
+
+def test_a_sound_plan_lacks_nothing() -> None:
+    assert kinds(corridor_house()) == set()
+
+
+def test_each_thing_that_a_plan_lacks_is_told() -> None:
+    sound = corridor_house()
+    first = sound.surfaces_of_room["room0"]
+    roomless = tuple(dataclasses.replace(w, room=None) if w in first else w for w in sound.wall_surfaces)
+    nowhere = tuple(dataclasses.replace(w, room=None) for w in sound.wall_surfaces)
+    long = tuple(dataclasses.replace(w, length=1000.0 * (w.length or 1)) for w in sound.wall_surfaces)
+    other = moved(a_graph([box(0, 0, 4, 4)], "upper", "up"), 0, 0, 0)
+    cases = {
+        "walls without a room": dataclasses.replace(sound, wall_surfaces=roomless),
+        "rooms without walls": dataclasses.replace(sound, wall_surfaces=roomless),
+        "no doors": dataclasses.replace(sound, doors=()),
+        "rooms without doors": dataclasses.replace(sound, doors=sound.doors[1:]),
+        "doors that join nothing": dataclasses.replace(sound, doors=(*sound.doors, Door("lost", (), (50, 50)))),
+        "storeys without an elevation": dataclasses.replace(sound, floors=(Floor("ground"),)),
+        "empty storey": dataclasses.replace(sound, floors=(*sound.floors, Floor("roof", "Roof", 3.0))),
+        "doubtful elevations": merged(sound, dataclasses.replace(other, floors=(Floor("upper", "Upper", 0.4),))),
+        "doubtful units": dataclasses.replace(sound, wall_surfaces=long),
+        "rooms that overlap": merged(sound, a_graph([box(0, 0, 3, 4)], "ground", "twice")),
+        "rooms without a footprint": dataclasses.replace(
+            sound, rooms=tuple(dataclasses.replace(r, polygon=None) for r in sound.rooms)
+        ),
+        "no rooms": dataclasses.replace(sound, rooms=(), doors=(), wall_surfaces=nowhere),
+        "walls without a length": dataclasses.replace(
+            sound, wall_surfaces=tuple(dataclasses.replace(w, length=None) for w in sound.wall_surfaces)
+        ),
+    }  # fmt: skip
+    for kind, graph in cases.items():
+        assert kind in kinds(graph), kind
+    (overlap,) = (g for g in gaps(cases["rooms that overlap"]) if g.kind == "rooms that overlap")
+    assert overlap.ids == ("room0", "twiceroom0") and "12.0 m2" in overlap.told
+
+
+def test_parts_without_a_way_between_them_are_counted() -> None:
+    boxes = [box(0, 0, 4, 3), box(4.1, 0, 3, 3), box(7.2, 0, 5, 3), box(12.3, 0, 2, 3)]
+    graph = with_doors(a_graph(boxes), ("room0", "room1", 4.05, 1.5), ("room2", "room3", 12.25, 1.5))
+    (gap,) = (g for g in gaps(graph) if g.kind == "parts without a way")
+    assert gap.told.startswith("2 parts of 2, 2 rooms") and gap.ids == ("room0", "room2")
+
+
+def test_a_room_that_is_like_another_says_which() -> None:
+    plan = a_graph([box(0, 0, 5, 3), box(20, 0, 5, 3), box(40, 0, 8, 7)])
+    found = OwnTwins(plan).likenesses(["room0"])
+    assert {like.others[0] for like in found} == {"room0", "room1"}  # itself, by half a turn, and the other one
+    assert OwnTwins(plan).likenesses(["room0", "room1", "room2"]) == []
+
+
+@pytest.fixture(scope="module")
+def house() -> Inspection:
+    return inspect(corridor_house(), ask=VOTING)
+
+
+def test_uneven_rooms_are_known_after_a_few(house: Inspection) -> None:
+    found = [r.needed for r in house.rooms.values()]
+    assert len(found) == 7 and all(n.outcome == "known" for n in found)
+    assert all(n.rooms is not None and n.apart is not None and n.apart <= n.rooms <= 5 for n in found)
+    assert inspect(corridor_house(), ask=VOTING).to_dict() == house.to_dict()  # the same each time
+
+
+def test_in_a_house_beside_its_like_the_place_is_never_known() -> None:
+    wing = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
+    left = a_graph(wing, "ground", "left")
+    both = merged(left, moved(a_graph(wing, "ground", "right"), np.pi, 30, 0))
+    found = inspect(both, ask=VOTING)
+    assert {r.needed.outcome for r in found.rooms.values()} == {"never"}
+    only = inspect(left, ask=VOTING)
+    assert {r.needed.outcome for r in only.rooms.values()} == {"known"}
+
+
+def test_equal_storeys_are_told_as_twins() -> None:
+    rooms = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
+    both = merged(a_graph(rooms, "one", "a"), a_graph(rooms, "two", "b"))
+    floors = (Floor("one", "One", 0.0), Floor("two", "Two", 3.0))
+    found = inspect(dataclasses.replace(both, floors=floors), ask=VOTING)
+    assert {t.floor for t in found.storey_twins} == {"one", "two"}
+    assert all(t.nats < 1e-6 and None not in t.others for t in found.storey_twins)
+    page = inspection_html(found, "twins")
+    assert "Two, turned by 0°" in page and "heat-never" in page
+
+
+def test_a_room_without_walls_has_nothing_to_be_seen() -> None:
+    sound = corridor_house()
+    bare = dataclasses.replace(sound, rooms=(*sound.rooms, Room("shaft", (50.0, 50.0), "ground", "<b>Shaft</b>")))
+    found = inspect(bare, ask=VOTING)
+    assert found.rooms["shaft"].needed.outcome == "nothing to see" and found.rooms["shaft"].alone == ()
+    page = inspection_html(found, "<i>house</i>")
+    assert "<b>Shaft" not in page and "&lt;b&gt;Shaft" in page and "<i>house" not in page
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sgslam", "inspect-bim", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+
+
+def test_the_command_writes_page_and_values(tmp_path: Path, house: Inspection) -> None:
+    corridor_house().save(tmp_path / "house.json")
+    done = run(tmp_path / "house.json", "--out", tmp_path / "out", "--method", "voting", "--maps", 1, "--jobs", 2)
+    assert done.returncode == 0, done.stderr
+    values = json.loads((tmp_path / "out/inspection.json").read_text())
+    same = json.loads(json.dumps(house.to_dict()))  # however many processes there are
+    assert values == {"file": "house.json", "method": "voting", "maps": 1, "seed": 0, **same}
+    page = (tmp_path / "out/inspection.html").read_text()
+    assert page.count('<svg class="storey"') == 1 and page.count("<polygon class=") == 7 + 10  # rooms and legend
+    assert done.stdout.splitlines()[-1] == f"page: {tmp_path / 'out/inspection.html'}"
+
+
+@pytest.mark.parametrize(("arguments", "told"), [(["nowhere.ifc"], "nowhere.ifc"), (["--maps", "0"], "--maps")])
+def test_a_users_mistake_is_one_line(tmp_path: Path, arguments: list[str], told: str) -> None:
+    corridor_house().save(tmp_path / "house.json")
+    file = [] if arguments[0] == "nowhere.ifc" else [tmp_path / "house.json"]
+    done = run(*file, *arguments, "--out", tmp_path / "out")
+    assert done.returncode == 2 and told in done.stderr and len(done.stderr.splitlines()) == 1
+
+
+def test_the_check_asks_the_benchmark_on_both_sides_of_what_was_foretold() -> None:
+    assert (
+        sides_of(1) == [(1, True)] and sides_of(5) == [(4, False), (6, True)] and sides_of(6) == [(4, False), (6, True)]
+    )
+    assert sides_of(40) == [(14, False), (None, True)] and sides_of(None) == [(None, False)]
+    fewer = Side(4, False, (True, False, False), (True, True, False))
+    enough = Side(6, True, (True, True, False), (True, True, True))
+    text = table([Start("r", 5, (fewer, enough)), Start("q", None, (Side(None, False, (False,), (False,)),))], "house")
+    assert "| both sides | 100 % (2 of 2) | 50 % (1 of 2) |" in text
+    with pytest.raises(UserError, match="no start room"):
+        table([], "house")
