@@ -115,4 +115,4 @@ def _storey_name(inspection: Inspection, floor: str | None) -> str:
 
 
 def _degrees(turned: float) -> str:
-    return f"{math.degrees(turned) % 360:.0f}°"
+    return f"{round(math.degrees(turned)) % 360}°"
