@@ -175,6 +175,7 @@ def main() -> int:
     if options.benchmarks is not None:
         names = f" --sequences {' '.join(options.sequences)}" if options.sequences else ""
         command = f"python -m evaluation.odometries --out {options.out.name} --list {options.list}{names}"
+        command += f" --seeds {' '.join(map(str, options.seeds))}"
         section = f"## Odometries\n\n{_ABOUT}\n\n{text}\nBy {made_by(command)}."
         write_section(options.benchmarks, "odometries", section)
     return 0
