@@ -58,11 +58,16 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     chosen, notices = _chosen(by_layer, layers, path)
     segments = np.concatenate([np.empty((0, 2, 2)), *(s for name in chosen for s in by_layer[name].segments)])
     filled = [rings for name in chosen for rings in by_layer[name].filled]
-    scale, told = _scale(drawing, segments, filled, path)
-    walls = _walls(segments, filled, scale)
+    try:
+        scale, told = _scale(drawing, segments, filled, path)
+        walls = _walls(segments, filled, scale)
+        graph, made = graph_of_storeys([FlatStorey(path.stem, walls.area)], str(path))
+    except UserError:
+        raise
+    except Exception as error:  # shapely and what is built on it raise many kinds
+        raise UserError(f"{path}: its lines make no plan ({type(error).__name__}); name the walls' layers") from None
     if not walls.is_double and not filled:
         told.append("walls are drawn as single lines; they are taken to be 0.1 m thick")
-    graph, made = graph_of_storeys([FlatStorey(path.stem, walls.area)], str(path))
     return graph, (*notices, *told, *made)
 
 

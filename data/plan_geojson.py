@@ -89,7 +89,9 @@ def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
         flat = [_flat(name, storey) for name, storey in storeys.items() if storey.rooms or storey.walls or storey.lines]
         flat.sort(key=lambda s: (s.elevation is None, s.elevation or 0.0, s.name))
         graph, made = graph_of_storeys(flat, where)
-    except shapely.errors.ShapelyError as error:
+    except UserError:
+        raise
+    except Exception as error:  # shapely and what is built on it raise many kinds
         raise UserError(f"{where}: its geometry cannot be used ({str(error)[:100]})") from None
     if len(flat) > 1 and any(s.elevation is None for s in flat):
         notices.append("several storeys, of which some have no elevation; these are taken to lie at z = 0")

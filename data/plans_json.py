@@ -43,11 +43,12 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
         value = json.loads(text)
         drawing = _drawing(value, everything=not merge_collinear)
         name = str(value.get("name") or where)
-    except (ValueError, KeyError, TypeError, AttributeError, shapely.errors.ShapelyError) as error:
-        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {error})") from None
+        graph = scene_graph_of(drawing, merge_collinear)
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
-    graph = scene_graph_of(drawing, merge_collinear)
+    except Exception as error:  # shapely raises many kinds where coordinates are none
+        told = (str(error).splitlines() or [""])[0][:100]
+        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {told})") from None
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)

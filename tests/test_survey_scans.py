@@ -1,5 +1,7 @@
 """LAS and LAZ files that laspy wrote and E57 files that pye57 wrote, whole and cut off."""
 
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from data.bim import load_bim
 from data.errors import UserError
 from data.scan_formats import UnreadableScanError, read_points
 from data.scan_sources import open_scans
@@ -92,3 +95,19 @@ def test_broken_e57_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "f.e57").write_bytes(damaged)
     with pytest.raises(UserError):
         list(open_scans(tmp_path / "f.e57"))
+
+
+@pytest.mark.parametrize(
+    ("module", "name", "install"),
+    [("laspy", "a.las", "sgslam[scans]"), ("pye57", "a.e57", "sgslam[scans]"), ("ezdxf", "a.dxf", "sgslam[dxf]")],
+)
+def test_a_missing_library_is_named_with_how_to_install_it(
+    module: str, name: str, install: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)  # as if it were not installed
+    (tmp_path / name).write_bytes(b"anything")
+    with pytest.raises(UserError, match=re.escape(f"pip install '{install}'")):
+        if name == "a.dxf":
+            load_bim(tmp_path / name)
+        else:
+            list(open_scans(tmp_path if name == "a.las" else tmp_path / name))
