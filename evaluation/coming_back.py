@@ -1,0 +1,278 @@
+"""`python -m evaluation.coming_back --out DIR`: how soon a second run is found in the first one's map, and how well.
+
+Two drives of one building: the first leaves its map, the second knows nothing of where it starts. Its drive is entered
+at several places, each in another room. With the building's plan both are anchored to it; without it, the first run's
+S-graph is the plan. One line of the CSV for each second run; what is there already is skipped.
+"""
+
+import argparse
+import csv
+import io
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.cli import Parser, run_command
+from data.errors import UserError
+from data.files import write_atomically
+from data.scans import ScanFolder
+from data.trajectory import Trajectory
+from evaluation.benchmark_page import made_by, write_section
+from evaluation.sequences import Sequence, SequenceSpec, prepare, read_specs
+from evaluation.trajectory import ape
+from sgslam.checkpoints import FILE, Checkpoints
+from sgslam.config import Config, MatchingSettings
+from sgslam.frames import inverse
+from sgslam.keyframe_clouds import FILE as CLOUDS
+from sgslam.known_map import KnownMap
+from sgslam.slam import SceneGraphSlam
+
+Array = NDArray[np.float64]
+DEMO = [SequenceSpec("demo", "demo", min_rooms=6, min_length=50.0)]
+WRONG = 0.5, np.radians(5)  # m and rad from where it is; further off, it was found at a wrong place
+STARTS = (0.0, 0.3, 0.6)  # of the second drive, where it is entered
+Record = dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """A second run that enters its drive at `start`. `rooms`, `metres` and `seconds` are what it had seen and driven
+    when it was found for good, None where it was not; `wrong` is the share of its scans that were placed wrongly.
+    `rmse_after_m` is that of its final poses after it was found; `rmse_first_m` the first run's, before and after."""
+
+    sequence: str
+    plan: str
+    first: int
+    second: int
+    start: float
+    found: bool
+    rooms: int | None
+    metres: float | None
+    seconds: float | None
+    driven: float
+    wrong: float
+    rmse_after_m: float | None
+    rmse_m: float | None
+    rmse_first_before_m: float
+    rmse_first_after_m: float | None
+    rooms_first: int
+    rooms_both: int
+
+
+COLUMNS = tuple(f.name for f in fields(Row))
+
+
+def measure(
+    specs: list[SequenceSpec], seeds: list[int], plans: list[str], starts: list[float], out: Path, config: Config
+) -> list[Record]:
+    """Runs what is not in `out`/coming_back.csv yet and returns all records asked for."""
+    out.mkdir(parents=True, exist_ok=True)
+    path, asked = out / "coming_back.csv", []
+    records = _read(path)
+    for spec in specs:
+        for first, second in zip(seeds, [*seeds[1:], seeds[0]], strict=True):
+            for plan in plans:
+                for start in starts:
+                    key = (spec.name, plan, str(first), str(second), str(start))
+                    asked.append(key)
+                    if any(_key(r) == key for r in records):
+                        continue
+                    row = _row(prepare(spec, first, out), prepare(spec, second, out), plan, start, out, config)
+                    records.append(_record(row))
+                    _write(path, records)
+                    print(", ".join(f"{k} {v}" for k, v in records[-1].items()), flush=True)
+    return [r for r in records if _key(r) in set(asked)]
+
+
+def _row(first: Sequence, second: Sequence, plan: str, start: float, out: Path, config: Config) -> Row:
+    folder, before = _first_run(first, plan, out, config)
+    known = KnownMap.load(folder, config)
+    rooms_first = sum(len(floor.scene.graph.rooms) for floor in known.floors.maps if floor.scene is not None)
+    T_bim_known = known.T_bim_map
+    if T_bim_known is None:  # the best that can be said of where a map lies whose beginning nobody measured
+        T_bim_known = ape(before, first.truth, "se3").T_truth_estimate
+    slam = SceneGraphSlam(second.a_graph if plan == "bim" else None, config=config, known=known)
+    watch = _Watch(slam, second.truth, T_bim_known)
+    scans = list(ScanFolder(second.scan_dir))
+    for scan in scans[int(start * len(scans)) :]:
+        watch.see(scan.stamp_ns, slam.add_scan(scan.stamp_ns, scan.points).T_map_sensor)
+    result = slam.finish()
+    assert result.returned is not None
+    found, after = result.returned.found, watch.found_ns if watch.found_ns is not None else watch.stamp_ns
+    T = np.eye(4) if result.anchored else T_bim_known
+    return Row(
+        sequence=first.name, plan=plan, first=first.seed, second=second.seed, start=start, found=found,
+        rooms=watch.rooms if found else None, metres=watch.metres if found else None,
+        seconds=(after - watch.began_ns) / 1e9 if found else None, driven=watch.driven,
+        wrong=watch.wrong / max(watch.scans, 1),
+        rmse_after_m=_rmse(result.trajectory, second.truth, T, after) if found else None,
+        rmse_m=_rmse(result.trajectory, second.truth, T) if found else None,
+        rmse_first_before_m=_rmse(before, first.truth, T_bim_known if plan == "map" else np.eye(4)),
+        rmse_first_after_m=_rmse(result.earlier[0], first.truth, T) if found else None,
+        rooms_first=rooms_first, rooms_both=len(result.s_graph.rooms),
+    )  # fmt: skip
+
+
+def _first_run(sequence: Sequence, plan: str, out: Path, config: Config) -> tuple[Path, Trajectory]:
+    """The folder of the first run's map, and its trajectory; in the BIM frame where that is the plan."""
+    folder = out / "maps" / f"{sequence.name}-{sequence.seed}-{plan}"
+    if not (folder / FILE).is_file():
+        folder.mkdir(parents=True, exist_ok=True)
+        slam = SceneGraphSlam(sequence.a_graph if plan == "bim" else None, config=config)
+        for scan in ScanFolder(sequence.scan_dir):
+            slam.add_scan(scan.stamp_ns, scan.points)
+        result = slam.finish()
+        if plan == "bim" and not result.anchored:
+            raise UserError(f"'{sequence.name}' seed {sequence.seed}: the first run could not be anchored")
+        result.trajectory.write_tum(folder / "trajectory.tum")
+        result.clouds.copy_to(folder / CLOUDS)
+        Checkpoints(folder, {}).write(slam, {}, finished=True)
+    return folder, Trajectory.read_tum(folder / "trajectory.tum")
+
+
+class _Watch:
+    """Follows a second run: when it was found for good, and whether it was ever placed wrongly."""
+
+    def __init__(self, slam: SceneGraphSlam, truth: Trajectory, T_bim_known: Array) -> None:
+        self._slam, self._truth, self._T_known_bim = slam, truth, inverse(T_bim_known)
+        self._last: Array | None = None
+        self.scans = self.wrong = 0
+        self.driven, self.stamp_ns, self.began_ns = 0.0, 0, 0
+        self.found_ns: int | None = None
+        self.rooms, self.metres = 0, 0.0
+
+    def see(self, stamp_ns: int, T_map_sensor: Array) -> None:
+        true = self._truth.poses[int(np.abs(self._truth.stamps_ns - stamp_ns).argmin())]
+        self.began_ns = self.began_ns if self.scans else stamp_ns
+        self.scans, self.stamp_ns = self.scans + 1, stamp_ns
+        self.driven += 0.0 if self._last is None else float(np.linalg.norm(true[:3, 3] - self._last))
+        self._last = true[:3, 3]
+        T_known_map = self._slam.T_known_map
+        if T_known_map is None:
+            self.found_ns = None
+            return
+        if self.found_ns is None:
+            self.found_ns, self.metres = stamp_ns, self.driven
+            self.rooms = len(self._slam.s_graph().rooms)
+        off = inverse(self._T_known_bim @ true) @ T_known_map @ T_map_sensor
+        turned = abs(np.arctan2(off[1, 0], off[0, 0]))
+        self.wrong += bool(np.linalg.norm(off[:3, 3]) > WRONG[0] or turned > WRONG[1])
+
+
+def _rmse(run: Trajectory, truth: Trajectory, T_bim_run: Array, since_ns: int | None = None) -> float:
+    """(m) of a run's positions in the frame that `T_bim_run` takes to the BIM's, from a stamp on."""
+    own = run.stamps_ns >= (run.stamps_ns[0] if since_ns is None else since_ns)
+    places = np.abs(truth.stamps_ns[None] - run.stamps_ns[own][:, None]).argmin(axis=1)
+    off = run.transformed(T_bim_run).positions[own] - truth.positions[places]
+    return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
+
+
+def table(records: list[Record]) -> str:
+    """Markdown: a line for each sequence and plan, over all of its second runs."""
+    head = ("building", "plan", "runs", "found", "never wrong", "rooms seen until found", "metres until found",
+            "RMSE after (m), mean", "worst", "RMSE of the first run, before", "after")  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    groups: dict[tuple[str, str], list[Record]] = {}
+    for r in records:
+        groups.setdefault((r["sequence"], r["plan"]), []).append(r)
+    for (sequence, plan), own in groups.items():
+        found = [r for r in own if r["found"] == "True"]
+        after = _numbers(found, "rmse_after_m")
+        lines.append("| " + " | ".join([
+            sequence, "the BIM" if plan == "bim" else "the first map", str(len(own)), str(len(found)),
+            f"{sum(float(r['wrong']) == 0 for r in own)}/{len(own)}",
+            _spread(_numbers(found, "rooms"), "{:.0f}"), _spread(_numbers(found, "metres"), "{:.0f}"),
+            f"{np.mean(after):.3f}" if after else "", f"{max(after):.3f}" if after else "",
+            f"{np.mean(_numbers(found, 'rmse_first_before_m')):.3f}" if found else "",
+            f"{np.mean(_numbers(found, 'rmse_first_after_m')):.3f}" if found else "",
+        ]) + " |")  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(records: list[Record], column: str) -> list[float]:
+    return [float(r[column]) for r in records if r[column]]
+
+
+def _spread(values: list[float], form: str) -> str:
+    if not values:
+        return ""
+    low, middle, high = (form.format(value) for value in (min(values), float(np.median(values)), max(values)))
+    return f"{middle} ({low} to {high})"
+
+
+def _key(record: Record) -> tuple[str, ...]:
+    return record["sequence"], record["plan"], record["first"], record["second"], record["start"]
+
+
+def _record(row: Row) -> Record:
+    return {name: "" if (value := getattr(row, name)) is None else str(value) for name in COLUMNS}
+
+
+def _read(path: Path) -> list[Record]:
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        records = list(csv.DictReader(file))
+    if records and tuple(records[0]) != COLUMNS:
+        raise UserError(f"{path}: has other columns than this version writes; give another --out")
+    return records
+
+
+def _write(path: Path, records: list[Record]) -> None:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    write_atomically(path, text.getvalue())
+
+
+def _parser() -> argparse.ArgumentParser:
+    about = "How soon a second run finds itself in the map of the first, and how well."
+    parser = Parser(prog="python -m evaluation.coming_back", description=about)
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="for coming_back.csv, coming_back.md, maps and drives")
+    add("--list", type=Path, metavar="FILE", help="YAML list of sequences (default: the demo building)")
+    add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives, each before the next")
+    add("--plans", nargs="+", choices=("bim", "map"), default=["bim", "map"], help="what is known (default: both)")
+    about = "of the second drive at which it is entered (default %(default)s)"
+    add("--starts", nargs="+", type=float, default=list(STARTS), metavar="SHARE", help=about)
+    add("--method", default=MatchingSettings().method, metavar="NAME", help="of matching (default %(default)s)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'coming-back' is to be written")
+    return parser
+
+
+def main() -> int:
+    """The command line."""
+    options = _parser().parse_args()
+    specs = DEMO if options.list is None else read_specs(options.list)
+    if options.sequences is not None:
+        if unknown := set(options.sequences) - {spec.name for spec in specs}:
+            raise UserError(f"--sequences {' '.join(sorted(unknown))}: not in the list")
+        specs = [spec for spec in specs if spec.name in options.sequences]
+    if len(options.seeds) < 2 or not all(0 <= start < 1 for start in options.starts):
+        raise UserError("--seeds: two drives at least; --starts: shares of a drive from 0 to below 1")
+    config = Config(matching=MatchingSettings(method=options.method))
+    text = table(measure(specs, options.seeds, options.plans, options.starts, options.out, config))
+    write_atomically(options.out / "coming_back.md", f"# Coming back\n\n{text}")
+    if options.benchmarks is not None:
+        command = f"python -m evaluation.coming_back --out {options.out.name} --method {options.method}"
+        section = f"## Coming back\n\n{_ABOUT}\n\n{text}\nBy {made_by(command)}."
+        write_section(options.benchmarks, "coming-back", section)
+    print(text)
+    return 0
+
+
+_ABOUT = (
+    "A second run, which knows nothing of where it starts, in the map that a first one left: its drive is entered at "
+    "its beginning and further on, each time in another room. Found: placed in the first run's map, for good; wrong: "
+    "at any time placed more than 0.5 m or 5 degrees from where it was. RMSE over the poses after it was found, in the "
+    "BIM frame, without alignment of the second run; where the first map is the plan, that map lies at its best fit to "
+    "the truth. Rooms are those of the second run's S-graph when it was found."
+)
+
+
+if __name__ == "__main__":
+    run_command(main)
