@@ -1,6 +1,8 @@
 """How firmly the surfaces around it hold a scan, direction by direction, and what that says of the steps between
 keyframes: in a bare corridor nothing tells how far along it the robot went, in an open hall nothing at all."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -9,6 +11,7 @@ from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.state_tree import Stateful
 
 Floats = NDArray[np.float64]
+_EVERY = 2  # of the points; the others say the same
 _CELL = 0.15  # m: the noise of a point is a small part of it
 _NEIGHBOURS = 5  # cells that make a piece of a surface
 _NEAR = 0.6  # m to the furthest of them
@@ -21,11 +24,14 @@ def surfaces_of(points: Floats) -> Floats:
     """(3, 3) the normal equations of yaw, x and y (sensor axes) of a scan's own surfaces, each point (N, 3) counting
     one across the upright surface that it lies on, and nothing along it (point to plane; Zhang, Kaess, Singh, ICRA
     2016 on what their eigenvalues tell). The sensor is roughly level, the points are those on upright surfaces."""
-    xy = points[:, :2]
-    _, cell, count = np.unique(np.floor(xy / _CELL).astype(np.int64), axis=0, return_inverse=True, return_counts=True)
+    xy = points[::_EVERY, :2]
+    if len(xy) < _NEIGHBOURS:
+        return np.zeros((3, 3))
+    row, column = np.floor((xy - xy.min(axis=0)) / _CELL).astype(np.int64).T
+    # one number for a cell: rows of two are sorted many times more slowly
+    _, cell, count = np.unique(row * (column.max() + 1) + column, return_inverse=True, return_counts=True)
     if len(count) < _NEIGHBOURS:
         return np.zeros((3, 3))
-    cell = cell.ravel()
     centre = np.stack([np.bincount(cell, xy[:, axis]) for axis in (0, 1)], axis=1) / count[:, None]
     distance, nearest = cKDTree(centre).query(centre, _NEIGHBOURS)
     around = centre[nearest] - centre[nearest].mean(axis=1, keepdims=True)
@@ -68,12 +74,14 @@ class Slack(Stateful):
         self._scans += 1
         step = np.diag([sigma_rotation**2] + [sigma_translation**2] * 2)
         wider = self._covariance + (2 * self._scans - 1) * step  # n^2 of it after n scans
-        held, axes = np.linalg.eigh(information[1:, 1:])
-        if held[0] < _CHANCE * held[1]:
+        (a, b), (_, c) = information[1:, 1:].tolist()
+        mean, reach = (a + c) / 2, math.hypot((a - c) / 2, b)  # the eigenvalues are mean -+ reach
+        if mean - reach < _CHANCE * (mean + reach):
             S = np.eye(3)
+            _, axes = np.linalg.eigh(information[1:, 1:])
             S[1:, 1:] = np.outer(axes[:, 1], axes[:, 1])
             information = S @ information @ S
-        covariance = np.linalg.inv(np.linalg.inv(wider) + information / self._point**2)
+        covariance = np.linalg.solve(np.eye(3) + wider @ information / self._point**2, wider)
         self._covariance = (covariance + covariance.T) / 2
 
     def leave(self, R_level_sensor: Floats) -> Floats | None:
