@@ -1,7 +1,6 @@
 """A network's file: its settings and its weights in half precision, nothing that runs code when it is read."""
 
 import io
-import pickle
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -64,11 +63,11 @@ def read_weights(path: Path, version: int | str, maker: str) -> tuple[dict[str, 
         value = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give a network's file (.pt)") from None
-    except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError):
+    except Exception:  # torch's reader, which runs no code of the file's, raises whatever it stumbles on
         raise UserError(f"{path}: not a network's file; '{maker}' writes one") from None
     try:
-        found, settings, state = value["version"], value["settings"], value["state"]
-    except (KeyError, TypeError):
+        found, settings, state = value["version"], dict(value["settings"]), dict(value["state"])
+    except (KeyError, TypeError, ValueError, IndexError):
         raise UserError(f"{path}: its network does not fit this program; train it again") from None
     if found != version:
         raise UserError(f"{path}: a network of version {found}, not {version}; train it again")
