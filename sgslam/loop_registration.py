@@ -14,6 +14,7 @@ from sgslam.loop_settings import LoopSettings
 Floats = NDArray[np.float64]
 _VOXEL = 0.15  # m, of the points that are registered
 _NEIGHBOURS = 20  # of a point, for its normal; of fewer, noise makes a bare wall hold something along itself
+_FEWEST = 50  # points
 _ALIKE, _SIGMA = 100.0, 0.02  # points that err alike; m
 _KNOWN = 0.5  # m
 _COARSE, _FINE = 0.5, 0.2  # m between corresponding points
@@ -36,9 +37,11 @@ def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettin
     """Registers points (N, 3) to (M, 3) from a guess T_target_source (4, 4); None where nothing converges."""
     import small_gicp
 
+    if min(len(target), len(source)) < _FEWEST:
+        return None
     there, tree = small_gicp.preprocess_points(target, _VOXEL, _NEIGHBOURS, 1)
     here, _ = small_gicp.preprocess_points(source, _VOXEL, _NEIGHBOURS, 1)
-    if min(there.size(), here.size()) < 50:
+    if min(there.size(), here.size()) < _FEWEST:
         return None
     T = guess
     for distance in (_COARSE, _FINE):
@@ -56,7 +59,7 @@ def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettin
     near = np.abs(np.sum(normals * (placed[known] - points), axis=1))
     inlying = near < settings.inlier_distance
     inliers = near[inlying]
-    if len(inliers) < 50:
+    if len(inliers) < _FEWEST:
         return None
     H = _information(T, np.asarray(here.points())[known, :3][inlying], normals[inlying])
     return Registration(

@@ -84,7 +84,7 @@ class LoopCloser:
             return []
         new = began + np.flatnonzero(here[began:])
         tied = tied_by_walls(new, known.places, known.way, *_incidence(walls, len(keyframes)), settings.gap)
-        self._tied = np.concatenate([self._tied, tied])
+        self._tied = np.concatenate([self._tied, tied[_spread(known.way[tied[:, 0]], settings.spacing)]])
         believed: list[Closure] = []
         chosen = self._places(known, new, set(tied[:, 0].tolist()))
         likeness = self._alike(known, chosen, walls, scene)
@@ -267,6 +267,12 @@ def _incidence(walls: WallMap, keyframes: int) -> tuple[NDArray[np.float32], Flo
 def _nearest(known: _Map, own: Index, i: int) -> Index:
     """The keyframes of a pass that lie nearest to one of them, in their order."""
     return np.sort(own[np.argsort(np.abs(known.way[own] - known.way[i]), kind="stable")[:_CLOUDS]])
+
+
+def _spread(way: Floats, spacing: float) -> Index:
+    """The places of those (N,) that lie so far apart along the way."""
+    _, first = np.unique(np.floor(way / spacing), return_index=True)
+    return np.sort(first)
 
 
 def _upright(points: Floats) -> Floats:

@@ -127,6 +127,12 @@ def test_registration_recovers_a_motion_and_knows_its_error() -> None:
     assert found.inliers > 0.9 and found.error < 0.03 and found.held > 2 * SETTINGS.held
 
 
+def test_without_points_nothing_is_registered() -> None:
+    some = np.random.default_rng(0).normal(size=(500, 3))
+    assert register(np.empty((0, 3)), some, np.eye(4), SETTINGS) is None
+    assert register(some, np.empty((0, 3)), np.eye(4), SETTINGS) is None
+
+
 def test_along_a_bare_corridor_a_registration_holds_nothing() -> None:
     walls = ring(5, 4)
     bare = np.concatenate([_wall(1.0), _wall(-1.0), walls.triangles[np.ptp(walls.triangles[:, :, 2], axis=1) == 0]])
