@@ -110,17 +110,6 @@ def test_version() -> None:
     assert run("--version").stdout.split() == ["sgslam", importlib.metadata.version("sgslam")]
 
 
-def test_doctor_finds_this_installation_well_and_each_thing_once() -> None:
-    done = run("doctor")
-    assert done.returncode == 0, done.stdout
-    *lines, last = done.stdout.splitlines()
-    assert last == "all is well" and all(line.split()[0] in ("ok", "note") for line in lines)
-    told = [line[6:].partition(":")[0] for line in lines]
-    assert len(set(told)) == len(told)
-    _, needed, extras = installed.asked()
-    assert {r.name for r in needed} | {f"extra {e}" for e in extras} | {"the matchers' weights at work"} <= set(told)
-
-
 def test_a_package_that_is_missing_or_too_old_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     python, _, _ = installed.asked()
     wanted = [Requirement("no-such-package-of-ours>=1"), Requirement("numpy<1")]
