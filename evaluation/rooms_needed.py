@@ -1,9 +1,10 @@
-"""`python -m evaluation.rooms_needed FILE --inspection inspection.json`: what `inspect-bim` foretells of each start
-room, against pairs of the matching benchmark (regime `real`) that start there.
+"""`python -m evaluation.rooms_needed FILE --inspection FILE`: what inspect-bim foretells, on the benchmark's maps.
 
-The benchmark explores in any order and draws its own noise. It is asked on both sides of what was foretold: in the
-first of its columns that holds so many rooms most pairs must be unique and right, in the last one before it most must
-not. Where it is foretold that the place is never known, most pairs of all rooms must not.
+Of each start room, against pairs of the matching benchmark (regime `real`) that start there.
+The benchmark draws its own noise, and explores in any order, or with `--order near` the nearest rooms first, as was
+foretold. It is asked on both sides: in the first of its columns that holds so many rooms most pairs must be unique and
+right, in the last one before it most must not. Where it is foretold that the place is never known, most pairs of all
+rooms must not.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ from data.errors import UserError
 from evaluation.matching_pairs import COLUMNS, Prepared
 
 OUTCOMES = ("known", "never")
+ORDERS = ("any", "near")
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("bim", type=Path, metavar="FILE", help="the building, as inspect-bim was given it")
     parser.add_argument("--inspection", type=Path, required=True, metavar="FILE", help="what inspect-bim wrote")
     parser.add_argument("--pairs", type=int, default=3, metavar="N", help="pairs on each side (default 3)")
+    parser.add_argument("--order", choices=ORDERS, default="any", help="in which rooms are entered (default: any)")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="only each Nth start room (default: all)")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     options = parser.parse_args(arguments)
@@ -65,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
     if unknown := sorted(foretold.keys() - graph.room_by_id.keys()):
         raise UserError(f"{options.inspection}: no room '{unknown[0]}' in {options.bim}; it is of another building")
     chosen = {r: v for n, (r, v) in enumerate(foretold.items()) if n % options.every == 0 and v[0] in OUTCOMES}
-    print(table(list(checked(graph, chosen, options.pairs, options.seed)), options.bim.name))
+    print(table(list(checked(graph, chosen, options.pairs, options.seed, options.order)), options.bim.name))
     return 0
 
 
@@ -77,11 +80,12 @@ def _rooms(inspection: Any, path: Path) -> list[dict[str, Any]]:
 
 
 def checked(
-    graph: SceneGraph, foretold: dict[str, tuple[str, int | None]], pairs: int, seed: int
+    graph: SceneGraph, foretold: dict[str, tuple[str, int | None]], pairs: int, seed: int, order: str = "any"
 ) -> Iterator[Start]:  # fmt: skip
     """The start rooms in the plan's order, `foretold` by room id: the outcome and how many rooms."""
-    from data.s_graph_exploration import storeys_of, walk
+    from data.s_graph_exploration import Walk, storeys_of, walk
     from data.s_graph_regimes import draw_walk
+    from data.s_graph_walks import nearest_first
     from evaluation.matching_judge import is_wrong
     from matching import Matcher
 
@@ -90,13 +94,16 @@ def checked(
         for start, room in enumerate(storey.rooms):
             if room.id not in foretold:
                 continue
-            needed = foretold[room.id][1]
+            needed, near = foretold[room.id][1], nearest_first(storey, start)[0]
             sides = []
             for count, known in sides_of(needed):
                 unique, alone = [], []
                 for n in range(pairs):
                     rng = np.random.default_rng((seed, 1, place, start, count or 0, n))
-                    pair = Prepared.of(draw_walk(storey, walk(storey, rng, count, start), "real", rng), graph)
+                    way = walk(storey, rng, count, start)
+                    if order == "near":
+                        way = Walk(near.rooms[:count], near.parents[:count])
+                    pair = Prepared.of(draw_walk(storey, way, "real", rng), graph)
                     answer = matcher.match(pair.drawn.s_graph, graph)
                     unique.append(answer.status == "unique" and not is_wrong(answer, pair.truth, False))
                     alone.append(not pair.twin)

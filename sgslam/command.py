@@ -7,6 +7,8 @@ import difflib
 import importlib
 import sys
 from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 
 from data.cli import called_as, run_command
 from data.errors import UserError
@@ -32,27 +34,18 @@ COMMANDS = {
     "dump-config": Command("sgslam.dump_config", "every setting with what it means, as YAML for --config"),
 }
 
-MEASUREMENTS = {
-    name: Command(f"evaluation.{name}", about)
-    for name, about in {
-        "ablation": "the system with parts of it left out",
-        "as_built": "walls moved, absent and unplanned: told, and nothing else",
-        "combinatorial": "iS-Graphs' search beside its public code",
-        "growth": "time and memory against a drive's length",
-        "long_run": "what a keyframe costs in a run of thousands",
-        "matching": "matchers on maps of known truth",
-        "matching_time": "what a match costs on one core",
-        "one_wall_out": "each wall of a map left out of its anchors",
-        "other_buildings": "drives with other buildings' plans",
-        "published_tables": "the published matcher's tables beside ours",
-        "rooms_needed": "what inspect-bim foretells against the matching benchmark",
-        "se2_subsets": "all parts of one known map, matched",
-        "slabim": "a session of the public data set SLABIM, laid out and run",
-        "slam_graphs": "S-graphs of our own pipeline, with truth",
-        "timing": "a run's time against KISS-ICP's own pipeline",
-        "wrong_matches": "runs with rooms matched wrongly",
-    }.items()
-}
+
+def measurements() -> dict[str, Command]:
+    """The commands of `evaluation`, each with what the first line of its module says."""
+    spec = find_spec("evaluation")
+    folder = Path(spec.submodule_search_locations[0]) if spec and spec.submodule_search_locations else Path()
+    found = {}
+    for path in sorted(folder.glob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if "run_command(main)" in text:
+            first = text.removeprefix('"""').partition("\n")[0].strip('"')
+            found[path.stem] = Command(f"evaluation.{path.stem}", first.rpartition("`: ")[2].rstrip("."))
+    return found
 
 
 def main() -> None:
@@ -73,8 +66,10 @@ def call(arguments: list[str]) -> int | None:
     if name == "evaluate":
         name, *rest = rest or ["--help"]
         if name in ("--help", "-h"):
-            return _tell("sgslam evaluate NAME ...", "Measurements; each tells its options by --help.", MEASUREMENTS)
-        return _called(_known(name.replace("-", "_"), MEASUREMENTS, "sgslam evaluate"), f"sgslam evaluate {name}", rest)
+            return _tell("sgslam evaluate NAME ...", "Measurements; each tells its options by --help.", measurements())
+        return _called(
+            _known(name.replace("-", "_"), measurements(), "sgslam evaluate"), f"sgslam evaluate {name}", rest
+        )
     return _called(_known(name, COMMANDS, "sgslam"), f"sgslam {name}", rest)
 
 
