@@ -28,6 +28,7 @@ _SPACING = 0.15  # m between the scans whose level surfaces are kept
 _KEPT = 24  # scans
 _BESIDE = 0.08  # m in plan between two points of one level surface
 _NEAR = (0.2, 0.1, 0.1)  # m between them on a stair, step by step
+_ON_SURFACE = 0.03  # m from a known level surface
 _LEAST = 12  # points that tell
 _DOUBTFUL = 0.02, 0.05, 0.04  # rad of lean, m of height, m by which level surfaces have moved: then it is asked twice
 _ALIKE = 0.05, 0.5  # m, and the share of the points that must agree on how far level surfaces have moved
@@ -35,7 +36,7 @@ _MOST = 0.6  # m
 _LEFT = 0.07, 2  # m of height by which the second answer differs, and scans in a row, where the floor has been left
 _FLAT = 0.05  # m by which the height changes on level ground
 _LEVEL_WAY, _HOME_WAY = 2.0, 1.2  # m gone level in plan, until it is no landing; where a floor is known at that height
-_HOME = 0.15  # m from a known floor
+_HOME, _STEP = 0.15, 0.35  # m from a known floor, on which the robot is; that a step or a ramp must lead up at least
 _STOREY = 1.9  # m between two floors at least: less is a landing, a mezzanine, a ramp, a step
 _TILT = 0.15  # rad that the sensor may lean on a stair
 
@@ -89,7 +90,8 @@ class Climb(Stateful):
         if self._doubtful(points, T_level_sensor, T_level_map, carried):
             self.begin(T_level_map)
             other = self.align(scan, walls, _carried_so(T_level_sensor, carried)).T
-            if abs(other[2, 3] - T_level_sensor[2, 3]) < _LEFT[0]:
+            differs = abs(other[2, 3] - T_level_sensor[2, 3]) > _LEFT[0]
+            if not (differs and self._explains_more(scan, other, T_level_sensor)):
                 other = None
         if other is None:
             self._suspected = 0
@@ -100,6 +102,17 @@ class Climb(Stateful):
             return None
         self.active, self._suspected, self._way, self._tree = True, 0, [], None
         return np.asarray(inverse(T_level_map) @ other)
+
+    def _explains_more(self, scan: ColumnScan, pose: Floats, than: Floats) -> bool:
+        """Whether by one T_level_sensor (4, 4) more of a scan's level surfaces lie on known ones than by another."""
+        tree, known = self._space
+        counts = []
+        for T in (pose, than):
+            points = _level_points(scan, T)
+            distance, nearest = tree.query(points, distance_upper_bound=_NEAR[0])
+            found = np.isfinite(distance)
+            counts.append(int(np.sum(np.abs(points[found, 2] - known[nearest[found], 2]) < _ON_SURFACE)))
+        return counts[0] >= max(_LEAST, counts[1] + 1)
 
     def _doubtful(self, points: Floats, T_level_sensor: Floats, T_level_map: Floats, carried: Carried) -> bool:
         lean = T_level_sensor[:3, :3] @ carried.up_in_sensor
@@ -201,6 +214,8 @@ class Climb(Stateful):
             return Arrival(floors.maps[nearest], 0.0)
         if gone < _LEVEL_WAY:
             return None
+        if abs(above) < _STEP:
+            return Arrival(floors.maps[nearest], 0.0)
         return Arrival(None, ground) if abs(above) > _STOREY else Arrival(floors.maps[nearest], above)
 
     def end(self, ground: float) -> None:

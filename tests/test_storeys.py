@@ -1,0 +1,201 @@
+"""Several storeys in one run: floors of the map, and which storeys of the plan they are."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from boxes import Box, pose, room, scan, scene_of
+
+from data import Floor, Room, SceneGraph, UserError, WallSurface
+from data.bim import Bim, load_bim
+from data.demo_building import DEMO_STOREYS, write_demo_building
+from data.drive import Robot
+from data.scans import ScanFolder
+from data.sensor import SpinningSensor
+from data.simulate import SimulatedRun, simulate
+from matching import Hypothesis, MatchResult
+from sgslam.result import Result
+from sgslam.slam import SceneGraphSlam
+from sgslam.storey_hypotheses import assignments, floor_named, joint
+
+GROUND, UPPER = DEMO_STOREYS
+PLANNED = tuple(Floor(name, name, z) for name, z in (("cellar", -3.0), ("ground", 0.0), ("first", 3.0), ("top", 6.5)))
+
+
+@pytest.fixture(scope="module")
+def building(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("building") / "demo.ifc"
+    write_demo_building(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def drive(building: Path) -> SimulatedRun:
+    """Up the stair, and down again."""
+    sensor = SpinningSensor(azimuths=450)
+    robot = Robot(yaw_rate=1.2, yaw_acceleration=2.0)
+    storeys = (GROUND, UPPER, GROUND)
+    return simulate(building, storeys, building.parent / "drive", 1, 1, 6.0, sensor, robot)
+
+
+@pytest.fixture(scope="module")
+def bim(building: Path) -> Bim:
+    return load_bim(building, building.parent / "cache")
+
+
+@pytest.fixture(scope="module")
+def result(drive: SimulatedRun, bim: Bim) -> Result:
+    slam = SceneGraphSlam(bim, storey=GROUND)
+    for one in ScanFolder(drive.out_dir / "scans"):
+        slam.add_scan(one.stamp_ns, one.points)
+    return slam.finish()
+
+
+def test_the_robot_climbs_the_stair_and_comes_back(drive: SimulatedRun) -> None:
+    height = drive.truth.positions[:, 2]
+    assert (height[0], height.max(), height[-1]) == pytest.approx((0.8, 4.0, 0.8), abs=1e-6)
+    assert np.abs(np.diff(height)).max() < 0.04  # along the slope, no leaps
+    assert np.linalg.norm(np.diff(drive.truth.positions[:, :2], axis=0), axis=1).max() < 0.09
+    assert {room.storey for room in drive.rooms} == {GROUND, UPPER}
+    assert drive.storeys == (GROUND, UPPER, GROUND)
+    lean = np.arccos(np.clip(drive.truth.poses[:, 2, 2], -1, 1))
+    assert 0.03 < lean.max() < 0.15 and lean[:20].max() < 1e-6
+
+
+def test_a_climbed_storey_is_a_floor_of_its_own(drive: SimulatedRun, result: Result) -> None:
+    ground, upper = result.s_graph.floors
+    assert ground.elevation is not None and upper.elevation is not None
+    assert upper.elevation - ground.elevation == pytest.approx(3.2, abs=0.3)
+    height = dict(zip(drive.truth.stamps_ns.tolist(), drive.truth.positions[:, 2].tolist(), strict=True))
+    for keyframe in result.s_graph.keyframes:
+        z = height[keyframe.stamp_ns]
+        if keyframe.floor is not None:
+            assert abs(z - (0.8 if keyframe.floor == ground.id else 4.0)) < 0.6  # it is noticed some steps later
+        else:
+            assert not keyframe.observes and keyframe.room is None
+    assert any(keyframe.floor is None for keyframe in result.s_graph.keyframes)
+    assert {r.floor for r in result.s_graph.rooms} == {ground.id, upper.id}
+    rooms = result.s_graph.room_by_id
+    assert all(w.room is None or rooms[w.room].floor == w.floor for w in result.s_graph.wall_surfaces)
+
+
+def test_coming_back_goes_on_with_the_first_floor(drive: SimulatedRun, result: Result) -> None:
+    assert len(result.s_graph.floors) == 2
+    assert result.s_graph.keyframes[-1].floor == result.s_graph.floors[0].id
+
+
+def test_every_floor_is_placed_on_its_storey(drive: SimulatedRun, result: Result, bim: Bim) -> None:
+    assert result.anchored and result.matches is not None
+    names = {floor.id: floor.name for floor in bim.graph.floors}
+    assert {k: names[v] for k, v in result.matches["floors"].items()} == {"floor-0": GROUND, "floor-1": UPPER}
+    planned, seen = bim.graph.room_by_id, result.s_graph.room_by_id
+    for s_id, a_id, confidence in result.matches["rooms"]:
+        assert planned[a_id].floor == result.matches["floors"][seen[s_id].floor]
+        assert 0 < confidence <= 1
+    error = np.linalg.norm(result.trajectory.positions - drive.truth.positions, axis=1)
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    for deviation in result.deviations:
+        if deviation["s_id"] is not None and deviation["a_id"] is not None:
+            floor = result.s_graph.surface_by_id[deviation["s_id"]].floor
+            assert bim.graph.surface_by_id[deviation["a_id"]].floor == result.matches["floors"][floor]
+
+
+def test_the_graph_of_two_floors_is_read_back(result: Result, tmp_path: Path) -> None:
+    result.s_graph.save(tmp_path / "s.json")
+    read = SceneGraph.load(tmp_path / "s.json")
+    assert read == result.s_graph
+    assert [f["id"] for f in json.loads((tmp_path / "s.json").read_text())["floors"]] == ["floor-0", "floor-1"]
+
+
+def corridor(step: float) -> list[Box]:
+    """25 m long, with pillars, higher by a step from 12 m on."""
+    pillars: list[Box] = [(x, y, 0.0, x + 0.4, y + 0.4, 3.5) for x in range(2, 24, 3) for y in (-2.0, 1.6)]
+    return [*room(0.0, -2.0, 25.0, 2.0, height=3.5), *pillars, (12.0, -2.0, 0.0, 25.0, 2.0, step)]
+
+
+@pytest.mark.parametrize("step", [0.15, 0.5])
+def test_a_step_within_a_storey_makes_no_floor(step: float) -> None:
+    scene, slam = scene_of(corridor(step)), SceneGraphSlam()
+    for k, x in enumerate(np.arange(3.0, 21.0, 0.1)):
+        ground = step * np.clip((x - 11.8) / 0.4, 0.0, 1.0)
+        slam.add_scan(10**8 * k, scan(scene, pose(x, 0.2, 0.8 + ground), SpinningSensor(azimuths=450), k))
+    graph = slam.finish().s_graph
+    assert len(graph.floors) == 1
+    assert graph.keyframes[-1].floor == "floor-0"
+
+
+def test_storeys_are_told_by_the_height_climbed() -> None:
+    assert assignments({0: 0.0}, PLANNED, None) == [{0: f.id} for f in PLANNED]
+    climbed = assignments({0: 0.0, 1: 3.1}, PLANNED, None)
+    assert climbed == [{0: "cellar", 1: "ground"}, {0: "ground", 1: "first"}, {0: "first", 1: "top"}]
+    assert assignments({0: 0.0, 1: -6.0}, PLANNED, None) == [{0: "first", 1: "cellar"}, {0: "top", 1: "ground"}]
+    assert assignments({0: 0.0, 1: 3.1, 2: 6.0}, PLANNED, "cellar") == [{0: "cellar", 1: "ground", 2: "first"}]
+    assert assignments({0: 0.0, 1: 3.1}, PLANNED, "top") == []  # there is nothing above
+    assert assignments({0: 0.0, 1: 3.1}, (*PLANNED, Floor("attic")), None) is None
+
+
+def floor_graph(storey: int) -> SceneGraph:
+    walls = tuple(WallSurface(f"w{k}f{storey}", None, (float(k), 0.0), (0.0, 1.0), 1.0) for k in range(6))
+    return SceneGraph("map", (Room(f"r{storey}", (2.0, 1.0)),), walls)
+
+
+def answers(
+    scores: dict[tuple[int, str], float], at: dict[tuple[int, str], tuple[float, float, float]] | None = None
+) -> Callable[[int, str], MatchResult]:
+    """A matcher of one floor with one storey that gives these scores, at these places."""
+
+    def ask(number: int, storey: str) -> MatchResult:
+        score = scores.get((number, storey), 0.0)
+        T = (at or {}).get((number, storey), (0.0, 5.0, 5.0))
+        if not score:
+            return MatchResult("none", "nothing")
+        return MatchResult("unique", "", T_a_s=T, floor=storey, hypotheses=(Hypothesis(score, T, storey),))
+
+    return ask
+
+
+def test_equal_storeys_are_told_apart_by_a_floor_that_differs() -> None:
+    graphs, possible = {0: floor_graph(0), 1: floor_graph(1)}, [{0: "a", 1: "b"}, {0: "b", 1: "c"}]
+    equal = {(0, "a"): 60.0, (0, "b"): 59.0, (1, "b"): 60.0, (1, "c"): 59.0}
+    assert joint(graphs, possible, answers(equal)) is None
+    found = joint(graphs, possible, answers({**equal, (1, "c"): 20.0}))
+    assert found is not None and found.assigned == {0: "a", 1: "b"}
+
+
+def test_one_storey_less_in_the_plan_decides_only_where_all_floors_are_explained() -> None:
+    graphs, possible = {0: floor_graph(0), 1: floor_graph(1)}, [{0: "a", 1: "b"}]
+    both = {(0, "a"): 60.0, (1, "b"): 60.0}
+    found = joint(graphs, possible, answers(both))
+    assert found is not None and found.answers[1].floor == "b"
+    assert joint(graphs, possible, answers({(0, "a"): 60.0})) is None  # what lies above may be no storey of the plan
+    elsewhere = {(0, "a"): (0.0, 5.0, 5.0), (1, "b"): (0.0, 9.0, 5.0)}
+    assert joint(graphs, possible, answers(both, elsewhere)) is None  # floors of one map lie at one place
+
+
+def test_a_storey_that_there_is_not_is_refused(bim: Bim) -> None:
+    assert floor_named(bim.graph, "upper FLOOR").name == UPPER
+    with pytest.raises(UserError, match="storey attic: no such storey; there are: Ground floor, Upper floor"):
+        SceneGraphSlam(bim, storey="attic")
+
+
+def test_mistakes_with_several_storeys(building: Path, tmp_path: Path) -> None:
+    def simulated(*storeys: str) -> str:
+        told = [word for storey in storeys for word in ("--storey", storey)]
+        command = [sys.executable, "-m", "data.simulate", "--bim", str(building), *told, "--out", str(tmp_path / "o")]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 2 and not (tmp_path / "o").exists()
+        return done.stderr.splitlines()[-1]
+
+    assert "no storey 'attic'" in simulated(GROUND, "attic")
+    assert "there is no stair" in simulated(GROUND, GROUND)
+
+
+def test_a_climb_that_the_plan_does_not_have_leaves_no_assignment(bim: Bim) -> None:
+    upper = next(f for f in bim.graph.floors if f.name == UPPER)
+    raised = replace(bim.graph, floors=tuple(replace(f, elevation=50.0) if f is upper else f for f in bim.graph.floors))
+    assert assignments({0: 0.0, 1: 3.2}, raised.floors, None) == []
