@@ -36,7 +36,7 @@ _MOST = 0.6  # m
 _LEFT = 0.07, 2  # m of height by which the second answer differs, and scans in a row, where the floor has been left
 _FLAT = 0.05  # m by which the height changes on level ground
 _LEVEL_WAY, _HOME_WAY = 2.0, 1.2  # m gone level in plan, until it is no landing; where a floor is known at that height
-_HOME, _STEP = 0.15, 0.35  # m from a known floor, on which the robot is; that a step or a ramp must lead up at least
+_HOME = 0.12  # m from a known floor, at which the robot is on it
 _STOREY = 1.9  # m between two floors at least: less is a landing, a mezzanine, a ramp, a step
 _TILT = 0.15  # rad that the sensor may lean on a stair
 
@@ -214,8 +214,6 @@ class Climb(Stateful):
             return Arrival(floors.maps[nearest], 0.0)
         if gone < _LEVEL_WAY:
             return None
-        if abs(above) < _STEP:
-            return Arrival(floors.maps[nearest], 0.0)
         return Arrival(None, ground) if abs(above) > _STOREY else Arrival(floors.maps[nearest], above)
 
     def end(self, ground: float) -> None:
