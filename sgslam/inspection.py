@@ -65,7 +65,7 @@ class Ask:
     """How rooms are asked after: the matcher's name, maps of each start, seed."""
 
     method: str = "learned"
-    maps: int = 3
+    maps: int = 5
     seed: int = 0
 
 

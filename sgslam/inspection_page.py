@@ -30,9 +30,9 @@ def inspection_html(inspection: Inspection, name: str) -> str:
 
 NOTE = (
     "The number in a room: how many rooms, that one among them, a robot that starts there and goes on to the nearest "
-    "ones must see before its place is the only one that explains its map (median of several maps with the noise of "
-    "real scans). Dots are doors, pale ones lead out; dotted lines go to the rooms that they join; walls of another "
-    "colour belong to no room."
+    "ones must see until, in most maps with the noise of real scans, its place is the only one that explains the map. "
+    "Dots are doors, pale ones lead out; dotted lines go to the rooms that they join; walls of another colour are in "
+    "no room."
 )
 
 
@@ -75,14 +75,14 @@ def _rooms(inspection: Inspection, floor: str | None) -> str:
         if found.needed.floor != floor:
             continue
         n = found.needed
-        each = ", ".join("no" if k is None else str(k) for k in n.by_map) or NOTHING
+        each = ", ".join(f"{rooms}: {known} of {of}" for rooms, known, of in n.asked[-2:]) or NOTHING
         counts = [str(len(graph.surfaces_of_room[room])), str(doors.count(room))]
         reach = f"{n.by_doors} of {n.reachable}"
         name = graph.room_by_id[room].name or room
         rows.append([name, _alone(inspection, found), *counts, reach, each, short(n) or NOTHING])
     if not rows:
         return ""
-    head = ["room", "seen alone, looks like", "walls", "doors", "reached by doors", "of each map", "rooms to be seen"]
+    head = ["room", "seen alone, looks like", "walls", "doors", "reached by doors", "known maps", "rooms to be seen"]
     return table(head, rows, 2)
 
 

@@ -2,13 +2,12 @@
 
 From a start room the rooms are entered in the order of the way there, and the map has the noise of real scans (regime
 `real` of `data.s_graph_regimes`). As long as another place of the plan explains even a perfect map as well (a twin),
-nobody can know; from there on the matcher is asked after each room, until it names the one true place.
+nobody can know; from there on the matcher is asked after each room, until it names the one true place in most maps.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from statistics import median_low
 from typing import Literal
 
 import numpy as np
@@ -29,12 +28,12 @@ Outcome = Literal["known", "never", "not found", "nothing to see"]
 
 @dataclass(frozen=True)
 class RoomsNeeded:
-    """`rooms`: the median over the maps that were drawn; None where in most of them the place is not known in the end.
+    """`rooms`: after so many most of the maps that were drawn are known; None where most are not in the end.
 
     Then the outcome is `never` where a twin explains all that can be seen from there, `not found` where the matcher
     does not find it, `nothing to see` where the start has no walls. `apart` rooms leave no twin of a perfect map, None
-    where all do. `by_map` is what each map needed, None likewise. `reachable` rooms are reached in all, `by_doors` of
-    them through the model's doors.
+    where all do. `asked`: after how many rooms, how many maps were known, of how many that were asked: no more are than
+    decide. `reachable` rooms are reached in all, `by_doors` of them through the model's doors.
     """
 
     room: str
@@ -42,7 +41,7 @@ class RoomsNeeded:
     outcome: Outcome
     rooms: int | None
     apart: int | None
-    by_map: tuple[int | None, ...]
+    asked: tuple[tuple[int, int, int], ...]
     reachable: int
     by_doors: int
 
@@ -55,19 +54,34 @@ def needed_from(
     walked, by_doors = nearest_first(storey, start)
     order = [storey.rooms[k].id for k in walked.rooms]
 
-    def told(outcome: Outcome, rooms: int | None, apart: int | None, *by_map: int | None) -> RoomsNeeded:
-        return RoomsNeeded(room, storey.floor, outcome, rooms, apart, by_map, len(order), by_doors)
+    def told(outcome: Outcome, rooms: int | None, apart: int | None, *asked: tuple[int, int, int]) -> RoomsNeeded:
+        return RoomsNeeded(room, storey.floor, outcome, rooms, apart, asked, len(order), by_doors)
 
     if not len(storey.walls_of[start]):
         return told("nothing to see", None, None)
     apart = _apart(own, order)
     if apart is None:
         return told("never", None, None)
-    by_map = [_known(draw_walk(storey, walked, "real", rng), order, apart, a, matcher) for rng in rngs]
-    middle = median_low(len(order) + 1 if n is None else n for n in by_map)
-    if middle > len(order):
-        return told("not found", None, apart, *by_map)
-    return told("known", middle, apart, *by_map)
+    maps = [draw_walk(storey, walked, "real", rng) for rng in rngs]
+    asked = []
+    for count in _stages(apart, len(order)):
+        known, of = _most(maps, set(order[:count]), a, matcher)
+        asked.append((count, known, of))
+        if 2 * known > len(maps):
+            return told("known", count, apart, *asked)
+    return told("not found", None, apart, *asked)
+
+
+def _most(maps: Sequence[DrawnGraph], rooms: set[str], a: SceneGraph, matcher: AnyMatcher) -> tuple[int, int]:
+    """In how many maps of these rooms the matcher names the true place alone, and how many were asked until it was
+    certain whether these are most."""
+    known = 0
+    for of, drawn in enumerate(maps, 1):
+        seen = seen_in(drawn, rooms)
+        known += bool(seen.s_graph.wall_surfaces) and is_right(matcher.match(seen.s_graph, a), seen)
+        if 2 * known > len(maps) or 2 * (known + len(maps) - of) <= len(maps):
+            break
+    return known, of
 
 
 def _apart(own: OwnTwins, order: list[str]) -> int | None:
@@ -81,15 +95,6 @@ def _apart(own: OwnTwins, order: list[str]) -> int | None:
         middle = (low + high) // 2
         low, high = (middle, high) if own.of(order[:middle]) else (low, middle)
     return high
-
-
-def _known(drawn: DrawnGraph, order: list[str], first: int, a: SceneGraph, matcher: AnyMatcher) -> int | None:
-    """After how many rooms, `first` at the least, the matcher names the true place alone; None where it never does."""
-    for count in _stages(first, len(order)):
-        seen = seen_in(drawn, set(order[:count]))
-        if seen.s_graph.wall_surfaces and is_right(matcher.match(seen.s_graph, a), seen):
-            return count
-    return None
 
 
 def is_right(result: Match, drawn: DrawnGraph) -> bool:
