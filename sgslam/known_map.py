@@ -3,6 +3,7 @@
 import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,24 @@ class KnownMap:
             tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for g in parts for floor in g.floors),
         )
 
-    def join(self, other: "KnownMap", T_map_other: Floats, config: Config) -> None:
+    def state(self) -> dict[str, Any]:
+        """As a tree (see `state_tree`), without the points."""
+        return {
+            "backend": self.backend.state(), "floors": self.floors.state(), "scans": self.scans, "begins": self.begins,
+            "height": self.height, "T_bim_map": self.T_bim_map,
+        }  # fmt: skip
+
+    @staticmethod
+    def restored(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "KnownMap":
+        """What `state` told."""
+        backend, floors = Backend(config), Floors(config)
+        backend.restore(state["backend"])
+        floors.restore(state["floors"])
+        return KnownMap(
+            backend, floors, state["scans"], state["begins"], state["height"], state["T_bim_map"], clouds
+        )  # fmt: skip
+
+    def join(self, other: "KnownMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
         """Takes over another map that lies at `T_map_other` (4, 4): one graph, in which a wall that both saw is one.
 
         `other` is not to be used any more.
@@ -95,6 +113,8 @@ class KnownMap:
         for wall, plane in other.backend.planes_in_map.items():
             self.backend.planes_in_map.setdefault(wall_of[wall], transform_planes(T_map_other, plane))
         self._take_scans(other, T_map_other, first)
+        if not same_run:
+            self.begins = self.begins + [len(self.scans) - len(other.scans) + begin for begin in other.begins]
         self._take_clouds(other, first)
         count = len(other.backend.keyframes)
         _log.info("joined %d keyframes to %d; %d walls were seen by both", count, first, len(same))
@@ -144,13 +164,12 @@ class KnownMap:
         return {wall: max(votes, key=lambda w: votes[w]) for wall, votes in same.items()}
 
     def _take_scans(self, other: "KnownMap", T_map_other: Floats, keyframes: int) -> None:
-        before, begins = len(self.scans), set(other.begins) | {0}
+        begins = set(other.begins) | {0}
         for i, scan in enumerate(other.scans):
             T = T_map_other @ scan.T_map_sensor
             previous = None if i in begins else scan.T_previous_sensor
             own = replace(scan, T_map_sensor=T, keyframe=scan.keyframe + keyframes, T_previous_sensor=previous)
             self.scans.append(own)
-        self.begins = self.begins + [before + begin for begin in other.begins]
 
     def _take_clouds(self, other: "KnownMap", keyframes: int) -> None:
         both = KeyframeClouds(voxel=self.clouds.voxel)

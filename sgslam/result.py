@@ -122,12 +122,17 @@ def finished(
     scans: list[ScanPose], backend: Backend, floors: Floors, bim: SceneGraph | None,
     anchoring: BuildingAnchoring | None, first_anchor_ns: int | None, seconds: dict[str, float], config: Config,
     clouds: KeyframeClouds, begins: list[int], returned: Returned | None,
+    lost: list[tuple[list[ScanPose], Floats]],
 ) -> Result:  # fmt: skip
-    """Puts a run's result together; `begins` are the places in the scans at which runs begin, this one the last."""
+    """Puts a run's result together; `begins` are the places in the scans at which runs begin, this one the last;
+    `lost` the scans and the keyframes' poses of what could not be placed: it is taken to begin where the sensor was
+    seen last."""
     runs = [slice(a, b) for a, b in zip(begins, [*begins[1:], len(scans)], strict=True)]
     poses, newest = smooth(scans, backend.poses), runs[-1]
     *earlier, trajectory_map = [_at_stamps(scans[run], poses[run]) for run in runs]
-    odometry = _at_stamps(scans[newest], np.stack([s.T_odom_sensor for s in scans[newest]]))
+    known, trajectory_map = trajectory_map, _with_lost(trajectory_map, lost)
+    of_run = sorted([*scans[newest], *(s for part, _ in lost for s in part)], key=lambda s: s.stamp_ns)
+    odometry = _at_stamps(of_run, np.stack([s.T_odom_sensor for s in of_run]))
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
     holdings = anchoring.holdings(floors, backend.T_map_bim) if anchoring is not None else {}
@@ -140,7 +145,7 @@ def finished(
         trajectory_map, odometry, T_bim_map, s_graph, bim, matches,
         _deviations(anchoring, holdings, floors, backend, uncertainty, config),
         [record.to_dict() for record in anchoring.records] if anchoring is not None else [],
-        backend.log, _covariances(backend, uncertainty, T_bim_map, trajectory_map, newest.start),
+        backend.log, _covariances(backend, uncertainty, T_bim_map, known, newest.start),
         (first_anchor_ns - scans[newest.start].stamp_ns) / 1e9 if anchored and first_anchor_ns is not None else None,
         len(backend.keyframes), dict(seconds), config, clouds,
         tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier), returned,
@@ -178,6 +183,18 @@ def _covariances(
     scans = [backend.keyframes[i].scan - begin for i in chosen]
     covariances = uncertainty.pose_covariances(chosen.tolist())
     return PoseCovariances(Trajectory(in_map.stamps_ns[scans], T_bim_map @ in_map.poses[scans]), covariances)
+
+
+def _with_lost(known: Trajectory, lost: list[tuple[list[ScanPose], Floats]]) -> Trajectory:
+    """With the poses of scans that nobody could place, each part from where the sensor was seen last before it."""
+    stamps, poses = [known.stamps_ns], [known.poses]
+    for scans, keyframes in lost:
+        part = _at_stamps(scans, smooth(scans, keyframes))
+        before = max(int(np.searchsorted(known.stamps_ns, part.stamps_ns[0])) - 1, 0)
+        stamps.append(part.stamps_ns)
+        poses.append(known.poses[before] @ inverse(part.poses[0]) @ part.poses)
+    order = np.argsort(np.concatenate(stamps), kind="stable")
+    return Trajectory(np.concatenate(stamps)[order], np.concatenate(poses)[order])
 
 
 def _at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:

@@ -1,5 +1,6 @@
 """The loop: scans go in, the S-graph grows, is matched, is anchored; a trajectory in building coordinates comes out."""
 
+import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter
@@ -22,6 +23,7 @@ from sgslam.graph_nodes import Anchors
 from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.keyframes import KeyframeNode, KeyframeRule
 from sgslam.known_map import KnownMap, plan_of
+from sgslam.leaps import Doubted, LeapWatch
 from sgslam.locating import Locator
 from sgslam.loops import LoopCloser
 from sgslam.matcher_protocol import AnyMatcher
@@ -30,6 +32,8 @@ from sgslam.result import Result, Returned, ScanPose, Update, finished
 from sgslam.storey_hypotheses import floor_named
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+_UNLIKE = 3  # scans, one after the other, that do not fit to those before: the sensor was carried elsewhere
 _LOOP_ROUNDS = 3  # of closing loops and optimising, at most
 
 
@@ -53,22 +57,29 @@ class SceneGraphSlam:
         self.clouds = KeyframeClouds(None, self._config.clouds.keyframe_voxel) if clouds is None else clouds
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         self._bim = a_graph
-        self._front_end = FrontEnd(self._config)
-        self._rule = KeyframeRule(self._config.keyframes)
-        self._floors = Floors(self._config)
         self._odometry = odometry or make_odometry(self._config.odometry)
-        self._locator = Locator(self._config, self._odometry, self._front_end, self._floors)
-        self._backend = Backend(self._config)
-        self._loops = LoopCloser(self._config.loops)
+        self._untouched = self._odometry.state()
         self._known, self._matcher = known, matcher
-        plan, self._plan_is_known = (a_graph, False) if known is None else plan_of(known, a_graph)
         self._start = None if storey is None or a_graph is None else floor_named(a_graph, storey).id
+        self._newest_ns: int | None = None
+        self._doubted: list[Doubted] = []  # the newest scans, where these cannot have been taken near the one before
+        self._leaps = 0  # times that the sensor was carried elsewhere
+        self._lost: list[KnownMap] = []  # parts of the run of which nobody knows where they are
+        self._begin()
+        stages = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation")
+        self.seconds: dict[str, float] = dict.fromkeys(stages, 0.0)
+
+    def _begin(self) -> None:
+        """A map of its own, which is to be found in the known one or in the building."""
+        config = self._config
+        self._front_end, self._rule, self._floors = FrontEnd(config), KeyframeRule(config.keyframes), Floors(config)
+        self._locator = Locator(config, self._odometry, self._front_end, self._floors)
+        self._backend, self._loops, self._watch = Backend(config), LoopCloser(config.loops), LeapWatch()
+        plan, self._plan_is_known = (self._bim, False) if self._known is None else plan_of(self._known, self._bim)
         self._anchoring = self._anchored_in(plan)
         self._begins = [0]  # the places in the scans at which a run begins
         self._scans: list[ScanPose] = []
         self._first_anchor_ns: int | None = None
-        stages = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation")
-        self.seconds: dict[str, float] = dict.fromkeys(stages, 0.0)
 
     def add_scan(
         self, stamp_ns: int, points: Floats, point_times: Floats | None = None, T_odom_sensor: Floats | None = None
@@ -78,14 +89,28 @@ class SceneGraphSlam:
         `point_times` (N,) are seconds after the stamp: with them the scan is deskewed. Raises UserError for stamps that
         do not increase, for points and times that are not finite, and for a `T_odom_sensor` that is no rigid motion;
         the run goes on without that scan.
+
+        Where scan after scan cannot have been taken near those before, the sensor was carried elsewhere: a new map is
+        begun, in which the run goes on until it is found in the old one, or in the building.
         """
         points = self._checked(stamp_ns, points, T_odom_sensor)
+        self._newest_ns = int(stamp_ns)
+        return self._take(Doubted(int(stamp_ns), points, point_times, T_odom_sensor))
+
+    def _take(self, scan: Doubted, trusted: bool = False) -> Update:
+        stamp_ns, points, point_times, T_odom_sensor = scan.stamp_ns, scan.points, scan.point_times, scan.T_odom_sensor
         offset_ns = 0
         with self._clock("odometry"):
             if point_times is not None:
                 seconds = checked_times(point_times, len(points), stamp_ns)
                 points, offset_ns = self._locator.deskewed(stamp_ns, points, seconds, T_odom_sensor)
             columns = self._front_end.columns(points, whole=self._locator.climbing)
+            if not (trusted or self._locator.climbing or self._watch.fits(columns)):
+                return self._doubt(scan)
+        if not trusted:
+            self._settle()
+        with self._clock("odometry"):
+            self._watch.keep(columns)
             last = self._scans[-1].T_map_sensor if self._scans else None
             located = self._locator.locate(stamp_ns + offset_ns, columns, last, T_odom_sensor)
             T_odom_sensor, T_map_sensor = located.T_odom_sensor, located.T_map_sensor
@@ -96,6 +121,44 @@ class SceneGraphSlam:
             self._add_keyframe(points)
         live = self._locator.live(self._scans[-1].T_map_sensor, offset_ns)
         return Update(stamp_ns, live, len(self._backend.keyframes), self.anchored)
+
+    def _doubt(self, scan: Doubted) -> Update:
+        """Waits with scans that do not fit to those before, until it is clear that the sensor was carried elsewhere."""
+        self._doubted.append(scan)
+        if len(self._doubted) < _UNLIKE:
+            last = self._scans[-1].T_map_sensor
+            return Update(scan.stamp_ns, last, len(self._backend.keyframes), self.anchored)
+        doubted, self._doubted = self._doubted, []
+        _log.warning("at %d ns the sensor was carried elsewhere: a new map begins", doubted[0].stamp_ns)
+        self._part()
+        return [self._take(one, trusted=True) for one in doubted][-1]
+
+    def _settle(self) -> None:
+        """Takes the scans that were waited with, which were only odd."""
+        doubted, self._doubted = self._doubted, []
+        for one in doubted:
+            self._take(one, trusted=True)
+
+    def _part(self) -> None:
+        """What was mapped up to now is known from now on, and a new map begins."""
+        self._complete()
+        T_known_map, own = self.T_known_map, self._own()
+        if self._known is None:
+            self._known = own
+        elif T_known_map is not None:
+            self._known.join(own, T_known_map, self._config, same_run=self._leaps > len(self._lost))
+        else:
+            self._lost.append(own)
+        self._leaps += 1
+        self.clouds = KeyframeClouds(None, self._config.clouds.keyframe_voxel)
+        self._odometry.restore(self._untouched)
+        self._begin()
+
+    def _own(self) -> KnownMap:
+        height = self._front_end.height
+        return KnownMap(
+            self._backend, self._floors, self._scans, self._begins, height, self.T_bim_map, self.clouds
+        )  # fmt: skip
 
     @property
     def anchored(self) -> bool:
@@ -126,13 +189,17 @@ class SceneGraphSlam:
 
     @property
     def keyframes(self) -> int:
-        """How many there are so far."""
-        return len(self._backend.keyframes)
+        """How many there are so far, up to the first leap."""
+        backend = self._known.backend if self._leaps and self._known is not None else self._backend
+        return len(backend.keyframes)
 
     def state(self) -> dict[str, Any]:
         """All that it knows but the keyframes' points, which `clouds` keep, as a tree (see `state_tree`). It is not a
         copy: write it before the next scan is added."""
         own = {
+            "newest_ns": self._newest_ns, "doubted": self._doubted, "leaps": self._leaps,
+            "lost": [lost.state() for lost in self._lost],
+            "known": self._known.state() if self._known is not None and self._leaps else None,
             "scans": self._scans, "begins": self._begins, "first_anchor_ns": self._first_anchor_ns,
             "seconds": self.seconds, "T_bim_map": self.T_bim_map,
         }  # fmt: skip
@@ -141,8 +208,16 @@ class SceneGraphSlam:
     def restore(self, state: dict[str, Any]) -> None:
         """Goes on from what another one's `state` told that was made for the same building with the same settings, bit
         by bit as that one would have. Raises KeyError, TypeError or ValueError where it was unlike."""
+        if state["known"] is not None:  # the points of what came after the first leap are not kept
+            self._known, own = KnownMap.restored(state["known"], self._config, self.clouds), self.clouds
+            self.clouds = KeyframeClouds(None, own.voxel)
+        self._lost = [
+            KnownMap.restored(lost, self._config, KeyframeClouds(None, self.clouds.voxel)) for lost in state["lost"]
+        ]  # fmt: skip
+        self._begin()
         for name, part in self._parts.items():
             part.restore(state[name])
+        self._newest_ns, self._doubted, self._leaps = state["newest_ns"], state["doubted"], state["leaps"]
         self._scans, self._first_anchor_ns, self.seconds = state["scans"], state["first_anchor_ns"], state["seconds"]
         self._begins = state["begins"]
 
@@ -151,7 +226,7 @@ class SceneGraphSlam:
         parts = {
             "front_end": self._front_end, "rule": self._rule, "floors": self._floors, "loops": self._loops,
             "odometry": self._odometry, "locator": self._locator, "slack": self._locator.slack,
-            "backend": self._backend,
+            "backend": self._backend, "watch": self._watch,
         }  # fmt: skip
         return parts if self._anchoring is None else {**parts, "anchoring": self._anchoring}
 
@@ -172,11 +247,13 @@ class SceneGraphSlam:
         """Matches and optimises a last time; raises UserError where no scan was added."""
         if not self._scans:
             raise UserError("no scan was added: nothing to finish")
+        self._settle()
         self._complete()
         returned = None if self._known is None else self._return_to(self._known)
         return finished(
             self._scans, self._backend, self._floors, self._bim, None if self._plan_is_known else self._anchoring,
             self._first_anchor_ns, self.seconds, self._config, self.clouds, self._begins, returned,
+            [(lost.scans, lost.backend.poses) for lost in self._lost],
         )  # fmt: skip
 
     def _complete(self) -> None:
@@ -196,11 +273,12 @@ class SceneGraphSlam:
         """Joins the run to the known map, if it was found in it; the BIM then holds both."""
         T_known_map, found_ns = self.T_known_map, self._first_anchor_ns
         reason = "" if self._anchoring is None else self._anchoring.reason
+        began_ns, of_this_run = self._scans[0].stamp_ns, self._leaps > len(self._lost)
         if T_known_map is not None:
-            height = self._front_end.height
-            own = KnownMap(self._backend, self._floors, self._scans, self._begins, height, None, self.clouds)
-            began_ns = self._scans[0].stamp_ns
-            known.join(own, T_known_map, self._config)
+            known.join(self._own(), T_known_map, self._config, same_run=of_this_run)
+        elif of_this_run:  # what was before the leap is what is known, and nothing harms it
+            self._lost.append(self._own())
+        if T_known_map is not None or of_this_run:
             self._backend, self._floors, self.clouds = known.backend, known.floors, known.clouds
             self._scans, self._begins = known.scans, known.begins
             self._loops = LoopCloser(self._config.loops)
@@ -315,8 +393,8 @@ class SceneGraphSlam:
             raise UserError(f"{where}: points must be (N, 3), at least one, and finite")
         if not isinstance(stamp_ns, (int, np.integer)):
             raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")
-        if self._scans and stamp_ns <= self._scans[-1].stamp_ns:
-            raise UserError(f"{where}: stamps must increase; the last was {self._scans[-1].stamp_ns} ns")
+        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
+            raise UserError(f"{where}: stamps must increase; the last was {self._newest_ns} ns")
         if T_odom_sensor is not None and not is_rigid(T_odom_sensor):
             raise UserError(f"{where}: T_odom_sensor must be a finite rigid motion (4, 4)")
         return points

@@ -8,6 +8,7 @@ from sgslam.factor_log import FactorEvent
 from sgslam.floor_extraction import FloorObservation
 from sgslam.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.keyframes import KeyframeNode
+from sgslam.leaps import Doubted
 from sgslam.locating import Located
 from sgslam.result import ScanPose
 from sgslam.scene import Scene
@@ -16,8 +17,8 @@ from sgslam.wall_map import Lines, SeenWall
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        AnchorEvent, AnchorRecord, Anchors, Closure, Door, FactorEvent, Floor, FloorObservation, Growth, Hypothesis,
-        Keyframe, KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, ScanPose, Scene, SceneGraph,
-        SeenWall, WallSurface,
+        AnchorEvent, AnchorRecord, Anchors, Closure, Door, Doubted, FactorEvent, Floor, FloorObservation, Growth,
+        Hypothesis, Keyframe, KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, ScanPose,
+        Scene, SceneGraph, SeenWall, WallSurface,
     )
 }  # fmt: skip

@@ -9,7 +9,7 @@ from drives import fed, small_drive
 
 from data.errors import UserError
 from data.trajectory import Trajectory
-from sgslam.checkpoints import Checkpoints
+from sgslam.checkpoints import Checkpoints, load
 from sgslam.config import Config
 from sgslam.keyframe_clouds import FILE as CLOUDS
 from sgslam.known_map import KnownMap
@@ -77,3 +77,54 @@ def test_a_map_that_is_none_is_refused(tmp_path: Path) -> None:
     Checkpoints(tmp_path, {}).write(fed(SceneGraphSlam(), small_drive().scans[:5]), {})
     with pytest.raises(UserError, match="--resume"):
         KnownMap.load(tmp_path, Config())
+
+
+def carried_off() -> tuple[list[tuple[int, Array]], Array]:
+    """Half of the drive, then, the scans being off, from its end back to its beginning; and the true poses."""
+    drive = small_drive()
+    half = list(range(len(drive.scans) // 2))
+    order = half + list(range(len(drive.scans)))[::-1]
+    scans = [(100_000_000 * i, drive.scans[k][1]) for i, k in enumerate(order)]
+    return scans, drive.truth.poses[order]
+
+
+@pytest.mark.parametrize("with_bim", [True, False])
+def test_who_is_carried_off_is_found_again(with_bim: bool) -> None:
+    drive, (scans, truth) = small_drive(), carried_off()
+    result = fed(SceneGraphSlam(drive.bim if with_bim else None), scans).finish()
+    assert result.returned is not None and result.returned.found
+    assert len(result.trajectory) == len(scans) and not result.earlier and result.anchored == with_bim
+    poses = result.trajectory.transformed(np.eye(4) if with_bim else truth[0]).positions
+    assert np.sqrt(np.mean(np.sum((poses - truth[:, :3, 3]) ** 2, axis=1))) < 0.05
+
+
+def test_a_drive_is_not_taken_for_carried_off(tmp_path: Path) -> None:
+    slam = fed(SceneGraphSlam(), small_drive().scans)
+    assert slam.finish().returned is None
+
+
+def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
+    drive = small_drive()
+    alone = fed(SceneGraphSlam(drive.bim), drive.scans).finish()
+    walls, last = scene_of(room(0, 0, 9, 4)), drive.scans[-1][0]
+    more = [(last + 200_000_000 * (i + 1), scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(30)]
+    result = fed(SceneGraphSlam(drive.bim), [*drive.scans, *more]).finish()
+    assert result.anchored and result.returned is not None and not result.returned.found
+    assert len(result.trajectory) == len(drive.scans) + 30
+    assert drive.rmse(alone) + 0.005 > float(
+        np.sqrt(np.mean((result.trajectory.positions[: len(drive.scans)] - drive.truth.positions) ** 2 * 3))
+    )
+    assert len(result.s_graph.rooms) == len(alone.s_graph.rooms)
+
+
+@pytest.mark.parametrize("scans_after_the_leap", [2, 40])
+def test_a_run_goes_on_bit_by_bit_after_a_leap(scans_after_the_leap: int, tmp_path: Path) -> None:
+    drive, (scans, _) = small_drive(), carried_off()
+    after = len(drive.scans) // 2 + scans_after_the_leap
+    whole = fed(SceneGraphSlam(drive.bim), scans).finish()
+    first = fed(SceneGraphSlam(drive.bim), scans[:after])
+    Checkpoints(tmp_path, {}).write(first, {})
+    second = SceneGraphSlam(drive.bim)
+    load(tmp_path, second)
+    result = fed(second, scans[after:]).finish()
+    assert np.array_equal(result.trajectory.poses, whole.trajectory.poses) and result.s_graph == whole.s_graph

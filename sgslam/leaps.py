@@ -1,0 +1,92 @@
+"""Whether a scan can have been taken near the one before it, or the sensor was carried elsewhere in between."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.frames import se2_to_se3, transform_points
+from sgslam.state_tree import Stateful
+from sgslam.virtual_scan import ColumnScan
+
+Floats = NDArray[np.float64]
+_SECTORS = 180  # directions; as wide as the columns that are kept of a scan, or wider
+_NEAR = 0.4  # m by which the distance in one direction may change from one scan to the next
+_ALIKE = 0.6  # of the directions; from scan to scan of a drive it is 0.8 and more
+_TURNS, _WITHIN = 12, 0.15  # of the search; m from what was seen before
+_EXPLAINED = 0.55  # of a scan that what was seen before must explain, whichever way it is turned
+_POINTS, _REACH = 700, 1.5  # of a scan that are registered; m
+
+
+@dataclass(frozen=True, eq=False)
+class Doubted:
+    """A scan as it came, of which it is not known yet whether it was taken near the one before."""
+
+    stamp_ns: int
+    points: Floats
+    point_times: Floats | None
+    T_odom_sensor: Floats | None
+
+
+class LeapWatch(Stateful):
+    """Remembers the newest scan that fitted."""
+
+    _STATE = ("_points", "_distances")
+
+    def __init__(self) -> None:
+        self._points: Floats | None = None  # (N, 3) on upright surfaces, sensor frame
+        self._distances: Floats = np.empty(0)  # in each direction
+
+    def keep(self, scan: ColumnScan) -> None:
+        """Takes a scan for the newest that fits."""
+        self._points, self._distances = _thinned(scan), _distances(scan)
+
+    def fits(self, scan: ColumnScan) -> bool:
+        """Whether a scan may have been taken where the newest one was, or some steps away.
+
+        First by the distances in all directions, turned a little; where these differ, by registration from all sides.
+        """
+        if self._points is None or _alike(self._distances, _distances(scan)) >= _ALIKE:
+            return True
+        points = _thinned(scan)
+        if min(len(points), len(self._points)) < 50:
+            return True  # too little to say that it was not
+        return _explained(self._points, points) >= _EXPLAINED
+
+
+def _thinned(scan: ColumnScan) -> Floats:
+    points = scan.points[scan.upright]
+    return np.array(points[:: max(1, len(points) // _POINTS)], dtype=np.float64)
+
+
+def _distances(scan: ColumnScan) -> Floats:
+    """(_SECTORS,) the mean distance of what is upright in each direction, NaN where there is nothing."""
+    sector = scan.column[scan.upright] * _SECTORS // scan.columns
+    count = np.bincount(sector, minlength=_SECTORS)
+    total = np.bincount(sector, np.hypot(*scan.points[scan.upright, :2].T), _SECTORS)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _alike(before: Floats, now: Floats) -> float:
+    """The share of directions with the same distance, at the best of some turns by up to 15 degrees."""
+    turns = np.arange(-_SECTORS // 24, _SECTORS // 24 + 1)
+    off = np.abs(before[(np.arange(_SECTORS) - turns[:, None]) % _SECTORS] - now)
+    known = np.isfinite(off)
+    return float(np.max(((off < _NEAR) & known).sum(axis=1) / np.maximum(known.sum(axis=1), _SECTORS // 6)))
+
+
+def _explained(before: Floats, now: Floats) -> float:
+    """The largest share of points (N, 3) that lie on those of before (M, 3), over registrations from all sides."""
+    import small_gicp
+
+    target, source = small_gicp.PointCloud(before), small_gicp.PointCloud(now)
+    tree, best = small_gicp.KdTree(target, num_threads=1), 0.0
+    for turn in range(_TURNS):
+        found = small_gicp.align(
+            target, source, tree, init_T_target_source=se2_to_se3(2 * np.pi * turn / _TURNS, 0.0, 0.0),
+            registration_type="ICP", max_correspondence_distance=_REACH, max_iterations=20, num_threads=1,
+        )  # fmt: skip
+        moved = transform_points(found.T_target_source, now)
+        _, squared = tree.batch_nearest_neighbor_search(moved, num_threads=1)
+        best = max(best, float(np.mean(np.asarray(squared) < _WITHIN**2)))
+    return best
