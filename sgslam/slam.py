@@ -58,7 +58,7 @@ class SceneGraphSlam:
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         self._bim = a_graph
         self._odometry = odometry or make_odometry(self._config.odometry)
-        self._untouched = self._odometry.state()
+        self._is_own_odometry = odometry is None
         self._known, self._matcher = known, matcher
         self._start = None if storey is None or a_graph is None else floor_named(a_graph, storey).id
         self._newest_ns: int | None = None
@@ -151,7 +151,8 @@ class SceneGraphSlam:
             self._lost.append(own)
         self._leaps += 1
         self.clouds = KeyframeClouds(None, self._config.clouds.keyframe_voxel)
-        self._odometry.restore(self._untouched)
+        if self._is_own_odometry:  # another one finds its track again by itself
+            self._odometry = make_odometry(self._config.odometry)
         self._begin()
 
     def _own(self) -> KnownMap:
