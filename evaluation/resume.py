@@ -11,7 +11,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic, sleep
+from time import sleep
 
 import numpy as np
 
@@ -27,8 +27,8 @@ _LATEST = 0.9  # of the whole run's time; after that it may be done before it ca
 
 @dataclass(frozen=True)
 class Kill:
-    """A run killed after `after_s`, gone on from a state of so many `keyframes`; `metres` and `degrees` are what its
-    poses differ by at most; `same` are the files that say the same."""
+    """A run killed `after_s` after its first scan, gone on from a state of so many `keyframes`; `metres` and `degrees`
+    are what its poses differ by at most; `same` are the files that say the same."""
 
     after_s: float
     keyframes: int
@@ -44,19 +44,18 @@ def measure(scans: Path, bim: Path | None, out: Path, kills: int, seed: int) -> 
     """Runs, kills and resumes; the folders are left in `out`. Raises UserError where a run fails."""
     out.mkdir(parents=True, exist_ok=True)
     told = ["--scan-dir", str(scans), *([] if bim is None else ["--bim", str(bim)])]
-    whole, began = out / "whole", monotonic()
+    whole = out / "whole"
     _run([*told, "--out", str(whole)])
-    took = monotonic() - began
+    took = float(json.loads((whole / "metrics.json").read_text())["seconds"]["total"])
     rng, found = np.random.default_rng(seed), list[Kill]()
     while len(found) < kills:
         folder = out / f"killed-{len(found)}"
         shutil.rmtree(folder, ignore_errors=True)
         process = subprocess.Popen(_command([*told, "--out", str(folder)]), stdout=subprocess.DEVNULL)
-        began = monotonic()
         while not (folder / FILE).is_file() and process.poll() is None:
             sleep(0.02)
-        sleep(max(0.0, float(rng.uniform(0.0, _LATEST * took)) - (monotonic() - began)))
-        after_s = monotonic() - began
+        after_s = float(rng.uniform(0.0, _LATEST * took))
+        sleep(after_s)
         process.send_signal(signal.SIGKILL)
         if process.wait() != -signal.SIGKILL:
             continue  # it was done already

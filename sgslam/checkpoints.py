@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from sgslam.slam import SceneGraphSlam
 
 FILE = "state.npz"  # in a run's folder
+LONGEST_S = 60.0  # that may be lost
 SHARE = 0.005  # of a run that writing its state may take
 _log = logging.getLogger(__name__)
 
@@ -30,7 +31,7 @@ class Checkpoints:
 
     def write_if_due(self, slam: "SceneGraphSlam", progress: dict[str, Any]) -> None:
         """Writes where it is time to; `progress` is what the caller goes on from."""
-        if perf_counter() - self._written >= self._took / SHARE:
+        if perf_counter() - self._written >= min(self._took / SHARE, LONGEST_S):
             self.write(slam, progress)
 
     def write(self, slam: "SceneGraphSlam", progress: dict[str, Any], finished: bool = False) -> bool:
