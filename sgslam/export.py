@@ -105,12 +105,12 @@ def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc_deviations import write_as_built
-    from sgslam.findings import unplanned_walls, wall_findings
+    from sgslam.findings import storeys_of, unplanned_walls, wall_findings
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
     findings = wall_findings(run.deviations, a_graph)
-    unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, run.matches.get("floor"))
+    unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, storeys_of(run.matches, run.s_graph))
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
     if findings and not marked:

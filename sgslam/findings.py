@@ -1,6 +1,7 @@
 """The deviations of a run wall by wall, in the forms that BIM viewers open."""
 
 from collections import defaultdict
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -61,16 +62,23 @@ def wall_findings(deviations: list[Deviation], a_graph: SceneGraph) -> list["Wal
     return findings
 
 
+def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str | None]:
+    """The plan's storey of each floor of the map, as far as matches.json tells."""
+    placed = matches.get("floors") or {}
+    return {floor.id: placed.get(floor.id, matches.get("floor")) for floor in s_graph.floors}
+
+
 def unplanned_walls(
-    deviations: list[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storey: str | None
+    deviations: list[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
 ) -> list["UnplannedWall"]:
-    """The extra walls in the BIM frame."""
+    """The extra walls in the BIM frame; `storeys` are the plan's of the map's floors."""
     from data.ifc_deviations import UnplannedWall
 
     walls = []
     for d in (d for d in deviations if d["kind"] == "extra"):
-        first, last = _in_bim(s_graph.surface_by_id[d["s_id"]], s_graph, T_bim_map)
-        low, high = first[2], last[2]
+        surface = s_graph.surface_by_id[d["s_id"]]
+        first, last = _in_bim(surface, s_graph, T_bim_map)
+        low, high, storey = first[2], last[2], storeys.get(surface.floor or "")
         walls.append(UnplannedWall(d["s_id"], first[:2], last[:2], low, high, storey, d.get("reason", "")))
     return walls
 

@@ -50,17 +50,21 @@ class Pen:
         return f"<text {place}>{escape(room.name)}</text>"
 
 
-def plan_svg(drawing: PlanDrawing) -> str:
-    """The SVG element `#plan`; layers that hold something are groups `layer-NAME` (see `drawing.labels`)."""
+def plan_svg(drawing: PlanDrawing, name: str = "plan") -> str:
+    """The SVG element `#plan`, or one of another name, which has no marker.
+
+    Layers that hold something are groups `layer-NAME` (see `drawing.labels`).
+    """
     pen = Pen(drawing.centre())
     margin, box = view_box(drawing, pen)
     groups = _layers(drawing, pen)
     body = "\n".join(f'<g class="layer-{name}">{content}</g>' for name, content in groups if content)
     left, top, width, height = box
     scale = scale_bar(left + 0.4 * margin, top + height - 0.4 * margin, width)
+    marker = '<g id="marker"><polyline/></g>' if name == "plan" else ""
     return (
-        f'<svg id="plan" viewBox="{left:.3f} {top:.3f} {width:.3f} {height:.3f}" role="img" '
-        f'aria-label="{escape(drawing.heading)}">\n{body}\n{scale}\n<g id="marker"><polyline/></g></svg>'
+        f'<svg id="{name}" class="plan" viewBox="{left:.3f} {top:.3f} {width:.3f} {height:.3f}" role="img" '
+        f'aria-label="{escape(drawing.heading)}">\n{body}\n{scale}\n{marker}</svg>'
     )
 
 

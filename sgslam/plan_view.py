@@ -9,7 +9,7 @@ import numpy as np
 from data.files import write_atomically
 from sgslam.deviation_bands import BANDS, band_labels
 from sgslam.plan_drawing import DrawnWall, PlanDrawing, plan_drawing
-from sgslam.report_data import ReportData
+from sgslam.report_data import ReportData, floor_by_floor
 
 LONG_SIDE_INCH, LEGEND_INCH, DPI = 12.0, 2.3, 150
 MARGIN = 0.03  # of the longer side
@@ -29,31 +29,39 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    drawing = plan_drawing(data)
-    low, high = drawing.bounds()
+    drawings = [plan_drawing(part) for part in floor_by_floor(data)]
+    corners = [drawing.bounds() for drawing in drawings]
+    low, high = np.min([a for a, _ in corners], axis=0), np.max([b for _, b in corners], axis=0)
     margin = max(0.5, MARGIN * float(max(high - low)))
     width, height = np.maximum(high - low + 2 * margin, 1.0)
     scale = LONG_SIDE_INCH / max(width, height)
-    size = (max(width * scale, 5.0) + 1, max(height * scale, 4.0) + LEGEND_INCH)
+    size = (max(width * scale, 5.0) + 1, len(drawings) * max(height * scale, 4.0) + LEGEND_INCH)
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.15))
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    _draw(axes, drawing)
-    _names(axes, drawing, points_per_metre=72 * scale)
-    axes.set_xlim(low[0] - margin, high[0] + margin)
-    axes.set_ylim(low[1] - margin, high[1] + margin)
-    axes.set_aspect("equal")
-    axes.set_title(drawing.heading, loc="left", fontsize=12, parse_math=False)
     frame = "BIM" if data.a_graph is not None else "map"
+    known: dict[str, Any] = {}  # what the legend shows, once
+    for k, drawing in enumerate(drawings):
+        axes = figure.add_subplot(len(drawings), 1, k + 1)
+        _draw(axes, drawing)
+        _names(axes, drawing, points_per_metre=72 * scale)
+        axes.set_xlim(low[0] - margin, high[0] + margin)
+        axes.set_ylim(low[1] - margin, high[1] + margin)
+        _axes(axes, drawing.heading, frame)
+        known |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    figure.legend(list(known.values()), list(known), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=DPI)
+    write_atomically(path, buffer.getvalue())
+
+
+def _axes(axes: Any, heading: str, frame: str) -> None:
+    axes.set_aspect("equal")
+    axes.set_title(heading, loc="left", fontsize=12, parse_math=False)
     axes.set_xlabel(f"x in the {frame} frame (m)")
     axes.set_ylabel(f"y in the {frame} frame (m)")
     axes.ticklabel_format(useOffset=False)
     axes.tick_params(labelsize=8, color="#c4c9cf")
     axes.spines[:].set_color("#c4c9cf")
-    figure.legend(loc="outside lower center", ncols=4, fontsize=9, frameon=False)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=DPI)
-    write_atomically(path, buffer.getvalue())
 
 
 def _draw(axes: Any, drawing: PlanDrawing) -> None:

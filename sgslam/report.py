@@ -10,7 +10,7 @@ from sgslam.html_parts import card, count, metres, seconds
 from sgslam.hypothesis_plans import hypothesis_plans
 from sgslam.plan_drawing import PlanDrawing, plan_drawing
 from sgslam.plan_svg import legend, plan_svg
-from sgslam.report_data import ReportData
+from sgslam.report_data import ReportData, floor_by_floor
 from sgslam.report_tables import tables
 from sgslam.scene_view import scene_card, scene_data
 
@@ -30,9 +30,11 @@ def write_report(data: ReportData, path: Path | str) -> None:
 
 def report_html(data: ReportData) -> str:
     """The page: verdict, key numbers, plan, 3D view, errors, and tables. All strings from data are escaped."""
-    drawing = plan_drawing(data)
+    drawing, *others = (plan_drawing(part) for part in floor_by_floor(data))
     lines = error_lines(data)
-    parts = [_verdict(data), _tiles(data), _hypotheses(data), _plan(drawing), card("In 3D", scene_card(drawing))]
+    parts = [_verdict(data), _tiles(data), _hypotheses(data), _plan(drawing)]
+    parts += [card(other.heading, plan_svg(other, f"plan-{k}")) for k, other in enumerate(others, 1)]
+    parts.append(card("In 3D", scene_card(drawing)))
     embedded = {"scene-data": scene_data(drawing)}
     if lines:
         parts.append(card("Error against the truth", error_chart(data, lines)))

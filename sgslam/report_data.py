@@ -1,6 +1,6 @@
 """What the report and the plan are made of, and where the map lies in the plan."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,32 @@ class ReportData:
         """The BIM's storey of that id."""
         floors = self.a_graph.floors if self.a_graph else ()
         return next((f for f in floors if f.id == floor_id), None)
+
+
+def floor_by_floor(data: ReportData) -> list[ReportData]:
+    """The same for each floor of the map: what was seen there, and the way there; as it is where there is one."""
+    floors = data.s_graph.floors
+    if len(floors) < 2:
+        return [data]
+    matches, parts = data.matches or {}, []
+    of = {k.stamp_ns: k.floor for k in data.s_graph.keyframes}
+    stamps = np.array(sorted(of), dtype=np.int64)
+    on = [of[stamp] for stamp in stamps.tolist()]
+
+    def there(trajectory: Trajectory, floor: str) -> Trajectory:
+        before = np.maximum(np.searchsorted(stamps, trajectory.stamps_ns, side="right") - 1, 0)
+        chosen = np.array([on[k] == floor for k in before.tolist()], dtype=bool)
+        return Trajectory(trajectory.stamps_ns[chosen], trajectory.poses[chosen])
+
+    for floor in floors:
+        storey = (matches.get("floors") or {}).get(floor.id, matches.get("floor"))
+        parts.append(replace(
+            data, s_graph=data.s_graph.on_floor(floor.id), matches={**matches, "floor": storey} if matches else None,
+            trajectory_map=there(data.trajectory_map, floor.id),
+            trajectory_odometry=there(data.trajectory_odometry, floor.id),
+            truth=None if data.truth is None else there(data.truth, floor.id),
+        ))  # fmt: skip
+    return parts
 
 
 def robots_floor(data: ReportData) -> Floor | None:

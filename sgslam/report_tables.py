@@ -10,7 +10,7 @@ from data.poses import poses_to_xyzquat
 from sgslam.deviation_bands import degrees, signed_mm
 from sgslam.html_parts import NOTHING, card, count, metres, seconds, table
 from sgslam.hypothesis_plans import hypothesis_texts
-from sgslam.report_data import ReportData, entered_unmatched
+from sgslam.report_data import ReportData, entered_unmatched, floor_by_floor
 
 LARGEST = 30  # deviations in the table
 
@@ -91,7 +91,7 @@ def _rooms(data: ReportData) -> str:
 
     rows = [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
     rows += [(f"none of its own; in {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched")
-             for s, a in entered_unmatched(data)]  # fmt: skip
+             for part in floor_by_floor(data) for s, a in entered_unmatched(part)]  # fmt: skip
     heading = "Matched rooms" if data.T_bim_map is not None else "Rooms by the best guess"
     return card(heading, table(("Room of the map", "Room of the BIM", "Confidence"), rows))
 
