@@ -17,7 +17,7 @@ from sgslam.building_anchoring import BuildingAnchoring
 from sgslam.config import Config
 from sgslam.deskew import checked_times
 from sgslam.floors import Floors
-from sgslam.frames import inverse, is_rigid, level_map, transform_planes
+from sgslam.frames import inverse, level_map, transform_planes
 from sgslam.front_end import FrontEnd, level_to_sensor
 from sgslam.graph_nodes import Anchors
 from sgslam.keyframe_clouds import KeyframeClouds
@@ -29,6 +29,7 @@ from sgslam.loops import LoopCloser
 from sgslam.matcher_protocol import AnyMatcher
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.result import Result, Returned, ScanPose, Update, finished
+from sgslam.scan_input import checked_scan
 from sgslam.storey_hypotheses import floor_named
 
 Floats = NDArray[np.float64]
@@ -93,7 +94,7 @@ class SceneGraphSlam:
         Where scan after scan cannot have been taken near those before, the sensor was carried elsewhere: a new map is
         begun, in which the run goes on until it is found in the old one, or in the building.
         """
-        points = self._checked(stamp_ns, points, T_odom_sensor)
+        points = checked_scan(stamp_ns, points, T_odom_sensor, self._newest_ns)
         self._newest_ns = int(stamp_ns)
         return self._take(Doubted(int(stamp_ns), points, point_times, T_odom_sensor))
 
@@ -382,23 +383,6 @@ class SceneGraphSlam:
         with self._clock("rooms"):
             for floor in self._floors.maps:
                 floor.scene = self._floors.cut(floor, self._backend)
-
-    def _checked(self, stamp_ns: int, points: Floats, T_odom_sensor: Floats | None) -> Floats:
-        where = f"scan at {stamp_ns} ns"
-        try:
-            points = np.ascontiguousarray(points, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise UserError(f"{where}: points must be an array (N, 3) of numbers") from None
-        # the sum is finite only where every number is
-        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points.sum()):
-            raise UserError(f"{where}: points must be (N, 3), at least one, and finite")
-        if not isinstance(stamp_ns, (int, np.integer)):
-            raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")
-        if self._newest_ns is not None and stamp_ns <= self._newest_ns:
-            raise UserError(f"{where}: stamps must increase; the last was {self._newest_ns} ns")
-        if T_odom_sensor is not None and not is_rigid(T_odom_sensor):
-            raise UserError(f"{where}: T_odom_sensor must be a finite rigid motion (4, 4)")
-        return points
 
     @contextmanager
     def _clock(self, stage: str) -> Iterator[None]:
