@@ -5,8 +5,9 @@ from dataclasses import replace
 from evaluation.storeys import Row, table
 
 CLIMB = Row(
-    building="house", storeys=("ground", "first"), seed=1, status="unique", length_m=80.0, entered=7, wrong_storey=False,
-    wrong_place=False, unique_m=12.0, unique_rooms=3, floors=2, rooms=9, on_their_floor=8, rmse_m=0.0123, max_m=0.2,
+    building="house", storeys=("ground", "first"), seed=1, status="unique", length_m=80.0, entered=7,
+    wrong_storey=False, wrong_place=False, unique_m=12.0, unique_rooms=3, floors=2,
+    rooms=9, on_their_floor=8, rmse_m=0.0123, max_m=0.2,
     stair_rmse_m=0.05,
 )  # fmt: skip
 
