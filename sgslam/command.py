@@ -44,7 +44,7 @@ def measurements() -> dict[str, Command]:
         text = path.read_text(encoding="utf-8")
         if "run_command(main)" in text:
             first = text.removeprefix('"""').partition("\n")[0].strip('"')
-            found[path.stem] = Command(f"evaluation.{path.stem}", first.rpartition("`: ")[2].rstrip("."))
+            found[path.stem] = Command(f"evaluation.{path.stem}", (first.partition("`: ")[2] or first).rstrip("."))
     return found
 
 

@@ -36,7 +36,7 @@ def test_every_name_is_a_module_with_a_line_of_its_own() -> None:
     assert {"ablation", "matching", "rooms_needed", "timing"} <= there.keys() and "arms" not in there
     for command in (*COMMANDS.values(), *there.values()):
         assert not command.module or importlib.util.find_spec(command.module), command.module
-        assert 10 < len(command.about) < 130 and "python -m" not in command.about, command
+        assert len(command.about.split()) > 1 and "python -m" not in command.about, command
 
 
 @pytest.mark.parametrize(
