@@ -49,7 +49,7 @@ def read_state(path: Path, known: Mapping[str, type]) -> tuple[dict[str, Any], A
             arrays = {name: _array(file, name) for name in names if name not in (_HEADER, _TREE)}
             return about, Unpacker(known, arrays).unpack(json.loads(_array(file, _TREE).tobytes()))
         except _DAMAGE as error:
-            raise UserError(f"{path}: damaged ({type(error).__name__}: {error}); it cannot be gone on from") from None
+            raise UserError(f"{path}: damaged, or of another version ({error}); run it anew") from None
 
 
 def _bytes(value: Any) -> NDArray[np.uint8]:
