@@ -36,7 +36,8 @@ _MOST = 0.6  # m
 _LEFT = 0.07, 2  # m of height by which the second answer differs, and scans in a row, where the floor has been left
 _FLAT = 0.05  # m by which the height changes on level ground
 _LEVEL_WAY, _HOME_WAY = 2.0, 1.2  # m gone level in plan, until it is no landing; where a floor is known at that height
-_HOME = 0.12  # m from a known floor, at which the robot is on it
+_HOME = 0.12  # m from a known floor, at which the robot is on it,
+_DRIFT = 0.1, 0.6  # and of each metre climbed beyond these metres: heights drift on a stair
 _STOREY = 1.9  # m between two floors at least: less is a landing, a mezzanine, a ramp, a step
 _TILT = 0.15  # rad that the sensor may lean on a stair
 
@@ -210,7 +211,7 @@ class Climb(Stateful):
         known = {floor.number: _height_of(floor, T_level_map) for floor in floors.maps}
         nearest = min(known, key=lambda number: abs(known[number] - ground))
         above = ground - known[nearest]
-        if abs(above) < _HOME:
+        if abs(above) < _HOME + _DRIFT[0] * max(0.0, float(np.ptp(way[:, 2])) - _DRIFT[1]):
             return Arrival(floors.maps[nearest], 0.0)
         if gone < _LEVEL_WAY:
             return None
