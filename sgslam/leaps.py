@@ -28,6 +28,24 @@ class Doubted:
     T_odom_sensor: Floats | None
 
 
+@dataclass(frozen=True, eq=False)
+class _Sight:
+    """Of a scan: (N, 3) points on upright surfaces, sensor frame, and their mean distance in each direction, NaN where
+    there are none."""
+
+    points: Floats
+    distances: Floats
+
+    @staticmethod
+    def of(scan: ColumnScan) -> "_Sight":
+        upright = np.flatnonzero(scan.upright)
+        upright = upright[:: max(1, len(upright) // _POINTS)]
+        points, sector = scan.points[upright], scan.column[upright] * _SECTORS // scan.columns
+        count = np.bincount(sector, minlength=_SECTORS)
+        total = np.bincount(sector, np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2), _SECTORS)
+        return _Sight(points, np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
 class LeapWatch(Stateful):
     """Remembers the newest scan that fitted."""
 
@@ -36,43 +54,43 @@ class LeapWatch(Stateful):
     def __init__(self) -> None:
         self._points: Floats | None = None  # (N, 3) on upright surfaces, sensor frame
         self._distances: Floats = np.empty(0)  # in each direction
+        self._looked: tuple[ColumnScan, _Sight] | None = None
 
     def keep(self, scan: ColumnScan) -> None:
         """Takes a scan for the newest that fits."""
-        self._points, self._distances = _thinned(scan), _distances(scan)
+        sight = self._sight(scan)
+        self._points, self._distances = sight.points, sight.distances
 
     def fits(self, scan: ColumnScan) -> bool:
         """Whether a scan may have been taken where the newest one was, or some steps away.
 
         First by the distances in all directions, turned a little; where these differ, by registration from all sides.
         """
-        if self._points is None or _alike(self._distances, _distances(scan)) >= _ALIKE:
+        sight = self._sight(scan)
+        if self._points is None or _alike(self._distances, sight.distances) >= _ALIKE:
             return True
-        points = _thinned(scan)
-        if min(len(points), len(self._points)) < 50:
+        if min(len(sight.points), len(self._points)) < 50:
             return True  # too little to say that it was not
-        return _explained(self._points, points) >= _EXPLAINED
+        return _explained(self._points, sight.points) >= _EXPLAINED
 
-
-def _thinned(scan: ColumnScan) -> Floats:
-    points = scan.points[scan.upright]
-    return np.array(points[:: max(1, len(points) // _POINTS)], dtype=np.float64)
-
-
-def _distances(scan: ColumnScan) -> Floats:
-    """(_SECTORS,) the mean distance of what is upright in each direction, NaN where there is nothing."""
-    sector = scan.column[scan.upright] * _SECTORS // scan.columns
-    count = np.bincount(sector, minlength=_SECTORS)
-    total = np.bincount(sector, np.hypot(*scan.points[scan.upright, :2].T), _SECTORS)
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+    def _sight(self, scan: ColumnScan) -> _Sight:
+        if self._looked is None or self._looked[0] is not scan:
+            self._looked = scan, _Sight.of(scan)
+        return self._looked[1]
 
 
 def _alike(before: Floats, now: Floats) -> float:
     """The share of directions with the same distance, at the best of some turns by up to 15 degrees."""
+    least = _SECTORS // 6
+    off = np.abs(before - now)
+    known = np.count_nonzero(off == off)  # NaN is not
+    straight = float(np.count_nonzero(off < _NEAR) / max(known, least))
+    if straight >= _ALIKE:
+        return straight  # as nearly always
     turns = np.arange(-_SECTORS // 24, _SECTORS // 24 + 1)
     off = np.abs(before[(np.arange(_SECTORS) - turns[:, None]) % _SECTORS] - now)
-    known = np.isfinite(off)
-    return float(np.max(((off < _NEAR) & known).sum(axis=1) / np.maximum(known.sum(axis=1), _SECTORS // 6)))
+    present = np.isfinite(off)
+    return float(np.max(((off < _NEAR) & present).sum(axis=1) / np.maximum(present.sum(axis=1), least)))
 
 
 def _explained(before: Floats, now: Floats) -> float:
