@@ -96,7 +96,8 @@ class Climb(Stateful):
                 other = None
         if other is None:
             self._suspected = 0
-            self._grow(self._unknown(points, T_level_map), T_map_sensor, T_level_map)
+            if np.linalg.norm(T_map_sensor[:3, 3] - self._mapped) >= _SPACING:
+                self._grow(self._unknown(points, T_level_map), T_map_sensor, T_level_map)
             return None
         self._suspected += 1
         if self._suspected < _LEFT[1]:
