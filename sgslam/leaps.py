@@ -83,8 +83,8 @@ def _alike(before: Floats, now: Floats) -> float:
     """The share of directions with the same distance, at the best of some turns by up to 15 degrees."""
     least = _SECTORS // 6
     off = np.abs(before - now)
-    known = np.count_nonzero(off == off)  # NaN is not
-    straight = float(np.count_nonzero(off < _NEAR) / max(known, least))
+    known = int(np.count_nonzero(off == off))  # NaN is not
+    straight = int(np.count_nonzero(off < _NEAR)) / max(known, least)
     if straight >= _ALIKE:
         return straight  # as nearly always
     turns = np.arange(-_SECTORS // 24, _SECTORS // 24 + 1)
