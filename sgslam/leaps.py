@@ -79,6 +79,17 @@ class LeapWatch(Stateful):
         return self._looked[1]
 
 
+def all_fit(scans: list[ColumnScan]) -> bool:
+    """Whether each may have been taken near the one before it: a sensor that was carried elsewhere is somewhere then;
+    where none fits to another, the scans are only far apart."""
+    watch = LeapWatch()
+    for scan in scans:
+        if not watch.fits(scan):
+            return False
+        watch.keep(scan)
+    return True
+
+
 def _alike(before: Floats, now: Floats) -> float:
     """The share of directions with the same distance, at the best of some turns by up to 15 degrees."""
     least = _SECTORS // 6

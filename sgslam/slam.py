@@ -23,7 +23,7 @@ from sgslam.graph_nodes import Anchors
 from sgslam.keyframe_clouds import KeyframeClouds
 from sgslam.keyframes import KeyframeNode, KeyframeRule
 from sgslam.known_map import KnownMap, plan_of
-from sgslam.leaps import Doubted, LeapWatch
+from sgslam.leaps import Doubted, LeapWatch, all_fit
 from sgslam.locating import Locator
 from sgslam.loops import LoopCloser
 from sgslam.matcher_protocol import AnyMatcher
@@ -130,8 +130,9 @@ class SceneGraphSlam:
             last = self._scans[-1].T_map_sensor
             return Update(scan.stamp_ns, last, len(self._backend.keyframes), self.anchored)
         doubted, self._doubted = self._doubted, []
-        _log.warning("at %d ns the sensor was carried elsewhere: a new map begins", doubted[0].stamp_ns)
-        self._part()
+        if all_fit([self._front_end.columns(one.points) for one in doubted]):
+            _log.warning("at %d ns the sensor was carried elsewhere: a new map begins", doubted[0].stamp_ns)
+            self._part()
         return [self._take(one, trusted=True) for one in doubted][-1]
 
     def _settle(self) -> None:
