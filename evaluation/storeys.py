@@ -1,5 +1,6 @@
-"""`python -m evaluation.storeys --out DIR --bim FILE --climb A B`: drives over several storeys; `--starts`: a start on
-each storey, nothing told, and how much had to be seen until its storey was known.
+"""`python -m evaluation.storeys --out DIR --bim FILE --climb A B`: drives over several storeys, or starts on each.
+
+`--starts`: a start on each storey, nothing told, and how much had to be seen until its storey was known.
 
 Drives and rows are kept in DIR; what is there is not run again.
 """
