@@ -52,7 +52,7 @@ class Recovery:
                     yield from self._mcap(file, self.path.stat().st_size)
                 else:
                     self.damage = "it does not begin as a bag does"
-        except (struct.error, UnicodeDecodeError, KeyError, ValueError) as error:
+        except (struct.error, UnicodeDecodeError, LookupError, ValueError) as error:
             self.damage = f"it is damaged ({type(error).__name__}: {error})"
         except sqlite3.Error as error:
             self.damage = f"it is damaged ({error})"

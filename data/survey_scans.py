@@ -33,7 +33,8 @@ def read_las(path: Path) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
         raise MissingReaderError(f"{path}: LAS needs laspy: {_INSTALL}") from None
     _check_las(path)
     try:
-        with laspy.open(path) as file:
+        # by one thread: a panic in another one ends the process
+        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as file:
             header = file.header
             claimed, there = header.point_count * header.point_format.size, path.stat().st_size
             if claimed > (BEST_RATIO if header.are_points_compressed else 1) * there:
