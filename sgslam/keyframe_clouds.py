@@ -86,6 +86,11 @@ class KeyframeClouds:
         self._places[keyframe] = self._end + _RECORD.size, len(kept)
         self._end += len(record)
 
+    def give_way(self) -> None:
+        """Forgets all clouds and frees their room on the disk, for what matters more."""
+        self._places, self._end, self._full = {}, len(_MAGIC), True
+        os.ftruncate(self._file.fileno(), self._end)
+
     def __getitem__(self, keyframe: int) -> NDArray[np.float32]:
         """(N, 3) the points of a keyframe, its sensor's frame; none (0, 3) where none were kept. Safe from any
         thread."""

@@ -1,5 +1,7 @@
 """A run's folder: everything that a run leaves, each file written whole or not at all."""
 
+import errno
+import logging
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -19,6 +21,8 @@ from sgslam.settings import save_config
 if TYPE_CHECKING:
     from sgslam.result import Result
 
+_log = logging.getLogger(__name__)
+
 
 def prepare_folder(path: Path) -> Path:
     """Makes the out folder; raises UserError where it cannot be written to."""
@@ -37,9 +41,24 @@ def save_result(
 ) -> dict[str, Any]:  # fmt: skip
     """Writes the folder's files by the contract, and returns what went into metrics.json.
 
-    `a_graph` is the whole building's where the run was restricted to a part; `more` is merged into the metrics.
+    `a_graph` is the whole building's where the run was restricted to a part; `more` is merged into the metrics. Where
+    the disk is full the keyframes' clouds give way to the results; raises UserError where that is not enough.
     """
-    a_graph = a_graph or result.a_graph
+    for room in (False, True):
+        try:
+            return _save(result, out, a_graph or result.a_graph, truth, more)
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            if not room:
+                _log.warning("%s: the disk is full; the clouds of keyframes give way to the results", out)
+                result.clouds.give_way()
+    raise UserError(f"{out}: the disk is full, some of the results are not there; make room and run it again")
+
+
+def _save(
+    result: "Result", out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, more: dict[str, Any] | None
+) -> dict[str, Any]:
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")

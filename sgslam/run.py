@@ -232,6 +232,7 @@ def _accuracy(result: Any, truth: "Trajectory") -> dict[str, Any]:
 
 
 def _log_to(path: Path, verbose: bool, anew: bool) -> None:
+    logging.raiseExceptions = False  # where the disk is full, the run goes on without its log
     logger = logging.getLogger("sgslam")
     logger.setLevel(logging.DEBUG if verbose else logging.INFO)
     screen = logging.StreamHandler(sys.stderr)

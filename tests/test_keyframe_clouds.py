@@ -1,11 +1,16 @@
 """Keyframes' points on the disk: kept as they were, read again after a crash, and no reason for a run to fail."""
 
+import contextlib
+import errno
+import os
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from data.errors import UserError
+from data.files import write_atomically
 from sgslam.keyframe_clouds import KeyframeClouds
 
 
@@ -80,3 +85,26 @@ def test_a_full_disk_costs_the_cloud_and_not_the_run(caplog: pytest.LogCaptureFi
     clouds.add(1, some_points(1))
     assert len(clouds) == 0 and clouds[1].shape == (0, 3)
     assert len(caplog.records) == 1
+
+
+def test_on_a_full_disk_clouds_give_way_to_the_results(tmp_path: Path) -> None:
+    small = tmp_path / "small"
+    small.mkdir()
+    if os.geteuid() or subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=1500k", "tmpfs", str(small)], capture_output=True, check=False
+    ).returncode:
+        pytest.skip("a small disk can only be made by root")
+    try:
+        filler = small / "filler"
+        clouds = KeyframeClouds(small / "clouds.bin")
+        clouds.add(0, np.random.default_rng(0).uniform(-30.0, 30.0, (40_000, 3)))
+        with filler.open("wb") as file, contextlib.suppress(OSError):
+            file.write(bytes(1 << 21))
+        with pytest.raises(OSError) as told:
+            write_atomically(small / "trajectory.tum", bytes(200_000))
+        assert told.value.errno == errno.ENOSPC and told.value.filename == str(small / "trajectory.tum")
+        clouds.give_way()
+        write_atomically(small / "trajectory.tum", bytes(200_000))
+        assert len(clouds) == 0 and (small / "trajectory.tum").stat().st_size == 200_000
+    finally:
+        subprocess.run(["umount", str(small)], check=False)
