@@ -6,8 +6,6 @@ One line of the CSV for each drive and kind of deviation; what is there already 
 """
 
 import argparse
-import csv
-import io
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -23,6 +21,7 @@ from data.scans import ScanFolder
 from evaluation.as_built_scores import KINDS, LEAST_VIEWS, told_of
 from evaluation.benchmark_page import made_by, write_section
 from evaluation.conditions import Conditions
+from evaluation.record_file import Record, read_records, write_records
 from evaluation.sequences import Sequence, SequenceSpec, prepare, read_specs, storey_of
 from evaluation.true_walls import TrueWall, true_walls
 from sgslam.config import Config, MatchingSettings
@@ -30,7 +29,6 @@ from sgslam.config import Config, MatchingSettings
 DEMO = [SequenceSpec("demo", "demo", min_rooms=14, min_length=90.0)]
 MOVED, GONE = 0.3333, 0.12  # shares of a storey's walls: moved; absent, and as many unplanned
 WITHIN_M = 0.03  # of a moved wall's true offset
-Record = dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +64,7 @@ def measure(
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "as_built.csv"
-    records = _read(path)
+    records = read_records(path, COLUMNS)
     asked = []
     for spec in specs:
         if not spec.simulated or spec.is_mesh:
@@ -79,7 +77,7 @@ def measure(
                     continue
                 fresh = [_record(row) for row in _rows(spec, seed, conditions, out, config)]
                 records += fresh
-                _write(path, records)
+                write_records(path, COLUMNS, records)
                 print("; ".join(_short(r) for r in fresh), flush=True)
     return [r for r in records if _key(r) in set(asked)]
 
@@ -169,24 +167,6 @@ def _key(record: Record) -> tuple[str, ...]:
 
 def _record(row: Row) -> Record:
     return {name: "" if (value := getattr(row, name)) is None else str(value) for name in COLUMNS}
-
-
-def _read(path: Path) -> list[Record]:
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        records = list(csv.DictReader(file))
-    if records and tuple(records[0]) != COLUMNS:
-        raise UserError(f"{path}: has other columns than this version writes; give another --out")
-    return records
-
-
-def _write(path: Path, records: list[Record]) -> None:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_atomically(path, text.getvalue())
 
 
 def _parser() -> argparse.ArgumentParser:

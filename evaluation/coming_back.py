@@ -6,8 +6,6 @@ S-graph is the plan. One line of the CSV for each second run; what is there alre
 """
 
 import argparse
-import csv
-import io
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from data.files import write_atomically
 from data.scans import ScanFolder
 from data.trajectory import Trajectory
 from evaluation.benchmark_page import made_by, write_section
+from evaluation.record_file import Record, read_records, write_records
 from evaluation.sequences import Sequence, SequenceSpec, prepare, read_specs
 from evaluation.trajectory import ape
 from sgslam.checkpoints import FILE, Checkpoints
@@ -33,7 +32,6 @@ Array = NDArray[np.float64]
 DEMO = [SequenceSpec("demo", "demo", min_rooms=6, min_length=50.0)]
 WRONG = 0.5, np.radians(5)  # m and rad from where it is; further off, it was found at a wrong place
 STARTS = (0.0, 0.3, 0.6)  # of the second drive, where it is entered
-Record = dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +68,7 @@ def measure(
     """Runs what is not in `out`/coming_back.csv yet and returns all records asked for."""
     out.mkdir(parents=True, exist_ok=True)
     path, asked = out / "coming_back.csv", []
-    records = _read(path)
+    records = read_records(path, COLUMNS)
     for spec in specs:
         for first, second in zip(seeds, [*seeds[1:], seeds[0]], strict=True):
             for plan in plans:
@@ -81,7 +79,7 @@ def measure(
                         continue
                     row = _row(prepare(spec, first, out), prepare(spec, second, out), plan, start, out, config)
                     records.append(_record(row))
-                    _write(path, records)
+                    write_records(path, COLUMNS, records)
                     print(", ".join(f"{k} {v}" for k, v in records[-1].items()), flush=True)
     return [r for r in records if _key(r) in set(asked)]
 
@@ -144,6 +142,7 @@ class _Watch:
         self.rooms, self.metres = 0, 0.0
 
     def see(self, stamp_ns: int, T_map_sensor: Array) -> None:
+        """Takes note of a scan and of where the run has it (4, 4)."""
         true = self._truth.poses[int(np.abs(self._truth.stamps_ns - stamp_ns).argmin())]
         self.began_ns = self.began_ns if self.scans else stamp_ns
         self.scans, self.stamp_ns = self.scans + 1, stamp_ns
@@ -208,24 +207,6 @@ def _key(record: Record) -> tuple[str, ...]:
 
 def _record(row: Row) -> Record:
     return {name: "" if (value := getattr(row, name)) is None else str(value) for name in COLUMNS}
-
-
-def _read(path: Path) -> list[Record]:
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        records = list(csv.DictReader(file))
-    if records and tuple(records[0]) != COLUMNS:
-        raise UserError(f"{path}: has other columns than this version writes; give another --out")
-    return records
-
-
-def _write(path: Path, records: list[Record]) -> None:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_atomically(path, text.getvalue())
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -6,8 +6,6 @@ of the CSV for each run; what is there already is skipped.
 """
 
 import argparse
-import csv
-import io
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -20,6 +18,7 @@ from data.files import write_atomically
 from data.trajectory import Trajectory
 from evaluation.benchmark_page import made_by, write_section
 from evaluation.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
+from evaluation.record_file import Record, read_records, write_records
 from evaluation.sequences import SequenceSpec, read_specs
 from evaluation.trajectory import ape, drift, rpe
 from sgslam.config import Config, TrackingSettings
@@ -36,7 +35,6 @@ FRONT_ENDS = {
 LEVEL = 4  # of the bad odometry: steps 4 % too long, yaw walks by 1.2 degrees per square root of a metre
 LENGTH = 150.0  # m of a tour
 FALSE_M, FALSE_RAD = 0.5, float(np.radians(5.0))
-Record = dict[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +75,7 @@ def measure(
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "loops.csv"
-    records, asked = _read(path), set()
+    records, asked = read_records(path, COLUMNS), set()
     for name in (*routes, *(spec.name for spec in specs)):
         for front_end, seed, loops in ((f, s, on) for f in front_ends for s in seeds for on in (True, False)):
             if not loops and name in ONCE:  # there is nothing to close
@@ -89,7 +87,7 @@ def measure(
             spec = next((spec for spec in specs if spec.name == name), None)
             drive = _drive(name, spec, seed, 0 if front_end == "normal" else LEVEL)
             records.append(_record(_row(drive, name, front_end, loops)))
-            _write(path, records)
+            write_records(path, COLUMNS, records)
             print(_short(records[-1]), flush=True)
     return [r for r in records if _key(r) in asked]
 
@@ -186,24 +184,6 @@ def _key(record: Record) -> tuple[str, ...]:
 
 def _record(row: Row) -> Record:
     return {name: "" if (value := getattr(row, name)) is None else str(value) for name in COLUMNS}
-
-
-def _read(path: Path) -> list[Record]:
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        records = list(csv.DictReader(file))
-    if records and tuple(records[0]) != COLUMNS:
-        raise UserError(f"{path}: has other columns than this version writes; give another --out")
-    return records
-
-
-def _write(path: Path, records: list[Record]) -> None:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_atomically(path, text.getvalue())
 
 
 def _parser() -> argparse.ArgumentParser:

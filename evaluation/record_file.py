@@ -18,12 +18,7 @@ class RecordFile:
     def __init__(self, path: Path, row: type) -> None:
         """Raises UserError for a file of other columns."""
         self._path, self._columns = path, tuple(f.name for f in fields(row))
-        self.records: list[Record] = []
-        if path.exists():
-            with path.open(newline="") as file:
-                self.records = list(csv.DictReader(file))
-        if self.records and tuple(self.records[0]) != self._columns:
-            raise UserError(f"{path}: has other columns than this version writes; give another --out")
+        self.records = read_records(path, self._columns)
 
     def find(self, **values: Any) -> Record | None:
         """The row with these values."""
@@ -34,10 +29,26 @@ class RecordFile:
         """Adds a row, an instance of the dataclass, and writes the file."""
         record = {name: "" if value is None else str(value) for name, value in asdict(row).items()}
         self.records.append(record)
-        text = io.StringIO()
-        writer = csv.DictWriter(text, self._columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self.records)
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(self._path, text.getvalue())
+        write_records(self._path, self._columns, self.records)
         return record
+
+
+def read_records(path: Path, columns: tuple[str, ...]) -> list[Record]:
+    """The rows of a file, none where there is no file; raises UserError for one of other columns."""
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        records = list(csv.DictReader(file))
+    if records and tuple(records[0]) != columns:
+        raise UserError(f"{path}: has other columns than this version writes; give another --out")
+    return records
+
+
+def write_records(path: Path, columns: tuple[str, ...], records: list[Record]) -> None:
+    """Writes the rows, atomically."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(records)
+    write_atomically(path, text.getvalue())
