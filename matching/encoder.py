@@ -62,7 +62,9 @@ class NeighbourAttention(nn.Module):
         self.receiver = nn.Linear(width, width)
         self.sender = nn.Linear(width, width, bias=False)
         self.edge = nn.Linear(width, width, bias=False)
-        self.attention = nn.Parameter(torch.randn(HEADS, width // HEADS) / (width // HEADS) ** 0.5)
+        self.attention = nn.Parameter(torch.empty(HEADS, width // HEADS))
+        if not self.attention.is_meta:  # to draw numbers there, torch loads its compiler, which takes a second
+            nn.init.normal_(self.attention, std=(width // HEADS) ** -0.5)
         self.told = nn.Linear(width, width)
         self.think = nn.Sequential(
             nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
