@@ -19,3 +19,11 @@ def compiled(function: _F) -> _F:
     except RuntimeError:  # "cannot cache function: no locator available"
         fast = njit(function, nogil=True)
     return fast
+
+
+@compiled
+def _first(number: float) -> float:
+    return number
+
+
+_first(0.0)  # numba makes itself ready at its first call, a quarter of a second: at import, not in a robot's first scan

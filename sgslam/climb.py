@@ -8,7 +8,6 @@ it goes on so until the ground has been level for some way.
 
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -17,7 +16,7 @@ from sgslam.config import TrackingSettings
 from sgslam.floors import FloorMap, Floors
 from sgslam.frames import inverse, levelling, transform_points
 from sgslam.state_tree import Stateful
-from sgslam.tracking import Carried, Tracked, spread, to_walls
+from sgslam.tracking import Carried, Tracked, chosen, moved_by, to_walls
 from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import Lines
 
@@ -162,31 +161,24 @@ class Climb(Stateful):
         """Moves a scan onto the walls, which are taken to go on upward, and the level surfaces seen before; `predicted`
         (4, 4) is T_level_sensor. Gauss-Newton as in `tracking.track`."""
         settings = self._settings
-        upright = scan.points[spread(np.flatnonzero(scan.upright), 3 * settings.points)]
+        upright = chosen(scan.points, scan.upright, 3 * settings.points)
         walls = walls.visible_from(predicted[:2, 3], min(settings.reach, _WALLS_REACH))
         level = scan.points[scan.level]
         level = level[np.linalg.norm(level, axis=1) < _REACH]
         tree, known = self._space
         T, share, information = predicted.copy(), 0.0, np.zeros((3, 3))
-        prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
         for gate, near in zip((*settings.gates, settings.gates[-1]), _NEAR, strict=True):
-            p, q = upright @ T[:3, :3].T, level @ T[:3, :3].T
-            of_walls, off_walls = np.empty((0, 6)), np.empty(0)
-            if len(walls.ids) and len(p):
-                of_walls, off_walls, _ = to_walls(p, T[:2, 3], walls, gate)
-                share = len(off_walls) / len(p)
-            of_level, off_level = _to_level(q, T[:3, 3], tree, known, near)
-            J, off = np.concatenate([of_walls, of_level]), np.concatenate([off_walls, off_level])
-            weight = np.minimum(1.0, settings.huber / np.maximum(np.abs(off), 1e-9)) / settings.sigma_point**2
-            weighted = J * weight[:, None]
-            H, g = weighted.T @ J, weighted.T @ off
+            H, g = np.zeros((6, 6)), np.zeros(6)
+            if len(walls.ids) and len(upright):
+                pull = to_walls(upright, T, walls, gate, settings)
+                H, g, share = pull.H, pull.g, pull.found / len(upright)
+            J, off = _to_level(level @ T[:3, :3].T, T[:3, 3], tree, known, near)
+            weighted = J * np.minimum(1.0, settings.huber / np.maximum(np.abs(off), 1e-9))[:, None]
+            H, g = (H + weighted.T @ J) / settings.sigma_point**2, (g + weighted.T @ off) / settings.sigma_point**2
             information = H[2:5, 2:5] * settings.sigma_point**2
             H[[0, 1], [0, 1]] += 1 / _TILT**2
             g[:2] += np.array([-T[1, 2], T[0, 2]]) / _TILT**2
-            turned = gtsam.Rot3.Logmap(gtsam.Rot3(T[:3, :3] @ predicted[:3, :3].T))
-            step = -np.linalg.solve(H + prior, g + prior @ np.concatenate([turned, T[:3, 3] - predicted[:3, 3]]))
-            T[:3, :3] = gtsam.Rot3.Expmap(step[:3]).matrix() @ T[:3, :3]
-            T[:3, 3] += step[3:]
+            moved_by(T, predicted, H, g, settings.sigma_rotation, settings.sigma_translation)
         return Tracked(T, share, information)
 
     def begin(self, T_level_map: Floats) -> None:

@@ -1,12 +1,14 @@
 """Each scan against the walls and the floor that are known already: KISS-ICP drags along its own scan rings indoors
 (centimetres a scan) and leans; upright walls and a level floor do not."""
 
+import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from data.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import Lines
@@ -55,72 +57,178 @@ def track(
     too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, how
     the sensor has been `carried` so far. Points between the heights `bands` above the floor stand for walls.
     """
-    upright = scan.points[spread(np.flatnonzero(scan.upright), 2 * settings.points)]
+    upright = chosen(scan.points, scan.upright, 2 * settings.points)
     z = upright @ predicted[2, :3] + predicted[2, 3]
     upright = upright[(z > bands[0]) & (z < bands[1])]
-    level = scan.points[spread(np.flatnonzero(scan.level), settings.points)]
     walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
-    T, share, information = predicted.copy(), 0.0, np.zeros((3, 3))
-    prior = np.diag([1 / settings.sigma_rotation**2] * 3 + [1 / settings.sigma_translation**2] * 3)
-    for gate in settings.gates:
-        p, q = upright @ T[:3, :3].T, level @ T[:3, :3].T
-        of_walls, off_walls, near = to_walls(p, T[:2, 3], walls, gate)
-        share = len(off_walls) / len(p)
-        if len(off_walls) < 10:
-            break
-        of_floor, off_floor = _to_floor(q, T[2, 3], min(gate, _FLOOR_GATE))
-        J, off = np.concatenate([of_walls, of_floor]), np.concatenate([off_walls, off_floor])
-        weight = np.minimum(1.0, settings.huber / np.maximum(np.abs(off), 1e-9)) / settings.sigma_point**2
-        weighted = J * weight[:, None]
-        H, g = weighted.T @ J, weighted.T @ off
-        information = H[2:5, 2:5] * settings.sigma_point**2
-        H[5, 5] += 1 / settings.sigma_height**2
-        g[5] += (T[2, 3] - carried.height) / settings.sigma_height**2
-        lean = T[:3, :3] @ carried.up_in_sensor  # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
-        H[[0, 1], [0, 1]] += 1 / settings.sigma_tilt**2
-        g[:2] += np.array([-lean[1], lean[0]]) / settings.sigma_tilt**2
-        turned = gtsam.Rot3.Logmap(gtsam.Rot3(T[:3, :3] @ predicted[:3, :3].T))
-        gone = np.concatenate([turned, T[:3, 3] - predicted[:3, 3]])
-        step = -np.linalg.solve(H + prior, g + prior @ gone)
-        T[:3, :3] = gtsam.Rot3.Expmap(step[:3]).matrix() @ T[:3, :3]
-        T[:3, 3] += step[3:]
-        within = np.count_nonzero(np.abs(off_walls) < settings.gates[-1]) / len(off_walls)
-        if within > _SAME and np.abs(step).max() < settings.sure_step:
-            break  # the next step would be by the same points, from where they want to be
-        walls = walls.only(np.unique(near))  # a step is too short to bring others near
+    weights = _Weights(*(getattr(settings, name) for name in _Weights._fields))
+    T, share, information = _tracked(
+        upright, chosen(scan.points, scan.level, settings.points), predicted, carried.height, carried.up_in_sensor,
+        walls.normal, walls.offset, walls.low, walls.high, np.array(settings.gates), weights,
+    )  # fmt: skip
     return Tracked(T, share, information)
 
 
-def spread(places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """About `count` of the places, evenly over the scan."""
-    return places[:: max(1, len(places) // count)]
+class _Weights(NamedTuple):
+    """Of `TrackingSettings`, what a step needs."""
+
+    sigma_point: float
+    huber: float
+    sigma_height: float
+    sigma_tilt: float
+    sigma_translation: float
+    sigma_rotation: float
+    sure_step: float
 
 
-def to_walls(turned: Floats, place: Floats, walls: Lines, gate: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Of points (N, 3) from the sensor at `place` (2,), map axes, those that lie within the gate of the wall nearest to
-    them: the distances' derivatives (M, 6) by a turn and a move of the sensor, the distances (M,), and which wall."""
-    middle, half = (walls.low + walls.high) / 2, (walls.high - walls.low) / 2
-    tangents = np.stack([-walls.normal[:, 1], walls.normal[:, 0], -middle])
-    xy1 = np.column_stack([turned[:, :2] + place, np.ones(len(turned))])
-    across = xy1 @ np.stack([walls.normal[:, 0], walls.normal[:, 1], walls.offset])
-    cost = np.where(np.abs(xy1 @ tangents) > half + _BESIDE, np.inf, np.abs(across))
-    nearest = cost.argmin(axis=1)
-    near = np.flatnonzero(cost[np.arange(len(cost)), nearest] < gate)
-    off = across[near, nearest[near]]
-    (nx, ny), (x, y, z) = walls.normal[nearest[near]].T, turned[near].T
-    J = np.stack([-z * ny, z * nx, x * ny - y * nx, nx, ny, np.zeros(len(off))], axis=1)
-    return J, off, nearest[near]
+@compiled
+def _tracked(
+    upright: Floats, level: Floats, predicted: Floats, height: float, up_in_sensor: Floats,
+    normal: Floats, offset: Floats, low: Floats, high: Floats, gates: Floats, weights: _Weights,
+) -> tuple[Floats, float, Floats]:  # fmt: skip
+    T, share, information = predicted.copy(), 0.0, np.zeros((3, 3))
+    for gate in gates:
+        H, g, found, close = _to_walls(upright, T, normal, offset, low, high, gate, gates[-1], weights.huber)
+        share = found / len(upright)
+        if found < 10:
+            break
+        information = H[2:5, 2:5].copy()
+        _to_floor(level, T, min(gate, _FLOOR_GATE), weights.huber, H, g)
+        H, g = H / weights.sigma_point**2, g / weights.sigma_point**2
+        H[5, 5] += 1 / weights.sigma_height**2
+        g[5] += (T[2, 3] - height) / weights.sigma_height**2
+        # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
+        lean_x, lean_y, _ = _turned(up_in_sensor, T)
+        H[0, 0] += 1 / weights.sigma_tilt**2
+        H[1, 1] += 1 / weights.sigma_tilt**2
+        g[0] -= lean_y / weights.sigma_tilt**2
+        g[1] += lean_x / weights.sigma_tilt**2
+        step = moved_by(T, predicted, H, g, weights.sigma_rotation, weights.sigma_translation)
+        if close > _SAME * found and np.abs(step).max() < weights.sure_step:
+            break  # the next step would be by the same points, from where they want to be
+    return T, share, information
 
 
-def _to_floor(turned: Floats, height: float, gate: float) -> tuple[Floats, Floats]:
-    """The same of points (N, 3) from the sensor at `height` and the floor z = 0."""
-    off = turned[:, 2] + height
-    near = np.abs(off) < gate
-    J = np.zeros((int(near.sum()), 6))
-    J[:, 0], J[:, 1], J[:, 5] = turned[near, 1], -turned[near, 0], 1.0
-    return J, off[near]
+@compiled
+def moved_by(
+    T: Floats, predicted: Floats, H: Floats, g: Floats, sigma_rotation: float, sigma_translation: float
+) -> Floats:
+    """Moves T (4, 4), in place, by the step (6,) that normal equations H (6, 6), g (6,) ask for, and the prediction by
+    its sigmas; the step, rotation first, in the map's axes."""
+    D = np.empty((3, 3))  # the turn since the prediction
+    for i in range(3):
+        for j in range(3):
+            D[i, j] = T[i, 0] * predicted[j, 0] + T[i, 1] * predicted[j, 1] + T[i, 2] * predicted[j, 2]
+    sine = np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]]) / 2
+    angle = math.atan2(math.sqrt((sine**2).sum()), (D[0, 0] + D[1, 1] + D[2, 2] - 1) / 2)
+    gone = np.empty(6)
+    gone[:3] = sine * (angle / math.sin(angle) if angle > 1e-9 else 1.0)
+    gone[3:] = T[:3, 3] - predicted[:3, 3]
+    precision = np.array([1 / sigma_rotation**2] * 3 + [1 / sigma_translation**2] * 3)
+    step = -np.linalg.solve(H + np.diag(precision), g + precision * gone)
+    # Rodrigues' formula: each column c of the rotation becomes c cos + (w x c) sin + w (w . c) (1 - cos)
+    angle = max(math.sqrt((step[:3] ** 2).sum()), 1e-12)
+    wx, wy, wz = step[:3] / angle
+    c, s = math.cos(angle), math.sin(angle)
+    for j in range(3):
+        x, y, z = T[0, j], T[1, j], T[2, j]
+        along = (wx * x + wy * y + wz * z) * (1 - c)
+        T[0, j] = x * c + (wy * z - wz * y) * s + wx * along
+        T[1, j] = y * c + (wz * x - wx * z) * s + wy * along
+        T[2, j] = z * c + (wx * y - wy * x) * s + wz * along
+    T[:3, 3] += step[3:]
+    return step
+
+
+@compiled
+def chosen(points: Floats, flags: NDArray[np.bool_], count: int) -> Floats:
+    """About `count` of the points (N, 3) that are flagged, evenly over the scan."""
+    step = max(1, flags.sum() // count)
+    chosen, seen, kept = np.empty((flags.sum() // step + 1, 3)), 0, 0
+    for i in range(len(points)):
+        if flags[i]:
+            if seen % step == 0:
+                chosen[kept] = points[i]
+                kept += 1
+            seen += 1
+    return chosen[:kept]
+
+
+@dataclass(frozen=True)
+class Pull:
+    """The normal equations H (6, 6), g (6,) by a turn and a move of the sensor, map axes, each point counting one with
+    Huber's weight; from the points `found` on a wall, of which so many are `close`."""
+
+    H: Floats
+    g: Floats
+    found: int
+    close: int
+
+
+def to_walls(points: Floats, T: Floats, walls: Lines, gate: float, settings: TrackingSettings) -> Pull:
+    """What draws the points (N, 3), sensor frame, of a sensor at T (4, 4) to the walls nearest to them, those that lie
+    within the gate; close are those within the last gate of the settings."""
+    lines = walls.normal, walls.offset, walls.low, walls.high
+    return Pull(*_to_walls(points, T, *lines, gate, settings.gates[-1], settings.huber))
+
+
+@compiled
+def _turned(point: Floats, T: Floats) -> tuple[float, float, float]:
+    """A point (3,) by the rotation of T (4, 4)."""
+    x, y, z = point
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z,
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z,
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z,
+    )
+
+
+@compiled
+def _to_walls(
+    points: Floats, T: Floats, normal: Floats, offset: Floats, low: Floats, high: Floats,
+    gate: float, last_gate: float, huber: float,
+) -> tuple[Floats, Floats, int, int]:  # fmt: skip
+    H, g, J = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
+    found, close = 0, 0
+    for i in range(len(points)):
+        x, y, z = _turned(points[i], T)
+        wall, off = -1, gate
+        for w in range(len(offset)):
+            nx, ny = normal[w]
+            across = nx * (x + T[0, 3]) + ny * (y + T[1, 3]) + offset[w]
+            along = nx * (y + T[1, 3]) - ny * (x + T[0, 3])
+            if abs(across) < abs(off) and low[w] - _BESIDE <= along <= high[w] + _BESIDE:
+                wall, off = w, across
+        if wall < 0:
+            continue
+        found += 1
+        close += abs(off) < last_gate
+        nx, ny = normal[wall]
+        J[0], J[1], J[2], J[3], J[4] = -z * ny, z * nx, x * ny - y * nx, nx, ny
+        weight = min(1.0, huber / max(abs(off), 1e-9))
+        for a in range(5):
+            g[a] += weight * off * J[a]
+            for b in range(5):
+                H[a, b] += weight * J[a] * J[b]
+    return H, g, found, close
+
+
+@compiled
+def _to_floor(points: Floats, T: Floats, gate: float, huber: float, H: Floats, g: Floats) -> None:
+    """Adds the same of level points and the floor z = 0."""
+    J, axes = np.ones(3), (0, 1, 5)
+    for i in range(len(points)):
+        x, y, z = _turned(points[i], T)
+        off = z + T[2, 3]
+        if abs(off) < gate:
+            J[0], J[1] = y, -x
+            weight = min(1.0, huber / max(abs(off), 1e-9))
+            for a in range(3):
+                g[axes[a]] += weight * off * J[a]
+                for b in range(3):
+                    H[axes[a], axes[b]] += weight * J[a] * J[b]
 
 
 def _held(H: Floats) -> float:

@@ -3,10 +3,11 @@ virtual 2D scan, one point for each column."""
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+
+from data.compiled import compiled
 
 Floats = NDArray[np.float64]
 Contour = tuple[NDArray[np.int64], Floats]  # columns (M,), and x y (M, 2) of the one point of each
@@ -65,41 +66,64 @@ def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnSca
 def contour(scan: ColumnScan, band: tuple[float, float]) -> Contour:
     """The columns that hold upright points between the heights of `band`, and (M, 2) the x y of each one's point
     of median distance."""
-    z = scan.points[:, 2]
-    chosen = np.flatnonzero(scan.upright & (z > band[0]) & (z < band[1]))
-    xy, column = scan.points[chosen, :2], scan.column[chosen]
-    distance = np.sqrt((xy * xy).sum(axis=1))
-    order = np.argsort(column + distance / (distance.max(initial=0.0) + 1.0))
-    count = np.bincount(column, minlength=scan.columns)
-    start = np.cumsum(count) - count
-    filled = np.flatnonzero(count)
-    return filled, xy[order[start[filled] + count[filled] // 2]]
+    return _contour(scan.points, scan.column, scan.upright, scan.columns, *band)
 
 
+@compiled
+def _contour(
+    points: Floats, column: NDArray[np.int64], upright: NDArray[np.bool_], columns: int, low: float, high: float
+) -> Contour:
+    filled, xy = np.empty(columns, np.int64), np.empty((columns, 2))
+    squared, own = np.empty(len(points)), np.empty(len(points), np.int64)  # of one column's points, nearest first
+    count, found = 0, 0
+    for i in range(len(points)):
+        if upright[i] and low < points[i, 2] < high:
+            k, away = found, points[i, 0] ** 2 + points[i, 1] ** 2
+            while k and squared[k - 1] > away:
+                squared[k], own[k] = squared[k - 1], own[k - 1]
+                k -= 1
+            squared[k], own[k] = away, i
+            found += 1
+        if found and (i + 1 == len(points) or column[i + 1] != column[i]):
+            filled[count], xy[count] = column[i], points[own[found // 2], :2]
+            count, found = count + 1, 0
+    return filled[:count], xy[:count]
+
+
+@compiled
+def _length(v: Floats) -> float:
+    return math.hypot(v[0], v[1])
+
+
+@compiled
 def split_chains(xy: Floats, column: NDArray[np.int64], step_angle: float, tolerance: float) -> list[tuple[int, int]]:
     """Splits an ordered contour (M, 2) into straight pieces [first, last], by jumps, then by distance to the chord.
 
     `step_angle` is the angle between two columns. (Split of split-and-merge; Pavlidis and Horowitz 1974.)
     """
-    step = np.hypot(*np.diff(xy, axis=0).T)
-    distance = np.hypot(xy[:, 0], xy[:, 1])
-    # neighbouring beams on a wall met at 8 degrees are this far apart; beyond it the contour is broken
-    reach = 0.10 + np.minimum(distance[:-1], distance[1:]) * np.diff(column) * step_angle * 7.0
-    breaks = np.flatnonzero((step > reach) | (np.diff(column) > 6)) + 1
-    bounds = np.concatenate([[0], breaks, [len(xy)]])
-    pending = [(int(a), int(b) - 1) for a, b in pairwise(bounds)]
-    pieces = []
-    while pending:
-        first, last = pending.pop()
-        if last - first < 2:
-            continue
-        dx, dy = (xy[last] - xy[first]).tolist()
-        # across the chord, times its length
-        away = xy[first : last + 1] @ np.array([-dy, dx])
-        away = np.abs(away - away[0])
-        worst = int(away.argmax())
-        if away[worst] <= tolerance * (math.hypot(dx, dy) + 1e-9):
-            pieces.append((first, last))
-        else:
-            pending += [(first, first + worst), (first + worst, last)]
-    return sorted(pieces)
+    pieces, first = [(0, 0) for _ in range(0)], 0
+    for end in range(1, len(xy) + 1):
+        if end < len(xy):
+            step, apart = _length(xy[end] - xy[end - 1]), column[end] - column[end - 1]
+            nearer = min(_length(xy[end]), _length(xy[end - 1]))
+            # neighbouring beams on a wall met at 8 degrees are this far apart; beyond it the contour is broken
+            if step <= 0.10 + nearer * apart * step_angle * 7.0 and apart <= 6:
+                continue
+        pending = [(first, end - 1)]
+        first = end
+        while pending:  # the front part is the last that was put there
+            a, b = pending.pop()
+            if b - a < 2:
+                continue
+            dx, dy = xy[b] - xy[a]
+            worst, most = a, -1.0
+            for i in range(a, b + 1):  # across the chord, times its length
+                across = abs((xy[i, 1] - xy[a, 1]) * dx - (xy[i, 0] - xy[a, 0]) * dy)
+                if across > most:
+                    worst, most = i, across
+            if most <= tolerance * (math.hypot(dx, dy) + 1e-9):
+                pieces.append((a, b))
+            else:
+                pending.append((worst, b))
+                pending.append((a, worst))
+    return pieces
