@@ -6,12 +6,14 @@ scan is located a second time, by these surfaces and the walls alone; if that co
 it goes on so until the ground has been level for some way.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from data.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.floors import FloorMap, Floors
 from sgslam.frames import inverse, levelling, transform_points
@@ -63,13 +65,13 @@ class Climb(Stateful):
         self._suspected = 0
         self._idle = False  # every other scan is enough
         self._way: list[Floats] = []  # x y and the ground's height since the floor was left, level frame
-        self._tree: tuple[cKDTree, Floats] | None = None  # in plan, with the points, level frame
+        self._known: Floats | None = None  # (N, 3) the points of the window, level frame
 
     def moved(self, T_new_old: Floats) -> None:
         """The map has been corrected where the robot is, by a motion (4, 4)."""
         if np.abs(T_new_old - np.eye(4)).max() > 1e-9:
             self._window = [transform_points(T_new_old, points) for points in self._window]
-            self._tree = None
+            self._known = None
 
     @property
     def suspected(self) -> bool:
@@ -101,7 +103,7 @@ class Climb(Stateful):
         self._suspected += 1
         if self._suspected < _LEFT[1]:
             return None
-        self.active, self._suspected, self._way, self._tree = True, 0, [], None
+        self.active, self._suspected, self._way, self._known = True, 0, [], None
         return np.asarray(inverse(T_level_map) @ other)
 
     def _explains_more(self, scan: ColumnScan, pose: Floats, than: Floats) -> bool:
@@ -127,9 +129,9 @@ class Climb(Stateful):
         contradicting ones are seen."""
         if not self._window or len(points) < _LEAST:
             return None
-        tree, known = self._plan(T_level_map)
-        distance, nearest = tree.query(points[:, :2], distance_upper_bound=_BESIDE)
-        found = np.isfinite(distance)
+        known = self._plan(T_level_map)
+        nearest = nearest_in_plan(points, known, _BESIDE)
+        found = np.flatnonzero(nearest >= 0)
         off = points[found, 2] - known[nearest[found], 2]
         off = off[np.abs(off) < _MOST]
         if len(off) < _LEAST:
@@ -142,26 +144,24 @@ class Climb(Stateful):
         adds up."""
         if not self._window or not len(points):
             return points
-        distance, _ = self._plan(T_level_map)[0].query(points[:, :2], distance_upper_bound=_BESIDE)
-        return points[~np.isfinite(distance)]
+        return points[nearest_in_plan(points, self._plan(T_level_map), _BESIDE) < 0]
 
-    def _plan(self, T_level_map: Floats) -> tuple[cKDTree, Floats]:
-        if self._tree is None:
-            known = transform_points(T_level_map, np.concatenate(self._window))
-            self._tree = cKDTree(known[:, :2]), known
-        return self._tree
+    def _plan(self, T_level_map: Floats) -> Floats:
+        if self._known is None:
+            self._known = transform_points(T_level_map, np.concatenate(self._window))
+        return self._known
 
     def _grow(self, points: Floats, T_map_sensor: Floats, T_level_map: Floats) -> None:
         if np.linalg.norm(T_map_sensor[:3, 3] - self._mapped) < _SPACING or not len(points):
             return
         self._window = [*self._window, transform_points(inverse(T_level_map), points)][-_KEPT:]
-        self._mapped, self._tree = T_map_sensor[:3, 3].copy(), None
+        self._mapped, self._known = T_map_sensor[:3, 3].copy(), None
 
     def align(self, scan: ColumnScan, walls: Lines, predicted: Floats) -> Tracked:
         """Moves a scan onto the walls, which are taken to go on upward, and the level surfaces seen before; `predicted`
         (4, 4) is T_level_sensor. Gauss-Newton as in `tracking.track`."""
         settings = self._settings
-        upright = chosen(scan.points, scan.upright, 3 * settings.points)
+        upright = scan.points.take(chosen(scan.upright, 3 * settings.points), axis=0)
         walls = walls.visible_from(predicted[:2, 3], min(settings.reach, _WALLS_REACH))
         level = scan.points[scan.level]
         level = level[np.linalg.norm(level, axis=1) < _REACH]
@@ -212,7 +212,33 @@ class Climb(Stateful):
 
     def end(self, ground: float) -> None:
         """The robot is on level ground again, so high above its floor."""
-        self.active, self.ground, self._way, self._tree = False, ground, [], None
+        self.active, self.ground, self._way, self._known = False, ground, [], None
+
+
+@compiled
+def nearest_in_plan(points: Floats, known: Floats, reach: float) -> NDArray[np.int64]:
+    """Of each point (N, 3), at least one, which of the known ones (M, 3) is nearest in plan; -1 where none is within
+    reach. By cells as wide as that, around the points."""
+    x0, y0 = points[:, 0].min() - reach, points[:, 1].min() - reach
+    columns, rows = int((points[:, 0].max() - x0) / reach) + 2, int((points[:, 1].max() - y0) / reach) + 2
+    newest, before = np.full((columns, rows), -1), np.full(len(known), -1)  # of each cell; in the cell
+    for k in range(len(known)):
+        i, j = math.floor((known[k, 0] - x0) / reach), math.floor((known[k, 1] - y0) / reach)
+        if 0 <= i < columns and 0 <= j < rows:
+            before[k], newest[i, j] = newest[i, j], k
+    nearest = np.full(len(points), -1)
+    for n in range(len(points)):
+        i, j = int((points[n, 0] - x0) / reach), int((points[n, 1] - y0) / reach)
+        least = reach**2
+        for a in range(i - 1, i + 2):
+            for b in range(j - 1, j + 2):
+                k = newest[a, b]
+                while k >= 0:
+                    squared = (points[n, 0] - known[k, 0]) ** 2 + (points[n, 1] - known[k, 1]) ** 2
+                    if squared < least:
+                        least, nearest[n] = squared, k
+                    k = before[k]
+    return nearest
 
 
 def _height_of(floor: FloorMap, T_level_map: Floats) -> float:

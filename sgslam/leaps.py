@@ -1,12 +1,15 @@
 """Whether a scan can have been taken near the one before it, or the sensor was carried elsewhere in between."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.compiled import compiled
 from sgslam.frames import se2_to_se3, transform_points
 from sgslam.state_tree import Stateful
+from sgslam.tracking import chosen
 from sgslam.virtual_scan import ColumnScan
 
 Floats = NDArray[np.float64]
@@ -38,12 +41,18 @@ class _Sight:
 
     @staticmethod
     def of(scan: ColumnScan) -> "_Sight":
-        upright = np.flatnonzero(scan.upright)
-        upright = upright[:: max(1, len(upright) // _POINTS)]
-        points, sector = scan.points[upright], scan.column[upright] * _SECTORS // scan.columns
-        count = np.bincount(sector, minlength=_SECTORS)
-        total = np.bincount(sector, np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2), _SECTORS)
-        return _Sight(points, np.where(count > 0, total / np.maximum(count, 1), np.nan))
+        upright = chosen(scan.upright, _POINTS)
+        points, sector = scan.points.take(upright, axis=0), scan.column.take(upright) * _SECTORS // scan.columns
+        return _Sight(points, _distances(points, sector))
+
+
+@compiled
+def _distances(points: Floats, sector: NDArray[np.int64]) -> Floats:
+    total, count = np.zeros(_SECTORS), np.zeros(_SECTORS)
+    for i in range(len(points)):
+        total[sector[i]] += math.hypot(points[i, 0], points[i, 1])
+        count[sector[i]] += 1
+    return total / count  # NaN where there are none
 
 
 class LeapWatch(Stateful):

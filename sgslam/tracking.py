@@ -57,15 +57,16 @@ def track(
     too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, how
     the sensor has been `carried` so far. Points between the heights `bands` above the floor stand for walls.
     """
-    upright = chosen(scan.points, scan.upright, 2 * settings.points)
+    upright = scan.points.take(chosen(scan.upright, 2 * settings.points), axis=0)
     z = upright @ predicted[2, :3] + predicted[2, 3]
     upright = upright[(z > bands[0]) & (z < bands[1])]
     walls = walls.visible_from(predicted[:2, 3], settings.reach)
     if not len(walls.ids) or len(upright) < 20:
         return Tracked(predicted, 0.0)
+    level = scan.points.take(chosen(scan.level, settings.points), axis=0)
     weights = _Weights(*(getattr(settings, name) for name in _Weights._fields))
     T, share, information = _tracked(
-        upright, chosen(scan.points, scan.level, settings.points), predicted, carried.height, carried.up_in_sensor,
+        upright, level, predicted, carried.height, carried.up_in_sensor,
         walls.normal, walls.offset, walls.low, walls.high, np.array(settings.gates), weights,
     )  # fmt: skip
     return Tracked(T, share, information)
@@ -90,7 +91,7 @@ def _tracked(
 ) -> tuple[Floats, float, Floats]:  # fmt: skip
     T, share, information = predicted.copy(), 0.0, np.zeros((3, 3))
     for gate in gates:
-        H, g, found, close = _to_walls(upright, T, normal, offset, low, high, gate, gates[-1], weights.huber)
+        H, g, found, close, used = _to_walls(upright, T, normal, offset, low, high, gate, gates[-1], weights.huber)
         share = found / len(upright)
         if found < 10:
             break
@@ -108,6 +109,7 @@ def _tracked(
         step = moved_by(T, predicted, H, g, weights.sigma_rotation, weights.sigma_translation)
         if close > _SAME * found and np.abs(step).max() < weights.sure_step:
             break  # the next step would be by the same points, from where they want to be
+        normal, offset, low, high = normal[used], offset[used], low[used], high[used]  # a step brings no others near
     return T, share, information
 
 
@@ -139,21 +141,14 @@ def moved_by(
         T[1, j] = y * c + (wz * x - wx * z) * s + wy * along
         T[2, j] = z * c + (wx * y - wy * x) * s + wz * along
     T[:3, 3] += step[3:]
-    return step
+    return np.asarray(step)
 
 
 @compiled
-def chosen(points: Floats, flags: NDArray[np.bool_], count: int) -> Floats:
-    """About `count` of the points (N, 3) that are flagged, evenly over the scan."""
-    step = max(1, flags.sum() // count)
-    chosen, seen, kept = np.empty((flags.sum() // step + 1, 3)), 0, 0
-    for i in range(len(points)):
-        if flags[i]:
-            if seen % step == 0:
-                chosen[kept] = points[i]
-                kept += 1
-            seen += 1
-    return chosen[:kept]
+def chosen(flags: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
+    """The places of about `count` of the flags that are set, evenly over the scan."""
+    places = np.flatnonzero(flags)
+    return places[:: max(1, len(places) // count)].copy()
 
 
 @dataclass(frozen=True)
@@ -171,7 +166,7 @@ def to_walls(points: Floats, T: Floats, walls: Lines, gate: float, settings: Tra
     """What draws the points (N, 3), sensor frame, of a sensor at T (4, 4) to the walls nearest to them, those that lie
     within the gate; close are those within the last gate of the settings."""
     lines = walls.normal, walls.offset, walls.low, walls.high
-    return Pull(*_to_walls(points, T, *lines, gate, settings.gates[-1], settings.huber))
+    return Pull(*_to_walls(points, T, *lines, gate, settings.gates[-1], settings.huber)[:4])
 
 
 @compiled
@@ -189,9 +184,10 @@ def _turned(point: Floats, T: Floats) -> tuple[float, float, float]:
 def _to_walls(
     points: Floats, T: Floats, normal: Floats, offset: Floats, low: Floats, high: Floats,
     gate: float, last_gate: float, huber: float,
-) -> tuple[Floats, Floats, int, int]:  # fmt: skip
+) -> tuple[Floats, Floats, int, int, NDArray[np.bool_]]:  # fmt: skip
+    """What `Pull` holds, and which walls have points."""
     H, g, J = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
-    found, close = 0, 0
+    found, close, used = 0, 0, np.zeros(len(offset), np.bool_)
     for i in range(len(points)):
         x, y, z = _turned(points[i], T)
         wall, off = -1, gate
@@ -203,7 +199,7 @@ def _to_walls(
                 wall, off = w, across
         if wall < 0:
             continue
-        found += 1
+        found, used[wall] = found + 1, True
         close += abs(off) < last_gate
         nx, ny = normal[wall]
         J[0], J[1], J[2], J[3], J[4] = -z * ny, z * nx, x * ny - y * nx, nx, ny
@@ -212,7 +208,7 @@ def _to_walls(
             g[a] += weight * off * J[a]
             for b in range(5):
                 H[a, b] += weight * J[a] * J[b]
-    return H, g, found, close
+    return H, g, found, close, used
 
 
 @compiled

@@ -108,7 +108,7 @@ def _fitted(
         # the tilt is 0 within a degree as far as the points do not say otherwise
         precision = moments[:3, :3] / _NOISE**2
         precision[2, 2] += _UPRIGHT
-        covariance = np.linalg.inv(precision)
+        covariance[:] = np.linalg.inv(precision)
         for a in range(3):
             solution[a] = (covariance[a] * moments[:3, 3]).sum() / _NOISE**2
     seen = moments[0, 0]
