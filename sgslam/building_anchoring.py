@@ -165,7 +165,9 @@ class BuildingAnchoring:
         """The A-graph of a storey, always the same object; the whole one for None."""
         if storey is None:
             return self._a
-        return self._storeys.setdefault(storey, self._a.on_floor(storey))
+        if storey not in self._storeys:
+            self._storeys[storey] = self._a.on_floor(storey)
+        return self._storeys[storey]
 
     def bim_from_map(self, T_map_local: Floats) -> Floats:
         """(4, 4) the map in the BIM frame, from the back end's estimate."""

@@ -4,10 +4,13 @@ Walls that stand otherwise than planned, and wrong matches, each say something o
 agree. So the place is the mode of what the walls say, not their mean: a third of them, or half, may be off.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from data.compiled import compiled
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -142,29 +145,37 @@ def _support(pairs: Pairs, votes: Floats, places: Floats, scale: float) -> Float
 
 
 def _refined(pairs: Pairs, votes: Floats, place: Floats) -> Floats:
-    for scale in _SCALES:
-        for _ in range(4):
-            place = _step(pairs, votes, place, scale)
-    return place
-
-
-def _step(pairs: Pairs, votes: Floats, place: Floats, scale: float) -> Floats:
-    off = pairs.offsets(place)
-    weight = votes * (scale**2 / (scale**2 + off**2)) ** 2
     middle = np.average(pairs.seen, axis=0, weights=votes)
-    arm = pairs.seen - middle
-    c, s = np.cos(place[0]), np.sin(place[0])
-    n = pairs.planned_normal
-    turned = np.column_stack([c * arm[:, 0] - s * arm[:, 1], s * arm[:, 0] + c * arm[:, 1]])
-    rows = np.column_stack([n[:, 1] * turned[:, 0] - n[:, 0] * turned[:, 1], n])
-    # a place that hardly any wall speaks for shall not run away
-    H = (rows * weight[:, None]).T @ rows + np.diag([1e-2, 1e-3, 1e-3])
-    step = -np.linalg.solve(H, rows.T @ (weight * off))
-    yaw = place[0] + step[0]
-    R = np.array([[c, -s], [s, c]])
-    R_new = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    shift = R @ middle + place[1:] + step[1:] - R_new @ middle
-    return np.array([yaw, *shift])
+    return _stepped(pairs.seen, pairs.planned, pairs.planned_normal, votes, middle, place, np.repeat(_SCALES, 4))
+
+
+@compiled
+def _stepped(
+    seen: Floats, planned: Floats, planned_normal: Floats, votes: Floats, middle: Floats, place: Floats, scales: Floats
+) -> Floats:
+    """A step of reweighted least squares by each of the scales; turns are about the `middle` (2,)."""
+    yaw, x, y = place
+    J = np.empty(3)
+    for scale in scales:
+        H, g = np.diag(np.array([1e-2, 1e-3, 1e-3])), np.zeros(3)  # where hardly any wall speaks it shall not run away
+        c, s = math.cos(yaw), math.sin(yaw)
+        at_x, at_y = c * middle[0] - s * middle[1] + x, s * middle[0] + c * middle[1] + y
+        for i in range(len(seen)):
+            arm_x, arm_y = seen[i, 0] - middle[0], seen[i, 1] - middle[1]
+            turned_x, turned_y = c * arm_x - s * arm_y, s * arm_x + c * arm_y
+            nx, ny = planned_normal[i]
+            off = nx * (turned_x + at_x - planned[i, 0]) + ny * (turned_y + at_y - planned[i, 1])
+            weight = votes[i] * (scale**2 / (scale**2 + off**2)) ** 2
+            J[0], J[1], J[2] = ny * turned_x - nx * turned_y, nx, ny
+            for a in range(3):
+                g[a] += weight * off * J[a]
+                for b in range(3):
+                    H[a, b] += weight * J[a] * J[b]
+        step = np.linalg.solve(H, g)
+        yaw -= step[0]
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y = at_x - step[1] - (c * middle[0] - s * middle[1]), at_y - step[2] - (s * middle[0] + c * middle[1])
+    return np.array([yaw, x, y])
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:

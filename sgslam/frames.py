@@ -18,6 +18,11 @@ def levelling(up: Floats) -> Floats:
 
 def inverse(T: Floats) -> Floats:
     """The inverse of a rigid motion (..., 4, 4)."""
+    if T.ndim == 2:  # nearly always, and several times faster
+        result = np.eye(4)
+        result[:3, :3] = T[:3, :3].T
+        result[:3, 3] = -(T[:3, 3] @ T[:3, :3])
+        return result
     result = np.zeros_like(T)
     R = np.swapaxes(T[..., :3, :3], -1, -2)
     result[..., :3, :3] = R
