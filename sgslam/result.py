@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from data import SceneGraph
 from data.poses import poses_to_xyzquat
@@ -209,19 +209,16 @@ def _at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
 def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
     """(N, 4, 4) T_map_sensor of all scans: each keeps its motion since the keyframe before it, and what is then left
     at the next keyframe is shared out over the scans between, in proportion."""
-    poses = np.empty((len(scans), 4, 4))
-    first_of: dict[int, int] = {}
-    for i, scan in enumerate(scans):
-        first_of.setdefault(scan.keyframe, i)
-        poses[i] = keyframe_poses[scan.keyframe] @ scan.T_keyframe_sensor
-    for keyframe, start in first_of.items():
-        end = first_of.get(keyframe + 1)
-        if end is None or end - start < 2 or scans[end].T_previous_sensor is None:
-            continue  # nothing leads to where another run begins
-        arrived = keyframe_poses[keyframe] @ scans[end].T_previous_sensor  # type: ignore[operator]
-        left = inverse(arrived) @ keyframe_poses[keyframe + 1]
-        share = np.arange(end - start) / (end - start)
-        turn = Slerp([0.0, 1.0], Rotation.from_matrix(np.stack([np.eye(3), left[:3, :3]])))(share).as_matrix()
-        poses[start:end, :3, 3] += np.einsum("nij,nj->ni", poses[start:end, :3, :3], share[:, None] * left[:3, 3])
-        poses[start:end, :3, :3] = poses[start:end, :3, :3] @ turn
+    keyframe_of = np.array([scan.keyframe for scan in scans])
+    poses = keyframe_poses[keyframe_of] @ np.stack([scan.T_keyframe_sensor for scan in scans])
+    keyframes, first = np.unique(keyframe_of, return_index=True)
+    left, share = np.tile(np.eye(4), (len(scans), 1, 1)), np.zeros((len(scans), 1))
+    for keyframe, following, start, end in zip(keyframes, keyframes[1:], first, first[1:], strict=False):
+        arrived = scans[end].T_previous_sensor
+        if following == keyframe + 1 and arrived is not None:  # else nothing leads there: another run begins
+            left[start:end] = inverse(keyframe_poses[keyframe] @ arrived) @ keyframe_poses[following]
+            share[start:end, 0] = np.arange(end - start) / (end - start)
+    turn = Rotation.from_rotvec(share * Rotation.from_matrix(left[:, :3, :3]).as_rotvec()).as_matrix()
+    poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], share * left[:, :3, 3])
+    poses[:, :3, :3] = poses[:, :3, :3] @ turn
     return poses
