@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.compiled import compiled
+from sgslam.normal_equations import add_row, solved
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -157,7 +158,8 @@ def _stepped(
     yaw, x, y = place
     J = np.empty(3)
     for scale in scales:
-        H, g = np.diag(np.array([1e-2, 1e-3, 1e-3])), np.zeros(3)  # where hardly any wall speaks it shall not run away
+        H, g = np.zeros((3, 3)), np.zeros(3)
+        H[0, 0], H[1, 1], H[2, 2] = 1e-2, 1e-3, 1e-3  # a place that hardly any wall speaks for shall not run away
         c, s = math.cos(yaw), math.sin(yaw)
         at_x, at_y = c * middle[0] - s * middle[1] + x, s * middle[0] + c * middle[1] + y
         for i in range(len(seen)):
@@ -167,11 +169,8 @@ def _stepped(
             off = nx * (turned_x + at_x - planned[i, 0]) + ny * (turned_y + at_y - planned[i, 1])
             weight = votes[i] * (scale**2 / (scale**2 + off**2)) ** 2
             J[0], J[1], J[2] = ny * turned_x - nx * turned_y, nx, ny
-            for a in range(3):
-                g[a] += weight * off * J[a]
-                for b in range(3):
-                    H[a, b] += weight * J[a] * J[b]
-        step = np.linalg.solve(H, g)
+            add_row(H, g, J, off, weight)
+        step = solved(H, g)
         yaw -= step[0]
         c, s = math.cos(yaw), math.sin(yaw)
         x, y = at_x - step[1] - (c * middle[0] - s * middle[1]), at_y - step[2] - (s * middle[0] + c * middle[1])

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from data.compiled import compiled
 from sgslam.config import TrackingSettings
+from sgslam.normal_equations import add_row, solved
 from sgslam.virtual_scan import ColumnScan
 from sgslam.wall_map import Lines
 
@@ -97,7 +98,10 @@ def _tracked(
             break
         information = H[2:5, 2:5].copy()
         _to_floor(level, T, min(gate, _FLOOR_GATE), weights.huber, H, g)
-        H, g = H / weights.sigma_point**2, g / weights.sigma_point**2
+        for i in range(6):
+            g[i] /= weights.sigma_point**2
+            for j in range(6):
+                H[i, j] /= weights.sigma_point**2
         H[5, 5] += 1 / weights.sigma_height**2
         g[5] += (T[2, 3] - height) / weights.sigma_height**2
         # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
@@ -107,7 +111,10 @@ def _tracked(
         g[0] -= lean_y / weights.sigma_tilt**2
         g[1] += lean_x / weights.sigma_tilt**2
         step = moved_by(T, predicted, H, g, weights.sigma_rotation, weights.sigma_translation)
-        if close > _SAME * found and np.abs(step).max() < weights.sure_step:
+        furthest = 0.0
+        for part in step:
+            furthest = max(furthest, abs(part))
+        if close > _SAME * found and furthest < weights.sure_step:
             break  # the next step would be by the same points, from where they want to be
         normal, offset, low, high = normal[used], offset[used], low[used], high[used]  # a step brings no others near
     return T, share, information
@@ -118,21 +125,27 @@ def moved_by(
     T: Floats, predicted: Floats, H: Floats, g: Floats, sigma_rotation: float, sigma_translation: float
 ) -> Floats:
     """Moves T (4, 4), in place, by the step (6,) that normal equations H (6, 6), g (6,) ask for, and the prediction by
-    its sigmas; the step, rotation first, in the map's axes."""
-    D = np.empty((3, 3))  # the turn since the prediction
+    its sigmas, which are added to them; the step, rotation first, in the map's axes."""
+    D, gone = np.empty((3, 3)), np.empty(6)  # the turn since the prediction; turn and way
     for i in range(3):
         for j in range(3):
             D[i, j] = T[i, 0] * predicted[j, 0] + T[i, 1] * predicted[j, 1] + T[i, 2] * predicted[j, 2]
-    sine = np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]]) / 2
-    angle = math.atan2(math.sqrt((sine**2).sum()), (D[0, 0] + D[1, 1] + D[2, 2] - 1) / 2)
-    gone = np.empty(6)
-    gone[:3] = sine * (angle / math.sin(angle) if angle > 1e-9 else 1.0)
-    gone[3:] = T[:3, 3] - predicted[:3, 3]
-    precision = np.array([1 / sigma_rotation**2] * 3 + [1 / sigma_translation**2] * 3)
-    step = -np.linalg.solve(H + np.diag(precision), g + precision * gone)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        gone[i], gone[3 + i] = (D[k, j] - D[j, k]) / 2, T[i, 3] - predicted[i, 3]
+    sine = math.sqrt(gone[0] ** 2 + gone[1] ** 2 + gone[2] ** 2)
+    scale = math.atan2(sine, (D[0, 0] + D[1, 1] + D[2, 2] - 1) / 2) / sine if sine > 1e-9 else 1.0
+    for i in range(6):
+        gone[i] *= scale if i < 3 else 1.0
+        precision = 1 / (sigma_rotation if i < 3 else sigma_translation) ** 2
+        H[i, i] += precision
+        g[i] += precision * gone[i]
+    step = solved(H, g)
+    for i in range(6):
+        step[i] = -step[i]
     # Rodrigues' formula: each column c of the rotation becomes c cos + (w x c) sin + w (w . c) (1 - cos)
-    angle = max(math.sqrt((step[:3] ** 2).sum()), 1e-12)
-    wx, wy, wz = step[:3] / angle
+    angle = max(math.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2), 1e-12)
+    wx, wy, wz = step[0] / angle, step[1] / angle, step[2] / angle
     c, s = math.cos(angle), math.sin(angle)
     for j in range(3):
         x, y, z = T[0, j], T[1, j], T[2, j]
@@ -140,7 +153,7 @@ def moved_by(
         T[0, j] = x * c + (wy * z - wz * y) * s + wx * along
         T[1, j] = y * c + (wz * x - wx * z) * s + wy * along
         T[2, j] = z * c + (wx * y - wy * x) * s + wz * along
-    T[:3, 3] += step[3:]
+        T[j, 3] += step[3 + j]
     return np.asarray(step)
 
 
@@ -192,7 +205,7 @@ def _to_walls(
         x, y, z = _turned(points[i], T)
         wall, off = -1, gate
         for w in range(len(offset)):
-            nx, ny = normal[w]
+            nx, ny = normal[w, 0], normal[w, 1]
             across = nx * (x + T[0, 3]) + ny * (y + T[1, 3]) + offset[w]
             along = nx * (y + T[1, 3]) - ny * (x + T[0, 3])
             if abs(across) < abs(off) and low[w] - _BESIDE <= along <= high[w] + _BESIDE:
@@ -201,30 +214,22 @@ def _to_walls(
             continue
         found, used[wall] = found + 1, True
         close += abs(off) < last_gate
-        nx, ny = normal[wall]
+        nx, ny = normal[wall, 0], normal[wall, 1]
         J[0], J[1], J[2], J[3], J[4] = -z * ny, z * nx, x * ny - y * nx, nx, ny
-        weight = min(1.0, huber / max(abs(off), 1e-9))
-        for a in range(5):
-            g[a] += weight * off * J[a]
-            for b in range(5):
-                H[a, b] += weight * J[a] * J[b]
+        add_row(H, g, J, off, min(1.0, huber / max(abs(off), 1e-9)))
     return H, g, found, close, used
 
 
 @compiled
 def _to_floor(points: Floats, T: Floats, gate: float, huber: float, H: Floats, g: Floats) -> None:
     """Adds the same of level points and the floor z = 0."""
-    J, axes = np.ones(3), (0, 1, 5)
+    J = np.zeros(6)
     for i in range(len(points)):
         x, y, z = _turned(points[i], T)
         off = z + T[2, 3]
         if abs(off) < gate:
-            J[0], J[1] = y, -x
-            weight = min(1.0, huber / max(abs(off), 1e-9))
-            for a in range(3):
-                g[axes[a]] += weight * off * J[a]
-                for b in range(3):
-                    H[axes[a], axes[b]] += weight * J[a] * J[b]
+            J[0], J[1], J[5] = y, -x, 1.0
+            add_row(H, g, J, off, min(1.0, huber / max(abs(off), 1e-9)))
 
 
 def _held(H: Floats) -> float:

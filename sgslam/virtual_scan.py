@@ -85,7 +85,8 @@ def _contour(
             squared[k], own[k] = away, i
             found += 1
         if found and (i + 1 == len(points) or column[i + 1] != column[i]):
-            filled[count], xy[count] = column[i], points[own[found // 2], :2]
+            median = own[found // 2]
+            filled[count], xy[count, 0], xy[count, 1] = column[i], points[median, 0], points[median, 1]
             count, found = count + 1, 0
     return filled[:count], xy[:count]
 

@@ -12,7 +12,7 @@ from sgslam.virtual_scan import ColumnScan, Contour, Floats, contour, split_chai
 
 _NOISE = 0.02  # m, of a range; the fit's own residual is used where it is larger
 _INLIER = 0.06  # m from the plane
-_UPRIGHT = 1 / 0.017**2  # 1/rad2
+_UPRIGHT = np.diag([0.0, 0.0, 1 / 0.017**2])  # 1/rad2
 
 
 @dataclass(frozen=True)
@@ -65,75 +65,64 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
 
     Linear least squares of the distance across over the places along and up, twice; None where it fails.
     """
-    plane, ends, low, high, sigma_normal, sigma_offset = _fitted(
-        points, first, last, 2 * settings.min_columns, settings.max_tilt
+    middle, (dx, dy) = (first + last) / 2, (last - first).tolist()
+    length = math.hypot(dx, dy)
+    tangent, normal = np.array([dx, dy]) / length, np.array([-dy, dx]) / length
+    if normal @ first > 0:  # towards the sensor, which is the origin
+        normal = -normal
+    near = middle, tangent, normal, length / 2 + 0.1
+    everything, _, _ = _moments(points, *near, 0.0, np.zeros(3), np.inf)
+    count = everything[0, 0]
+    level = everything[0, 2] / max(count, 1.0)
+    solution = np.zeros(3)
+    for tolerance in (_INLIER, 0.75 * _INLIER):
+        moments, low, high = _moments(points, *near, level, solution, tolerance)
+        if moments[0, 0] < 2 * settings.min_columns:
+            return None
+        # the tilt is 0 within a degree as far as the points do not say otherwise
+        covariance = np.linalg.inv(moments[:3, :3] / _NOISE**2 + _UPRIGHT)
+        solution = covariance @ moments[:3, 3] / _NOISE**2
+    seen = moments[0, 0]
+    if abs(solution[2]) > settings.max_tilt or count > 5 * seen:
+        return None
+    residual = np.array([*-solution, 1.0])
+    covariance *= max(residual @ moments @ residual / seen / _NOISE**2, 0.25)
+    above = moments[0, 2] / seen  # of the inliers' mean height over `level`
+    at_mean = np.array([1.0, 0.0, above])
+    offset, sigma = float(at_mean @ solution), float(at_mean @ covariance @ at_mean)
+    plane_normal = np.array([*(normal - solution[1] * tangent), -solution[2]])
+    scale = math.sqrt(plane_normal @ plane_normal)
+    centre = np.array([*(middle + offset * normal), level + above])
+    spread = np.array([[-length / 2], [length / 2]])
+    foot = float(centre[:2] @ tangent)
+    return WallObservation(
+        plane=np.array([*(plane_normal / scale), -plane_normal @ centre / scale]),
+        ends=middle + spread * tangent + (offset + solution[1] * spread) * normal,
+        heights=(level + low, level + high),
+        sigma_normal=math.sqrt(max(covariance[1, 1], covariance[2, 2])),
+        sigma_offset=math.sqrt(sigma + foot**2 * covariance[1, 1]),
     )
-    return WallObservation(plane, ends, (low, high), sigma_normal, sigma_offset) if len(plane) else None
 
 
 @compiled
-def _fitted(
-    points: Floats, first: Floats, last: Floats, least: int, max_tilt: float
-) -> tuple[Floats, Floats, float, float, float, float]:
-    """What `WallObservation` holds; no plane where the fit fails."""
-    failed = np.empty(0), np.empty((0, 2)), 0.0, 0.0, 0.0, 0.0
-    middle, chord = (first + last) / 2, last - first
-    length = math.hypot(chord[0], chord[1])
-    tangent = chord / length
-    normal = np.array([-tangent[1], tangent[0]])
-    if normal[0] * first[0] + normal[1] * first[1] > 0:  # towards the sensor, which is the origin
-        normal = -normal
-    rows, count = np.ones((len(points), 4)), 0  # 1, along, up, across
+def _moments(
+    points: Floats, middle: Floats, tangent: Floats, normal: Floats, half: float,
+    level: float, solution: Floats, tolerance: float,
+) -> tuple[Floats, float, float]:  # fmt: skip
+    """(4, 4) the second moments of (1, along, up, across) of the points (N, 3) that are within `half` of the middle and
+    within the tolerance of the plane across = solution . (1, along, up), up from `level`; the lowest and highest up."""
+    moments, row, low, high = np.zeros((4, 4)), np.ones(4), np.inf, -np.inf
     for i in range(len(points)):
         x, y = points[i, 0] - middle[0], points[i, 1] - middle[1]
-        along = tangent[0] * x + tangent[1] * y
-        if abs(along) < length / 2 + 0.1:
-            rows[count, 1], rows[count, 2], rows[count, 3] = along, points[i, 2], normal[0] * x + normal[1] * y
-            count += 1
-    level = rows[:count, 2].sum() / max(count, 1)
-    rows[:, 2] -= level
-    solution, covariance, moments = np.zeros(3), np.zeros((3, 3)), np.zeros((4, 4))
-    low, high = 0.0, 0.0
-    for tolerance in (_INLIER, 0.75 * _INLIER):
-        moments[:], low, high = 0.0, np.inf, -np.inf
-        for i in range(count):
-            _, along, up, across = rows[i]
-            if abs(across - solution[0] - solution[1] * along - solution[2] * up) < tolerance:
-                low, high = min(low, up), max(high, up)
-                for a in range(4):
-                    for b in range(4):
-                        moments[a, b] += rows[i, a] * rows[i, b]
-        if moments[0, 0] < least:
-            return failed
-        # the tilt is 0 within a degree as far as the points do not say otherwise
-        precision = moments[:3, :3] / _NOISE**2
-        precision[2, 2] += _UPRIGHT
-        covariance[:] = np.linalg.inv(precision)
-        for a in range(3):
-            solution[a] = (covariance[a] * moments[:3, 3]).sum() / _NOISE**2
-    seen = moments[0, 0]
-    if abs(solution[2]) > max_tilt or count > 5 * seen:
-        return failed
-    squares = moments[3, 3]  # of the residuals
-    for a in range(3):
-        squares -= 2 * solution[a] * moments[a, 3]
-        for b in range(3):
-            squares += solution[a] * moments[a, b] * solution[b]
-    covariance *= max(squares / seen / _NOISE**2, 0.25)
-    above = moments[0, 2] / seen  # of the inliers' mean height over `level`
-    offset = solution[0] + above * solution[2]
-    sigma = covariance[0, 0] + 2 * above * covariance[0, 2] + above**2 * covariance[2, 2]
-    plane = np.empty(4)
-    plane[:2], plane[2] = normal - solution[1] * tangent, -solution[2]
-    plane[:3] /= math.sqrt((plane[:3] ** 2).sum())
-    centre = middle + offset * normal
-    plane[3] = -(plane[0] * centre[0] + plane[1] * centre[1] + plane[2] * (level + above))
-    ends = np.empty((2, 2))
-    for end, half in enumerate((-length / 2, length / 2)):
-        ends[end] = middle + half * tangent + (offset + solution[1] * half) * normal
-    foot = centre[0] * tangent[0] + centre[1] * tangent[1]
-    sigma_normal = math.sqrt(max(covariance[1, 1], covariance[2, 2]))
-    return plane, ends, level + low, level + high, sigma_normal, math.sqrt(sigma + foot**2 * covariance[1, 1])
+        row[1], row[2] = tangent[0] * x + tangent[1] * y, points[i, 2] - level
+        row[3] = normal[0] * x + normal[1] * y
+        off = row[3] - solution[0] - solution[1] * row[1] - solution[2] * row[2]
+        if abs(row[1]) < half and abs(off) < tolerance:
+            low, high = min(low, row[2]), max(high, row[2])
+            for a in range(4):
+                for b in range(4):
+                    moments[a, b] += row[a] * row[b]
+    return moments, low, high
 
 
 def _from_farthest(contour: Floats, column: NDArray[np.int64], columns: int) -> tuple[Floats, NDArray[np.int64]]:
