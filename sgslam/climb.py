@@ -29,6 +29,7 @@ _SPACING = 0.15  # m between the scans whose level surfaces are kept
 _KEPT = 24  # scans
 _BESIDE = 0.08  # m in plan between two points of one level surface
 _NEAR = (0.2, 0.1, 0.1)  # m between them on a stair, step by step
+_RISE = 0.07  # m of height between them on a stair, less than half of a riser; where a floor is left, as far as above
 _ON_SURFACE = 0.03  # m from a known level surface
 _LEAST = 12  # points that tell
 _DOUBTFUL = 0.02, 0.05, 0.04  # rad of lean, m of height, m by which level surfaces have moved: then it is asked twice
@@ -40,6 +41,7 @@ _LEVEL_WAY, _HOME_WAY = 2.0, 1.2  # m gone level in plan, until it is no landing
 _HOME = 0.12  # m from a known floor, at which the robot is on it,
 _DRIFT = 0.1, 0.6  # and of each metre climbed beyond these metres: heights drift on a stair
 _STOREY = 1.9  # m between two floors at least: less is a landing, a mezzanine, a ramp, a step
+_STEEPEST, _SWAY = 1.0, 0.02  # metres of height for one of way, and besides
 _TILT = 0.15  # rad that the sensor may lean on a stair
 
 
@@ -91,9 +93,11 @@ class Climb(Stateful):
         other = None
         if self._doubtful(points, T_level_sensor, T_level_map, carried):
             self.begin(T_level_map)
-            other = self.align(scan, walls, _carried_so(T_level_sensor, carried)).T
-            differs = abs(other[2, 3] - T_level_sensor[2, 3]) > _LEFT[0]
-            if not (differs and self._explains_more(scan, other, T_level_sensor)):
+            staying = _carried_so(T_level_sensor, carried)
+            other = self.align(scan, walls, staying).T
+            staying[2, 3] = carried.height
+            differs = abs(other[2, 3] - carried.height) > _LEFT[0]
+            if not (differs and self._explains_more(scan, other, staying)):
                 other = None
         if other is None:
             self._suspected = 0
@@ -172,7 +176,7 @@ class Climb(Stateful):
             if len(walls.ids) and len(upright):
                 pull = to_walls(upright, T, walls, gate, settings)
                 H, g, share = pull.H, pull.g, pull.found / len(upright)
-            J, off = _to_level(level @ T[:3, :3].T, T[:3, 3], tree, known, near)
+            J, off = _to_level(level @ T[:3, :3].T, T[:3, 3], tree, known, near, _RISE if self.active else near)
             weighted = J * np.minimum(1.0, settings.huber / np.maximum(np.abs(off), 1e-9))[:, None]
             H, g = (H + weighted.T @ J) / settings.sigma_point**2, (g + weighted.T @ off) / settings.sigma_point**2
             information = H[2:5, 2:5] * settings.sigma_point**2
@@ -180,6 +184,17 @@ class Climb(Stateful):
             g[:2] += np.array([-T[1, 2], T[0, 2]]) / _TILT**2
             moved_by(T, predicted, H, g, settings.sigma_rotation, settings.sigma_translation)
         return Tracked(T, share, information)
+
+    @staticmethod
+    def possible(T_map_sensor: Floats, last_map: Floats, up_in_map: Floats) -> Floats:
+        """T_map_sensor (4, 4), where it is risen or sunk since `last_map` by more than a stair's slope allows no more
+        than that."""
+        way = T_map_sensor[:3, 3] - last_map[:3, 3]
+        rise = float(up_in_map @ way)
+        most = _STEEPEST * float(np.linalg.norm(way - rise * up_in_map)) + _SWAY
+        result = T_map_sensor.copy()
+        result[:3, 3] += (np.clip(rise, -most, most) - rise) * up_in_map
+        return result
 
     def begin(self, T_level_map: Floats) -> None:
         """Makes ready for a scan's `align`."""
@@ -261,7 +276,7 @@ def _carried_so(T_level_sensor: Floats, carried: Carried) -> Floats:
 
 
 def _to_level(
-    turned: Floats, place: Floats, tree: cKDTree, known: Floats, near: float
+    turned: Floats, place: Floats, tree: cKDTree, known: Floats, near: float, rise: float
 ) -> tuple[Floats, Floats]:
     """Of level points (N, 3) from the sensor at `place` (3,), level axes, those near a known one: the derivatives
     (M, 6) of their height over it by a turn and a move of the sensor, and these heights (M,)."""
@@ -270,6 +285,7 @@ def _to_level(
     distance, nearest = tree.query(turned + place, distance_upper_bound=near)
     found = np.flatnonzero(np.isfinite(distance))
     off = turned[found, 2] + place[2] - known[nearest[found], 2]
+    found, off = found[np.abs(off) < rise], off[np.abs(off) < rise]
     J = np.zeros((len(found), 6))
     J[:, 0], J[:, 1], J[:, 5] = turned[found, 1], -turned[found, 0], 1.0
     return J, off

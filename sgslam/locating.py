@@ -153,6 +153,8 @@ class Locator(Stateful):
                 foretold = upright_step(last_map @ self._step, last_map, self._walls.T_level_map[2, :3])
             if self._climb.active:
                 self._climb.begin(self.T_ground_map)
+                if foretold is not None:
+                    foretold = self._climb.possible(foretold, last_map, self._walls.T_level_map[2, :3])
             if given is None:
                 self._last = self._best(scan, last_map, foretold)
             else:

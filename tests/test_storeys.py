@@ -19,6 +19,7 @@ from data.scans import ScanFolder
 from data.sensor import SpinningSensor
 from data.simulate import SimulatedRun, simulate
 from matching import Hypothesis, MatchResult
+from sgslam.climb import Climb
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.storey_hypotheses import assignments, floor_named, joint
@@ -75,7 +76,7 @@ def test_a_climbed_storey_is_a_floor_of_its_own(drive: SimulatedRun, result: Res
     for keyframe in result.s_graph.keyframes:
         z = height[keyframe.stamp_ns]
         if keyframe.floor is not None:
-            assert abs(z - (0.8 if keyframe.floor == ground.id else 4.0)) < 0.6  # it is noticed some steps later
+            assert abs(z - (0.8 if keyframe.floor == ground.id else 4.0)) < 0.35  # it is noticed two steps later
         else:
             assert not keyframe.observes and keyframe.room is None
     assert any(keyframe.floor is None for keyframe in result.s_graph.keyframes)
@@ -98,7 +99,7 @@ def test_every_floor_is_placed_on_its_storey(drive: SimulatedRun, result: Result
         assert planned[a_id].floor == result.matches["floors"][seen[s_id].floor]
         assert 0 < confidence <= 1
     error = np.linalg.norm(result.trajectory.positions - drive.truth.positions, axis=1)
-    assert np.sqrt(np.mean(error**2)) < 0.1
+    assert np.sqrt(np.mean(error**2)) < 0.05  # down again is harder than up: hardly a tread is seen before the robot
     for deviation in result.deviations:
         if deviation["s_id"] is not None and deviation["a_id"] is not None:
             floor = result.s_graph.surface_by_id[deviation["s_id"]].floor
@@ -110,6 +111,15 @@ def test_the_graph_of_two_floors_is_read_back(result: Result, tmp_path: Path) ->
     read = SceneGraph.load(tmp_path / "s.json")
     assert read == result.s_graph
     assert [f["id"] for f in json.loads((tmp_path / "s.json").read_text())["floors"]] == ["floor-0", "floor-1"]
+
+
+def test_no_stair_is_steeper_than_its_robot() -> None:
+    last, up = pose(3.0, 1.0, 0.8), np.array([0.0, 0.0, 1.0])
+    for rise in (0.05, -0.05):
+        fair = pose(3.1, 1.0, 0.8 + rise)
+        assert np.array_equal(Climb.possible(fair, last, up), fair)
+        held = Climb.possible(pose(3.1, 1.0, 0.8 + 6 * rise), last, up)
+        assert held[:2, 3] == pytest.approx(fair[:2, 3]) and abs(held[2, 3] - 0.8) == pytest.approx(0.12)
 
 
 def corridor(step: float) -> list[Box]:
