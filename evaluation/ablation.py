@@ -6,63 +6,49 @@ What is in the CSV already is skipped, so that a run that was killed goes on whe
 import argparse
 import csv
 import io
-import multiprocessing
 import shlex
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import suppress
-from dataclasses import dataclass
-from hashlib import sha256
-from multiprocessing.connection import Connection
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 from data.cli import Parser, run_command
+from data.cluster import add_options
 from data.errors import UserError
 from data.files import write_atomically
-from evaluation.ablation_rows import COLUMNS, KEY, Record, Records, as_record, errors_file
-from evaluation.arms import ARMS, WITHOUT_BIM, checked_arm, config_of, run_arms
+from evaluation.ablation_rows import COLUMNS, KEY, Record, Records
+from evaluation.ablation_worker import Answer, Task, run_apart, run_there
+from evaluation.arms import ARMS, WITHOUT_BIM, checked_arm
 from evaluation.conditions import NORMAL, Conditions
 from evaluation.sequences import SequenceSpec, prepare, read_specs
 
 DEMO = [SequenceSpec("demo", "demo", min_rooms=6, min_length=50.0)]
 
 
-@dataclass(frozen=True)
-class Task:
-    """One run; `arms` are those that it gives rows of."""
-
-    spec: SequenceSpec
-    seed: int
-    arms: tuple[str, ...]
-    conditions: Conditions
-    out: Path
-
-    def key(self, arm: str) -> tuple[str, ...]:
-        """What a record is known by."""
-        return (self.spec.name, self.conditions.name, str(self.seed), arm)
-
-
 def ablate(
     specs: list[SequenceSpec], seeds: list[int], arms: list[str], out: Path, conditions: Conditions = NORMAL,
-    jobs: int = 1, listed_in: Path | None = None,
+    jobs: int = 1, listed_in: Path | None = None, scheduler: str | None = None,
 ) -> Records:  # fmt: skip
     """Runs what is not in `out`/runs.csv yet and returns all of its records, those of this call in its order.
 
-    Each run has a process of its own. `listed_in` is the file that the sequences are from, for the rows' commands.
-    Raises UserError for what a run refuses.
+    Each run has a process of its own, here or on the workers of a scheduler's cluster. `listed_in` is the file that the
+    sequences are from, for the rows' commands. Raises UserError for what a run refuses, and as `data.cluster` does.
     """
     (out / "errors").mkdir(parents=True, exist_ok=True)
     (out / "configs").mkdir(exist_ok=True)
     path = out / "runs.csv"
     records = _read(path)
-    planned = list(_tasks(specs, seeds, arms, conditions, out))
+    planned = list(_tasks(specs, seeds, arms, conditions))
     order = {task.key(arm): k for k, (task, arm) in enumerate((t, a) for t in planned for a in t.arms)}
     known = {_key(r) for r in records}
     todo = [task for task in planned if any(task.key(arm) not in known for arm in task.arms)]
     began = perf_counter()
-    for done, (task, fresh) in enumerate(_run_all(todo, jobs), 1):
-        new = [r | {"command": _command(task, r["arm"], listed_in)} for r in fresh]
+    answers = _run_here(todo, out, jobs) if scheduler is None else _run_on_cluster(todo, scheduler)
+    for done, (task, answer) in enumerate(answers, 1):
+        for name, text in answer.files.items():
+            write_atomically(out / name, text)
+        new = [r | {"command": _command(task, out, r["arm"], listed_in)} for r in answer.records]
         records = [r for r in records if _key(r) not in {_key(n) for n in new}] + new
         records.sort(key=lambda r: order.get(_key(r), -1))
         _write(path, _with_drift_reduction(records))
@@ -74,53 +60,37 @@ def ablate(
 
 
 def _tasks(
-    specs: list[SequenceSpec], seeds: list[int], arms: list[str], conditions: Conditions, out: Path
+    specs: list[SequenceSpec], seeds: list[int], arms: list[str], conditions: Conditions
 ) -> Iterator[Task]:
     """A user's own drive is the same for every seed, so that it is run with the first one only."""
     units = [tuple(arm for arm in arms if arm in WITHOUT_BIM), *((arm,) for arm in arms if arm not in WITHOUT_BIM)]
     for spec in specs:
         for seed in seeds if spec.simulated else seeds[:1]:
-            yield from (Task(spec, seed, unit, conditions, out) for unit in units if unit)
+            yield from (Task(spec, seed, unit, conditions) for unit in units if unit)
 
 
-def _run_all(tasks: list[Task], jobs: int) -> Iterator[tuple[Task, Records]]:
+def _run_here(tasks: list[Task], out: Path, jobs: int) -> Iterator[tuple[Task, Answer]]:
     """Drives are made one at a time, what is run on one of them `jobs` at a time."""
     for group in _by_drive(tasks):
         first = group[0]
-        prepare(first.spec, first.seed, first.out, first.conditions)
+        prepare(first.spec, first.seed, out, first.conditions)
         with ThreadPoolExecutor(jobs) as pool:
-            running = {pool.submit(_run_apart, task): task for task in group}
+            running = {pool.submit(run_apart, task, out): task for task in group}
             for future in as_completed(running):
                 yield running[future], future.result()
 
 
-def _run_apart(task: Task) -> Records:
-    """Runs in a process of its own, so that its peak memory is its own too. Raises what the run raises."""
-    context = multiprocessing.get_context("spawn")
-    receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(sender, task))
-    process.start()
-    sender.close()
-    try:
-        answer: Records | BaseException = receiver.recv()
-    except EOFError:
-        process.join()
-        what = f"{task.spec.name}, seed {task.seed}, {' and '.join(task.arms)}"
-        raise UserError(f"{what}: the run's process ended with {process.exitcode}; too little memory?") from None
-    process.join()
-    if isinstance(answer, BaseException):
-        raise answer
-    return answer
+def _run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, Answer]]:
+    """The workers make simulated drives for themselves; what is the user's own they must see."""
+    from data.cluster import connected
 
-
-def _answer(sender: Connection, task: Task) -> None:
-    answer: Records | Exception
-    try:
-        answer = _run(task)
-    except Exception as error:
-        answer = error
-    with suppress(BrokenPipeError):  # whoever asked has been killed
-        sender.send(answer)
+    own = {task: replace(task, spec=task.spec.absolute()) for task in tasks}
+    weights = {told for task in tasks for arm in task.arms if Path(told := arm.partition("@")[2]).is_file()}
+    files = weights.union(*(task.spec.files() for task in own.values()))
+    given = {mine: task for task, mine in own.items()}
+    with connected(scheduler) as cluster:
+        for mine, answer in cluster.over(own.values(), run_there, Task.told, sorted(files)):
+            yield given[mine], answer
 
 
 def _by_drive(tasks: list[Task]) -> list[list[Task]]:
@@ -130,31 +100,10 @@ def _by_drive(tasks: list[Task]) -> list[list[Task]]:
     return list(groups.values())
 
 
-def _run(task: Task) -> Records:
-    """One run; the errors over time and the configuration go into files of their own."""
-    import yaml
-
-    from sgslam.settings import save_config
-
-    sequence = prepare(task.spec, task.seed, task.out, task.conditions)
-    config = save_config(config_of(task.arms[0], sequence))
-    config += yaml.safe_dump({"ablation": dict(zip(KEY, task.key(" ".join(task.arms)), strict=True))})
-    name = f"configs/{sha256(config.encode()).hexdigest()[:12]}.yaml"
-    write_atomically(task.out / name, config)
-    records = []
-    for run in run_arms(task.arms, sequence):
-        record = as_record(run.row) | {"config": name}
-        if run.errors is not None:
-            lines = [f"{t:.3f},{e:.5f}" for t, e in run.errors.tolist()]
-            write_atomically(errors_file(task.out, record), "\n".join(["seconds,error_m", *lines]) + "\n")
-        records.append(record)
-    return records
-
-
-def _command(task: Task, arm: str, listed_in: Path | None) -> str:
+def _command(task: Task, out: Path, arm: str, listed_in: Path | None) -> str:
     """The command that makes the row anew; the graph goes with an anchored arm for its drift reduction."""
     arms = [arm] if arm in WITHOUT_BIM else ["graph", arm]
-    words = ["python", "-m", "evaluation.ablation", "--out", str(task.out)]
+    words = ["python", "-m", "evaluation.ablation", "--out", str(out)]
     words += [] if listed_in is None else ["--list", str(listed_in)]
     words += ["--sequences", task.spec.name, "--seeds", str(task.seed), "--arms", *arms]
     return shlex.join([*words, *" ".join(task.conditions.options()).split()])
@@ -213,7 +162,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls stand 10 to 30 cm off their plan")
     add("--wrong-matches", type=int, default=0, metavar="N", help="rooms, with their walls, are matched wrongly")
     add("--loops", action="store_true", help="the whole way is driven back again")
-    add("--jobs", type=int, default=1, metavar="N", help="runs at a time (default 1)")
+    add_options(parser, "--jobs", "runs at a time (default 1)")
     add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'ablation' is to be written")
     return parser
 
@@ -234,7 +183,9 @@ def main() -> int:
         raise UserError(f"--jobs {options.jobs}: must be at least 1")
     arms = list(dict.fromkeys(checked_arm(arm) for arm in options.arms))
     conditions = Conditions(options.weaken, options.moved_walls, options.wrong_matches, options.loops)
-    records = ablate(specs, options.seeds, arms, options.out, conditions, options.jobs, options.list)
+    records = ablate(
+        specs, options.seeds, arms, options.out, conditions, options.jobs, options.list, options.scheduler
+    )
     print(write_page(records, options.out, options.benchmarks))
     return 0
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from time import monotonic
 
 from data.cli import Parser, run_command
+from data.cluster import add_options
 from data.errors import UserError
 from data.files import write_atomically
 from evaluation.benchmark_page import machine, write_section
@@ -51,7 +52,7 @@ def _parser() -> Parser:
     parser.add_argument("--pairs-of", nargs="+", default=[], metavar="METHOD:N", help="fewer pairs for a slow method")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds a pair (default 60)")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each (default 1)")
+    add_options(parser, "--jobs", "processes of one thread each (default 1)")
     parser.add_argument("--report-only", action="store_true", help="tables and plots of the rows that are there")
     parser.add_argument("--page", type=Path, metavar="FILE", help="a page of which a section is written too")
     parser.add_argument("--section", default="matching", metavar="NAME", help="of the page (default: matching)")
@@ -73,7 +74,7 @@ def _run(options: object, arguments: Sequence[str]) -> None:
         _remember(wanted.out, arguments)
     began = told = monotonic()
     with appending(path) as append:
-        for done, row in enumerate(run_tasks(tasks, wanted.jobs, wanted.limit_s), 1):
+        for done, row in enumerate(run_tasks(tasks, wanted.jobs, wanted.limit_s, wanted.scheduler), 1):
             append(row)
             if monotonic() - told > TOLD_EVERY_S or done == total:
                 told = monotonic()

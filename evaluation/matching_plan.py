@@ -28,6 +28,7 @@ class Wanted:
     seed: int
     limit_s: float
     jobs: int
+    scheduler: str | None
 
     @staticmethod
     def of(options: Any) -> "Wanted":
@@ -52,6 +53,7 @@ class Wanted:
         return Wanted(
             options.out, tuple(options.plans), tuple(options.generated), options.slam_graphs, pairs, regimes,
             tuple(map(_rooms, options.rooms)), tuple(options.sizes), options.seed, options.limit, options.jobs,
+            options.scheduler,
         )  # fmt: skip
 
 

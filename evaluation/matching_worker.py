@@ -2,13 +2,17 @@
 
 import multiprocessing
 import os
+import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any
 
+from data.children import ProcessEndedError, end_with_parent, may_have_children
 from evaluation.matching_judge import is_wrong, tallies
 from evaluation.matching_methods import load_method
 from evaluation.matching_oracle import oracle_match
@@ -28,29 +32,60 @@ class Task:
     methods: tuple[str, ...]
 
 
-def run_tasks(tasks: Sequence[Task], jobs: int, limit_s: float) -> Iterator[Row]:
-    """The rows of all tasks as they come, by so many processes of one thread each.
+def run_tasks(tasks: Sequence[Task], jobs: int, limit_s: float, scheduler: str | None = None) -> Iterator[Row]:
+    """The rows of all tasks as they come, by so many processes of one thread each, or by a scheduler's cluster.
 
     A method that takes longer than the limit is stopped with its process; its row is "late", and the pair's other
-    methods are run by a new process.
+    methods are run by a new process. Raises UserError as `data.cluster` does.
     """
-    todo = deque(tasks)
-    workers = [_Worker() for _ in range(min(jobs, len(todo)))]
+    if scheduler is not None:
+        yield from _run_on_cluster(tasks, limit_s, scheduler)
+        return
+    workers = [_Worker() for _ in range(min(jobs, len(tasks)))]
     try:
-        for worker in workers:
-            worker.give(todo.popleft())
-        while busy := [w for w in workers if w.task is not None]:
-            pause = max(0.0, min((w.deadline for w in busy), default=0.0) - time.monotonic())
-            ready = wait([w.pipe for w in busy], None if pause == float("inf") else pause)
-            for worker in busy:
-                row = worker.receive(limit_s) if worker.pipe in ready else worker.late(limit_s)
-                if row is not None:
-                    yield row
-                if worker.task is None and todo:
-                    worker.give(todo.popleft())
+        yield from _rows(workers, tasks, limit_s)
     finally:
         for worker in workers:
             worker.stop()
+
+
+def _rows(workers: Sequence["_Worker"], tasks: Iterable[Task], limit_s: float) -> Iterator[Row]:
+    todo = deque(tasks)
+    for worker in workers:
+        worker.give(todo.popleft())
+    while busy := [w for w in workers if w.task is not None]:
+        pause = max(0.0, min((w.deadline for w in busy), default=0.0) - time.monotonic())
+        ready = wait([w.pipe for w in busy], None if pause == float("inf") else pause)
+        for worker in busy:
+            row = worker.receive(limit_s) if worker.pipe in ready else worker.late(limit_s)
+            if row is not None:
+                yield row
+            if worker.task is None and todo:
+                worker.give(todo.popleft())
+
+
+def _run_on_cluster(tasks: Sequence[Task], limit_s: float, scheduler: str) -> Iterator[Row]:
+    from data.cluster import connected
+
+    weights = {told for task in tasks for m in task.methods if Path(told := m.partition("@")[2]).is_file()}
+    with connected(scheduler) as cluster:
+        for _, rows in cluster.over(tasks, partial(rows_there, limit_s), describe, sorted(weights)):
+            yield from rows
+
+
+def rows_there(limit_s: float, task: Task) -> list[Row]:
+    """The rows of a task, on a worker of a cluster: by a child that stays for the next task, since methods load
+    slowly. As many children stay as the worker has threads."""
+    with _starting:  # the environment, which a child is started with, is the whole process's
+        may_have_children()
+        worker = _idle.pop() if _idle else _Worker()
+    try:
+        rows = list(_rows([worker], [task], limit_s))
+    except BaseException:
+        worker.stop()
+        raise
+    _idle.append(worker)
+    return rows
 
 
 class _Worker:
@@ -86,7 +121,7 @@ class _Worker:
             kind, row = self.pipe.recv()
         except EOFError:
             self.process.join()
-            raise RuntimeError(f"a process ended ({self.process.exitcode}) at {describe(self.task)}") from None
+            raise ProcessEndedError(f"a process ended ({self.process.exitcode}) at {describe(self.task)}") from None
         if kind == "began":
             self._late, self.deadline = row, time.monotonic() + limit_s
             return None
@@ -119,6 +154,9 @@ class _Worker:
         self.pipe.close()
 
 
+_starting, _idle = threading.Lock(), list[_Worker]()  # of a worker of a cluster
+
+
 def describe(task: Task) -> str:
     """One line that names the pair."""
     pair = task.pair
@@ -127,6 +165,7 @@ def describe(task: Task) -> str:
 
 def serve(pipe: Connection) -> None:
     """What the child does: for every task the rows of its methods, until the pipe is closed."""
+    end_with_parent()
     matchers: dict[str, Matcher] = {}
     try:
         while True:

@@ -51,6 +51,19 @@ class SequenceSpec:
         """Whether the building is a mesh."""
         return is_mesh(self.bim)
 
+    def files(self) -> set[str]:
+        """What it reads and does not make."""
+        return {path for path in (self.bim, self.scans, self.truth) if path is not None and path != "demo"}
+
+    def absolute(self) -> "SequenceSpec":
+        """The same, whatever folder it is used in."""
+
+        def whole(path: str) -> str:
+            return path if path == "demo" else str(Path(path).resolve())
+
+        scans, truth = (None if path is None else whole(path) for path in (self.scans, self.truth))
+        return replace(self, bim=whole(self.bim), scans=scans, truth=truth)
+
 
 @dataclass(frozen=True)
 class Sequence:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from data.cli import Parser, run_command
+from data.cluster import add_options
 from data.errors import UserError
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
     parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between looks (default: 250)")
     parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
-    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes that draw data (default: 1)")
+    add_options(parser, "--workers", "processes that draw data (default: 1)")
     parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU where there is one")
     options = parser.parse_args(given)
     if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
@@ -71,7 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"step {int(row['step'])}  {row['minutes']:.1f} min  {shown}", flush=True)
 
     limits = Limits(options.steps, options.minutes, options.every)
-    with batches(drawing, options.seed, training.step, options.workers) as stream:
+    with batches(drawing, options.seed, training.step, options.workers, options.scheduler) as stream:
         ended = train(training, stream, watched, limits, looked)
     print(ended)
     draw_curve(out, training.curve)

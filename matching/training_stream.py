@@ -4,6 +4,8 @@ import multiprocessing as mp
 import queue
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
+from itertools import count
 from typing import Any
 
 from matching.training_data import Batch, Drawing
@@ -26,13 +28,22 @@ def _work(drawing: Drawing, seed: int, first: int, every: int, out: Any) -> None
 
 
 @contextmanager
-def batches(drawing: Drawing, seed: int, first: int, workers: int) -> Iterator[Iterator[Batch]]:
-    """The batches of steps `first`, `first` + 1, ...; the same ones whatever the number of workers is.
+def batches(
+    drawing: Drawing, seed: int, first: int, workers: int, scheduler: str | None = None
+) -> Iterator[Iterator[Batch]]:
+    """The batches of steps `first`, `first` + 1, ...; the same ones whoever draws them: so many workers, or those of a
+    scheduler's cluster.
 
-    Raises RuntimeError where a worker fails.
+    Raises RuntimeError where a worker fails, and UserError as `data.cluster` does.
     """
+    if scheduler is not None:
+        from data.cluster import connected
+
+        with connected(scheduler) as cluster:
+            yield cluster.in_order(count(first), partial(drawing.batch, seed), lambda step: f"batch {step}")
+        return
     if workers == 0:
-        yield (drawing.batch(seed, step) for step in _count(first))
+        yield (drawing.batch(seed, step) for step in count(first))
         return
     context = mp.get_context("spawn")
     queues = [context.Queue(AHEAD) for _ in range(workers)]
@@ -43,18 +54,12 @@ def batches(drawing: Drawing, seed: int, first: int, workers: int) -> Iterator[I
     for process in processes:
         process.start()
     try:
-        yield (_next(queues[k % workers], processes[k % workers]) for k in _count(0))
+        yield (_next(queues[k % workers], processes[k % workers]) for k in count())
     finally:
         for process in processes:
             process.terminate()
         for process in processes:
             process.join()
-
-
-def _count(first: int) -> Iterator[int]:
-    while True:
-        yield first
-        first += 1
 
 
 def _next(source: Any, process: Any) -> Batch:

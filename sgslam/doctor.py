@@ -26,6 +26,7 @@ EXTRAS = {
     "scans": "LAS, LAZ and E57 scans",
     "mesh": "COLLADA meshes of buildings",
     "tune": "the study of the published matcher's hyper-parameters",
+    "cluster": "measurements and training data by several machines",
     "dev": "the tests",
 }
 

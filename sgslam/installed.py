@@ -10,8 +10,9 @@ from pathlib import Path
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
+from data.build import PACKAGES
+
 NAME = "sgslam"
-PACKAGES = ("data", "matching", "factors", "sgslam", "evaluation")
 HERE = Path(__file__).resolve().parent.parent
 Told = tuple[bool, str]
 
