@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
@@ -43,8 +44,9 @@ def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) ->
     either = parser.add_mutually_exclusive_group()
     either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
     either.add_argument(
-        "--scheduler", metavar="tcp://HOST:PORT", help="of a Dask cluster whose workers do it instead; they need the "
-        "same sgslam, and files that are named must lie at the same paths there: see docs/cluster.md",
+        "--scheduler", type=reached, metavar="tcp://HOST:PORT",
+        help="of a Dask cluster whose workers do it instead; they need the same sgslam, and files that are named must "
+        "lie at the same paths there: see docs/cluster.md",
     )  # fmt: skip
 
 
@@ -52,16 +54,13 @@ def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) ->
 def connected(scheduler: str) -> Iterator["Cluster"]:
     """The cluster of a scheduler (`tcp://HOST:PORT`); on leaving, what was asked for and is not done is released.
 
-    Raises UserError where dask.distributed is not installed, where nobody answers, where no worker comes, and for a
-    worker with another build of sgslam.
+    Raises UserError where `reached` does, where no worker comes, and for a worker with another build of sgslam.
     """
+    reached(scheduler)
+    from distributed import Client
+
     try:
-        from distributed import Client
-    except ImportError:
-        raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'") from None
-    _knock(scheduler)
-    try:
-        client = Client(scheduler, timeout=CONNECTING_S, set_as_default=False)
+        client = Client(scheduler, timeout=CONNECTING_S)
     except (OSError, ValueError, TypeError) as error:
         raise UserError(f"--scheduler {scheduler}: no Dask scheduler answers there ({_line(error)})") from None
     with client:
@@ -70,8 +69,15 @@ def connected(scheduler: str) -> Iterator["Cluster"]:
         yield cluster
 
 
-def _knock(scheduler: str) -> None:
-    """Tells at once what Dask would find out by trying for long."""
+def reached(scheduler: str) -> str:
+    """The address itself, where dask.distributed is installed and somebody listens there; else raises UserError, at
+    once, where Dask would try for long."""
+    try:
+        there = find_spec("distributed")
+    except ValueError:
+        there = None
+    if there is None:
+        raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'")
     found = re.fullmatch(r"(?:tcp|tls)://(.+):(\d+)", scheduler)
     if not found:
         raise UserError(f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` tells it")
@@ -79,6 +85,7 @@ def _knock(scheduler: str) -> None:
         socket.create_connection((found[1].strip("[]"), int(found[2])), CONNECTING_S).close()
     except (OSError, OverflowError) as error:
         raise UserError(f"--scheduler {scheduler}: cannot be reached ({_line(error)}); is it running?") from None
+    return scheduler
 
 
 class Cluster:
@@ -235,5 +242,7 @@ class Cluster:
 
 def _line(error: object) -> str:
     """The last line of what an error says, which in a traceback is the reason."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
     lines = str(error).strip().splitlines()
     return lines[-1] if lines else type(error).__name__

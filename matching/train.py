@@ -57,7 +57,6 @@ def main(arguments: list[str] | None = None) -> int:
     out: Path = options.out
     out.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(tuple(own), seeds_of("train", GENERATED))
-    watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
     training = Training.begin(settings, options.seed, device)
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
@@ -73,6 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     limits = Limits(options.steps, options.minutes, options.every)
     with batches(drawing, options.seed, training.step, options.workers, options.scheduler) as stream:
+        watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
         ended = train(training, stream, watched, limits, looked)
     print(ended)
     draw_curve(out, training.curve)

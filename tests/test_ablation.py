@@ -116,6 +116,13 @@ def test_killed_three_times_and_resumed_it_is_the_same(listed: Path, whole: Path
     assert (tmp_path / "runs.csv").read_bytes() == before and "min left" not in again.stdout
 
 
+def test_by_a_cluster_it_is_the_same(scheduler: str, listed: Path, whole: Path, tmp_path: Path) -> None:
+    ablate(read_specs(listed), [0], ["graph", "oracle"], tmp_path, scheduler=scheduler)
+    assert without_times(tmp_path) == without_times(whole)[1:]
+    for name in ("errors/own_normal_0_oracle.csv", without_times(tmp_path)[1]["config"]):
+        assert (tmp_path / name).read_bytes() == (whole / name).read_bytes()
+
+
 def test_a_csv_of_another_version_is_refused(own: SequenceSpec, tmp_path: Path) -> None:
     (tmp_path / "runs.csv").write_text("sequence,seed\nown,0\n")
     with pytest.raises(UserError, match="columns"):

@@ -25,14 +25,15 @@ def drawing() -> Drawing:
     return Drawing(tuple(Plan(f"p{k}", f"b{k}", g) for k, g in enumerate(graphs)), {})
 
 
-def test_a_step_has_the_same_batch_whoever_draws_it(drawing: Drawing):
+def test_a_step_has_the_same_batch_whoever_draws_it(drawing: Drawing, scheduler: str):
     with batches(drawing, 5, 1, 0) as here:
         expected = [next(here) for _ in range(3)]
-    with batches(drawing, 5, 1, 2) as there:
-        found = [next(there) for _ in range(3)]
-    for one, other in zip(expected, found, strict=True):
-        assert one.s.walls == other.s.walls and np.array_equal(one.walls, other.walls)
-        assert np.array_equal(one.a.edge, other.a.edge)
+    for workers, cluster in ((2, None), (1, scheduler)):
+        with batches(drawing, 5, 1, workers, cluster) as there:
+            found = [next(there) for _ in range(3)]
+        for one, other in zip(expected, found, strict=True):
+            assert one.s.walls == other.s.walls and np.array_equal(one.walls, other.walls)
+            assert np.array_equal(one.a.edge, other.a.edge)
     assert not np.array_equal(expected[0].walls, expected[1].walls)
     assert (expected[0].walls >= 0).any()
 
