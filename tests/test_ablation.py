@@ -117,9 +117,10 @@ def test_killed_three_times_and_resumed_it_is_the_same(listed: Path, whole: Path
 
 
 def test_by_a_cluster_it_is_the_same(scheduler: str, listed: Path, whole: Path, tmp_path: Path) -> None:
-    ablate(read_specs(listed), [0], ["graph", "oracle"], tmp_path, scheduler=scheduler)
-    assert without_times(tmp_path) == without_times(whole)[1:]
-    for name in ("errors/own_normal_0_oracle.csv", without_times(tmp_path)[1]["config"]):
+    ablate(read_specs(listed), [0], ["oracle"], tmp_path, scheduler=scheduler)
+    (found,), expected = without_times(tmp_path), without_times(whole)[-1]
+    assert found == expected | {"drift_reduction": ""}  # the graph without anchors has not been run
+    for name in ("errors/own_normal_0_oracle.csv", found["config"]):
         assert (tmp_path / name).read_bytes() == (whole / name).read_bytes()
 
 
