@@ -9,17 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.compiled import compiled
 from matching.se2 import Array
 from matching.walls import Index
 
 
 @dataclass(frozen=True)
 class Band:
-    """Where the blocks of G nodes and E edges stand in the lower band, column by column."""
+    """Where the blocks of G nodes and E edges stand in the lower band."""
 
     place: Index  # (G,) of each node in the new order
+    edges: Index  # (E, 2)
     width: int  # of the band, the diagonal included
-    flat: Index  # (9 G + 9 E,) of all blocks, row by row; what is above the diagonal goes to the end, unused
 
     @staticmethod
     def of(edges: Index, count: int) -> "Band":
@@ -31,30 +32,40 @@ class Band:
         graph = csr_array((np.ones(len(ends), dtype=np.int8), (ends[:, 0], ends[:, 1])), shape=(count, count))
         place = np.empty(count, dtype=np.int64)
         place[reverse_cuthill_mckee(graph, symmetric_mode=True)] = np.arange(count)
-        nodes = np.concatenate((np.stack((place, place), axis=1), place[edges]))
-        row, column = 3 * nodes[:, 0, None, None] + np.arange(3)[:, None], 3 * nodes[:, 1, None, None] + np.arange(3)
-        row, column = (x.ravel() for x in np.broadcast_arrays(row, column))
-        upper = np.arange(len(row)) < 9 * count
-        upper &= row < column
-        row, column = np.maximum(row, column), np.minimum(row, column)
-        width = int((row - column).max()) + 1
-        return Band(place, width, np.where(upper, 3 * count * width, column * width + row - column))
+        apart = np.abs(place[edges[:, 0]] - place[edges[:, 1]]).max(initial=0)
+        return Band(place, np.ascontiguousarray(edges), 3 * int(apart) + 3)
 
     def solved(self, own: Array, between: Array, right: Array) -> Array:
         """(K, G, 3) solutions of K systems, which must be positive definite.
 
-        `own` (K, G, 3, 3) on the diagonal, `between` (K, E, 3, 3) at (node 0, node 1) of each edge, and `right`
-        (K, G, 3).
+        `own` (K, G, 3, 3) on the diagonal, of which the lower triangle is read, `between` (K, E, 3, 3) at (node 0,
+        node 1) of each edge, and `right` (K, G, 3).
         """
         from scipy.linalg import lapack  # slow to import
 
-        K, G = right.shape[:2]
-        band = np.zeros((K, 3 * G * self.width + 1))
-        band[:, self.flat] = np.concatenate((own.reshape(K, -1), between.reshape(K, -1)), axis=1)
-        matrix = band[:, :-1].reshape(K, 3 * G, self.width)
-        found = np.empty((K, 3 * G))
-        ordered = np.empty((K, G, 3))
-        ordered[:, self.place] = right
-        for k in range(K):
-            found[k] = lapack.dpbsv(matrix[k].T, ordered[k].ravel(), lower=1)[1]
-        return found.reshape(K, G, 3)[:, self.place]
+        band, ordered = _ordered(self.place, self.edges, self.width, own, between, right)
+        for matrix, x in zip(band, ordered, strict=True):
+            x[:] = lapack.dpbsv(matrix.T, x, lower=1, overwrite_ab=1)[1]
+        return np.asarray(ordered.reshape(right.shape)[:, self.place])
+
+
+@compiled
+def _ordered(
+    place: Index, edges: Index, width: int, own: Array, between: Array, right: Array
+) -> tuple[Array, Array]:
+    """(K, 3 G, width) the lower bands, column by column, and (K, 3 G) the right sides, both in the new order."""
+    systems, nodes = right.shape[:2]
+    band, ordered = np.zeros((systems, 3 * nodes, width)), np.empty((systems, 3 * nodes))
+    for k in range(systems):
+        for g in range(nodes):
+            for r in range(3):
+                ordered[k, 3 * place[g] + r] = right[k, g, r]
+                for c in range(r + 1):
+                    band[k, 3 * place[g] + c, r - c] = own[k, g, r, c]
+        for e in range(len(edges)):
+            one, other = 3 * place[edges[e, 0]], 3 * place[edges[e, 1]]
+            for r in range(3):
+                for c in range(3):
+                    row, column = one + r, other + c
+                    band[k, min(row, column), abs(row - column)] = between[k, e, r, c]
+    return band, ordered

@@ -107,18 +107,18 @@ def grow(scene: Scene, fields: Fields, sure: Index) -> tuple[Fields, Lookup]:
     for n in range(1, int(turn.max()) + 1):
         age = n - turn
         sigma = np.where(age >= 0, SIGMAS[np.clip(age, 0, len(SIGMAS) - 1)], np.inf)
-        fields = Fields(fields.storey, step(scene, known.pairs, fields.state, sigma))
+        fields = Fields(fields.storey, step(scene, known.table, fields.state, sigma))
         if n % 4 == 0:
             known = known.renewed(scene, fields)
     fields, known = _followed(scene, fields, known.renewed(scene, fields))
     fields, known = _polished(scene, fields, known, SIGMAS[1:])
     fields, known = _unlike(fields, known)
-    return _polished(scene, settled(scene, fields, known.pairs), known, LAST_SIGMAS)
+    return _polished(scene, settled(scene, fields, known.table), known, LAST_SIGMAS)
 
 
 def _followed(scene: Scene, fields: Fields, known: Lookup) -> tuple[Fields, Lookup]:
     """Those that explain most, and differ."""
-    quality = judge(scene, known.pairs, fields.state, 0.3).quality.max(axis=2, initial=0.0)
+    quality = judge(scene, known.table, fields.state, 0.3).quality.max(axis=2, initial=0.0)
     explained = quality @ scene.s.weight
     best = np.argsort(-explained, kind="stable")
     best = best[_distinct(scene, fields[best], _rigid(scene, fields[best], quality[best]))]
@@ -140,14 +140,14 @@ def _polished(scene: Scene, fields: Fields, known: Lookup, sigmas: Array) -> tup
     for sigma in sigmas.tolist():
         known = known.renewed(scene, fields)
         every = np.full(fields.state.shape[:2], sigma)
-        fields = Fields(fields.storey, step(scene, known.pairs, fields.state, every))
+        fields = Fields(fields.storey, step(scene, known.table, fields.state, every))
     return fields, known.renewed(scene, fields)
 
 
 def _scored(scene: Scene, fields: Fields, known: Lookup, chance: Chance) -> Bent:
     table = known.table
     score = evidence(scene, fields, table, chance)
-    quality = judge(scene, known.pairs, fields.state, 0.15).quality.max(axis=2, initial=0.0)
+    quality = judge(scene, known.table, fields.state, 0.15).quality.max(axis=2, initial=0.0)
     rigid = _rigid(scene, fields, quality)
     order = np.argsort(-score, kind="stable")
     found = Bent(scene, fields[order], table[order], score[order], rigid[order])

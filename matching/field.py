@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from data.compiled import compiled
 from matching import se2
 from matching.bands import Band
 from matching.doors import Doors
@@ -20,7 +21,6 @@ from matching.se2 import Array
 from matching.walls import Index, Walls
 
 STEP = np.array([np.radians(2.0), 0.2, 0.2])  # how the motion changes from a room to the next
-BLOCK = 96  # S walls whose partners are sought at once
 
 
 @dataclass(frozen=True)
@@ -60,19 +60,10 @@ class Scene:
         """How the motions of neighbours hang together."""
         return Band.of(self.groups.edges, len(self.groups))
 
-    @cached_property
-    def blocks(self) -> list[Index]:
-        """The S walls in parts that lie together, none too large."""
-        todo, done = [np.arange(len(self.s))], []
-        while todo:
-            rows = todo.pop()
-            if len(rows) <= BLOCK:
-                done.append(rows)
-                continue
-            at = self.s.centre[rows]
-            order = rows[np.argsort(at[:, np.ptp(at, axis=0).argmax()], kind="stable")]
-            todo += [order[: len(rows) // 2], order[len(rows) // 2 :]]
-        return done
+    @property
+    def s_arrays(self) -> tuple[Array, Array, Index, Array]:
+        """Headings, half lengths, groups and arms of the S walls."""
+        return self.s.heading, self.s.half, self.groups.of_wall, self.arm
 
 
 @dataclass(frozen=True)
@@ -101,58 +92,6 @@ def motions(scene: Scene, state: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Placed:
-    """The S walls under K fields, all (K, Ns): turned by `yaw`, mid points at `x`, `y`, and those from their
-    groups' centres."""
-
-    yaw: Array
-    x: Array
-    y: Array
-    lever_x: Array
-    lever_y: Array
-
-
-def placed(scene: Scene, state: Array) -> Placed:
-    """Where a state (K, G, 3) lays the S walls."""
-    group, arm = scene.groups.of_wall, scene.arm
-    cos, sin = np.cos(state[..., 0])[:, group], np.sin(state[..., 0])[:, group]
-    own = state[:, group]
-    lever_x, lever_y = cos * arm[:, 0] - sin * arm[:, 1], sin * arm[:, 0] + cos * arm[:, 1]
-    return Placed(own[..., 0], own[..., 1] + lever_x, own[..., 2] + lever_y, lever_x, lever_y)
-
-
-@dataclass(frozen=True)
-class Pairs:
-    """What is known of the pairs of a table (K, Ns, P) before S is laid anywhere, all of that shape."""
-
-    table: Index  # A walls, -1 where there are fewer
-    heading: Array  # of A
-    normal_x: Array
-    normal_y: Array
-    across: Array  # A's centre along its normal,
-    along: Array  # and along its tangent
-    reach: Array  # how far S's mid point may be along A until they lie beside each other no more,
-    most: Array  # and the share that then may lie so, 0 where there is no pair
-    span: Array  # (Ns, 1) metres, of which these two are shares
-
-    def __getitem__(self, chosen: Index) -> "Pairs":
-        return Pairs(
-            self.table[chosen], self.heading[chosen], self.normal_x[chosen], self.normal_y[chosen],
-            self.across[chosen], self.along[chosen], self.reach[chosen], self.most[chosen], self.span,
-        )  # fmt: skip
-
-    @staticmethod
-    def of(scene: Scene, table: Index) -> "Pairs":
-        """The pairs of a table of partners."""
-        half, heading, n_x, n_y, across, along = np.take(scene.plan.lines, table, axis=1)
-        own = scene.s.half[:, None]
-        # A fifth of a wall may stand out: its ends slide.
-        span = 1.6 * np.minimum(own, 4.0)
-        most = np.minimum(2 * np.minimum(own, half) / span, 1.0) * (table >= 0)
-        return Pairs(table, heading, n_x, n_y, across, along, (own + half) / span, most, span)
-
-
-@dataclass(frozen=True)
 class Judged:
     """Per field, S wall and pair (K, Ns, P): quality in [0, 1], and S's mid point off A's line and along it."""
 
@@ -163,43 +102,82 @@ class Judged:
     turned: Array
 
 
-def judge(scene: Scene, table: Index | Pairs, state: Array, sigma: Array | float) -> Judged:
-    """How well S walls lie on their partners; `sigma` in metres across, (K, Ns, 1) or one for all."""
-    pairs = table if isinstance(table, Pairs) else Pairs.of(scene, table)
-    return judged(scene, pairs, placed(scene, state), sigma)
+def judge(scene: Scene, table: Index, state: Array, sigma: float) -> Judged:
+    """How well S walls lie on the partners of a table (K, Ns, P), -1 for none; `sigma` in metres across."""
+    return Judged(*_judged(*scene.s_arrays, scene.plan.lines, table, state, sigma))
 
 
-def judged(scene: Scene, pairs: Pairs, at: Placed, sigma: Array | float) -> Judged:
-    """As `judge`, of what is known already."""
-    x, y = at.x[..., None], at.y[..., None]
-    across = pairs.normal_x * x + pairs.normal_y * y - pairs.across
-    along = pairs.normal_x * y - pairs.normal_y * x - pairs.along
-    turned = se2.wrap((scene.s.heading + at.yaw)[..., None] - pairs.heading)
-    beside = np.clip(pairs.reach - np.abs(along) / pairs.span, 0.0, pairs.most)
-    sigma_turned = SIGMA_HEADING * np.clip(np.asarray(sigma) / SIGMA_SCORE, 1.0, 2.0)
-    quality = beside * np.exp((-0.5 / np.square(sigma)) * across**2 - (0.5 / sigma_turned**2) * turned**2)
-    return Judged(quality, beside, across, along, turned)
+@compiled
+def _judged(
+    heading: Array, half: Array, of_wall: Index, arm: Array, lines: Array, table: Index, state: Array, sigma: float
+) -> Array:
+    """(5, K, Ns, P) the fields of `Judged`, all zero where there is no pair."""
+    fields, walls, width = table.shape
+    found = np.zeros((5, fields, walls, width))
+    for k in range(fields):
+        for i in range(walls):
+            yaw, x, y, _, _ = placed(state[k, of_wall[i]], arm[i])
+            for p in range(width):
+                if table[k, i, p] >= 0:
+                    found[:, k, i, p] = judged(lines[table[k, i, p]], half[i], heading[i] + yaw, x, y, sigma)
+    return found
 
 
-def strain(groups: Groups, state: Array) -> Array:
-    """(3, K, E) how the motions of neighbours differ at the point between them: radians, metres, metres."""
-    return strain_and_arms(groups, state)[0]
+@compiled
+def placed(state: Array, arm: Array) -> tuple[float, float, float, float, float]:
+    """By how much the state (3,) of a group turns a wall, where it lays its mid point, and this from the centre."""
+    cos, sin = np.cos(state[0]), np.sin(state[0])
+    lever_x, lever_y = cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]
+    return state[0], state[1] + lever_x, state[2] + lever_y, lever_x, lever_y
 
 
-def strain_and_arms(groups: Groups, state: Array) -> tuple[Array, tuple[Array, Array]]:
-    """The strain, and from either end's centre (2, K, E) to the point between."""
-    g, h = groups.edges.T
-    one, other = state[:, g], state[:, h]
-    half_x, half_y = ((groups.centre[h] - groups.centre[g]) / 2).T
-    arms = []
-    for yaw, sign in ((one[..., 0], 1.0), (other[..., 0], -1.0)):
-        cos, sin = sign * np.cos(yaw), sign * np.sin(yaw)
-        arms.append(np.stack((cos * half_x - sin * half_y, sin * half_x + cos * half_y)))
-    apart = np.moveaxis(other - one, -1, 0)
-    return np.concatenate((se2.wrap(apart[:1]), apart[1:] + arms[1] - arms[0])), (arms[0], arms[1])
+@compiled
+def judged(
+    line: Array, half: float, heading: float, x: float, y: float, sigma: float
+) -> tuple[float, float, float, float, float]:
+    """The fields of `Judged` for a wall of the map that lies at (x, y), and a line of the plan."""
+    across = line[2] * x + line[3] * y - line[4]
+    along = line[2] * y - line[3] * x - line[5]
+    turned = heading - line[1]
+    turned -= 2 * np.pi * np.floor((turned + np.pi) / (2 * np.pi))
+    span = 1.6 * min(half, 4.0)  # a fifth of a wall may stand out: its ends slide
+    most = min(2 * min(half, line[0]) / span, 1.0)
+    beside = min(max((half + line[0]) / span - abs(along) / span, 0.0), most)
+    if beside == 0.0:
+        return 0.0, beside, across, along, turned
+    sigma_turned = SIGMA_HEADING * min(max(sigma / SIGMA_SCORE, 1.0), 2.0)
+    quality = beside * np.exp((-0.5 / sigma**2) * across**2 - (0.5 / sigma_turned**2) * turned**2)
+    return quality, beside, across, along, turned
 
 
 def chi2(groups: Groups, state: Array) -> Array:
-    """(K, E) the strain's squares, in its deviations."""
-    sigma = (STEP * groups.slack[:, None]).T[:, None]
-    return np.asarray(((strain(groups, state) / sigma) ** 2).sum(axis=0))
+    """(K, E) the squares, in their deviations, of how the motions of neighbours differ at the point between them."""
+    return np.asarray(_chi2(groups.edges, groups.centre, groups.slack[:, None] * STEP, state))
+
+
+@compiled
+def _chi2(edges: Index, centre: Array, slack: Array, state: Array) -> Array:
+    """As `chi2`; `slack` (E, 3) are the deviations."""
+    found = np.empty((len(state), len(edges)))
+    for k in range(len(state)):
+        for e in range(len(edges)):
+            g, h = edges[e, 0], edges[e, 1]
+            (turn, x, y), _, _ = strained(state[k, g], state[k, h], centre[g], centre[h])
+            found[k, e] = (turn / slack[e, 0]) ** 2 + (x / slack[e, 1]) ** 2 + (y / slack[e, 2]) ** 2
+    return found
+
+
+@compiled
+def strained(
+    one: Array, other: Array, centre: Array, other_centre: Array
+) -> tuple[tuple[float, float, float], tuple[float, float], tuple[float, float]]:
+    """How the states (3,) of neighbours differ at the point between them: radians, metres, metres. And from either
+    end's centre to that point."""
+    half_x, half_y = (other_centre[0] - centre[0]) / 2, (other_centre[1] - centre[1]) / 2
+    cos, sin = np.cos(one[0]), np.sin(one[0])
+    x, y = cos * half_x - sin * half_y, sin * half_x + cos * half_y
+    cos, sin = -np.cos(other[0]), -np.sin(other[0])
+    u, v = cos * half_x - sin * half_y, sin * half_x + cos * half_y
+    turn = other[0] - one[0]
+    turn -= 2 * np.pi * np.floor((turn + np.pi) / (2 * np.pi))
+    return (turn, other[1] - one[1] + u - x, other[2] - one[2] + v - y), (x, y), (u, v)

@@ -155,7 +155,7 @@ def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, member: 
     if not len(i):
         return np.zeros(len(motion))
     j = proposals.partner[i, place]
-    half, heading, n_x, n_y, off, off_along = plan.lines[:, j]
+    half, heading, n_x, n_y, off, off_along = plan.lines[j].T
     x, y = np.moveaxis(se2.apply(motion[:, None], s.centre[i]), -1, 0)
     across, along = x * n_x + y * n_y - off, np.abs(y * n_x - x * n_y - off_along)
     turned = se2.wrap(s.heading[i] - heading + motion[:, :1])

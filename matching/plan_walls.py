@@ -36,10 +36,16 @@ class PlanWalls:
 
     @cached_property
     def lines(self) -> Array:
-        """(6, N) half length, heading, normal (2), and the centre along the normal and along the tangent."""
+        """(N, 6) half length, heading, normal (2), and the centre along the normal and along the tangent."""
         n_x, n_y = np.cos(self.heading), np.sin(self.heading)
         x, y = self.centre.T
-        return np.stack((self.half, self.heading, n_x, n_y, n_x * x + n_y * y, n_x * y - n_y * x))
+        return np.stack((self.half, self.heading, n_x, n_y, n_x * x + n_y * y, n_x * y - n_y * x), axis=-1)
+
+    @cached_property
+    def by_heading(self) -> tuple[Index, Array]:
+        """(N,) the walls, storey by storey in the order of their headings, and these headings."""
+        order = np.lexsort((self.heading, self.storey))
+        return order, self.heading[order]
 
     @cached_property
     def corners(self) -> tuple[Marks, ...]:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from matching.field import Fields, Pairs, Scene, chi2, judge
+from matching.field import Fields, Scene, chi2, judge
 from matching.field_step import step
 from matching.scoring import SIGMA_SCORE
 from matching.se2 import Array
@@ -16,14 +16,14 @@ WALL = 2.0  # nats of a wall that is explained, for its weight,
 MOST_STRAINED = 12.0  # against half the chi^2 to the neighbours, in the mean
 
 
-def settled(scene: Scene, fields: Fields, known: Pairs) -> Fields:
+def settled(scene: Scene, fields: Fields, known: Index) -> Fields:
     """The fields with each discontented group where it is explained best, held by its neighbours."""
     discontented = _explained(scene, known, fields.state) < CONTENT * (scene.s.weight @ scene.member)
     some = np.flatnonzero(discontented.any(axis=1))
     if not len(some):
         return fields
     state = fields.state.copy()
-    state[some] = _tried(scene, state[some], known.table[some], discontented[some])
+    state[some] = _tried(scene, state[some], known[some], discontented[some])
     return Fields(fields.storey, state)
 
 
@@ -34,17 +34,17 @@ def _tried(scene: Scene, state: Array, table: Index, discontented: NDArray[np.bo
     tried = np.repeat(state[:, None], len(shifts), axis=1)  # (K, shifts, G, 3)
     tried[..., 1:] += shifts[None, :, None] * discontented[:, None, :, None]
     tried = tried.reshape(-1, G, 3)
-    pairs = Pairs.of(scene, np.repeat(table, len(shifts), axis=0))
+    table = np.repeat(table, len(shifts), axis=0)
     for sigma in SIGMAS:
-        tried = step(scene, pairs, tried, np.full((len(tried), G), sigma))
-    merit = WALL * _explained(scene, pairs, tried) - 0.5 * _strained(scene, tried)
+        tried = step(scene, table, tried, np.full((len(tried), G), sigma))
+    merit = WALL * _explained(scene, table, tried) - 0.5 * _strained(scene, tried)
     best = np.where(discontented, merit.reshape(K, len(shifts), G).argmax(axis=1), 0)
     return np.asarray(tried.reshape(K, len(shifts), G, 3)[np.arange(K)[:, None], best, np.arange(G)])
 
 
-def _explained(scene: Scene, pairs: Pairs, state: Array) -> Array:
+def _explained(scene: Scene, table: Index, state: Array) -> Array:
     """(K, G) weight of each group's walls that are explained."""
-    quality = judge(scene, pairs, state, SIGMA_SCORE).quality.max(axis=2, initial=0.0)
+    quality = judge(scene, table, state, SIGMA_SCORE).quality.max(axis=2, initial=0.0)
     return np.asarray((quality * scene.s.weight) @ scene.member)
 
 
