@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.scene_graph import Room
+from data.compiled import compiled
 from matching import se2
 from matching.bent import Bent
 from matching.complete import Pairs
 from matching.confidence import room_confidence, surface_confidence
-from matching.field import Judged, judge, motions
+from matching.field import judged, motions, placed, summed
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
-SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, np.radians(4), 0.5  # metres, radians, metres
+SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, float(np.radians(4)), 0.5  # metres, radians, metres
 CUT_SHORT = 0.25  # of the ends of walls that are not where the plan has them, but before
 LEAST_QUALITY = 0.008
 LEAST_SHARE = 0.25  # of an S room's walls, by length, that lie in its A room
@@ -35,6 +35,7 @@ class _Laid:
 
     s: Walls
     a: Walls
+    footprints: tuple[Array, Index]  # of A's rooms
     partner: Index  # 0 where there is none, with quality 0
     quality: Array  # in [0, 1]
     along: Array  # S's mid point from A's
@@ -62,29 +63,43 @@ def complete_rooms(found: Bent, k: int) -> Matches:
 
 def _laid(found: Bent, k: int) -> _Laid:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
-    now = judge(scene, table[None], found.fields.state[k : k + 1], SIGMA_ACROSS)
-    quality = np.where(table >= 0, _likely(scene.s, scene.plan.half[table], now), 0.0)
+    quality, along = _likely(*scene.s_arrays, scene.plan.lines, table, found.fields.state[k])
     partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
     moved = motions(scene, found.fields.state[k : k + 1])[0, scene.groups.of_wall]
-    return _Laid(scene.s, scene.plan.storeys[storey], partner, quality, now.along[0], moved)
+    return _Laid(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, moved)
 
 
-def _likely(s: Walls, half: Array, now: Judged) -> Array:
-    """(Ns, P) in [0, 1]: across, in direction, and by both ends, which slide, or stop short of the plan's."""
-    quality = np.exp(-0.5 * (now.across[0] / SIGMA_ACROSS) ** 2 - 0.5 * (now.turned[0] / SIGMA_TURN) ** 2)
-    for side in (-1, 1):
-        beyond = side * now.along[0] + s.half[:, None] - half
-        slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
-        quality *= np.where(beyond > 0, slid, (1 - CUT_SHORT) * slid + CUT_SHORT)
-    return np.asarray(np.where(now.beside[0] > 0, quality, 0.0))
+@compiled
+def _likely(
+    heading: Array, half: Array, of_wall: Index, arm: Array, lines: Array, table: Index, state: Array
+) -> tuple[Array, Array]:
+    """(Ns, P) quality in [0, 1]: across, in direction, and by both ends, which slide, or stop short of the plan's;
+    and S's mid point along A's wall."""
+    quality, at = np.zeros(table.shape), np.zeros(table.shape)
+    for i in range(len(table)):
+        yaw, x, y, _, _ = placed(state[of_wall[i]], arm[i])
+        for p in range(table.shape[1]):
+            if table[i, p] < 0:
+                continue
+            line = lines[table[i, p]]
+            _, beside, across, along, turned = judged(line, half[i], heading[i] + yaw, x, y, SIGMA_ACROSS)
+            at[i, p] = along
+            if beside > 0:
+                likely = np.exp(-0.5 * (across / SIGMA_ACROSS) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2)
+                for side in (-1, 1):
+                    beyond = side * along + half[i] - line[0]
+                    slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
+                    likely *= slid if beyond > 0 else (1 - CUT_SHORT) * slid + CUT_SHORT
+                quality[i, p] = likely
+    return quality, at
 
 
 def _shares(laid: _Laid) -> Array:
     """(S rooms, A rooms) of each S room's walls, by length, what lies on walls of the A room."""
     s, a = laid.s, laid.a
     each = laid.quality / (laid.quality.sum(axis=1, keepdims=True) + DOUBT)
-    share = np.zeros((len(s.rooms) + 1, len(a.rooms) + 1))  # the last of each: of walls without a room
-    np.add.at(share, (s.room[:, None], a.room[laid.partner]), s.half[:, None] * each)
+    # The last of each: of walls without a room.
+    share = summed(s.room, a.room[laid.partner], s.half[:, None] * each, len(s.rooms) + 1, len(a.rooms) + 1)
     size = np.bincount(s.room[s.room >= 0], s.half[s.room >= 0], len(s.rooms))
     return np.asarray(share[:-1, :-1] / size[:, None])
 
@@ -97,65 +112,99 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
     if not share.size:
         return ()
     s, a = laid.s, laid.a
-    first = np.unique(s.room[s.room >= 0], return_index=True)[1]
-    first = np.flatnonzero(s.room >= 0)[first]
-    own = se2.apply(se2.inverse(s.T_graph_own), np.array([r.centroid for r in s.rooms], dtype=float))
-    placed = se2.apply(a.T_graph_own, se2.apply(laid.moved[first], own))
+    own = se2.apply(se2.inverse(s.T_graph_own), s.room_centroids)
+    merit = _merit(share, se2.apply(a.T_graph_own, se2.apply(laid.moved[s.first_of_room], own)), *laid.footprints)
+    order = np.argsort(-merit.max(axis=1), kind="stable")
+    chosen = _chosen(share, merit, order, s.room, s.half, a.room[laid.partner], laid.partner, laid.quality, laid.along)
+    told = zip(range(len(chosen)), chosen.tolist(), strict=True)
+    return tuple((r, q, _among(merit[r], q, DOUBT_ROOM)) for r, q in told if q >= 0)
+
+
+@compiled
+def _merit(share: Array, placed: Array, corners: Array, first: Index) -> Array:
+    """(S rooms, A rooms) the shares, more where the S room's centroid (S rooms, 2) lies in the A room's footprint."""
     merit = share.copy()
-    for r, q in np.argwhere(share >= LEAST_SHARE).tolist():
-        merit[r, q] += INSIDE * _holds(a.rooms[q], placed[r])
-    likely = np.argsort(-merit, axis=1, kind="stable")[:, :TRIED]
-    chosen: dict[int, int] = {}
-    for r in np.argsort(-merit.max(axis=1), kind="stable").tolist():
-        for q in likely[r].tolist():
+    for r in range(share.shape[0]):
+        for q in range(share.shape[1]):
+            if share[r, q] >= LEAST_SHARE and _holds(corners[first[q] : first[q + 1]], placed[r, 0], placed[r, 1]):
+                merit[r, q] += INSIDE
+    return merit
+
+
+@compiled
+def _holds(corners: Array, x: float, y: float) -> bool:
+    """Whether a point lies in a footprint (C, 2): by the edges that the line from the point along x crosses."""
+    inside = False
+    for n in range(len(corners)):
+        x1, y1, x2, y2 = corners[n - 1, 0] - x, corners[n - 1, 1] - y, corners[n, 0] - x, corners[n, 1] - y
+        if (y1 > 0) != (y2 > 0) and (x1 * y2 - x2 * y1) * (y2 - y1) > 0:
+            inside = not inside
+    return inside
+
+
+@compiled
+def _chosen(
+    share: Array, merit: Array, order: Index, s_room: Index, half: Array, a_room: Index, partner: Index,
+    quality: Array, along: Array,
+) -> Index:  # fmt: skip
+    """(S rooms,) their A rooms, -1 for none; `order` tells which S rooms choose first."""
+    chosen = np.full(len(share), -1)
+    for r in order:
+        for q in np.argsort(-merit[r], kind="mergesort")[:TRIED]:
             if share[r, q] < LEAST_SHARE or _most_but(share[r], q) > CONTESTED * share[r, q]:
                 continue
-            others = [o for o, taken in chosen.items() if taken == q]
-            if not others or (share[r, q] >= SECOND_SHARE and all(_apart(laid, r, o, q) for o in others)):
+            free = True
+            for o in np.flatnonzero(chosen == q):
+                apart = share[r, q] >= SECOND_SHARE and _apart(r, o, q, s_room, half, a_room, partner, quality, along)
+                free = free and apart
+            if free:
                 chosen[r] = q
                 break
-    return tuple((r, q, _among(merit[r], q, DOUBT_ROOM)) for r, q in sorted(chosen.items()))
+    return chosen
 
 
-def _apart(laid: _Laid, r: int, o: int, q: int) -> bool:
+@compiled
+def _apart(
+    r: int, o: int, q: int, s_room: Index, half: Array, a_room: Index, partner: Index, quality: Array, along: Array
+) -> bool:
     """Whether two S rooms lie on different walls, or different parts of walls, of one A room."""
-    spans: list[dict[int, list[tuple[float, float]]]] = []
-    for room in (r, o):
-        own: dict[int, list[tuple[float, float]]] = {}
-        for i in np.flatnonzero(laid.s.room == room).tolist():
-            of_room = np.where(laid.a.room[laid.partner[i]] == q, laid.quality[i], 0.0)
-            p = int(np.argmax(of_room))
-            if of_room[p] > LEAST_QUALITY:
-                at, half = laid.along[i, p], laid.s.half[i]
-                own.setdefault(int(laid.partner[i, p]), []).append((at - half, at + half))
-        spans.append(own)
-    total = min(sum(v - u for parts in own.values() for u, v in parts) for own in spans)
-    common = sum(
-        max(0.0, min(v, y) - max(u, x))
-        for j in spans[0].keys() & spans[1].keys()
-        for u, v in spans[0][j]
-        for x, y in spans[1][j]
-    )
-    return common < COMMON * total
+    best = np.full(len(s_room), -1)  # the pair of each wall of the two rooms with the A room's
+    length = np.zeros(2)
+    for i in range(len(s_room)):
+        if s_room[i] != r and s_room[i] != o:
+            continue
+        most = LEAST_QUALITY
+        for p in range(partner.shape[1]):
+            if a_room[i, p] == q and quality[i, p] > most:
+                best[i], most = p, quality[i, p]
+        if best[i] >= 0:
+            length[int(s_room[i] == o)] += 2 * half[i]
+    common = 0.0
+    for i in np.flatnonzero((s_room == r) & (best >= 0)):
+        for k in np.flatnonzero((s_room == o) & (best >= 0)):
+            if partner[i, best[i]] == partner[k, best[k]]:
+                common += max(0.0, beside(along[i, best[i]], half[i], along[k, best[k]], half[k]))
+    return common < COMMON * length.min()
 
 
-def _holds(room: Room, point: Array) -> bool:
-    """Whether a point lies in a room's footprint."""
-    if room.polygon is None or len(room.polygon) < 3:
-        return False
-    x, y = (np.array(room.polygon) - point).T
-    u, v = np.roll(x, -1), np.roll(y, -1)
-    up = (y > 0) != (v > 0)  # edges that the line from the point along x crosses
-    return bool(np.count_nonzero((x * v - u * y)[up] * (v - y)[up] > 0) % 2)
+@compiled
+def beside(at: float, half: float, other_at: float, other_half: float) -> float:
+    """How long two pieces of a wall lie beside each other, at these places along it; below 0 where they do not."""
+    return min(at + half, other_at + other_half) - max(at - half, other_at - other_half)
+
+
+@compiled
+def _most_but(value: Array, chosen: int) -> float:
+    """The largest of values, none below 0, but for one."""
+    most = 0.0
+    for n in range(len(value)):
+        if n != chosen and value[n] > most:
+            most = value[n]
+    return most
 
 
 def _among(value: Array, chosen: int, doubt: float) -> float:
     return float(value[chosen] / (value[chosen] + _most_but(value, chosen) + doubt))
-
-
-def _most_but(value: Array, chosen: int) -> float:
-    """The largest of values, none below 0, but for one."""
-    return float(max(value[:chosen].max(initial=0.0), value[chosen + 1 :].max(initial=0.0)))
 
 
 def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
@@ -168,19 +217,24 @@ def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
     trust = np.pad(trust, ((0, 1), (0, 1)), constant_values=1.0)  # the last of each: of walls without a room
     quality = laid.quality * trust[s.room[:, None], a.room[laid.partner]]
     rows, columns = np.nonzero(quality > LEAST_QUALITY)
-    matched: dict[int, tuple[int, float]] = {}
-    pieces: dict[int, list[tuple[float, float]]] = {}  # of each A wall: along it, and half the length
-    for e in np.argsort(-quality[rows, columns], kind="stable").tolist():
-        i, p = int(rows[e]), int(columns[e])
-        j, at, half = int(laid.partner[i, p]), float(laid.along[i, p]), float(s.half[i])
-        if i in matched or any(_covers(at, half, *other) for other in pieces.get(j, ())):
-            continue
-        matched[i] = j, _among(quality[i], p, DOUBT)
-        pieces.setdefault(j, []).append((at, half))
-    return tuple((i, j, merit) for i, (j, merit) in sorted(matched.items()))
+    order = np.argsort(-quality[rows, columns], kind="stable")
+    matched = _pieces(rows[order], columns[order], laid.partner, laid.along, s.half)
+    told = ((i, p) for i, p in enumerate(matched.tolist()) if p >= 0)
+    return tuple((i, int(laid.partner[i, p]), _among(quality[i], p, DOUBT)) for i, p in told)
 
 
-def _covers(at: float, half: float, other_at: float, other_half: float) -> bool:
-    """Whether one of two pieces lies mostly beside the other."""
-    common = min(at + half, other_at + other_half) - max(at - half, other_at - other_half)
-    return common > COMMON * 2 * min(half, other_half)
+@compiled
+def _pieces(rows: Index, columns: Index, partner: Index, along: Array, half: Array) -> Index:
+    """(Ns,) the pair of each wall, -1 for none: the first in the order given that does not lie mostly beside others on
+    the same A wall."""
+    matched = np.full(len(half), -1)
+    for e in range(len(rows)):
+        i, p = rows[e], columns[e]
+        free = matched[i] < 0
+        for k in range(len(half)):
+            if free and matched[k] >= 0 and partner[k, matched[k]] == partner[i, p]:
+                common = beside(along[i, p], half[i], along[k, matched[k]], half[k])
+                free = common <= COMMON * 2 * min(half[i], half[k])
+        if free:
+            matched[i] = p
+    return matched

@@ -181,3 +181,13 @@ def strained(
     turn = other[0] - one[0]
     turn -= 2 * np.pi * np.floor((turn + np.pi) / (2 * np.pi))
     return (turn, other[1] - one[1] + u - x, other[2] - one[2] + v - y), (x, y), (u, v)
+
+
+@compiled
+def summed(rows: Index, columns: Index, values: Array, height: int, width: int) -> Array:
+    """(height, width) the sums of values (N, P) by the row of each of N and its columns (N, P); -1 is the last."""
+    total = np.zeros((height, width))
+    for i in range(len(rows)):
+        for p in range(columns.shape[1]):
+            total[rows[i], columns[i, p]] += values[i, p]
+    return total

@@ -66,6 +66,17 @@ class Walls:
         return np.array(areas)
 
     @cached_property
+    def first_of_room(self) -> Index:
+        """(rooms,) the first wall of each room."""
+        housed = np.flatnonzero(self.room >= 0)
+        return np.asarray(housed[np.unique(self.room[housed], return_index=True)[1]])
+
+    @cached_property
+    def room_centroids(self) -> Array:
+        """(rooms, 2) in the graph's frame."""
+        return np.array([r.centroid for r in self.rooms], dtype=float).reshape(-1, 2)
+
+    @cached_property
     def weight(self) -> Array:
         """(N,) what a surface counts: grows with its length, but a long one is still one observation."""
         return np.sqrt(np.clip(2 * self.half, 0.35, 6.0))
