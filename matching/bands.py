@@ -50,9 +50,7 @@ class Band:
 
 
 @compiled
-def _ordered(
-    place: Index, edges: Index, width: int, own: Array, between: Array, right: Array
-) -> tuple[Array, Array]:
+def _ordered(place: Index, edges: Index, width: int, own: Array, between: Array, right: Array) -> tuple[Array, Array]:
     """(K, 3 G, width) the lower bands, column by column, and (K, 3 G) the right sides, both in the new order."""
     systems, nodes = right.shape[:2]
     band, ordered = np.zeros((systems, 3 * nodes, width)), np.empty((systems, 3 * nodes))

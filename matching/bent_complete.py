@@ -165,7 +165,15 @@ def _chosen(
 
 @compiled
 def _apart(
-    r: int, o: int, q: int, s_room: Index, half: Array, a_room: Index, partner: Index, quality: Array, along: Array
+    r: np.intp,
+    o: np.intp,
+    q: np.intp,
+    s_room: Index,
+    half: Array,
+    a_room: Index,
+    partner: Index,
+    quality: Array,
+    along: Array,
 ) -> bool:
     """Whether two S rooms lie on different walls, or different parts of walls, of one A room."""
     best = np.full(len(s_room), -1)  # the pair of each wall of the two rooms with the A room's
@@ -176,14 +184,14 @@ def _apart(
         most = LEAST_QUALITY
         for p in range(partner.shape[1]):
             if a_room[i, p] == q and quality[i, p] > most:
-                best[i], most = p, quality[i, p]
+                best[i], most = p, float(quality[i, p])
         if best[i] >= 0:
             length[int(s_room[i] == o)] += 2 * half[i]
     common = 0.0
-    for i in np.flatnonzero((s_room == r) & (best >= 0)):
-        for k in np.flatnonzero((s_room == o) & (best >= 0)):
-            if partner[i, best[i]] == partner[k, best[k]]:
-                common += max(0.0, beside(along[i, best[i]], half[i], along[k, best[k]], half[k]))
+    for n in np.flatnonzero((s_room == r) & (best >= 0)):
+        for m in np.flatnonzero((s_room == o) & (best >= 0)):
+            if partner[n, best[n]] == partner[m, best[m]]:
+                common += max(0.0, beside(along[n, best[n]], half[n], along[m, best[m]], half[m]))
     return common < COMMON * length.min()
 
 

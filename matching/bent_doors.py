@@ -7,6 +7,7 @@ in a room that the map took for two. Chance is a door of the plan at a random pl
 
 import numpy as np
 
+from data.compiled import compiled
 from matching.field import Fields, Scene, motions
 from matching.se2 import Array, apply
 from matching.walls import Index
@@ -25,7 +26,11 @@ def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
     if not len(scene.doors) and not any(len(d) for d in scene.plan.doors):
         return np.zeros(len(fields))
     placed = _placed(scene, fields)
-    return np.array([_of_one(scene, int(fields.storey[k]), placed[k], homes[k]) for k in range(len(fields))])
+    nats = []
+    for k, storey in enumerate(fields.storey.tolist()):
+        plan, rooms = scene.plan.doors[storey], len(scene.plan.storeys[storey].rooms)
+        nats.append(_of_one(placed[k], scene.doors.rooms, homes[k], plan.place, plan.rooms, rooms))
+    return np.array(nats)
 
 
 def _placed(scene: Scene, fields: Fields) -> Array:
@@ -37,24 +42,31 @@ def _placed(scene: Scene, fields: Fields) -> Array:
     return np.einsum("kdrc,dr->kdc", moved, known)
 
 
-def _of_one(scene: Scene, storey: int, placed: Array, home: Index) -> float:
-    plan = scene.plan.doors[storey]
-    home = np.append(home, -1)
-    total = 0.0
-    if len(placed):
-        low, high = placed.min(axis=0) - FAR_M, placed.max(axis=0) + FAR_M
-        of_homes = np.isin(plan.rooms, home[home >= 0]).all(axis=1)
-        plan = plan[np.flatnonzero(((plan.place > low) & (plan.place < high)).all(axis=1) | of_homes)]
-    seen = np.zeros(len(plan), dtype=bool)
-    if len(placed) and len(plan):
-        off = np.hypot(*np.moveaxis(placed[:, None] - plan.place, -1, 0))[..., None]  # (D, M, 1)
-        density = np.exp(-0.5 * (off / SIGMAS) ** 2) / (2 * np.pi * SIGMAS**2) @ SHARES
-        here, there = np.sort(home[scene.doors.rooms], axis=1), np.sort(plan.rooms, axis=1)
-        same = (here[:, None] == there).all(axis=-1)
-        density *= np.where(same, 1.0, OTHER_ROOMS)
-        total += float(np.log(NO_DOOR + (1 - NO_DOOR) * density.max(axis=1) / DENSITY).sum())
-        seen[density.argmax(axis=1)[density.max(axis=1) > DENSITY]] = True
-    elif len(placed):
-        total += len(placed) * float(np.log(NO_DOOR))
-    between = np.isin(plan.rooms, home[home >= 0]).all(axis=1)
-    return total + float(np.log(np.where(seen, OPEN, 1 - OPEN)[between] / 0.5).sum())
+@compiled
+def _of_one(placed: Array, doors: Index, home: Index, plan: Array, plan_rooms: Index, rooms: int) -> float:
+    """Nats of the map's doors, which lie at `placed` (D, 2) between its rooms `doors` (D, 2), in a storey with doors at
+    `plan` (M, 2) between its rooms (M, 2)."""
+    seen, is_home, total = np.zeros(len(plan), dtype=np.bool_), np.zeros(rooms + 1, dtype=np.bool_), 0.0
+    is_home[home[home >= 0]] = True
+    for d in range(len(doors)):
+        here = home[doors[d, 0]] if doors[d, 0] >= 0 else -1
+        there = home[doors[d, 1]] if doors[d, 1] >= 0 else -1
+        most, best = 0.0, -1
+        for m in range(len(plan)):
+            off = np.hypot(placed[d, 0] - plan[m, 0], placed[d, 1] - plan[m, 1])
+            if off < FAR_M:
+                density = 0.0
+                for n in range(len(SIGMAS)):
+                    density += SHARES[n] * np.exp(-0.5 * (off / SIGMAS[n]) ** 2) / (2 * np.pi * SIGMAS[n] ** 2)
+                one, other = plan_rooms[m, 0], plan_rooms[m, 1]
+                same = (here == one and there == other) or (here == other and there == one)
+                density *= 1.0 if same else OTHER_ROOMS
+                if density > most:
+                    most, best = density, m
+        total += np.log(NO_DOOR + (1 - NO_DOOR) * most / DENSITY)
+        if most > DENSITY:
+            seen[best] = True
+    for m in range(len(plan)):
+        if is_home[plan_rooms[m, 0]] and is_home[plan_rooms[m, 1]]:
+            total += np.log((OPEN if seen[m] else 1 - OPEN) / 0.5)
+    return total

@@ -9,7 +9,9 @@ should be in the map, and doors where the plan has them; and the field pays for 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from data.compiled import compiled
 from matching.bent_doors import door_evidence
 from matching.evidence import (
     END_SIGMAS,
@@ -32,6 +34,7 @@ MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from
 LEAST_HERE, MOST_OFF = 1e-6, 0.8  # pairs that lie less beside each other, or further off (metres), are as good as none
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
 TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
+PRECISIONS = len(SIGMAS) * len(END_SIGMAS)
 
 
 @dataclass(frozen=True)
@@ -67,10 +70,10 @@ def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> Arra
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
     walls = _of_walls(scene, fields, table, now, homes, chance)
-    seen = [
-        _completeness(scene, int(fields.storey[k]), table[k], now.quality[k], homes.first[k])
-        for k in range(len(fields))
-    ]
+    seen = []
+    for k, storey in enumerate(fields.storey.tolist()):
+        a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
+        seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
     told = door_evidence(scene, fields, homes.first)
     return np.asarray(walls + np.array(seen) + told - 0.5 * bending(scene, fields))
 
@@ -85,74 +88,103 @@ def bending(scene: Scene, fields: Fields) -> Array:
 
 
 def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:
-    s, plan = scene.s, scene.plan
-    rooms = max((len(a.rooms) for a in plan.storeys), default=0)
-    K, R = len(table), len(s.rooms)
-    votes = np.zeros((K, R + 1, rooms + 1))
-    best = quality.argmax(axis=2)[..., None]
-    j = np.take_along_axis(table, best, axis=2)[..., 0]
-    sure = np.take_along_axis(quality, best, axis=2)[..., 0]
-    np.add.at(votes, (np.arange(K)[:, None], s.room[None], plan.room[j]), np.where(sure > SEEN, s.weight * sure, 0.0))
-    votes = votes[:, :R, :rooms]
-    if not votes.size:
-        return _Homes(np.full((K, R), -1), np.full((K, R), -1))
-    first = votes.argmax(axis=2)
-    most = np.take_along_axis(votes, first[..., None], axis=2)[..., 0]
-    np.put_along_axis(votes, first[..., None], 0.0, axis=2)
-    second = np.where(votes.max(axis=2) > 0, votes.argmax(axis=2), -1)
-    return _Homes(np.where(most > 0, first, -1), second)
+    rooms = max((len(a.rooms) for a in scene.plan.storeys), default=0)
+    return _Homes(*_homes_of(scene.s.room, scene.s.weight, len(scene.s.rooms), scene.plan.room, rooms, table, quality))
 
 
-@dataclass(frozen=True)
-class _Ratios:
-    """Likelihood ratios against chance, E of pairs that may be, for each precision; sorted by `row` (k Ns + i)."""
-
-    row: Index  # (E,)
-    wall: Index  # (E,) of A
-    ratio: Array  # (E, precisions)
+@compiled
+def _homes_of(
+    s_room: Index, weight: Array, s_rooms: int, a_room: Index, a_rooms: int, table: Index, quality: Array
+) -> tuple[Index, Index]:
+    """As `_Homes`: each wall votes for the room of its best partner."""
+    first, second = np.full((len(table), s_rooms), -1), np.full((len(table), s_rooms), -1)
+    for k in range(len(table)):
+        votes = np.zeros((s_rooms, a_rooms))
+        for i in range(len(s_room)):
+            p = quality[k, i].argmax()
+            room = a_room[table[k, i, p]]
+            if quality[k, i, p] > SEEN and s_room[i] >= 0 and room >= 0:
+                votes[s_room[i], room] += weight[i] * quality[k, i, p]
+        for r in range(s_rooms):
+            for q in range(a_rooms):
+                if votes[r, q] > (votes[r, first[k, r]] if first[k, r] >= 0 else 0.0):
+                    first[k, r], second[k, r] = q, first[k, r]
+                elif votes[r, q] > (votes[r, second[k, r]] if second[k, r] >= 0 else 0.0):
+                    second[k, r] = q
+    return first, second
 
 
 def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance) -> Array:
     """(K,) nats of all S walls, precisions marginalised over."""
     s, plan = scene.s, scene.plan
-    found = _ratios(scene, fields, table, now, chance)
-    K, N = table.shape[:2]
-    other = np.clip(NOT_IN_PLAN / (2 * s.half), *NOT_IN_PLAN_BOUNDS)[None, :, None]
-    at, own = plan.room[found.wall], np.append(np.arange(len(s.rooms)), -1)[s.room]  # -1 stays the last
-    one, two = (
-        np.pad(h, ((0, 0), (0, 1)), constant_values=-1)[:, own].ravel()[found.row] for h in (homes.first, homes.second)
-    )
-    free = (at < 0) | (s.room < 0)[found.row % N] | (one < 0)
-    first = np.flatnonzero(np.append(True, np.diff(found.row) > 0)[: len(found.row)])
-    total = []
-    for home in (at == one, (at == one) | (at == two)):
-        best = np.zeros((K * N, found.ratio.shape[1]))
-        if len(first):
-            likely = found.ratio * np.where(free | home, 1.0, ELSEWHERE)[:, None]
-            best[found.row[first]] = np.maximum.reduceat(likely, first, axis=0)
-        total.append(np.log((1 - other) * best.reshape(K, N, -1) + other))
-    member = (s.room[None] == np.arange(len(s.rooms))[:, None]).astype(float)  # (R, Ns)
-    rooms = np.logaddexp(member @ total[0] + np.log(1 - TWO_IN_ONE), member @ total[1] + np.log(TWO_IN_ONE)).sum(axis=1)
-    stray = total[0][:, s.room < 0].sum(axis=1)
-    return np.asarray(np.logaddexp.reduce(rooms + stray, axis=1) - np.log(found.ratio.shape[1]))
+    met = _met(scene, fields, chance)
+    nats = _nats(
+        s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
+        now.turned, met, homes.first, homes.second,
+    )  # fmt: skip
+    return np.asarray(np.logaddexp.reduce(nats, axis=1) - np.log(nats.shape[1]))
 
 
-def _ratios(scene: Scene, fields: Fields, table: Index, now: Judged, chance: Chance) -> _Ratios:
-    s, plan = scene.s, scene.plan
-    here = now.beside * np.exp((-0.5 / SIGMA_HEADING**2) * now.turned**2)
-    k, i, p = np.nonzero((here > LEAST_HERE) & (np.abs(now.across) < MOST_OFF))
-    j, across, along = table[k, i, p], now.across[k, i, p], now.along[k, i, p]
-    density = np.exp(-0.5 * (across[:, None] / SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS)
-    ratio = (here[k, i, p] / _met(scene, fields, chance)[k, i])[:, None] * density
-    half = plan.half[j]
-    ends = np.ones((len(j), len(END_SIGMAS)))
-    length = np.maximum(2 * half, 1.0)[:, None]
-    for side in (-1, 1):
-        gap = (along + side * (s.half[i] - half))[:, None]
-        normal = np.exp(-0.5 * (gap / END_SIGMAS) ** 2) / (np.sqrt(2 * np.pi) * END_SIGMAS)
-        ends *= SEEN_TO_END * normal * length + 1 - SEEN_TO_END
-    ends = np.where((s.known[i] & plan.known[j])[:, None], ends**END_TRUST, 1.0)
-    return _Ratios(k * len(s) + i, j, (ratio[:, :, None] * ends[:, None, :]).reshape(len(j), -1))
+@compiled
+def _nats(
+    half: Array, known: NDArray[np.bool_], room: Index, a_half: Array, a_known: NDArray[np.bool_], a_room: Index,
+    table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, first: Index, second: Index,
+) -> Array:  # fmt: skip
+    """(K, precisions) of all S walls: room by room, whose walls are those of one A room or of two."""
+    fields, walls, width = table.shape
+    total, density = np.zeros((fields, PRECISIONS)), np.empty(PRECISIONS)
+    for k in range(fields):
+        rooms, best = np.zeros((2, first.shape[1], PRECISIONS)), np.empty((2, PRECISIONS))
+        for i in range(walls):
+            best[:] = 0.0
+            one, two = (first[k, room[i]], second[k, room[i]]) if room[i] >= 0 else (-1, -1)
+            for p in range(width):
+                here = beside[k, i, p] * np.exp((-0.5 / SIGMA_HEADING**2) * turned[k, i, p] ** 2)
+                if here <= LEAST_HERE or abs(across[k, i, p]) >= MOST_OFF:
+                    continue
+                j = table[k, i, p]
+                _measured(across[k, i, p], along[k, i, p], half[i], a_half[j], known[i] and a_known[j], density)
+                free = one < 0 or a_room[j] < 0 or a_room[j] == one
+                in_one, in_two = 1.0 if free else ELSEWHERE, 1.0 if free or a_room[j] == two else ELSEWHERE
+                for n in range(PRECISIONS):
+                    ratio = here / met[k, i] * density[n]
+                    best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
+            other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
+            for n in range(PRECISIONS):
+                if room[i] >= 0:
+                    rooms[0, room[i], n] += np.log((1 - other) * best[0, n] + other)
+                    rooms[1, room[i], n] += np.log((1 - other) * best[1, n] + other)
+                else:
+                    total[k, n] += np.log((1 - other) * best[0, n] + other)
+        for r in range(rooms.shape[1]):
+            for n in range(PRECISIONS):
+                total[k, n] += either(rooms[0, r, n] + np.log(1 - TWO_IN_ONE), rooms[1, r, n] + np.log(TWO_IN_ONE))
+    return total
+
+
+@compiled
+def _measured(across: float, along: float, half: float, a_half: float, known: bool, density: Array) -> None:
+    """Writes (PRECISIONS,) the density of a wall off a line of the plan, times that of its ends where lengths are
+    known."""
+    for e in range(len(END_SIGMAS)):
+        ends = 1.0
+        if known:
+            for side in (-1, 1):
+                gap = along + side * (half - a_half)
+                normal = np.exp(-0.5 * (gap / END_SIGMAS[e]) ** 2) / (np.sqrt(2 * np.pi) * END_SIGMAS[e])
+                ends *= SEEN_TO_END * normal * max(2 * a_half, 1.0) + 1 - SEEN_TO_END
+            ends = ends**END_TRUST
+        density[e :: len(END_SIGMAS)] = ends
+    for n in range(len(SIGMAS)):
+        normal = np.exp(-0.5 * (across / SIGMAS[n]) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS[n])
+        for e in range(len(END_SIGMAS)):
+            density[n * len(END_SIGMAS) + e] *= normal
+
+
+@compiled
+def either(one: float, other: float) -> float:
+    """The log of the sum of two numbers whose logs are given."""
+    return max(one, other) + np.log1p(np.exp(-abs(one - other)))
 
 
 def _yaw(fields: Fields) -> Array:
@@ -172,17 +204,27 @@ def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
     return np.asarray(np.maximum(met, LEAST_DENSITY))
 
 
-def _completeness(scene: Scene, storey: int, table: Index, quality: Array, home: Index) -> float:
-    """Nats of the A walls that the map should show: of the A rooms where most walls of some S room are.
+@compiled
+def _completeness(
+    half: Array, a_room: Index, rooms: int, table: Index, first: int, quality: Array, home: Index
+) -> float:
+    """Nats of the A walls (of one storey) that the map should show: of the A rooms where most walls of some S room are.
 
     An A room was either entered, and most of its walls are seen, or glimpsed through a door.
     """
-    a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
-    homes = np.unique(home[home >= 0])
-    wall = (2 * a.half > SHOWN) & np.isin(a.room, homes)
-    seen = np.zeros(len(a), dtype=bool)
-    seen[table[quality > SEEN] - first] = True
-    count = np.stack([np.bincount(a.room[wall & of], minlength=len(a.rooms))[homes] for of in (seen, ~seen)])
-    entered = np.log(ENTERED) + np.log(np.array([0.85, 0.15]) / 0.5) @ count
-    glimpsed = np.log(1 - ENTERED) + np.log(np.array([0.4, 0.6]) / 0.5) @ count
-    return float(np.logaddexp(entered, glimpsed).sum())
+    seen = np.zeros(len(half), dtype=np.bool_)
+    for i in range(table.shape[0]):
+        for p in range(table.shape[1]):
+            if quality[i, p] > SEEN:
+                seen[table[i, p] - first] = True
+    count, is_home = np.zeros((rooms, 2)), np.zeros(rooms, dtype=np.bool_)
+    is_home[home[home >= 0]] = True
+    for j in range(len(half)):
+        if 2 * half[j] > SHOWN and a_room[j] >= 0:
+            count[a_room[j], 0 if seen[j] else 1] += 1
+    total = 0.0
+    for q in np.flatnonzero(is_home):
+        entered = np.log(ENTERED) + np.log(0.85 / 0.5) * count[q, 0] + np.log(0.15 / 0.5) * count[q, 1]
+        glimpsed = np.log(1 - ENTERED) + np.log(0.4 / 0.5) * count[q, 0] + np.log(0.6 / 0.5) * count[q, 1]
+        total += either(entered, glimpsed)
+    return total

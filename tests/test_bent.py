@@ -8,7 +8,7 @@ from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError
 from data.s_graph_regimes import DrawnGraph, draw
-from matching import MatchResult, bent, field, field_partners, se2
+from matching import MatchResult, bent, se2
 from matching.bands import Band
 from matching.bent_matcher import BentMatcher, among
 from matching.corners import corners
@@ -84,19 +84,6 @@ def test_rooms_merged_and_cut_are_not_matched_wrongly():
         result = MATCHER.match(truth.s_graph, PLAN)
         assert {(s, a) for s, a, _ in result.rooms} <= set(truth.rooms.items()), seed
         assert share_right(result, truth) > 0.85
-
-
-def test_large_plans_are_looked_up_as_small_ones_are(drifted, monkeypatch):
-    whole = found_for(drifted, PLAN)
-    monkeypatch.setattr(field_partners, "SMALL", 1)
-    monkeypatch.setattr(field, "BLOCK", 7)
-    by_window = found_for(drifted, PLAN)
-    monkeypatch.setattr(field_partners, "SMALL", 10**6)
-    monkeypatch.setattr(field_partners, "FEW", 1)
-    by_direction = found_for(drifted, PLAN)
-    for other in (by_window, by_direction):
-        np.testing.assert_allclose(other.fields.state[0], whole.fields.state[0], atol=1e-6)
-        np.testing.assert_allclose(other.score, whole.score, atol=1e-4)
 
 
 @pytest.mark.parametrize("edges", [[(0, 1), (1, 2), (0, 4), (3, 4), (2, 5)], [(0, k) for k in range(1, 9)], []])
