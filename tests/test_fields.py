@@ -15,7 +15,6 @@ from matching.field_partners import GATE_M, GATE_RAD, PARTNERS, partners
 from matching.plan_walls import PlanWalls
 from matching.se2 import Array
 
-
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 DRAWN = draw(PLAN, "real", np.random.default_rng(1), 5)
 
