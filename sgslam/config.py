@@ -16,8 +16,8 @@ class OdometrySettings(_Settings):
 
     method: Literal["kiss", "small_gicp"] = Field("kiss", description="what finds the step from scan to scan")
     voxel_size: float = Field(1.0, gt=0, description="m; smaller is more exact and slower")
-    max_range: float = Field(60.0, gt=0, description="m")
-    min_range: float = Field(0.3, ge=0, description="m")
+    max_range: float = Field(60.0, gt=0, description="m; points further off are left out of the odometry")
+    min_range: float = Field(0.3, ge=0, description="m; points closer are left out of the odometry")
     iterations: int = Field(100, ge=1, description="of the registration at most")
     convergence: float = Field(3e-3, gt=0, description="m and rad at which the registration stops")
     max_step: float = Field(1.5, gt=0, description="m from scan to scan; a longer step is searched anew")
@@ -47,7 +47,7 @@ class TrackingSettings(_Settings):
     gates: tuple[float, ...] = Field((0.4, 0.12), description="m from a wall, one for each step")
     sure_step: float = Field(0.01, gt=0, description="m and rad; after a shorter one of all points no other is made")
     sigma_point: float = Field(0.05, gt=0, description="m; neighbouring points share their errors")
-    huber: float = Field(0.03, gt=0, description="m")
+    huber: float = Field(0.03, gt=0, description="m from a wall beyond which a point pulls less")
     sigma_height: float = Field(0.03, gt=0, description="m by which the sensor's height above the floor changes")
     sigma_tilt: float = Field(0.02, gt=0, description="rad by which the sensor leans to and fro as it is carried")
     tilt_memory: float = Field(0.05, gt=0, le=1, description="share by which its mean tilt follows each scan")
@@ -62,8 +62,8 @@ class TrackingSettings(_Settings):
 class KeyframeSettings(_Settings):
     """A keyframe is taken when any of these is reached, and at the last scan."""
 
-    distance: float = Field(0.8, gt=0, description="m")
-    angle: float = Field(0.6, gt=0, description="rad")
+    distance: float = Field(0.8, gt=0, description="m from the last keyframe")
+    angle: float = Field(0.6, gt=0, description="rad by which the sensor has turned since")
     scans: int = Field(15, ge=1, description="scans while moving: odometry that slips shows no distance")
     standing: int = Field(50, ge=1, description="scans while standing still, then twice as many, ...")
 
@@ -76,13 +76,13 @@ class SurfaceSettings(_Settings):
     low_band: tuple[float, float] = Field((0.12, 0.88), description="m above the floor: parapets")
     guessed_height: float = Field(1.0, gt=0, description="m of the sensor above the floor until the floor is seen")
     split: float = Field(0.06, gt=0, description="m from the chord at which a chain of points is split")
-    min_columns: int = Field(5, ge=3)
-    min_length: float = Field(0.35, gt=0, description="m")
+    min_columns: int = Field(5, ge=3, description="of the virtual scan that a piece of wall must fill")
+    min_length: float = Field(0.35, gt=0, description="m of a piece of wall")
     merge_gap: float = Field(0.5, ge=0, description="m between collinear pieces of one scan")
     max_tilt: float = Field(0.09, gt=0, description="rad from the vertical")
-    associate_angle: float = Field(0.14, gt=0, description="rad")
-    associate_offset: float = Field(0.12, gt=0, description="m across")
-    associate_gap: float = Field(1.0, ge=0, description="m along")
+    associate_angle: float = Field(0.14, gt=0, description="rad to a known wall, to be taken for it")
+    associate_offset: float = Field(0.12, gt=0, description="m across, likewise")
+    associate_gap: float = Field(1.0, ge=0, description="m along, likewise")
     join_angle: float = Field(0.1, gt=0, description="rad between two walls that turn out to be one")
     join_offset: float = Field(0.1, gt=0, description="m across, likewise")
     split_step: float = Field(0.05, gt=0, description="m across at which a wall is parted in two, end to end")
@@ -92,10 +92,10 @@ class SurfaceSettings(_Settings):
 class RoomSettings(_Settings):
     """Rooms from free space: walls and lintels are barriers, doors are necks."""
 
-    cell: float = Field(0.05, gt=0, description="m")
+    cell: float = Field(0.05, gt=0, description="m, of the grid of free space")
     seed_clearance: float = Field(0.62, gt=0, description="m to the next barrier where a room may begin")
     neck: float = Field(1.35, gt=0, description="m; wider openings do not part rooms")
-    min_area: float = Field(1.5, gt=0, description="m2")
+    min_area: float = Field(1.5, gt=0, description="m2; what is smaller is no room")
     lintel_band: tuple[float, float] = Field((2.05, 2.6), description="m above the floor")
 
 
@@ -115,8 +115,8 @@ class BackendSettings(_Settings):
     growth: float = Field(0.08, ge=0, description="and this share of all keyframes")
     sigma_normal: float = Field(0.004, gt=0, description="rad, floor of a wall observation's normal")
     sigma_offset: float = Field(0.008, gt=0, description="m, floor of a wall observation's offset")
-    sigma_floor_offset: float = Field(0.01, gt=0, description="m")
-    sigma_floor_normal: float = Field(0.006, gt=0, description="rad")
+    sigma_floor_offset: float = Field(0.01, gt=0, description="m, of the floor as a keyframe sees it")
+    sigma_floor_normal: float = Field(0.006, gt=0, description="rad, likewise")
     huber: float = Field(1.345, gt=0, description="of whitened residuals")
 
 

@@ -19,12 +19,19 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(prog="python -m sgslam.dump_config", description="Every setting with what it means, as YAML.")
     parser.add_argument("--config", type=Path, metavar="FILE", help="settings as YAML, in place of the defaults")
     parser.add_argument("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
+    parser.add_argument("--markdown", action="store_true", help="as a page of tables instead")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where it is written (default: standard output)")
     options = parser.parse_args(arguments)
     from data.files import write_atomically
     from sgslam.settings import load_config
 
-    text = explained(load_config(options.config, options.set))
+    config = load_config(options.config, options.set)
+    if options.markdown:
+        from sgslam.parameters_page import parameters_page
+
+        text = parameters_page(config)
+    else:
+        text = explained(config)
     if options.out is None:
         print(text, end="")
     else:
@@ -43,22 +50,27 @@ def explained(settings: "BaseModel", indent: str = "") -> str:
             lines += ["", *_comment(type(value).__doc__ or "", indent), f"{indent}{name}:"]
             lines.append(explained(value, indent + "  ").rstrip("\n"))
         else:
-            lines += [*_comment(_meaning(field), indent), f"{indent}{name}: {_yaml(value)}"]
+            lines += [*_comment(_meaning(field), indent), f"{indent}{name}: {plain_yaml(value)}"]
     return "\n".join(lines).lstrip("\n") + "\n"
 
 
-def _meaning(field: "FieldInfo") -> str:
+def choices_and_bounds(field: "FieldInfo") -> list[str]:
+    """What a value may be, in words: its limits, and the words it is one of."""
     allowed = [text.format(getattr(m, key)) for m in field.metadata for key, text in BOUNDS.items() if hasattr(m, key)]
     choices = [str(choice) for choice in get_args(field.annotation) if isinstance(choice, str)]
-    told = [field.description or "", ", ".join(allowed), f"one of {', '.join(choices)}" if choices else ""]
-    return "; ".join(part for part in told if part)
+    return [text for text in (", ".join(allowed), f"one of {', '.join(choices)}" if choices else "") if text]
+
+
+def _meaning(field: "FieldInfo") -> str:
+    return "; ".join(filter(None, [field.description, *choices_and_bounds(field)]))
 
 
 def _comment(text: str, indent: str) -> list[str]:
     return textwrap.wrap(" ".join(text.split()), WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}# ")
 
 
-def _yaml(value: Any) -> str:
+def plain_yaml(value: Any) -> str:
+    """A value as YAML has it, on one line."""
     import yaml
 
     plain = list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,144 @@
+"""The documentation says what is true: its snippets run, its pictures and links are there, its tables are today's."""
+
+import gc
+import logging
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from drives import small_drive
+from small_ifc import write_small_ifc
+from snippets import KNOWN, ROOT, Block, blocks, check_form, run
+
+from data.demo_building import write_demo_building
+from evaluation.sequences import read_specs
+from sgslam.config import Config
+from sgslam.parameters_page import parameters_page
+
+DOCS = ROOT / "docs"
+PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md"])
+PICTURE_BYTES = 300_000
+INCLUDED = ("ARCHITECTURE.md", "CHANGELOG.md")
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.fixture(scope="module")
+def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the pages take to be there, under the names that they use."""
+    folder, drive = tmp_path_factory.mktemp("material"), small_drive()
+    (folder / "scans").mkdir()
+    for k, (_, points) in enumerate(drive.scans):
+        np.save(folder / f"scans/{k:06d}.npy", points.astype(np.float32))
+    (folder / "scans/times.txt").write_text("".join(f"{stamp / 1e9:.3f}\n" for stamp, _ in drive.scans))
+    write_small_ifc(folder / "building.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
+    write_demo_building(folder / "demo_building.ifc")
+    drive.truth.write_tum(folder / "truth.tum")
+    (folder / "SCANS").symlink_to("scans")
+    (folder / "my_network").symlink_to(ROOT / "matching/weights")
+    (folder / "BUILDING.ifc").symlink_to("building.ifc")
+    return folder
+
+
+@contextmanager
+def unchanged_process() -> Iterator[None]:
+    """What a command leaves behind in its process, which is meant to end with it, is put right."""
+    logger = logging.getLogger("sgslam")
+    before = logger.handlers, logger.level, logging.raiseExceptions
+    yield
+    for handler in set(logger.handlers) - set(before[0]):
+        handler.close()
+    logger.handlers, logger.level, logging.raiseExceptions = before
+    gc.unfreeze()
+
+
+@pytest.fixture
+def place(material: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The current folder is one of its own that holds the material."""
+    for path in material.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    (tmp_path / "out").unlink()
+    shutil.copytree(material / "out", tmp_path / "out")
+    monkeypatch.chdir(tmp_path)
+    with unchanged_process():
+        yield
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if any(blocks(p))], ids=name)
+def test_every_snippet_of_the_page_runs(page: Path, place: None) -> None:
+    """In order, in one folder; Python knows the names of the blocks before, and `scans`."""
+    names = {"__name__": "snippet", "scans": small_drive().scans}
+    for block in blocks(page):
+        assert block.language in (*KNOWN, ""), f"{block}: language '{block.language}'"
+        try:
+            if block.not_run is None:
+                run(block, names)
+            else:
+                check_form(block)
+        except (Exception, SystemExit) as error:
+            raise AssertionError(f"{block}: {type(error).__name__}: {error}") from error
+
+
+def test_what_is_not_run_has_a_reason_and_its_form_is_checked(tmp_path: Path) -> None:
+    def block(text: str) -> Block:
+        return Block(ROOT / "README.md", 1, "bash", text, not_run="a test")
+
+    check_form(block("pip install sgslam && sgslam run --demo"))
+    for wrong in ("sgslam run --no-such-option", "sgslam simulate --bim", "if true", "python examples/none.py"):
+        with pytest.raises((AssertionError, pytest.fail.Exception)):
+            check_form(block(wrong))
+
+
+def test_yaml_is_yaml_and_a_list_of_sequences_is_one(tmp_path: Path) -> None:
+    for page in PAGES:
+        for block in blocks(page):
+            if block.language == "yaml":
+                value = yaml.safe_load(block.text)
+                if isinstance(value, list):
+                    (tmp_path / "list.yaml").write_text(block.text)
+                    assert read_specs(tmp_path / "list.yaml"), block
+
+
+def test_the_table_of_parameters_is_todays() -> None:
+    page = parameters_page(Config())
+    assert (DOCS / "parameters.md").read_text() == page, "sgslam dump-config --markdown --out docs/parameters.md"
+    assert not re.findall(r"^\|.*\|  \|$", page, re.MULTILINE), "a setting whose description does not say what it is"
+
+
+def test_pictures_are_there_and_small_and_links_lead_somewhere() -> None:
+    for page in (*PAGES, *(ROOT / included for included in INCLUDED)):
+        text = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        for target in re.findall(r"\]\(([^)#\s]+)[^)]*\)", text):
+            assert "://" in target or (page.parent / target).is_file(), f"{name(page)}: {target}"
+    for picture in (DOCS / "pictures").iterdir():
+        assert picture.stat().st_size < PICTURE_BYTES, picture.name
+        assert any(f"pictures/{picture.name}" in page.read_text() for page in PAGES), f"{picture.name} is not shown"
+
+
+@pytest.mark.skipif(find_spec("zensical") is None, reason="zensical, which builds the site, is not installed")
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    for part in ("mkdocs.yml", *INCLUDED):
+        shutil.copy(ROOT / part, tmp_path)
+    shutil.copytree(DOCS, tmp_path / "docs")
+    done = subprocess.run(
+        [sys.executable, "-m", "zensical", "build", "--strict"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    nav = [page for entry in yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"] for page in entry.values()]
+    assert sorted(nav) == sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md"))
+    for page in nav:
+        built = tmp_path / "site" / ("index.html" if page == "index.md" else f"{page.removesuffix('.md')}/index.html")
+        html = built.read_text()
+        assert "--8&lt;--" not in html and "--8<--" not in html, page
+        for source in re.findall(r'<img[^>]* src="([^":]+)"', html):
+            assert (built.parent / source).is_file(), f"{page}: {source}"
