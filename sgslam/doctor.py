@@ -27,6 +27,7 @@ EXTRAS = {
     "mesh": "COLLADA meshes of buildings",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data by several machines",
+    "docs": "the documentation as a site",
     "dev": "the tests",
 }
 

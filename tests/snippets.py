@@ -147,7 +147,7 @@ def _called(words: list[str]) -> int | str | None:
         sys.argv = before
 
 
-class _Parsed(Exception):
+class _ParsedError(Exception):
     """The arguments are well; nothing else is done."""
 
 
@@ -156,16 +156,16 @@ def _parsed(words: list[str]) -> None:
         with pytest.MonkeyPatch.context() as within:
             within.setattr(Parser, "parse_known_args", argparse.ArgumentParser.parse_known_args)
             argparse.ArgumentParser.parse_args(parser, *given, **named)
-        raise _Parsed
+        raise _ParsedError
 
     def parse_known(parser: argparse.ArgumentParser, *given: Any, **named: Any) -> None:
         argparse.ArgumentParser.parse_known_args(parser, *given, **named)
-        raise _Parsed
+        raise _ParsedError
 
     if not words[0].startswith("-") and Path(words[0]).name != "sgslam":
         assert (ROOT / words[0]).is_file(), words[0]
         return
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(_Parsed):
+    with pytest.MonkeyPatch.context() as patch, pytest.raises(_ParsedError):
         patch.setattr(Parser, "parse_args", parse)
         patch.setattr(Parser, "parse_known_args", parse_known)
         _called(words)

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from drives import small_drive
 from small_ifc import write_small_ifc
-from snippets import KNOWN, ROOT, Block, blocks, check_form, run
+from snippets import KNOWN, ROOT, Block, blocks, call, check_form, run
 
 from data.demo_building import write_demo_building
 from evaluation.sequences import read_specs
@@ -47,6 +47,9 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "SCANS").symlink_to("scans")
     (folder / "my_network").symlink_to(ROOT / "matching/weights")
     (folder / "BUILDING.ifc").symlink_to("building.ifc")
+    with pytest.MonkeyPatch.context() as patch, unchanged_process():
+        patch.chdir(folder)
+        call("sgslam run --scan-dir scans --bim building.ifc --out out")
     return folder
 
 
@@ -130,9 +133,8 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     for part in ("mkdocs.yml", *INCLUDED):
         shutil.copy(ROOT / part, tmp_path)
     shutil.copytree(DOCS, tmp_path / "docs")
-    done = subprocess.run(
-        [sys.executable, "-m", "zensical", "build", "--strict"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, "-m", "zensical", "build", "--strict"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     nav = [page for entry in yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"] for page in entry.values()]
     assert sorted(nav) == sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md"))
