@@ -15,7 +15,7 @@ from sgslam.config import Config
 from sgslam.floors import FloorMap, Floors
 from sgslam.frames import inverse
 from sgslam.holding import Holding
-from sgslam.matcher_protocol import AnyMatcher
+from sgslam.matcher_protocol import AnyMatcher, Match
 from sgslam.scene import Scene
 from sgslam.storey_hypotheses import Assignment, assignments, joint
 
@@ -61,9 +61,19 @@ class BuildingAnchoring:
             self.of(number).restore(told)
 
     @property
+    def a_graph(self) -> SceneGraph:
+        """The whole plan, BIM frame."""
+        return self._a
+
+    @property
     def committed(self) -> Anchoring | None:
         """The anchoring of the floor that the others hang on: one that a match was committed to; None before that."""
         return self._leading or next((own for own in self._of.values() if own.committed is not None), None)
+
+    @property
+    def newest(self) -> dict[int, Match]:
+        """The matcher's newest answer for each floor that it was asked about."""
+        return {number: own.match for number, own in self._of.items() if own.match is not None}
 
     @property
     def records(self) -> tuple[AnchorRecord, ...]:

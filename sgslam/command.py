@@ -24,6 +24,7 @@ class Command:
 
 COMMANDS = {
     "run": Command("sgslam.run", "scans and a building's plan in, a trajectory in building coordinates out"),
+    "view": Command("sgslam.view", "finished runs as a page in the browser"),
     "match": Command("matching.match", "finds where a map's scene graph lies in a plan's"),
     "inspect-bim": Command("sgslam.inspect_bim", "what a plan lacks, where it is its own twin, rooms to see"),
     "export": Command("sgslam.export", "a finished run in the forms that other programs read"),

@@ -25,6 +25,7 @@ EXTRAS = {
     "dxf": "DXF drawings as plans",
     "scans": "LAS, LAZ and E57 scans",
     "mesh": "COLLADA meshes of buildings",
+    "view": "runs as a page in the browser",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data by several machines",
     "docs": "the documentation as a site",

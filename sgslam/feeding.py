@@ -3,12 +3,12 @@
 import logging
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
 from types import FrameType
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,10 @@ from data import UserError
 from data.scans import ScanSource
 from sgslam.checkpoints import Checkpoints
 from sgslam.odometry_given import GivenOdometry
+from sgslam.result import Update
 from sgslam.slam import SceneGraphSlam
+
+Onlooker: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
 
 
 @dataclass
@@ -68,10 +71,11 @@ def interruptible() -> Iterator[Interruption]:
 
 def feed(
     slam: SceneGraphSlam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
-    given: GivenOdometry | None = None,
+    given: GivenOdometry | None = None, onlooker: Onlooker | None = None,
 ) -> str | None:  # fmt: skip
     """Feeds the scans after those that `progress` tells of, and keeps it up to date; returns why it had to stop early,
-    if it had. Raises UserError where not even one could be fed, KeyboardInterrupt where the user could not wait."""
+    if it had. The `onlooker` is told of each scan right after it. Raises UserError where not even one could be fed,
+    KeyboardInterrupt where the user could not wait."""
     from rich.console import Console
     from rich.progress import Progress as Bar
 
@@ -90,7 +94,9 @@ def feed(
                 if not progress.fed:
                     _doubt_units(scan.points)
                 T_odom_sensor = scan.T_odom_sensor if given is None else given.at(scan.stamp_ns)
-                slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
+                update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
+                if onlooker is not None:
+                    onlooker(slam, update, scan.points)
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
                 began = perf_counter()

@@ -3,6 +3,7 @@
 from typing import Any, Protocol
 
 from data import SceneGraph
+from sgslam.config import Config
 
 
 class Match(Protocol):
@@ -49,3 +50,10 @@ class AnyMatcher(Protocol):
     def match(self, s: SceneGraph, a: SceneGraph) -> Match:
         """Returns rooms and wall surfaces that correspond, or says that none or several answers fit."""
         ...
+
+
+def default_matcher(config: Config) -> AnyMatcher:
+    """The one that the settings name."""
+    from matching import Matcher  # here, because the network's library is slow to load
+
+    return Matcher.load(config.matching.method)

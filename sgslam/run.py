@@ -40,6 +40,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.keyframe_clouds import FILE as CLOUDS
     from sgslam.keyframe_clouds import KeyframeClouds
     from sgslam.known_map import KnownMap
+    from sgslam.live_view import LiveView, open_page
     from sgslam.odometry_choice import choose
     from sgslam.output import prepare_folder, save_result
     from sgslam.resuming import take_up, told_by
@@ -48,6 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.slam import SceneGraphSlam
 
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads only wait for each other
+    page = None if options.view is None else open_page(options.view)
     before = None if options.resume is None else take_up(options)
     if before is None or options.config is not None or options.set:
         config = load_config(options.config, options.set)
@@ -104,7 +106,8 @@ def main(arguments: list[str] | None = None) -> int:
     log = logging.getLogger("sgslam")
     log.info("%d scans in %s; building: %s", len(scans), scans.path, options.bim or "none")
     gc.freeze()  # what is loaded now stays: it need not be searched for garbage again and again
-    broken = feed(slam, scans, progress, checkpoints, given)
+    view = None if page is None else LiveView(page, a_graph, truth)
+    broken = feed(slam, scans, progress, checkpoints, given, None if view is None else view.tell)
     seconds |= progress.seconds
     for skipped in scans.skipped:
         log.warning("%s is skipped: %s", skipped.name, skipped.reason)
@@ -130,6 +133,8 @@ def main(arguments: list[str] | None = None) -> int:
         raise UserError(f"{broken}; what was computed up to there is in {out}{how}")
     checkpoints.write(slam, progress.to_dict(), finished=True)
     _show(metrics, out)
+    if view is not None:
+        view.stay(out)
     return 0
 
 
@@ -152,6 +157,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--resume", type=Path, metavar="DIR", help="go on with the run of that --out folder, which was broken off")
     add("--demo", action="store_true", help="make a building, drive through it, and run on that; needs nothing else")
     add("--seed", type=int, default=0, metavar="N", help="of the demo's drive")
+    add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser, until Ctrl-C")
     add("--verbose", action="store_true", help="tell what happens")
     return parser
 

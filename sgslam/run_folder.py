@@ -1,7 +1,7 @@
 """A finished run read back from its folder, and what it saw in the frame of its `trajectory.tum`."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ _HEIGHT = 2.5  # m, of a wall whose height nobody told
 @dataclass(frozen=True, eq=False)
 class RunFolder:
     """`s_graph` is in the map frame, `a_graph` (None where no plan was given) in the BIM frame; `T_bim_map` (4, 4) is
-    None where the run was not anchored. `matches` and `deviations` have the forms of their files."""
+    None where the run was not anchored. `matches`, `deviations` and `metrics` have the forms of their files."""
 
     path: Path
     s_graph: SceneGraph
@@ -28,6 +28,7 @@ class RunFolder:
     T_bim_map: Floats | None
     matches: dict[str, Any]
     deviations: list[dict[str, Any]]
+    metrics: dict[str, Any] = field(default_factory=dict)
 
     @staticmethod
     def read(path: Path) -> "RunFolder":
@@ -45,7 +46,7 @@ class RunFolder:
             raise UserError(f"{path}: no run's folder ({what}); give a run's --out") from None
         plan = path / "a_graph.json"
         a_graph = SceneGraph.load(plan) if plan.is_file() else None
-        run = RunFolder(path, SceneGraph.load(path / "s_graph.json"), a_graph, T_bim_map, matches, deviations)
+        run = RunFolder(path, SceneGraph.load(path / "s_graph.json"), a_graph, T_bim_map, matches, deviations, metrics)
         try:
             _ = run.keyframe_poses
         except (TypeError, ValueError):

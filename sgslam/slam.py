@@ -26,10 +26,11 @@ from sgslam.known_map import KnownMap, plan_of
 from sgslam.leaps import Doubted, LeapWatch, all_fit
 from sgslam.locating import Locator
 from sgslam.loops import LoopCloser
-from sgslam.matcher_protocol import AnyMatcher
+from sgslam.matcher_protocol import AnyMatcher, default_matcher
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.result import Result, Returned, ScanPose, Update, finished
 from sgslam.scan_input import checked_scan
+from sgslam.snapshot import Snapshot, taken
 from sgslam.storey_hypotheses import floor_named
 
 Floats = NDArray[np.float64]
@@ -246,6 +247,10 @@ class SceneGraphSlam:
         scenes = [self._floors.cut(floor, self._backend) for floor in self._floors.maps]
         return self._floors.graph(self._backend.keyframes, scenes)
 
+    def snapshot(self) -> Snapshot:
+        """What is known now, for those who look on; raises ValueError before the first scan."""
+        return taken(self._backend, self._floors, self._anchoring, self.clouds)
+
     def finish(self) -> Result:
         """Matches and optimises a last time; raises UserError where no scan was added."""
         if not self._scans:
@@ -298,7 +303,7 @@ class SceneGraphSlam:
         if plan is None:
             return None
         start = self._start if self._known is None else None  # a known map has floors of its own
-        return BuildingAnchoring(plan, self._matcher or _default_matcher(self._config), self._config, start)
+        return BuildingAnchoring(plan, self._matcher or default_matcher(self._config), self._config, start)
 
     def _add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with what can be seen in its points."""
@@ -390,9 +395,3 @@ class SceneGraphSlam:
         began = perf_counter()
         yield
         self.seconds[stage] += perf_counter() - began
-
-
-def _default_matcher(config: Config) -> AnyMatcher:
-    from matching import Matcher
-
-    return Matcher.load(config.matching.method)

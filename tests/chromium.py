@@ -1,11 +1,13 @@
-"""A headless Chromium on a page from disk, spoken to in the DevTools protocol over pipes."""
+"""A headless Chromium on a page, spoken to in the DevTools protocol over pipes."""
 
+import base64
 import json
 import os
 import select
 import shutil
 import subprocess
 from pathlib import Path
+from time import monotonic, sleep
 from types import TracebackType
 from typing import Any
 
@@ -17,16 +19,21 @@ FLAGS = (
 )  # fmt: skip
 
 
-class Chromium:
-    """One page; `complaints` holds what the browser says on its console: errors, and what the page's policy forbids."""
+WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")  # drawn without a GPU
 
-    def __init__(self, page: Path, profile: Path, size: tuple[int, int] = (1240, 900)) -> None:
+
+class Chromium:
+    """One page, a file's or (by its URL) a server's; `complaints` holds what the browser says on its console: errors,
+    and what the page's policy forbids."""
+
+    def __init__(self, page: Path | str, profile: Path, size: tuple[int, int] = (1240, 900)) -> None:
         assert COMMAND is not None
         to_browser, commands = os.pipe()
         answers, from_browser = os.pipe()
         # the protocol is read from descriptor 3 and written to 4
         shell = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
-        command = ["bash", "-c", shell, "bash", COMMAND, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        command = ["bash", "-c", shell, "bash", COMMAND, *FLAGS, *(WEBGL if isinstance(page, str) else ()),
+                   f"--user-data-dir={profile}", "about:blank"]  # fmt: skip
         self._process = subprocess.Popen(command, pass_fds=(to_browser, from_browser), stderr=subprocess.DEVNULL)
         os.close(to_browser)
         os.close(from_browser)
@@ -41,7 +48,7 @@ class Chromium:
             self.call(f"{domain}.enable")
         width, height = size
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
-        self.call("Page.navigate", url=page.resolve().as_uri())
+        self.call("Page.navigate", url=page if isinstance(page, str) else page.resolve().as_uri())
         while not any(e["method"] == "Page.loadEventFired" for e in self.events):
             self._read()
         self.settle()
@@ -64,6 +71,17 @@ class Chromium:
         found = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in found, found
         return found["result"].get("value")
+
+    def wait_for(self, expression: str) -> None:
+        """Waits until a JavaScript expression is true."""
+        end = monotonic() + PATIENCE_S
+        while not self.evaluate(expression):
+            assert monotonic() < end, f"it does not come: {expression}"
+            sleep(0.05)
+
+    def picture(self) -> bytes:
+        """What the window shows, as PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
     def settle(self) -> None:
         """Waits for two frames, in which everything that was asked for is drawn."""

@@ -1,0 +1,265 @@
+"""A run as a page in the browser: what it shows is where it belongs, and the run is the same as without it."""
+
+import dataclasses
+import functools
+import io
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import chromium
+import numpy as np
+import pytest
+from boxes import Array
+from chromium import Chromium
+from drives import fed, small_drive
+from PIL import Image
+from report_samples import sample
+
+from data.errors import UserError
+from sgslam import live_view
+from sgslam.finished_view import FinishedRun, FinishedView
+from sgslam.frames import transform_points
+from sgslam.live_view import LiveView
+from sgslam.result import Result
+from sgslam.slam import SceneGraphSlam
+from sgslam.view import main
+from sgslam.view_page import Page, address
+from sgslam.view_panel import hypothesis_table
+
+pytestmark = pytest.mark.skipif(find_spec("viser") is None, reason="viser is not installed (extra view)")
+ANY = ("127.0.0.1", 0)
+
+
+@functools.cache
+def small_result() -> Result:
+    return fed(SceneGraphSlam(small_drive().bim), small_drive().scans).finish()
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    opened = Page(ANY)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of an anchored run in a building kilometres from zero, with the truth told."""
+    folder = tmp_path_factory.mktemp("view") / "run"
+    small_result().save(folder)
+    small_drive().truth.write_tum(folder / "truth.tum")
+    return folder
+
+
+@dataclasses.dataclass
+class Looked:
+    """A run that was looked at: its result, and what the page said and showed on the way."""
+
+    result: Result
+    headings: list[str]
+    walls: Array
+    errors: tuple[Array, ...]
+    names: frozenset[str]
+
+
+@pytest.fixture(scope="module")
+def looked() -> Iterator[Looked]:
+    drive, opened, patch = small_drive(), Page(ANY), pytest.MonkeyPatch()
+    patch.setattr(live_view, "EVERY_S", 0.0)
+    patch.setattr(live_view, "SHARE", 0.5)
+    view = LiveView(opened, drive.bim.graph, drive.truth)
+    slam, headings = SceneGraphSlam(drive.bim), []
+    for k, (stamp_ns, points) in enumerate(drive.scans):
+        view.tell(slam, slam.add_scan(stamp_ns, points), points)
+        if k % 40 == 0:
+            headings.append(str(view._panel.status.content))
+    view.stop()
+    walls = transform_points(_pose(opened["/map"]), opened["/map/floor-0/walls/matched-feet"].points) + opened.origin
+    chart = view._panel._chart.data
+    yield Looked(slam.finish(), headings, walls, chart, opened.names)
+    opened.close()
+    patch.undo()
+
+
+def _pose(handle: Any) -> Array:
+    import viser.transforms as vt
+
+    return np.asarray(vt.SE3.from_rotation_and_translation(vt.SO3(handle.wxyz), handle.position).as_matrix())
+
+
+def test_a_run_that_is_looked_at_is_the_same(looked: Looked) -> None:
+    seen, alone = looked.result, small_result()
+    for name in ("trajectory", "trajectory_map", "trajectory_odometry"):
+        assert getattr(seen, name).poses.tobytes() == getattr(alone, name).poses.tobytes()
+    assert seen.s_graph == alone.s_graph and seen.deviations == alone.deviations and seen.anchors == alone.anchors
+    assert seen.factors.events == alone.factors.events
+
+
+def test_the_page_follows_the_run(looked: Looked) -> None:
+    assert "Not anchored yet" in looked.headings[1] + looked.headings[2]
+    assert any("Anchored, on Ground" in heading for heading in looked.headings)
+    assert {"/plan/Ground/plan/walls", "/map/floor-0/rooms/outlines", "/matches/floor-0", "/map/scan"} <= looked.names
+    assert {"/map/floor-0/trajectory/way", "/map/sensor", "/truth"} <= looked.names
+    assert sum(name.startswith("/map/floor-0/scans/k") for name in looked.names) > 5
+
+
+def test_matched_walls_are_drawn_at_planned_ones(looked: Looked) -> None:
+    plan = small_drive().bim.graph
+    planned = np.array([(*w.normal, -np.dot(w.normal, w.centroid)) for w in plan.wall_surfaces])
+    off = np.abs(looked.walls[:, :, :2] @ planned[:, :2].T + planned[:, 2])
+    assert len(looked.walls) > 6 and off.max(axis=1).min(axis=1).max() < 0.1
+    assert np.abs(looked.walls[..., 2] - 43.0).max() < 0.2  # the floor's height
+
+
+def test_the_error_falls_once_the_map_has_its_place(looked: Looked) -> None:
+    seconds, came, known = looked.errors
+    assert np.all(np.diff(seconds) > 0) and np.nanmax(came) < 0.5
+    assert np.sqrt(np.nanmean(known**2)) < 0.02
+
+
+def test_without_a_plan_the_map_is_shown_as_it_grows(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_view, "EVERY_S", 0.0)
+    view, slam = LiveView(page), SceneGraphSlam()
+    for stamp_ns, points in small_drive().scans[:30]:
+        view.tell(slam, slam.add_scan(stamp_ns, points), points)
+    view.stop()
+    assert "No plan was given" in view._panel.status.content
+    assert {"/map/floor-0/walls/unmatched", "/map/floor-0/scans/k0"} <= page.names
+
+
+def test_a_page_that_cannot_be_drawn_does_not_end_the_run(
+    page: Page, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    view, slam = LiveView(page), SceneGraphSlam()
+    monkeypatch.setattr(page, "lines", lambda *_, **__: 1 / 0)
+    for stamp_ns, points in small_drive().scans[:5]:
+        view.tell(slam, slam.add_scan(stamp_ns, points), points)
+    view.stop()
+    assert "stands still: ZeroDivisionError" in caplog.text
+
+
+def test_a_finished_run_is_played(page: Page, out: Path) -> None:
+    run = FinishedRun(out, small_drive().truth)
+    view = FinishedView(page, [run])
+    clouds = [name for name in page.names if "/scans/k" in name]
+    assert clouds and all(page[name].visible for name in clouds)
+    end = np.array(page["/map/sensor"].position)
+    view.go_to(5.0)
+    scan = int(np.searchsorted(run.trajectory_map.stamps_ns - run.trajectory_map.stamps_ns[0], 5e9))
+    assert np.allclose(page["/map/sensor"].position, run.trajectory_map.positions[scan], atol=0.05)
+    assert not np.allclose(page["/map/sensor"].position, end, atol=0.05)
+    assert 0 < sum(page[name].visible for name in clouds) < len(clouds)
+    T = _pose(page["/map"])
+    T[:3, 3] += page.origin
+    assert np.allclose(T, run.folder.T_bim_map, atol=1e-3)
+
+
+def test_storeys_and_layers_are_switched(page: Page, sampled: Path) -> None:
+    view = FinishedView(page, [FinishedRun(sampled)])
+    assert view.scene.storeys == {"F0": "Storey 0", "F1": "Storey 1"}
+    view.scene.choose("F0")
+    assert page["/plan/Storey 0"].visible and not page["/plan/Storey 1"].visible
+    assert not page["/map/floor-0"].visible and not page["/matches/floor-0"].visible
+    view.scene.choose("F1")
+    assert not page["/plan/Storey 0"].visible and page["/map/floor-0"].visible
+    view.scene.show_layer("rooms", False)
+    assert not page["/map/floor-0/rooms"].visible and not page["/plan/Storey 1/rooms"].visible
+    assert page["/map/floor-0/walls"].visible
+
+
+def test_a_matched_room_has_one_colour_and_lines_lead_to_the_plan(page: Page, sampled: Path) -> None:
+    run = FinishedRun(sampled)
+    view = FinishedView(page, [run])
+    areas = {n.rpartition("/")[2]: tuple(page[n].color) for n in page.names if n.startswith("/map/floor-0/rooms/areas")}
+    planned = {n.rpartition("/")[2]: tuple(page[n].color) for n in page.names if "Storey 1/rooms/areas" in n}
+    assert areas == planned and len(areas) > 4
+    flat = page["/matches/floor-0"].points.copy()
+    assert len(flat) == len(run.folder.matches["wall_surfaces"])
+    view._panel._lift(3.0)
+    lifted = page["/matches/floor-0"].points
+    assert np.allclose(lifted[:, 0] - flat[:, 0], [0, 0, 3], atol=1e-4) and np.array_equal(lifted[:, 1], flat[:, 1])
+
+
+def test_several_runs_are_shown_one_at_a_time(page: Page, sampled: Path, out: Path) -> None:
+    view = FinishedView(page, [FinishedRun(sampled), FinishedRun(out)])
+    assert "/plan/Storey 0" in page.names
+    view.show(view.runs[1])
+    assert "/plan/Ground" in page.names and "/plan/Storey 0" not in page.names
+    assert view._panel.storey.options == ("all storeys", "Ground")
+
+
+def test_places_that_are_possible_are_listed_with_their_shares(page: Page, sampled: Path) -> None:
+    for name, value in (("metrics", {"T_bim_map": None}), ("matches", {"status": "ambiguous"})):
+        told = json.loads((sampled / f"{name}.json").read_text())
+        (sampled / f"{name}.json").write_text(json.dumps(told | value))
+    run = FinishedRun(sampled)
+    FinishedView(page, [run])
+    table = hypothesis_table(run.now, {"F0": "Storey 0", "F1": "Storey 1"})
+    assert "| 65 % | Storey 1 | 31.5 |" in table and "| 35 % | Storey 0 | 30.9 |" in table  # by exp(0.6) to 1
+    assert {"/hypotheses/1", "/hypotheses/2"} <= page.names and "/hypotheses/3" not in page.names
+    plan = np.array([w.centroid for w in run.folder.a_graph.wall_surfaces])
+    beside = _pose(page["/map"]) @ np.append(run.now.poses[0][:3, 3], 1.0)
+    assert beside[0] + page.origin[0] > plan[:, 0].max()
+
+
+@pytest.fixture
+def sampled(tmp_path: Path) -> Path:
+    """The folder of an anchored run on the upper of two storeys, as far as it is read."""
+    data, folder = sample(), tmp_path / "sampled"
+    folder.mkdir()
+    assert data.a_graph is not None
+    data.a_graph.save(folder / "a_graph.json")
+    data.s_graph.save(folder / "s_graph.json")
+    data.trajectory_map.write_tum(folder / "trajectory_map.tum")
+    data.trajectory_odometry.write_tum(folder / "trajectory_odometry.tum")
+    for name in ("matches", "metrics", "deviations"):
+        (folder / f"{name}.json").write_text(json.dumps(getattr(data, name)))
+    return folder
+
+
+@pytest.mark.skipif(chromium.COMMAND is None, reason="chromium is not installed")
+def test_the_page_in_a_browser(out: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sgslam.view", str(out), "--ground-truth", str(out / "truth.tum"), "--at", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            url = process.stdout.readline().split()[1]
+            with Chromium(url, tmp_path / "profile", (900, 600)) as browser:
+                browser.wait_for("document.body.innerText.includes('Anchored')")
+                end = time.monotonic() + chromium.PATIENCE_S
+                while colours(browser.picture()) < 200:
+                    assert time.monotonic() < end, "nothing is drawn"
+                assert not [c for c in browser.complaints if '"error"' in c or "exceptionDetails" in c]
+        finally:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+
+
+def colours(png: bytes) -> int:
+    """How many colours the left part of a picture has, where no panel is."""
+    image = Image.open(io.BytesIO(png)).convert("RGB")
+    return len(set(image.crop((0, 200, image.width // 2, image.height)).getdata()))
+
+
+def test_mistakes_are_told_in_one_line(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UserError, match="no run's folder"):
+        main([str(tmp_path)])
+    with pytest.raises(UserError, match="is no port"):
+        main([str(out), "--at", "here"])
+    with socket.socket() as taken:
+        taken.bind(ANY)
+        taken.listen()
+        with pytest.raises(UserError, match=r"cannot be listened on .*give another port"):
+            main([str(out), "--at", str(taken.getsockname()[1])])
+    monkeypatch.setitem(sys.modules, "viser", None)
+    with pytest.raises(UserError, match=r"pip install 'sgslam\[view\]'"):
+        main([str(out)])
+    assert address("0.0.0.0:80") == ("0.0.0.0", 80)
