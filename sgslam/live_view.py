@@ -89,6 +89,8 @@ class LiveView:
             except Exception as error:  # whatever it is, the run is not to end of it
                 _log.warning("the page in the browser stands still: %s: %s", type(error).__name__, error)
                 return
+            finally:
+                self._moments.task_done()
             if self._ended.wait((perf_counter() - began) * (1 / SHARE - 1)):
                 return
 
@@ -113,6 +115,10 @@ class LiveView:
         here = now.storeys.get(now.floors[-1] or "")
         on = f", on {self._scene.storeys.get(here, here)}" if here is not None else ""
         return f"Anchored{on}"
+
+    def wait(self) -> None:
+        """Until what was told is drawn."""
+        self._moments.join()
 
     def stop(self) -> None:
         """Draws nothing more."""
