@@ -140,7 +140,7 @@ class FinishedView:
         if len(runs) > 1:
             chosen = gui.add_dropdown("run", names, initial_value=names[0])
             chosen.on_update(lambda _: self.show(runs[names.index(chosen.value)]))
-        self._panel = Panel(page, self.scene)
+        self.panel = Panel(page, self.scene)
         with gui.add_folder("time"):
             self.slider = gui.add_slider("seconds", 0.0, 1.0, 0.1, 0.0)
             self._play = gui.add_button("play")
@@ -161,8 +161,8 @@ class FinishedView:
             for number, earlier in enumerate(run.earlier, 1):
                 self.page.lines(f"/map/earlier/run{number}", path_lines(earlier.positions), EARLIER, 2.0)
             anchored = run.folder.T_bim_map is not None
-            self._panel.tell(run.now, "Anchored" if anchored else "Not anchored", run.facts())
-            self._panel.draw_errors(*run.errors())
+            self.panel.tell(run.now, "Anchored" if anchored else "Not anchored", run.facts())
+            self.panel.draw_errors(*run.errors())
             end = self._seconds(len(run.trajectory_map) - 1)
             self.slider.max, self.slider.step = max(end, 0.1), max(end / MOST_STEPS, 0.01)
             self.slider.value = end

@@ -50,7 +50,7 @@ class LiveView:
     def __init__(self, page: Page, plan: SceneGraph | None = None, truth: Trajectory | None = None) -> None:
         self.page = page
         self._scene, self._truth = RunScene(page), truth
-        self._panel = Panel(page, self._scene)
+        self.panel = Panel(page, self._scene)
         self._errors = None if truth is None else LiveErrors(truth)
         self._scans, self._due, self._cut_due = 0, 0.0, 0.0
         self._cut: SceneGraph | None = None
@@ -103,9 +103,9 @@ class LiveView:
         facts.append(f"{rooms} rooms, {sum(len(g.wall_surfaces) for g in now.graphs)} wall surfaces")
         if self._errors is not None:
             seconds, lines = self._errors.lines(now.stamps_ns, now.poses, moment.T_bim_map)
-            self._panel.draw_errors(seconds, lines)
+            self.panel.draw_errors(seconds, lines)
             facts.append(f"error of the way: {metres(rms(lines[KNOWN]))} RMS" if KNOWN in lines else "")
-        self._panel.tell(now, self._heading(now), facts)
+        self.panel.tell(now, self._heading(now), facts)
 
     def _heading(self, now: Snapshot) -> str:
         if now.plan is None:

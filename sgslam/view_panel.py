@@ -30,13 +30,13 @@ class Panel:
         with gui.add_folder("places that the map may have", visible=False) as self._places:
             self._hypotheses = gui.add_markdown("")
         with gui.add_folder("error against the truth (m)", visible=False) as self._errors:
-            self._chart: Any = None
+            self.chart: Any = None
         with gui.add_folder("shown", expand_by_default=False):
             for layer, text in LAYERS.items():
                 self._switch(layer, text)
-            lift = gui.add_slider("map over plan (m)", 0.0, HIGHEST, 0.1, 0.0)
+            self.lift = gui.add_slider("map over plan (m)", 0.0, HIGHEST, 0.1, 0.0)
         self.storey.on_update(lambda _: self._choose())
-        lift.on_update(lambda _: self._lift(float(lift.value)))
+        self.lift.on_update(lambda _: self.raise_map(float(self.lift.value)))
 
     def _switch(self, layer: str, text: str) -> None:
         box = self._page.server.gui.add_checkbox(text, True)
@@ -46,7 +46,8 @@ class Panel:
         of = {name: own for own, name in self._scene.storeys.items()}
         self._scene.choose(of.get(self.storey.value))
 
-    def _lift(self, metres: float) -> None:
+    def raise_map(self, metres: float) -> None:
+        """Holds the map so far over its place in the plan; the lines of the matches then lead down to it."""
         self._scene.lift = metres
         if self._now is not None:
             with self._page.at_once():
@@ -75,10 +76,10 @@ class Panel:
             return
         chosen = np.unique(np.linspace(0, len(seconds) - 1, min(len(seconds), SAMPLES)).round().astype(int))
         data = (seconds[chosen], *(np.maximum(line[chosen], SMALLEST_M) for line in lines.values()))
-        if self._chart is None:
+        if self.chart is None:
             self._errors.visible = True
             with self._errors:
-                self._chart = self._page.server.gui.add_uplot(
+                self.chart = self._page.server.gui.add_uplot(
                     data,
                     (
                         uplot.Series(label="seconds"),
@@ -88,7 +89,7 @@ class Panel:
                     aspect=1.6,
                 )
         else:
-            self._chart.data = data
+            self.chart.data = data
 
 
 def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:

@@ -198,8 +198,9 @@ class RunScene:
         if not len(everything):
             return
         low, high = everything.min(axis=0), everything.max(axis=0)
-        middle, size = (low + high) / 2, max(float(np.ptp(everything[:, :2], axis=0).max()), 4.0)
-        self.page.look(middle, middle + size * np.array([0.0, -0.55, 0.65]))
+        size = max(float((high - low)[:2].max()), 4.0)
+        middle = (low + high) / 2 + size * np.array([0.15, -0.05, 0.0])  # the panel covers the right
+        self.page.look(middle, middle + size * np.array([0.0, -0.5, 0.6]))
 
     def _draw_hypotheses(self, now: Snapshot) -> None:
         """The map's walls at each place that it may have, on the plan."""
@@ -216,8 +217,9 @@ class RunScene:
             self.page.lines(f"/hypotheses/{number + 1}", ends, rgb(ROOMS[number]), 4.0 - 0.7 * number)
 
     def choose(self, storey: str | None) -> None:
-        """Shows one storey alone, by its id, with what is mapped of it; all of them for None."""
+        """Shows one storey alone, by its id, with what is mapped of it; all of them, and the stairs, for None."""
         self._storey = storey
+        self.page.hide("/map/stairs", storey is not None)
         for own, called in self._storeys.items():
             self.page.hide(f"/plan/{called}", storey not in (None, own))
         for floor, own in self._of_floor.items():

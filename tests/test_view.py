@@ -81,10 +81,10 @@ def looked() -> Iterator[Looked]:
         view.tell(slam, slam.add_scan(stamp_ns, points), points)
         if k % 20 == 0:
             view.wait()
-            headings.append(str(view._panel.status.content))
+            headings.append(str(view.panel.status.content))
     view.stop()
     walls = transform_points(_pose(opened["/map"]), opened["/map/floor-0/walls/matched-feet"].points) + opened.origin
-    chart = view._panel._chart.data
+    chart = view.panel.chart.data
     yield Looked(slam.finish(), headings, walls, chart, opened.names)
     opened.close()
     patch.undo()
@@ -134,7 +134,7 @@ def test_without_a_plan_the_map_is_shown_as_it_grows(page: Page, monkeypatch: py
         view.tell(slam, slam.add_scan(stamp_ns, points), points)
         view.wait()
     view.stop()
-    assert "No plan was given" in view._panel.status.content
+    assert "No plan was given" in view.panel.status.content
     assert {"/map/floor-0/walls/unmatched", "/map/floor-0/scans/k0"} <= page.names
 
 
@@ -187,7 +187,7 @@ def test_a_matched_room_has_one_colour_and_lines_lead_to_the_plan(page: Page, sa
     assert areas == planned and len(areas) > 4
     flat = page["/matches/floor-0"].points.copy()
     assert len(flat) == len(run.folder.matches["wall_surfaces"])
-    view._panel._lift(3.0)
+    view.panel.raise_map(3.0)
     lifted = page["/matches/floor-0"].points
     assert np.allclose(lifted[:, 0] - flat[:, 0], [0, 0, 3], atol=1e-4) and np.array_equal(lifted[:, 1], flat[:, 1])
 
@@ -197,7 +197,7 @@ def test_several_runs_are_shown_one_at_a_time(page: Page, sampled: Path, out: Pa
     assert "/plan/Storey 0" in page.names
     view.show(view.runs[1])
     assert "/plan/Ground" in page.names and "/plan/Storey 0" not in page.names
-    assert view._panel.storey.options == ("all storeys", "Ground")
+    assert view.panel.storey.options == ("all storeys", "Ground")
 
 
 def test_places_that_are_possible_are_listed_with_their_shares(page: Page, sampled: Path) -> None:
