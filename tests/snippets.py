@@ -21,11 +21,11 @@ from typing import Any
 
 import pytest
 
+from data.build import PACKAGES
 from data.cli import Parser
 from sgslam import command
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("data", "matching", "factors", "sgslam", "evaluation")
 SHELL, PYTHON = ("bash", "sh"), ("python",)
 KNOWN = (*SHELL, *PYTHON, "yaml", "json", "text")
 _MARK = re.compile(r"<!-- (not run|file): (.+) -->")

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 import yaml
 from drives import small_drive
+from packaging.version import Version
 from small_ifc import write_small_ifc
 from snippets import KNOWN, ROOT, Block, blocks, call, check_form, run
 
@@ -116,6 +118,12 @@ def test_the_table_of_parameters_is_todays() -> None:
     page = parameters_page(Config())
     assert (DOCS / "parameters.md").read_text() == page, "sgslam dump-config --markdown --out docs/parameters.md"
     assert not re.findall(r"^\|.*\|  \|$", page, re.MULTILINE), "a setting whose description does not say what it is"
+
+
+def test_the_version_is_the_changelogs_newest() -> None:
+    told = re.findall(r"^## \[(\d+\.\d+\.\d+)\] - \d{4}-\d\d-\d\d$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert told == sorted(told, key=Version, reverse=True)
+    assert tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"] == told[0]
 
 
 def test_pictures_are_there_and_small_and_links_lead_somewhere() -> None:
