@@ -47,10 +47,12 @@ _TILT = 0.15  # rad that the sensor may lean on a stair
 
 @dataclass(frozen=True)
 class Arrival:
-    """On level ground, at the `height` (m) above `floor`; where that is None a new floor begins there."""
+    """On level ground, at the `height` (m) above `floor`; where that is None a new floor begins there. Where the floor
+    was known before, the climb has gained so many metres of `drift`."""
 
     floor: FloorMap | None
     height: float
+    drift: float = 0.0
 
 
 class Climb(Stateful):
@@ -220,14 +222,16 @@ class Climb(Stateful):
         nearest = min(known, key=lambda number: abs(known[number] - ground))
         above = ground - known[nearest]
         if abs(above) < _HOME + _DRIFT[0] * max(0.0, float(np.ptp(way[:, 2])) - _DRIFT[1]):
-            return Arrival(floors.maps[nearest], 0.0)
+            return Arrival(floors.maps[nearest], 0.0, above)
         if gone < _LEVEL_WAY:
             return None
         return Arrival(None, ground) if abs(above) > _STOREY else Arrival(floors.maps[nearest], above)
 
-    def end(self, ground: float) -> None:
-        """The robot is on level ground again, so high above its floor."""
-        self.active, self.ground, self._way, self._known = False, ground, [], None
+    def end(self, arrival: Arrival) -> None:
+        """The robot is on level ground again."""
+        self.active, self.ground, self._way = False, 0.0 if arrival.floor is None else arrival.height, []
+        if arrival.drift:  # so have the level surfaces that were seen on the stair
+            self._window, self._mapped, self._known = [], np.full(3, np.inf), None
 
 
 @compiled

@@ -30,10 +30,12 @@ _CLEARLY = 0.05  # of a scan's points by which one pose explains more than anoth
 
 @dataclass(frozen=True)
 class Located:
-    """T_odom_sensor and T_map_sensor (4, 4) of one scan."""
+    """T_odom_sensor and T_map_sensor (4, 4) of one scan; `T_map_landed` where it has come back to a floor that was
+    known, which shows how far heights have drifted: T_map_sensor without that."""
 
     T_odom_sensor: Floats
     T_map_sensor: Floats
+    T_map_landed: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,10 @@ class Locator(Stateful):
             _log.info("a new floor begins, %+.2f m from the one that was left", arrival.height)
         else:
             self._floors.current = arrival.floor
-        self._climb.end(arrival.height if arrival.floor is not None else 0.0)
+        if arrival.drift:
+            landed = inverse(T_level_map) @ raised(T_level_map @ T_map_sensor, -arrival.drift)
+            self._last = replace(self._last, T_map_landed=landed)
+        self._climb.end(arrival)
 
     def _best(self, scan: ColumnScan, last_map: Floats, foretold: Floats | None) -> Located:
         """By what was foretold where that is certain, else by the odometry, if it explains the scan as well."""

@@ -119,7 +119,10 @@ class SceneGraphSlam:
         since = np.eye(4) if not self._scans else inverse(self._backend.keyframes[-1].T_map_sensor) @ T_map_sensor
         keyframe = len(self._backend.keyframes) - 1
         self._scans.append(ScanPose(stamp_ns, T_odom_sensor, T_map_sensor, keyframe, since, offset_ns=offset_ns))
-        if self._rule.wants(T_map_sensor):
+        wanted = self._rule.wants(T_map_sensor)
+        if located.T_map_landed is not None:  # the step stays as measured: the drift is of all of the climb
+            self._scans[-1].T_map_sensor, wanted = located.T_map_landed, True
+        if wanted:
             self._add_keyframe(points)
         live = self._locator.live(self._scans[-1].T_map_sensor, offset_ns)
         return Update(stamp_ns, live, len(self._backend.keyframes), self.anchored)
