@@ -301,6 +301,9 @@ def test_weights_are_for_the_learned_method_alone(tmp_path: Path):
         Matcher.load("learned", weights=tmp_path / "nowhere.pt")
 
 
-def test_matching_is_imported_without_torch():
-    code = "import sys, matching, matching.match; matching.Matcher.load('voting'); assert 'torch' not in sys.modules"
+def test_matching_is_imported_without_torch_and_loaded_without_its_compiler():
+    code = (
+        "import sys, matching, matching.match; matching.Matcher.load('voting'); assert 'torch' not in sys.modules\n"
+        "matching.Matcher.load('learned'); assert 'torch' in sys.modules and 'torch._dynamo' not in sys.modules"
+    )
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
