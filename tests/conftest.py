@@ -11,6 +11,16 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # on small arrays more threads only wait for each other
+    os.environ.setdefault(_name, "1")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """IFC files are read once for all tests, by today's code: what the user's cache holds plays no part."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SGSLAM_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture(scope="session")

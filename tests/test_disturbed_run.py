@@ -1,14 +1,13 @@
 """A run on a bag with all that goes wrong in the field, by the command: it is told and survived."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from bag_files import NS, cloud, store, write_bag
+from commands import called
 from numpy.typing import NDArray
 
 from data.trajectory import Trajectory
@@ -24,11 +23,6 @@ def box_scan(x: float) -> NDArray[np.float32]:
     sides = ((d[:, 0], x, -3.0, 3.0), (d[:, 1], 0.0, -2.0, 2.0), (d[:, 2], 0.0, -1.0, 1.6))
     hits = np.stack([np.where(c > 0, (high - at) / c, (low - at) / c) for c, at, low, high in sides])
     return (d * hits.min(axis=0)[:, None]).astype(np.float32)
-
-
-def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "sgslam.run", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
 
 
 def disturbed(types: Any) -> list[tuple[int, Any]]:
@@ -51,7 +45,7 @@ def test_all_that_goes_wrong_is_told_and_survived(cut: bool, tmp_path: Path) -> 
     if cut:
         whole = bag.read_bytes()
         bag.write_bytes(whole[: int(0.97 * len(whole))])
-    done = run("--scan-dir", bag, "--out", tmp_path / "out")
+    done = called("sgslam.run", "--scan-dir", bag, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     log = (tmp_path / "out" / "run.log").read_text()
@@ -70,5 +64,6 @@ def test_all_that_goes_wrong_is_told_and_survived(cut: bool, tmp_path: Path) -> 
 def test_a_bag_of_nothing_but_bad_scans_is_refused(tmp_path: Path) -> None:
     types = store()
     messages = [(k * NS, cloud(types, np.full((9, 3), np.nan, np.float32), k * NS)) for k in range(1, 9)]
-    done = run("--scan-dir", write_bag(tmp_path / "nan", "mcap", {"/p": messages}), "--out", tmp_path / "out")
+    bag = write_bag(tmp_path / "nan", "mcap", {"/p": messages})
+    done = called("sgslam.run", "--scan-dir", bag, "--out", tmp_path / "out")
     assert done.returncode == 2 and "more than a fifth" in done.stderr.splitlines()[-1]

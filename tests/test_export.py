@@ -1,8 +1,6 @@
 """What a run found of the building, in the files that BIM viewers open: the IFC copy and the BCF topics."""
 
 import json
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ import ifcopenshell.util.placement
 import ifcopenshell.util.unit
 import numpy as np
 import pytest
+from commands import called
 from small_ifc import STOREY, write_small_ifc
 
 from data import Floor, SceneGraph, WallSurface
@@ -55,8 +54,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     pose = [3000.0, -2000.0, 41.0, 0.0, 0.0, np.sin(YAW / 2), np.cos(YAW / 2)]
     (out / "metrics.json").write_text(json.dumps({"T_bim_map": pose}))
     (out / "matches.json").write_text(json.dumps({"floor": moved.floor}))
-    words = [sys.executable, "-m", "sgslam.export", "--out", str(out), "--bim", str(building.path)]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    done = called("sgslam.export", "--out", out, "--bim", building.path)
     assert done.returncode == 0, done.stderr
     assert "3 walls" in done.stdout and "3 topics" in done.stdout
     return out, building.path

@@ -1,12 +1,11 @@
 """The odometries against their contract, and what is each one's own."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from boxes import Array, pose
+from commands import called
 from drives import small_drive
 from odometry_contract import OdometryContract, RegistrationContract, bow, off
 
@@ -153,11 +152,11 @@ def test_the_command_takes_a_file(tmp_path: Path) -> None:
     poses = inverse(drive.truth.poses[0]) @ drive.truth.poses[: count + 2]
     given = Trajectory(drive.truth.stamps_ns[: count + 2 : 2], poses[::2])
     given.write_tum(tmp_path / "given.tum")
-    command = [sys.executable, "-m", "sgslam.run", "--scan-dir", tmp_path / "scans", "--out", tmp_path / "out"]
-    done = subprocess.run([*command, "--odometry", tmp_path / "given.tum"], capture_output=True, text=True, check=False)
+    command = ("sgslam.run", "--scan-dir", tmp_path / "scans", "--out", tmp_path / "out")
+    done = called(*command, "--odometry", tmp_path / "given.tum")
     assert done.returncode == 0, done.stderr
     odometry = Trajectory.read_tum(tmp_path / "out" / "trajectory_odometry.tum")
     np.testing.assert_allclose(odometry.poses[::2], given.poses[: count // 2], atol=1e-6)
     Trajectory(given.stamps_ns[:2], given.poses[:2]).write_tum(tmp_path / "short.tum")
-    done = subprocess.run([*command, "--odometry", tmp_path / "short.tum"], capture_output=True, text=True, check=False)
+    done = called(*command, "--odometry", tmp_path / "short.tum")
     assert done.returncode == 2 and done.stderr.splitlines()[-1].startswith("error: ") and "covers" in done.stderr

@@ -8,15 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from commands import called
+from small_ifc import write_small_ifc
 
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from tests.small_ifc import write_small_ifc
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 
 
-def run(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return called("sgslam.run", *arguments)
+
+
+def process(*arguments: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """As `run`, in a process of its own."""
     command = [sys.executable, "-m", "sgslam.run", *map(str, arguments)]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, check=False)
 
@@ -34,7 +40,7 @@ def assert_refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
-    done = run("--demo", "--out", folder / "out", cwd=folder)
+    done = process("--demo", "--out", folder / "out", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == f"report: {folder / 'out' / 'report.html'}"
     return folder / "out"
@@ -143,7 +149,7 @@ def test_more_than_a_fifth_unreadable_is_refused_but_what_was_computed_is_there(
     folder = copied(scans, tmp_path)
     for i in (8, 9, 10, 11):
         (folder / f"{i}.npy").write_bytes(b"not numpy")
-    assert_refused(run("--scan-dir", folder, "--out", tmp_path / "out"), "fifth", str(tmp_path / "out"))
+    assert_refused(process("--scan-dir", folder, "--out", tmp_path / "out"), "fifth", str(tmp_path / "out"))
     assert len(Trajectory.read_tum(tmp_path / "out" / "trajectory.tum")) == 8
 
 
@@ -156,7 +162,7 @@ def copied(scans: Path, tmp_path: Path) -> Path:
 
 
 def test_mistakes_with_the_scans(scans: Path, tmp_path: Path) -> None:
-    assert_refused(run(), "--scan-dir")
+    assert_refused(process(), "--scan-dir")
     assert_refused(run("--scan-dir", tmp_path / "nowhere"), "nowhere")
     (tmp_path / "empty").mkdir()
     assert_refused(run("--scan-dir", tmp_path / "empty"), "empty")
