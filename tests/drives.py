@@ -56,6 +56,14 @@ def small_drive() -> Drive:
         return Drive(load_bim(building.path, folder / "cache"), scans, run.truth, building.rooms)
 
 
+@functools.cache
+def small_run(with_bim: bool) -> tuple[SceneGraphSlam, Result]:
+    """The whole drive, and what came of it, with the plan or without; for all who change nothing of it."""
+    drive = small_drive()
+    slam = fed(SceneGraphSlam(drive.bim if with_bim else None), drive.scans)
+    return slam, slam.finish()
+
+
 def fed(slam: SceneGraphSlam, scans: Iterable[tuple[int, Array]]) -> SceneGraphSlam:
     """The same, after all scans."""
     for stamp_ns, points in scans:

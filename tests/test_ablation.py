@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import called, refused
+from drives import SENSOR
 from small_ifc import STOREY, write_small_ifc
 
 from data.errors import UserError
@@ -30,7 +31,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:
     """A short drive as a user's own scans and truth."""
     folder = tmp_path_factory.mktemp("own")
     building = write_small_ifc(folder / "small.ifc")
-    simulate(building.path, STOREY, folder / "drive", seed=1, min_rooms=1, min_length=6.0)
+    simulate(building.path, STOREY, folder / "drive", seed=1, min_rooms=1, min_length=6.0, sensor=SENSOR)
     return SequenceSpec(
         "own", str(building.path), scans=str(folder / "drive" / "scans"), truth=str(folder / "drive" / "truth.tum")
     )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import fed, small_drive
+from drives import fed, small_drive, small_run
 from small_ifc import STOREY, write_small_ifc
 
 from data import WallSurface
@@ -160,7 +160,7 @@ def test_what_no_plan_shows_is_taken_from_the_plan(tmp_path: Path) -> None:
 
 def test_rooms_that_were_entered_and_have_no_match_are_told() -> None:
     drive = small_drive()
-    result = fed(SceneGraphSlam(drive.bim), drive.scans).finish()
+    _, result = small_run(with_bim=True)
     assert result.anchored and result.matches is not None
     data = ReportData(
         drive.bim.graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, None, result.T_bim_map,

@@ -1,11 +1,12 @@
 """A second run finds itself in the map of the first, wherever it starts, and both become one map."""
 
+import functools
 from pathlib import Path
 
 import numpy as np
 import pytest
 from boxes import Array, pose, room, scan, scene_of
-from drives import fed, small_drive
+from drives import fed, small_drive, small_run
 
 from data.errors import UserError
 from data.trajectory import Trajectory
@@ -23,9 +24,7 @@ def back() -> list[tuple[int, Array]]:
 
 
 def first_run(folder: Path, anchored: bool) -> Result:
-    drive = small_drive()
-    slam = fed(SceneGraphSlam(drive.bim if anchored else None), drive.scans)
-    result = slam.finish()
+    slam, result = small_run(anchored)
     Checkpoints(folder, {}).write(slam, {}, finished=True)
     result.clouds.copy_to(folder / CLOUDS)
     return result
@@ -88,24 +87,26 @@ def carried_off() -> tuple[list[tuple[int, Array]], Array]:
     return scans, drive.truth.poses[order]
 
 
+@functools.cache
+def found_again(with_bim: bool) -> Result:
+    return fed(SceneGraphSlam(small_drive().bim if with_bim else None), carried_off()[0]).finish()
+
+
 @pytest.mark.parametrize("with_bim", [True, False])
 def test_who_is_carried_off_is_found_again(with_bim: bool) -> None:
-    drive, (scans, truth) = small_drive(), carried_off()
-    result = fed(SceneGraphSlam(drive.bim if with_bim else None), scans).finish()
+    (scans, truth), result = carried_off(), found_again(with_bim)
     assert result.returned is not None and result.returned.found
     assert len(result.trajectory) == len(scans) and not result.earlier and result.anchored == with_bim
     poses = result.trajectory.transformed(np.eye(4) if with_bim else truth[0]).positions
     assert np.sqrt(np.mean(np.sum((poses - truth[:, :3, 3]) ** 2, axis=1))) < 0.05
 
 
-def test_a_drive_is_not_taken_for_carried_off(tmp_path: Path) -> None:
-    slam = fed(SceneGraphSlam(), small_drive().scans)
-    assert slam.finish().returned is None
+def test_a_drive_is_not_taken_for_carried_off() -> None:
+    assert small_run(with_bim=False)[1].returned is None
 
 
 def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
-    drive = small_drive()
-    alone = fed(SceneGraphSlam(drive.bim), drive.scans).finish()
+    drive, (_, alone) = small_drive(), small_run(with_bim=True)
     walls, last = scene_of(room(0, 0, 9, 4)), drive.scans[-1][0]
     more = [(last + 200_000_000 * (i + 1), scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(30)]
     result = fed(SceneGraphSlam(drive.bim), [*drive.scans, *more]).finish()
@@ -121,7 +122,7 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
 def test_a_run_goes_on_bit_by_bit_after_a_leap(scans_after_the_leap: int, tmp_path: Path) -> None:
     drive, (scans, _) = small_drive(), carried_off()
     after = len(drive.scans) // 2 + scans_after_the_leap
-    whole = fed(SceneGraphSlam(drive.bim), scans).finish()
+    whole = found_again(with_bim=True)
     first = fed(SceneGraphSlam(drive.bim), scans[:after])
     Checkpoints(tmp_path, {}).write(first, {})
     second = SceneGraphSlam(drive.bim)

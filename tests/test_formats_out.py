@@ -13,7 +13,7 @@ import pytest
 import shapely
 import trimesh
 from commands import refused
-from drives import Drive, fed, small_drive
+from drives import Drive, fed, small_drive, small_run
 
 from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from data.errors import UserError
@@ -50,7 +50,7 @@ def drive() -> Drive:
 def out(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an anchored run in a building kilometres from zero, with all that is exported without its model."""
     folder = tmp_path_factory.mktemp("out") / "run"
-    fed(SceneGraphSlam(drive.bim), drive.scans).finish().save(folder)
+    small_run(with_bim=True)[1].save(folder)
     before = {path.name for path in folder.iterdir()}
     done = command("--out", folder, "--format", "all")
     assert done.returncode == 0, done.stderr

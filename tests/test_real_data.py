@@ -1,15 +1,16 @@
 """The main job on a real building's model and on real scans, where they are at hand (../shared)."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
+from commands import called
 
 from data.scene_graph import SceneGraph, WallSurface
+from data.sensor import SpinningSensor
+from data.simulate import simulate
 from data.trajectory import Trajectory
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
@@ -19,9 +20,7 @@ VLP16 = SHARED / "scans" / "vlp16_room_corridor"
 
 
 def command(module: str, *arguments: str | Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", module, *map(str, arguments)], capture_output=True, text=True, timeout=400, check=False
-    )
+    done = called(module, *arguments)
     assert done.returncode == 0, done.stderr
 
 
@@ -31,7 +30,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not INSTITUTE.is_file():
         pytest.skip("the Institute's IFC file is not at ../shared")
     folder = tmp_path_factory.mktemp("institute") / "drive"
-    command("data.simulate", "--bim", INSTITUTE, "--storey", "Erdgeschoss", "--out", folder, "--seed", 0)
+    simulate(INSTITUTE, "Erdgeschoss", folder, sensor=SpinningSensor(azimuths=900))
     return folder
 
 

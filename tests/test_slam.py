@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from boxes import Array, pose
-from drives import Drive, fed, small_drive
+from drives import Drive, fed, small_drive, small_run
 from plans import a_graph, offices
 from scipy.spatial.transform import Rotation
 
@@ -22,7 +22,7 @@ def drive() -> Drive:
 
 @pytest.fixture(scope="module")
 def anchored(drive: Drive) -> Result:
-    return fed(SceneGraphSlam(drive.bim), drive.scans).finish()
+    return small_run(with_bim=True)[1]
 
 
 def test_a_run_ends_in_building_coordinates(drive: Drive, anchored: Result) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import SENSOR
 from small_ifc import STOREY, write_small_ifc
 
 from data import UserError, se2
@@ -20,7 +21,7 @@ from evaluation.surface_overlap import best_rigid_fit
 def spec(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:
     folder = tmp_path_factory.mktemp("own")
     building = write_small_ifc(folder / "small.ifc")
-    simulate(building.path, STOREY, folder / "drive", seed=1, min_rooms=1, min_length=6.0)
+    simulate(building.path, STOREY, folder / "drive", seed=1, min_rooms=1, min_length=6.0, sensor=SENSOR)
     scans, truth = folder / "drive" / "scans", folder / "drive" / "truth.tum"
     return SequenceSpec("own", str(building.path), scans=str(scans), truth=str(truth))
 

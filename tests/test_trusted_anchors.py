@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 from boxes import Array, pose
-from drives import Drive, fed, small_drive
+from drives import Drive, fed, small_drive, small_run
 from gtsam.symbol_shorthand import B, X
 from test_backend import CONFIG, Run, anchors_of, built_otherwise
 
@@ -28,7 +28,7 @@ def drive() -> Drive:
 
 @pytest.fixture(scope="module")
 def clean(drive: Drive) -> Result:
-    return fed(SceneGraphSlam(drive.bim), drive.scans).finish()
+    return small_run(with_bim=True)[1]
 
 
 def shifted(anchors: Anchors, wall: int, metres: float) -> Anchors:
