@@ -113,9 +113,9 @@ def simulate(
     `sensor_height` metres above the storey's floor. `changes` are made to the building that is driven, not to its plan,
     and need a drive on one storey. With `and_back` the whole way is then driven in the other direction, so that every
     place is seen twice. With `rolling` the sensor moves while it turns: a scan's stamp, and its true pose, are those of
-    its first azimuth. The same seed gives the same bytes. Raises UserError for an unreadable
-    IFC file, an unknown storey, one on which the robot cannot move, storeys without a stair that it can climb, an
-    `out_dir` that is not empty, and settings that cannot be.
+    its first azimuth. The same seed gives the same bytes. Raises UserError for an unreadable IFC file, an unknown
+    storey, one on which the robot cannot move, storeys without a stair that it can climb, an `out_dir` that is not
+    empty, and settings that cannot be.
     """
     from data.occupancy import build_grid
     from data.raycast import TriangleScene
@@ -140,10 +140,9 @@ def simulate(
     if rolling:
         T_bim_sensor = np.stack([way.during(i)[0] for i in range(len(stamps))])
     truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
-    length = sum(curve_length(leg) for leg in legs)
     run = SimulatedRun(
-        out, models[0].name, seed, length, start_yaw, _visited(grids, stamps, poses), truth, models[0].changes,
-        tuple(model.name for model in models),
+        out, models[0].name, seed, sum(map(curve_length, legs)), start_yaw, _visited(grids, stamps, poses), truth,
+        models[0].changes, tuple(model.name for model in models),
     )  # fmt: skip
     settings: Settings = {"bim": Path(ifc).name, "sensor": asdict(sensor), "robot": asdict(robot)}
     settings |= {"sensor_height_m": sensor_height, "rolling": rolling}

@@ -47,6 +47,7 @@ def mutated_zip(inner: Callable[[list[bytes], random.Random], bytes]) -> Callabl
     """Damages one member of an archive with `inner`, or the archive."""
 
     def mutate(seeds: list[bytes], rng: random.Random) -> bytes:
+        """One of the archives with a file in it changed, or, three times in ten, changed itself."""
         if rng.random() < 0.3:
             return mutated(seeds, rng)
         packed = io.BytesIO()

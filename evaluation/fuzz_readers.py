@@ -148,13 +148,9 @@ def _graph_sample(folder: Path) -> list[bytes]:
 
 def _weights_sample(folder: Path) -> list[bytes]:
     """A small network: those that are shipped have more weights than form."""
-    import torch
+    from matching.small_work import write_small_network
 
-    from matching.networks import network_of, settings_of
-    from matching.weights_file import save_network
-
-    torch.manual_seed(0)
-    save_network(folder / "a.pt", network_of(settings_of("learned", {"width": 8, "layers": 1, "state": 4})))
+    write_small_network(folder / "a.pt")
     return [(folder / "a.pt").read_bytes()]
 
 

@@ -20,23 +20,7 @@ DEVICES = ("auto", "cpu", "cuda")
 def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError."""
     given = sys.argv[1:] if arguments is None else arguments
-    parser = Parser(
-        prog="python -m matching.train",
-        description="Trains the matching network on generated plans and on the plans given. Goes on where it was "
-        "stopped when --out holds a run. Writes NETWORK.pt, curve.csv, curve.png, model_card.json.",
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
-    parser.add_argument(
-        "--network", default="learned", metavar="NAME", help="learned (default), or a relative: pca-gm, superglue"
-    )
-    parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
-    parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="steps at most (default: 20000)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
-    parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between looks (default: 250)")
-    parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
-    add_options(parser, "--workers", "processes that draw data (default: 1)")
-    parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU where there is one")
-    options = parser.parse_args(given)
+    options = _parser().parse_args(given)
     if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
         raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
     if options.device not in DEVICES:
@@ -76,7 +60,6 @@ def main(arguments: list[str] | None = None) -> int:
         ended = train(training, stream, watched, limits, looked)
     print(ended)
     draw_curve(out, training.curve)
-    best = min(training.curve, key=lambda row: row["surprise"])
     write_card(out, {
         "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
         "network": options.network,
@@ -89,9 +72,29 @@ def main(arguments: list[str] | None = None) -> int:
             "files": [p.name for p in options.plans],
             "plans": len(own), "plans_held_out": len(others), "batches": training.step,
         },
-        "held_out": best,
+        "held_out": min(training.curve, key=lambda row: row["surprise"]),
     })  # fmt: skip
     return 0
+
+
+def _parser() -> Parser:
+    parser = Parser(
+        prog="python -m matching.train",
+        description="Trains the matching network on generated plans and on the plans given. Goes on where it was "
+        "stopped when --out holds a run. Writes NETWORK.pt, curve.csv, curve.png, model_card.json.",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
+    parser.add_argument(
+        "--network", default="learned", metavar="NAME", help="learned (default), or a relative: pca-gm, superglue"
+    )
+    parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
+    parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="steps at most (default: 20000)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
+    parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between looks (default: 250)")
+    parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
+    add_options(parser, "--workers", "processes that draw data (default: 1)")
+    parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU where there is one")
+    return parser
 
 
 def _named(argument: str) -> str:

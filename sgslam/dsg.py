@@ -44,6 +44,7 @@ class _Writer:
         self._edges: list[dict[str, Any]] = []
 
     def graph(self) -> dict[str, Any]:
+        """The whole, as spark_dsg's JSON has it."""
         self._building()
         self._rooms()
         self._walls()

@@ -181,7 +181,7 @@ def test_the_limit_of_time_holds_and_a_failure_is_a_row(tmp_path: Path) -> None:
 def slow_rows() -> None:
     """Prints what becomes of pairs on which the slow method answers, raises, and does not come back."""
     pairs = [pair for rooms in (1, 3, 5) for pair in pairs_of_cell(candidates(), "real", rooms, 1, 0)]
-    rows = list(run_tasks([Task(pair, ("slow", "oracle")) for pair in pairs], jobs=1, limit_s=0.7))
+    rows = list(run_tasks([Task(pair, ("slow", "oracle")) for pair in pairs], jobs=1, limit_s=2.0))
     late = [r for r in rows if r.status == "late"]
-    assert all(r.seconds == 0.7 and r.wall_tally.true > 10 and not r.completed for r in late)
+    assert all(r.seconds == 2.0 and r.wall_tally.true > 10 and not r.completed for r in late)
     print(json.dumps([[r.rooms, r.method, r.status] for r in rows]))
