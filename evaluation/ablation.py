@@ -4,8 +4,6 @@ What is in the CSV already is skipped, so that a run that was killed goes on whe
 """
 
 import argparse
-import csv
-import io
 import shlex
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -21,7 +19,8 @@ from evaluation.ablation_rows import COLUMNS, KEY, Record, Records
 from evaluation.ablation_worker import Answer, Task, run_apart, run_there
 from evaluation.arms import ARMS, WITHOUT_BIM, checked_arm
 from evaluation.conditions import NORMAL, Conditions
-from evaluation.sequences import SequenceSpec, prepare, read_specs
+from evaluation.record_file import read_records, write_records
+from evaluation.sequences import SequenceSpec, chosen, prepare, read_specs
 
 DEMO = [SequenceSpec("demo", "demo", min_rooms=6, min_length=50.0)]
 
@@ -38,7 +37,7 @@ def ablate(
     (out / "errors").mkdir(parents=True, exist_ok=True)
     (out / "configs").mkdir(exist_ok=True)
     path = out / "runs.csv"
-    records = _read(path)
+    records = read_records(path, COLUMNS)
     planned = list(_tasks(specs, seeds, arms, conditions))
     order = {task.key(arm): k for k, (task, arm) in enumerate((t, a) for t in planned for a in t.arms)}
     known = {_key(r) for r in records}
@@ -51,7 +50,7 @@ def ablate(
         new = [r | {"command": _command(task, out, r["arm"], listed_in)} for r in answer.records]
         records = [r for r in records if _key(r) not in {_key(n) for n in new}] + new
         records.sort(key=lambda r: order.get(_key(r), -1))
-        _write(path, _with_drift_reduction(records))
+        write_records(path, COLUMNS, _with_drift_reduction(records))
         left = (perf_counter() - began) / done * (len(todo) - done)
         told = ", ".join(f"{r['arm']} {_metres(r)}" for r in new)
         where = f"{done}/{len(todo)} {task.spec.name} {task.conditions.name} seed {task.seed}"
@@ -132,24 +131,6 @@ def _key(record: Record) -> tuple[str, ...]:
     return tuple(record[name] for name in KEY)
 
 
-def _read(path: Path) -> Records:
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        records = list(csv.DictReader(file))
-    if records and tuple(records[0]) != COLUMNS:
-        raise UserError(f"{path}: has other columns than this version writes; give another --out")
-    return records
-
-
-def _write(path: Path, records: Records) -> None:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    write_atomically(path, text.getvalue())
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m evaluation.ablation", description="The system with parts of it left out, measured.")
     add = parser.add_argument
@@ -172,13 +153,7 @@ def main() -> int:
     from evaluation.ablation_page import write_page
 
     options = _parser().parse_args()
-    specs = DEMO if options.list is None else read_specs(options.list)
-    if options.sequences is not None:
-        unknown = set(options.sequences) - {spec.name for spec in specs}
-        if unknown:
-            names = ", ".join(spec.name for spec in specs)
-            raise UserError(f"--sequences {' '.join(sorted(unknown))}: not in the list; there are: {names}")
-        specs = [spec for spec in specs if spec.name in options.sequences]
+    specs = chosen(DEMO if options.list is None else read_specs(options.list), options.sequences)
     if options.jobs < 1:
         raise UserError(f"--jobs {options.jobs}: must be at least 1")
     arms = list(dict.fromkeys(checked_arm(arm) for arm in options.arms))

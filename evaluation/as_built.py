@@ -22,7 +22,7 @@ from evaluation.as_built_scores import KINDS, LEAST_VIEWS, told_of
 from evaluation.benchmark_page import made_by, write_section
 from evaluation.conditions import Conditions
 from evaluation.record_file import Record, read_records, write_records
-from evaluation.sequences import Sequence, SequenceSpec, prepare, read_specs, storey_of
+from evaluation.sequences import Sequence, SequenceSpec, chosen, prepare, read_specs, storey_of
 from evaluation.true_walls import TrueWall, true_walls
 from sgslam.config import Config, MatchingSettings
 
@@ -188,11 +188,7 @@ def _parser() -> argparse.ArgumentParser:
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = DEMO if options.list is None else read_specs(options.list)
-    if options.sequences is not None:
-        if unknown := set(options.sequences) - {spec.name for spec in specs}:
-            raise UserError(f"--sequences {' '.join(sorted(unknown))}: not in the list")
-        specs = [spec for spec in specs if spec.name in options.sequences]
+    specs = chosen(DEMO if options.list is None else read_specs(options.list), options.sequences)
     config = Config(matching=MatchingSettings(method=options.method))
     text = table(measure(specs, options.seeds, (options.moved, options.gone), options.out, config))
     write_atomically(options.out / "as_built.md", f"# As built against as planned\n\n{text}")

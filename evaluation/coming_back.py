@@ -19,7 +19,7 @@ from data.scans import ScanFolder
 from data.trajectory import Trajectory
 from evaluation.benchmark_page import made_by, write_section
 from evaluation.record_file import Record, read_records, write_records
-from evaluation.sequences import Sequence, SequenceSpec, prepare, read_specs
+from evaluation.sequences import Sequence, SequenceSpec, chosen, prepare, read_specs
 from evaluation.trajectory import ape
 from sgslam.checkpoints import FILE, Checkpoints
 from sgslam.config import Config, MatchingSettings
@@ -228,11 +228,7 @@ def _parser() -> argparse.ArgumentParser:
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = DEMO if options.list is None else read_specs(options.list)
-    if options.sequences is not None:
-        if unknown := set(options.sequences) - {spec.name for spec in specs}:
-            raise UserError(f"--sequences {' '.join(sorted(unknown))}: not in the list")
-        specs = [spec for spec in specs if spec.name in options.sequences]
+    specs = chosen(DEMO if options.list is None else read_specs(options.list), options.sequences)
     if len(options.seeds) < 2 or not all(0 <= start < 1 for start in options.starts):
         raise UserError("--seeds: two drives at least; --starts: shares of a drive from 0 to below 1")
     config = Config(matching=MatchingSettings(method=options.method))

@@ -19,7 +19,7 @@ from data.trajectory import Trajectory
 from evaluation.benchmark_page import made_by, write_section
 from evaluation.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
 from evaluation.record_file import Record, read_records, write_records
-from evaluation.sequences import SequenceSpec, read_specs
+from evaluation.sequences import SequenceSpec, chosen, read_specs
 from evaluation.trajectory import ape, drift, rpe
 from sgslam.config import Config, TrackingSettings
 from sgslam.frames import inverse
@@ -205,11 +205,7 @@ def _parser() -> argparse.ArgumentParser:
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = [] if options.list is None else read_specs(options.list)
-    if options.sequences is not None:
-        if unknown := set(options.sequences) - {spec.name for spec in specs}:
-            raise UserError(f"--sequences {' '.join(sorted(unknown))}: not in the list")
-        specs = [spec for spec in specs if spec.name in options.sequences]
+    specs = chosen([] if options.list is None else read_specs(options.list), options.sequences)
     text = table(measure(options.routes, specs, options.front_ends, options.seeds, options.out))
     write_atomically(options.out / "loops.md", f"# Loops\n\n{text}")
     if options.benchmarks is not None:

@@ -13,14 +13,13 @@ from time import process_time
 import numpy as np
 
 from data.cli import Parser, run_command
-from data.errors import UserError
 from data.files import write_atomically
 from data.scans import ScanFolder
 from data.trajectory import Trajectory
 from evaluation.benchmark_page import made_by, write_section
 from evaluation.consistency import nees
 from evaluation.record_file import Record, RecordFile
-from evaluation.sequences import Sequence, SequenceSpec, odometry_alone, odometry_of_run, prepare, read_specs
+from evaluation.sequences import Sequence, SequenceSpec, chosen, odometry_alone, odometry_of_run, prepare, read_specs
 from evaluation.timing import seconds_of_kiss_icp
 from evaluation.trajectory import ape, error_in_bim, rpe
 from sgslam.config import Config, OdometrySettings
@@ -166,9 +165,7 @@ def _parser() -> argparse.ArgumentParser:
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = [s for s in read_specs(options.list) if options.sequences is None or s.name in options.sequences]
-    if not specs:
-        raise UserError(f"{options.list}: has none of the sequences {' '.join(options.sequences)}")
+    specs = chosen(read_specs(options.list), options.sequences)
     text = table(measure(specs, options.seeds, options.odometries, options.out))
     write_atomically(options.out / "odometries.md", f"# Odometries\n\n{text}")
     print(text, end="")

@@ -13,7 +13,7 @@ from data.errors import UserError
 from data.files import write_atomically
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
-from evaluation.sequences import Sequence, SequenceSpec, plan_of, prepare, read_specs
+from evaluation.sequences import Sequence, SequenceSpec, chosen, plan_of, prepare, read_specs
 from matching import Matcher, MatchResult
 from sgslam.slam import SceneGraphSlam
 
@@ -104,7 +104,7 @@ def main() -> int:
     add("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
     add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section is to be written")
     options = parser.parse_args()
-    specs = [s for s in read_specs(options.list) if options.sequences is None or s.name in options.sequences]
+    specs = chosen(read_specs(options.list), options.sequences)
     options.out.mkdir(parents=True, exist_ok=True)
     found: list[Pairing] = []
     for pairing in pairings(specs, options.seeds, options.out, options.method):

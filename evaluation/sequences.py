@@ -116,6 +116,16 @@ def read_specs(path: Path) -> list[SequenceSpec]:
     return specs
 
 
+def chosen(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceSpec]:
+    """Those of the names of `--sequences`, all where it is not given; raises UserError for a name that there is not."""
+    if names is None:
+        return specs
+    if unknown := sorted(set(names) - {spec.name for spec in specs}):
+        there = ", ".join(spec.name for spec in specs) or "none"
+        raise UserError(f"--sequences {' '.join(unknown)}: not in the list; there are: {there}")
+    return [spec for spec in specs if spec.name in names]
+
+
 def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions = NORMAL) -> Sequence:
     """Simulates what is not there yet, into `folder`, and loads the rest.
 

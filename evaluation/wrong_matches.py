@@ -14,7 +14,7 @@ from data.files import write_atomically
 from evaluation.ablation import ablate
 from evaluation.ablation_rows import Record, Records
 from evaluation.conditions import NORMAL, Conditions
-from evaluation.sequences import SequenceSpec, read_specs
+from evaluation.sequences import SequenceSpec, chosen, read_specs
 
 ARM = "anchored"
 
@@ -73,9 +73,7 @@ def main() -> int:
     add("--rooms", type=int, default=5, metavar="N", help="that are matched wrongly (default 5)")
     add("--benchmarks", type=Path, metavar="FILE", help="page of results to write a section of")
     options = parser.parse_args()
-    specs = [s for s in read_specs(options.list) if options.sequences is None or s.name in options.sequences]
-    if not specs:
-        raise UserError(f"{options.list}: has none of the sequences {' '.join(options.sequences)}")
+    specs = chosen(read_specs(options.list), options.sequences)
     if options.rooms < 1:
         raise UserError(f"--rooms {options.rooms}: at least 1 must be matched wrongly")
     text = table(compare(specs, options.seeds, options.rooms, options.out, options.list))
