@@ -41,7 +41,7 @@ def forbidden(package: str, code: str) -> list[tuple[int, str]]:
 @pytest.mark.parametrize("package", BELOW)
 def test_no_file_imports_what_its_floor_may_not(package: str) -> None:
     found = {str(p.relative_to(ROOT)): forbidden(package, p.read_text()) for p in (ROOT / package).rglob("*.py")}
-    assert len(found) > 5 and not {path: lines for path, lines in found.items() if lines}
+    assert found and not {path: lines for path, lines in found.items() if lines}
 
 
 @pytest.mark.parametrize(
