@@ -7,23 +7,22 @@ A comment on the line before a block says what is special about it:
 """
 
 import argparse
-import importlib
 import os
 import re
-import runpy
 import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
 
 import pytest
+from commands import called
 
 from data.build import PACKAGES
 from data.cli import Parser
-from sgslam import command
 
 ROOT = Path(__file__).resolve().parents[1]
 SHELL, PYTHON = ("bash", "sh"), ("python",)
@@ -88,12 +87,11 @@ def call(line: str) -> None:
     words = _words(line)
     ours = None if words is None else _ours(words)
     if ours is not None:
-        code = _called(ours)
-        assert not code, f"exit code {code}: {line}"
-        return
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    environment["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), environment["PATH"]])
-    done = subprocess.run(["bash", "-ec", line], env=environment, capture_output=True, text=True, check=False)
+        done = _called(ours)
+    else:
+        path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+        environment = os.environ | {"PYTHONPATH": str(ROOT), "PATH": path}
+        done = subprocess.run(["bash", "-ec", line], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{line}\n{done.stderr}"
 
 
@@ -129,22 +127,14 @@ def _ours(words: list[str]) -> list[str] | None:
     return rest if rest[0].startswith("examples/") else None
 
 
-def _called(words: list[str]) -> int | str | None:
-    before = sys.argv
-    try:
-        if Path(words[0]).name == "sgslam":
-            return command.call(words[1:])
-        if words[0] == "-m":
-            sys.argv = [words[1], *words[2:]]
-            code: int | None = importlib.import_module(words[1]).main()
-            return code
-        sys.argv = words
-        runpy.run_path(str(ROOT / words[0]), run_name="__main__")
-        return None
-    except SystemExit as left:
-        return left.code
-    finally:
-        sys.argv = before
+def _called(words: list[str]) -> CompletedProcess[str]:
+    if Path(words[0]).name == "sgslam":
+        return called("sgslam.command", *words[1:])
+    if words[0] == "-m":
+        return called(words[1], *words[2:])
+    line = [sys.executable, str(ROOT / words[0]), *words[1:]]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(line, env=environment, capture_output=True, text=True, check=False)
 
 
 class _ParsedError(Exception):

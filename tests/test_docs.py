@@ -1,14 +1,10 @@
 """The documentation says what is true: its snippets run, its pictures and links are there, its tables are today's."""
 
-import gc
-import logging
 import re
 import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -49,38 +45,25 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "SCANS").symlink_to("scans")
     (folder / "my_network").symlink_to(ROOT / "matching/weights")
     (folder / "BUILDING.ifc").symlink_to("building.ifc")
-    with pytest.MonkeyPatch.context() as patch, unchanged_process():
+    with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         call("sgslam run --scan-dir scans --bim building.ifc --out out")
     return folder
 
 
-@contextmanager
-def unchanged_process() -> Iterator[None]:
-    """What a command leaves behind in its process, which is meant to end with it, is put right."""
-    logger = logging.getLogger("sgslam")
-    before = logger.handlers, logger.level, logging.raiseExceptions
-    yield
-    for handler in set(logger.handlers) - set(before[0]):
-        handler.close()
-    logger.handlers, logger.level, logging.raiseExceptions = before
-    gc.unfreeze()
-
-
 @pytest.fixture
-def place(material: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def place(material: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The current folder is one of its own that holds the material."""
     for path in material.iterdir():
         (tmp_path / path.name).symlink_to(path)
     (tmp_path / "out").unlink()
     shutil.copytree(material / "out", tmp_path / "out")
     monkeypatch.chdir(tmp_path)
-    with unchanged_process():
-        yield
+    return tmp_path
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if any(blocks(p))], ids=name)
-def test_every_snippet_of_the_page_runs(page: Path, place: None) -> None:
+def test_every_snippet_of_the_page_runs(page: Path, place: Path) -> None:
     """In order, in one folder; Python knows the names of the blocks before, and `scans`."""
     names = {"__name__": "snippet", "scans": small_drive().scans}
     for block in blocks(page):
