@@ -12,10 +12,12 @@ import factors
 from data import SceneGraph, WallSurface
 from matching.result import MatchResult
 from sgslam.anchor_log import AnchorLog, Hold, Key
+from sgslam.anchored_rooms import room_anchors, rooms_of
 from sgslam.backend import Anchors, PlannedWall
 from sgslam.config import Config
+from sgslam.contradictions import contradicted
 from sgslam.frames import inverse, se2_to_se3, transform_points
-from sgslam.holding import Held, Holding, find_place, hold, in_plan_view
+from sgslam.holding import Holding, find_place, hold, in_plan_view
 from sgslam.matcher_protocol import AnyMatcher, Match
 from sgslam.scene import Scene
 from sgslam.state_tree import Stateful
@@ -26,6 +28,9 @@ _log = logging.getLogger(__name__)
 _STAYS = 2.0  # of the gate; a wall that is off by more though it was pulled
 _LEAST_HELD = 4  # walls as planned, for a floor to take over another one's place
 _APART = 1.0, np.radians(5)  # m and rad at which two answers place the map differently
+_CONTRADICTED = 0.04  # of the walls where both maps looked; at true places it is below .01, save for the smallest maps
+_OTHERWISE = "walls stand where the known map saw none, or lack where it has them"
+_LEAST_ROOMS = 3  # of a plan that may lack rooms which are like those that it holds
 
 
 @dataclass(frozen=True)
@@ -48,20 +53,23 @@ class Anchoring(Stateful):
 
     `a_graph` in the BIM frame; inside, a local frame is used (the BIM's, moved by `origin` (3,) into the building),
     because a site may lie kilometres from zero, and what is held at zero is held loosely far from it. `plan` gives the
-    A-graph of a storey, the whole one for None.
+    A-graph of a storey, the whole one for None. A `partial` plan is a map of a run: where the robot is now, that run
+    need not have been. So an answer has to hold for some rooms, and the two maps must not contradict each other.
     """
 
     _STATE = (
         "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
-        "_moved", "asked", "accepted", "follows", "_confidence",
+        "_moved", "asked", "accepted", "follows", "_confidence", "_said", "doubt",
     )  # fmt: skip
 
     def __init__(
         self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, origin: Floats,
-        plan: Callable[[str | None], SceneGraph], number: int = 0,
+        plan: Callable[[str | None], SceneGraph], number: int = 0, partial: bool = False,
     ) -> None:  # fmt: skip
         self._a, self._matcher, self._config, self._plan = a_graph, matcher, config, plan
-        self.origin, self.number = origin, number
+        self.origin, self.number, self._partial = origin, number, partial
+        self.doubt = ""  # why the newest answer, though unique, was not committed to
+        self._judged: Scene | None = None  # on which the place was last held against a partial plan
         self.asked: str | None = None  # the storey that the matcher is asked about; all of them, where it is None
         self.accepted: list[str] | None = None  # the storeys that this floor can be, where it is known
         self._confidence = 0.0  # of a commitment that follows another one
@@ -77,6 +85,7 @@ class Anchoring(Stateful):
         self._tried = Growth()
         self._matches = 0
         self._moved = False  # what the back end says is of a place that was withdrawn
+        self._said: tuple[str | None, Floats] | None = None  # storey and place of a unique answer, not yet said again
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with its log's."""
@@ -100,11 +109,15 @@ class Anchoring(Stateful):
             keys.clear()
             keys.update(renamed)
         growth = Growth.of(scene.graph)
+        if self._partial and self.committed is not None and scene is not self._judged:
+            self._judged = scene
+            if self._contradicts(scene, self._known(walls, T_map_local), self.committed.floor):
+                self._withdraw(scene, _OTHERWISE)
         holding = self._pulled_already(scene, walls, T_map_local)
         share = 0.0 if holding is None else holding.share
         if (last or growth.enough_since(self._tried)) and share < self._config.anchors.least_share:
             before = self.committed
-            self._try(scene, walls, T_map_local)
+            self._try(scene, walls, T_map_local, last)
             if before is not None and self.committed is before and holding is None:
                 self._withdraw(scene, "the walls no longer agree on a place in the plan")
             holding = self.holding(scene, walls, T_map_local)
@@ -121,14 +134,17 @@ class Anchoring(Stateful):
     def confirm(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
         """Whether the matcher, with the whole building open to it, says of `scene` what was committed to.
 
-        Where it does not, the commitment is withdrawn. True where there was none.
+        Where it does not, the commitment is withdrawn; to a partial plan only where the maps contradict each other, for
+        much of the map may lie beside it. True where there was none.
         """
         if self.committed is None:
-            self._try(scene, walls, None)
+            self._try(scene, walls, None, last=True)
             return True
-        self._try(scene, walls, T_map_local)
+        self._try(scene, walls, T_map_local, last=True)
         if self.committed is self.match:
             return not self._moved
+        if self._partial and not self._contradicts(scene, self._known(walls, T_map_local), self.committed.floor):
+            return True
         assert self.match is not None
         self._withdraw(scene, self.match.reason)
         return False
@@ -196,19 +212,18 @@ class Anchoring(Stateful):
         self._resisting |= stay
         return self.holding(scene, walls, T_map_local)
 
-    def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
-        """Asks the matcher, with the whole building open to it; commits to a unique answer that the walls bear out.
+    def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> None:
+        """Asks the matcher, with the whole building open to it; commits to a unique answer that the walls bear out
+        when the one before it, on a smaller map, said the same, or when it is the `last` time.
 
         An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
         """
+        said, self._said, self.doubt = self._said, None, ""
         match = self.match = self._matcher.match(scene.graph, self._plan(self.asked))
         self._matched = scene
         self._matches += 1
         rooms = len(scene.graph.rooms)
         _log.info("match %d, of %d rooms: %s, %s", self._matches, rooms, match.status, match.reason)
-        if match.status == "unique" and self.accepted is not None and match.floor not in self.accepted:
-            _log.info("match %d is not committed to: the way from floor to floor speaks against it", self._matches)
-            return
         place = self._borne_out(match, scene, walls) if match.status == "unique" else None
         if place is None:
             return
@@ -217,6 +232,11 @@ class Anchoring(Stateful):
         )
         if replaced and self.follows:
             return
+        if self.committed is None and not last and (
+            said is None or said[0] != match.floor or _apart(place, said[1], scene)
+        ):
+            self._said = match.floor, place
+            return
         if replaced:
             self._withdraw(scene, f"match {self._matches} places the map elsewhere")
             self._moved = True
@@ -224,16 +244,30 @@ class Anchoring(Stateful):
         self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
 
     def _borne_out(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
-        """The place (3,) T_local_level that most matched walls agree on, near the one that the match tells."""
+        """The place (3,) T_local_level that most matched walls agree on, near the one that the match tells; None where
+        there is none, or where something speaks against it."""
         assert match.T_a_s is not None  # a unique answer has a motion
-        pairs = [
-            (scene.graph.surface_by_id[s], self._a.surface_by_id[a]) for s, a, _ in match.wall_surfaces
-        ]  # fmt: skip
-        told = np.array(match.T_a_s) - np.array([0.0, *self.origin[:2]])
-        place = find_place(pairs, scene, walls, self.origin[:2], told, self._config.anchors)
+        place = None
+        if self.accepted is not None and match.floor not in self.accepted:
+            self.doubt = "the way from floor to floor speaks against it"
+        elif self._partial and len(match.rooms) < min(_LEAST_ROOMS, len(self._plan(match.floor).rooms)):
+            self.doubt = f"the known map may lack rooms that are like these {len(match.rooms)}: see more rooms"
+        else:
+            pairs = [(scene.graph.surface_by_id[s], self._a.surface_by_id[a]) for s, a, _ in match.wall_surfaces]
+            told = np.array(match.T_a_s) - np.array([0.0, *self.origin[:2]])
+            place = find_place(pairs, scene, walls, self.origin[:2], told, self._config.anchors)
+            if place is None:
+                self.doubt = "its walls do not agree on a place"
+            elif self._contradicts(scene, place, match.floor):
+                self.doubt, place = _OTHERWISE, None
         if place is None:
-            _log.info("match %d is not committed to: its walls do not agree on a place", self._matches)
+            _log.info("match %d is not committed to: %s", self._matches, self.doubt)
         return place
+
+    def _contradicts(self, scene: Scene, place: Floats, storey: str | None) -> bool:
+        """Whether the map, at a place (3,) T_local_level, and a partial plan have walls elsewhere."""
+        T_a_s = place + np.array([0.0, *self.origin[:2]])
+        return self._partial and contradicted(scene.graph, self._plan(storey), T_a_s) > _CONTRADICTED
 
     def _withdraw(self, scene: Scene, why: str) -> None:
         self.committed, self._pairs, self.follows = None, set(), False
@@ -301,7 +335,7 @@ class Anchoring(Stateful):
         known = self._known(walls, T_map_local)
         if T_map_local is None or self._moved or _apart(holding.place, known, scene, settings.gate_offset):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
-        rooms = _room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
+        rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
         if not settings.planes:
             tight = bent = loose = {}
         return Anchors(
@@ -330,27 +364,8 @@ class Anchoring(Stateful):
             a_id, confidence = given.get(held.surface.id, (held.planned.id, least))
             if held.agrees or held.surface.id in given or not about_scene:
                 surfaces.append([held.surface.id, held.planned.id, confidence if a_id == held.planned.id else least])
-        rooms = _rooms_of(holding.walls, self.committed.rooms if about_scene else (), least)
+        rooms = rooms_of(holding.walls, self.committed.rooms if about_scene else (), least)
         return {**self.committed.to_dict(), "rooms": rooms, "wall_surfaces": surfaces}
-
-
-def _rooms_of(held: list[Held], given: tuple[tuple[str, str, float], ...], least: float) -> list[list[Any]]:
-    """(S room, A room, confidence): as given, unless most of a room's walls stand in another planned room."""
-    votes: dict[str, dict[str, float]] = {}
-    for h in held:
-        if h.surface.room is not None and h.planned.room is not None:
-            own = votes.setdefault(h.surface.room, {})
-            own[h.planned.room] = own.get(h.planned.room, 0.0) + (h.surface.length or 0.0)
-    known = {s: (a, c) for s, a, c in given}
-    rooms: list[list[Any]] = []
-    for s_room in sorted({*votes, *known}):
-        own = votes.get(s_room, {})
-        most = max(own, key=lambda a: (own[a], a), default=None)
-        if s_room in known and (most is None or own.get(known[s_room][0], 0.0) >= 0.5 * own[most]):
-            rooms.append([s_room, *known[s_room]])
-        elif s_room in known or not given:
-            rooms.append([s_room, most, least])
-    return rooms
 
 
 def _apart(place: Floats, other: Floats, scene: Scene, metres: float = _APART[0]) -> bool:
@@ -360,20 +375,3 @@ def _apart(place: Floats, other: Floats, scene: Scene, metres: float = _APART[0]
     put = np.column_stack([c * x - s * y, s * x + c * y]) + np.stack([place[1:], other[1:]])
     turn = (place[0] - other[0] + np.pi) % (2 * np.pi) - np.pi
     return bool(np.hypot(*(put[0] - put[1])) > metres or abs(turn) > _APART[1])
-
-
-def _room_anchors(
-    scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]], height: float
-) -> dict[int, Floats]:
-    """T_bim_room (4, 4) of each room that has two matched walls of two directions in one planned room; its floor is at
-    `height` (m)."""
-    anchors = {}
-    for node in scene.rooms:
-        choices = [walls for (s_room, _), walls in by_rooms.items() if s_room == scene.room_ids[node.id]]
-        if not choices:
-            continue
-        walls = max(choices, key=len)
-        fitted = factors.fit_room(list(walls.values()), [node.walls[wall] for wall in walls])
-        if fitted is not None:
-            anchors[node.id] = se2_to_se3(0.0, 0.0, 0.0, height) @ fitted
-    return anchors

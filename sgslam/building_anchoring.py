@@ -28,16 +28,17 @@ class BuildingAnchoring:
     """Anchors the floors of the S-graph, each by an `Anchoring` of its own; `a_graph` in the BIM frame.
 
     `origin` (3,) is where the local frame of the factor graph lies in the BIM's; `start` is the id of the storey on
-    which the run begins, where it is told.
+    which the run begins, where it is told. A `partial` plan is a map that lacks what was not driven through.
     """
 
     def __init__(
-        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, start: str | None = None
+        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, start: str | None = None,
+        partial: bool = False,
     ) -> None:
         self._a, self._matcher, self._config = a_graph, matcher, config
         elevations = [floor.elevation for floor in a_graph.floors if floor.elevation is not None]
         self.origin = np.array([*a_graph.centroid(), min(elevations, default=0.0)])
-        self._start = start
+        self._start, self._partial = start, partial
         self._of: dict[int, Anchoring] = {}
         self._storeys: dict[str, SceneGraph] = {}
         self._possible: list[Assignment] | None = None
@@ -46,7 +47,9 @@ class BuildingAnchoring:
     def of(self, number: int) -> Anchoring:
         """The anchoring of one floor of the S-graph."""
         if number not in self._of:
-            self._of[number] = Anchoring(self._a, self._matcher, self._config, self.origin, self._plan, number)
+            self._of[number] = Anchoring(
+                self._a, self._matcher, self._config, self.origin, self._plan, number, self._partial
+            )
         return self._of[number]
 
     def state(self) -> dict[str, Any]:
@@ -86,7 +89,7 @@ class BuildingAnchoring:
         own = self.committed or next((own for own in self._of.values() if own.match is not None), None)
         if own is None or own.match is None:
             return "too little was seen to try a match"
-        return own.match.reason if own.committed is None else own.committed.reason
+        return own.doubt or own.match.reason if own.committed is None else own.committed.reason
 
     def update(self, floors: Floors, T_map_local: Floats | None, last: bool) -> Anchors | None:
         """The anchors of all floors that hold now; see `Anchoring.update`.

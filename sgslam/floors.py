@@ -75,6 +75,11 @@ class Floors:
         """Of all floors, as they were last cut."""
         return [room for floor in self.maps if floor.scene is not None for room in floor.scene.rooms]
 
+    def growth(self, keyframes: list[KeyframeNode]) -> tuple[int, int]:
+        """How many of a run's keyframes are on the current floor, and how many of them came after its last cut."""
+        own, scene = sum(k.storey == self.current.number for k in keyframes), self.current.scene
+        return own, own - (0 if scene is None else len(scene.graph.keyframes))
+
     def refresh(self, backend: Backend, height: float, last: bool) -> None:
         """Takes over the back end's estimates, joins walls that turn out to be one and parts those that turn out to be
         two; `height` is the sensor's above the floor. At the `last` time all walls stay those of the graph."""

@@ -306,7 +306,8 @@ class SceneGraphSlam:
         if plan is None:
             return None
         start = self._start if self._known is None else None  # a known map has floors of its own
-        return BuildingAnchoring(plan, self._matcher or default_matcher(self._config), self._config, start)
+        matcher = self._matcher or default_matcher(self._config)
+        return BuildingAnchoring(plan, matcher, self._config, start, partial=self._plan_is_known)
 
     def _add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with what can be seen in its points."""
@@ -324,7 +325,7 @@ class SceneGraphSlam:
         self._backend.add_keyframe(keyframe)
         scan.keyframe = len(self._backend.keyframes) - 1
         scan.T_previous_sensor, scan.T_keyframe_sensor = scan.T_keyframe_sensor, np.eye(4)
-        if self._backend.due:
+        if self._backend.due or (self._unplaced and self._scene_due()):
             self._optimise(last=False)
 
     def _see(self, keyframe: KeyframeNode, points: Floats) -> None:
@@ -343,10 +344,7 @@ class SceneGraphSlam:
 
     def _optimise(self, last: bool) -> None:
         """Optimises, joins walls, cuts rooms, matches and anchors."""
-        anchors = None
-        if self._anchoring is not None:
-            with self._clock("matching"):
-                anchors = self._anchoring.update(self._floors, self._backend.T_map_bim, last)
+        anchors = self._anchors(last)
         self._estimate(anchors, last)
         for _ in range(_LOOP_ROUNDS):
             if self._backend.T_map_bim is not None or not self._close_loops():
@@ -357,6 +355,15 @@ class SceneGraphSlam:
         elif self._anchoring is not None and self._scene_due():
             with self._clock("rooms"):
                 self._floors.current.scene = self._floors.cut(self._floors.current, self._backend)
+            if self._backend.T_map_bim is None and (anchors := self._anchors(last)) is not None:
+                self._estimate(anchors, last)
+
+    def _anchors(self, last: bool) -> Anchors | None:
+        """What the map hangs on in the plan, where it has a place in it."""
+        if self._anchoring is None:
+            return None
+        with self._clock("matching"):
+            return self._anchoring.update(self._floors, self._backend.T_map_bim, last)
 
     def _close_loops(self) -> bool:
         """Whether loops were closed or opened again, so that the map is to be optimised anew."""
@@ -381,12 +388,17 @@ class SceneGraphSlam:
         with self._clock("surfaces"):
             self._floors.refresh(self._backend, self._front_end.height, last)
 
+    @property
+    def _unplaced(self) -> bool:
+        """Whether there is a plan in which the map has no place yet."""
+        return self._anchoring is not None and self._backend.T_map_bim is None
+
     def _scene_due(self) -> bool:
         """Whether the floor that the robot is on has grown enough since it was last cut into rooms."""
-        settings, floor = self._config.backend, self._floors.current
-        own = sum(k.storey == floor.number for k in self._backend.keyframes)
-        grown = own - (len(floor.scene.graph.keyframes) if floor.scene is not None else 0)
-        return grown >= max(settings.scene_keyframes, settings.scene_growth * own)
+        settings = self._config.backend
+        own, grown = self._floors.growth(self._backend.keyframes)
+        least = settings.unplaced_keyframes if self._unplaced else settings.scene_keyframes
+        return grown >= max(least, settings.scene_growth * own)
 
     def _cut_scenes(self) -> None:
         with self._clock("rooms"):
