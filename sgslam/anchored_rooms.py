@@ -11,7 +11,9 @@ from sgslam.scene import Scene
 Floats = NDArray[np.float64]
 
 
-def rooms_of(held: list[Held], given: tuple[tuple[str, str, float], ...], least: float) -> list[list[str | float | None]]:
+def rooms_of(
+    held: list[Held], given: tuple[tuple[str, str, float], ...], least: float
+) -> list[list[str | float | None]]:
     """(S room, A room, confidence): as given, unless most of a room's walls stand in another planned room."""
     votes: dict[str, dict[str, float]] = {}
     for h in held:

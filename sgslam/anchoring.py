@@ -60,6 +60,7 @@ class Anchoring(Stateful):
     _STATE = (
         "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
         "_moved", "asked", "accepted", "follows", "_confidence", "_said", "doubt",
+        "_keyframes_asked", "_keyframes_judged",
     )  # fmt: skip
 
     def __init__(
@@ -69,7 +70,8 @@ class Anchoring(Stateful):
         self._a, self._matcher, self._config, self._plan = a_graph, matcher, config, plan
         self.origin, self.number, self._partial = origin, number, partial
         self.doubt = ""  # why the newest answer, though unique, was not committed to
-        self._judged: Scene | None = None  # on which the place was last held against a partial plan
+        self._keyframes_asked = 0  # of the map that the newest answer is about
+        self._keyframes_judged = 0  # of the map that was last held against a partial plan
         self.asked: str | None = None  # the storey that the matcher is asked about; all of them, where it is None
         self.accepted: list[str] | None = None  # the storeys that this floor can be, where it is known
         self._confidence = 0.0  # of a commitment that follows another one
@@ -85,7 +87,7 @@ class Anchoring(Stateful):
         self._tried = Growth()
         self._matches = 0
         self._moved = False  # what the back end says is of a place that was withdrawn
-        self._said: tuple[str | None, Floats] | None = None  # storey and place of a unique answer, not yet said again
+        self._said: tuple[str | None, Floats] | None = None  # storey and place of the newest unique answer
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with its log's."""
@@ -109,13 +111,15 @@ class Anchoring(Stateful):
             keys.clear()
             keys.update(renamed)
         growth = Growth.of(scene.graph)
-        if self._partial and self.committed is not None and scene is not self._judged:
-            self._judged = scene
+        keyframes = len(scene.graph.keyframes)
+        if self._partial and self.committed is not None and keyframes > self._keyframes_judged:
+            self._keyframes_judged = keyframes
             if self._contradicts(scene, self._known(walls, T_map_local), self.committed.floor):
                 self._withdraw(scene, _OTHERWISE)
         holding = self._pulled_already(scene, walls, T_map_local)
         share = 0.0 if holding is None else holding.share
-        if (last or growth.enough_since(self._tried)) and share < self._config.anchors.least_share:
+        asked = last or growth.enough_since(self._tried) or (self.committed is None and self._answered(scene))
+        if asked and share < self._config.anchors.least_share:
             before = self.committed
             self._try(scene, walls, T_map_local, last)
             if before is not None and self.committed is before and holding is None:
@@ -148,6 +152,11 @@ class Anchoring(Stateful):
         assert self.match is not None
         self._withdraw(scene, self.match.reason)
         return False
+
+    def _answered(self, scene: Scene) -> bool:
+        """Whether a smaller map had a unique answer, which a second one is to confirm."""
+        unique = self.match is not None and self.match.status == "unique" and not self.doubt
+        return unique and len(scene.graph.keyframes) > self._keyframes_asked
 
     def ask_about(self, storey: str) -> None:
         """From now on the matcher is asked about this storey alone, and at once."""
@@ -214,13 +223,13 @@ class Anchoring(Stateful):
 
     def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> None:
         """Asks the matcher, with the whole building open to it; commits to a unique answer that the walls bear out
-        when the one before it, on a smaller map, said the same, or when it is the `last` time.
+        when the unique one before it, on a smaller map, said the same, or when it is the `last` time.
 
         An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
         """
-        said, self._said, self.doubt = self._said, None, ""
+        self.doubt = ""
         match = self.match = self._matcher.match(scene.graph, self._plan(self.asked))
-        self._matched = scene
+        self._matched, self._keyframes_asked = scene, len(scene.graph.keyframes)
         self._matches += 1
         rooms = len(scene.graph.rooms)
         _log.info("match %d, of %d rooms: %s, %s", self._matches, rooms, match.status, match.reason)
@@ -232,10 +241,9 @@ class Anchoring(Stateful):
         )
         if replaced and self.follows:
             return
-        if self.committed is None and not last and (
-            said is None or said[0] != match.floor or _apart(place, said[1], scene)
-        ):
-            self._said = match.floor, place
+        said, self._said = self._said, (match.floor, place)
+        again = said is not None and said[0] == match.floor and not _apart(place, said[1], scene)
+        if self.committed is None and not (again or last):
             return
         if replaced:
             self._withdraw(scene, f"match {self._matches} places the map elsewhere")
