@@ -45,18 +45,17 @@ def seen_doors(drawn: DrawnGraph, a: SceneGraph, part: Part) -> SeenDoors:
     )
 
 
-def door_nats(
-    seen: SeenDoors, part: Part, laid: Laid, a: SceneGraph, there: tuple[Walls, Index], home: tuple[Walls, Index]
-) -> float:
-    """Nats for the truth over the place where the part was laid. `there` and `home`: the storey, and the rooms in it
-    that the map would have entered."""
-    plan, own = doors(a, there[0]), doors(a, home[0])
-    at = _placed(seen, part, laid)
+def doors_at_home(seen: SeenDoors, part: Part, a: SceneGraph, home: Walls, rooms: Index) -> float:
+    """Nats, 0 at the most, of which doors between the rooms that the map entered are in it."""
+    T_home_part = se2.compose(se2.inverse(home.T_graph_own), part.walls.T_graph_own)
+    return _completeness(doors(a, home), rooms, se2.apply(T_home_part, seen.place))
+
+
+def doors_there(seen: SeenDoors, part: Part, laid: Laid, a: SceneGraph, storey: Walls, rooms: Index) -> float:
+    """Nats, 0 at the least, against the place where the part was laid, in these rooms of a storey."""
+    plan, at = doors(a, storey), _placed(seen, part, laid)
     off = np.hypot(*np.moveaxis(at[:, None] - plan.place, -1, 0)).min(axis=1, initial=np.inf)
-    cost = np.minimum(0.5 * (off / SIGMA_DOOR) ** 2, NO_DOOR).sum()
-    T_home_part = se2.compose(se2.inverse(home[0].T_graph_own), part.walls.T_graph_own)
-    truth = _completeness(own, home[1], se2.apply(T_home_part, seen.place))
-    return float(cost + truth - _completeness(plan, there[1], at))
+    return float(np.minimum(0.5 * (off / SIGMA_DOOR) ** 2, NO_DOOR).sum() - _completeness(plan, rooms, at))
 
 
 def _placed(seen: SeenDoors, part: Part, laid: Laid) -> Array:

@@ -1,5 +1,6 @@
 """A part of a building laid over another place of it: which walls lie on which, and what tells the two apart."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ SIGMA_TURN, TURNED = float(np.radians(1)), float(np.radians(3))
 NO_WALL = 4.0  # nats
 SHORT, NO_WALL_SHORT = 0.8, 2.0  # m, nats: niches and pillars are often drawn otherwise
 LOOSENED = (3.0, 2.0, 1.0, 1.0)  # by how much the gates are wider, step by step
+AT_ONCE = 200_000  # pairs of walls, of several motions
 HOLD = 1e-6  # of what the walls leave open
 
 
@@ -42,7 +44,7 @@ class Laid:
     @property
     def nats(self) -> float:
         """All that the walls and the bending cost."""
-        return float(self.cost.sum()) + self.bending
+        return float(self.cost.sum() + self.bending)
 
     def motion(self, part: Part) -> Array:
         """(3,) the motion between own frames that is nearest to those of the groups, whatever their sizes."""
@@ -58,28 +60,32 @@ def part_of(walls: Walls, goes_on: NDArray[np.bool_], bent: bool) -> Part:
     return Part(walls, goes_on, group, centre, _tree(centre))
 
 
-def lay(part: Part, storey: Walls, motion: Array) -> Laid:
-    """Lays the part by a motion (3,) between own frames, which is near, and then as well as it can be.
+def lay(part: Part, storey: Walls, motions: Array) -> Iterator[Laid]:
+    """Lays the part by each of the motions (M, 3) between own frames, which are near, and then as well as it can be.
 
     Gauss-Newton on what walls are off across and at their ends, each to the wall that costs least.
     """
-    groups = len(part.centre)
-    state = np.column_stack((np.full(groups, motion[0]), se2.apply(motion, part.centre)))
-    for loosened in LOOSENED:
-        state = _step(part, storey, state, loosened)
-    cost, partner, *_ = _pairs(part, storey, state, 1.0)
-    residual, _ = _bent(part, state)
-    return Laid(state, partner, cost, 0.5 * float(residual @ residual))
+    most = max(1, AT_ONCE // (len(part.walls) * max(1, len(storey))))
+    for first in range(0, len(motions), most):
+        moved = motions[first : first + most, None]  # (M, 1, 3)
+        turned = np.broadcast_to(moved[..., :1], (len(moved), len(part.centre), 1))
+        state = np.concatenate((turned, se2.apply(moved, part.centre)), axis=-1)
+        for loosened in LOOSENED:
+            state = _step(part, storey, state, loosened)
+        cost, partner, *_ = _pairs(part, storey, state, 1.0)
+        residual, _ = _bent(part, state)
+        yield from map(Laid, state, partner, cost, 0.5 * np.einsum("mi,mi->m", residual, residual))
 
 
 def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Array, Index, Array, Array]:
-    """(N,) cost and partner, (N, 4) off across, at both ends and in direction, in sigmas, (N, 2) the middles."""
+    """Of M states (M, G, 3): (M, N) cost and partner, (M, N, 4) off across, at both ends and in direction, in sigmas,
+    (M, N, 2) the middles."""
     walls = part.walls
-    yaw = state[part.group, 0]
-    placed = se2.rotate(yaw, walls.centre - part.centre[part.group]) + state[part.group, 1:]
-    apart = placed[:, None] - storey.centre[None]
-    across = np.einsum("ijk,jk->ij", apart, storey.normal)
-    along = np.einsum("ijk,jk->ij", apart, storey.tangent)
+    yaw = state[:, part.group, 0]
+    placed = se2.rotate(yaw, walls.centre - part.centre[part.group]) + state[:, part.group, 1:]
+    apart = placed[:, :, None] - storey.centre
+    across = np.einsum("mijk,jk->mij", apart, storey.normal)
+    along = np.einsum("mijk,jk->mij", apart, storey.tangent)
     slack = walls.half[:, None] - storey.half[None]
     known = walls.known[:, None] & storey.known[None]
     beyond = along + slack, along - slack  # of the ends along the tangent and against it; a wall that goes on may be
@@ -87,53 +93,60 @@ def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Ar
         beyond[1], np.where(part.goes_on[:, :1], 0.0, np.inf)
     )
     ends = [np.where(known, end, 0.0) / SIGMA_END for end in beyond]
-    turned = se2.wrap(walls.heading[:, None] + yaw[:, None] - storey.heading[None])
+    turned = se2.wrap((walls.heading + yaw)[:, :, None] - storey.heading)
     off = np.stack((across / SIGMA_ACROSS, *ends, turned / SIGMA_TURN), axis=-1)
-    cost = 0.5 * np.einsum("ijk,ijk->ij", off, off) / loosened**2
+    cost = 0.5 * np.einsum("mijk,mijk->mij", off, off) / loosened**2
     beside = np.abs(along) < walls.half[:, None] + storey.half[None]
     cost = np.where((np.abs(turned) < TURNED * loosened) & beside, cost, np.inf)
-    n, best = np.arange(len(walls)), cost.argmin(axis=1)
+    best = cost.argmin(axis=2)
+    m, n = np.ogrid[: len(state), : len(walls)]
     most = np.where(2 * walls.half < SHORT, NO_WALL_SHORT, NO_WALL)
-    least = cost[n, best]
-    return np.minimum(least, most), np.where(least < most, best, -1), off[n, best], placed
+    least = cost[m, n, best]
+    return np.minimum(least, most), np.where(least < most, best, -1), off[m, n, best], placed
 
 
 def _step(part: Part, storey: Walls, state: Array, loosened: float) -> Array:
     """One step of least squares; the motions are of the groups' centres."""
-    groups = len(state)
+    count, groups, walls = *state.shape[:2], np.arange(len(part.walls))
     _, partner, off, placed = _pairs(part, storey, state, loosened)
-    on = np.flatnonzero(partner >= 0)
-    group, j = part.group[on], partner[on]
-    lever = placed[on] - state[group, 1:]
+    on = (partner >= 0)[..., None]  # the others' rows are empty
+    off = np.where(on, off, 0.0)
+    lever = placed - state[:, part.group, 1:]
+
+    def rows(turn: Array, d: Array) -> Array:
+        found = np.zeros((count, len(walls), groups, 3))
+        found[:, walls, part.group] = np.where(on, np.concatenate((turn[..., None], d), axis=-1), 0.0)
+        return found.reshape(count, len(walls), 3 * groups)
+
     both = []
-    for d in (storey.normal[j] / SIGMA_ACROSS, storey.tangent[j] / SIGMA_END):
-        rows = np.zeros((len(on), groups, 3))
-        turn = d[:, 1] * lever[:, 0] - d[:, 0] * lever[:, 1]
-        rows[np.arange(len(on)), group] = np.column_stack((turn, d))
-        both.append(rows.reshape(len(on), 3 * groups))
+    for d in (storey.normal[partner] / SIGMA_ACROSS, storey.tangent[partner] / SIGMA_END):
+        both.append(rows(d[..., 1] * lever[..., 0] - d[..., 0] * lever[..., 1], d))
     across, along = both
-    ends = [np.where((off[on, k] == 0)[:, None], 0.0, along) for k in (1, 2)]  # nothing holds a wall that may go on
-    turned = np.zeros((len(on), groups, 3))
-    turned[np.arange(len(on)), group, 0] = 1 / SIGMA_TURN
+    ends = [np.where(off[..., k, None] == 0, 0.0, along) for k in (1, 2)]  # nothing holds a wall that may go on
+    turned = rows(np.full(placed.shape[:2], 1 / SIGMA_TURN), np.zeros_like(placed))
     residual, bent = _bent(part, state)
-    J = np.concatenate((across, *ends, turned.reshape(len(on), 3 * groups), bent))
-    r = np.concatenate((off[on].T.ravel(), residual))
-    step = np.linalg.solve(J.T @ J + HOLD * np.eye(3 * groups), -J.T @ r)
-    return np.asarray(state + step.reshape(groups, 3))
+    J = np.concatenate((across, *ends, turned, bent), axis=1)
+    r = np.concatenate((np.moveaxis(off, 2, 1).reshape(count, -1), residual), axis=1)[..., None]
+    J_T = np.swapaxes(J, 1, 2)
+    step = np.linalg.solve(J_T @ J + HOLD * np.eye(3 * groups), -J_T @ r)
+    return np.asarray(state + step.reshape(state.shape))
 
 
 def _bent(part: Part, state: Array) -> tuple[Array, Array]:
-    """(3 L,) how far linked groups moved otherwise, in sigmas of the drift of one step, and (3 L, 3 G) by the state."""
+    """(M, 3 L) how far linked groups moved otherwise, in sigmas of the drift of one step, and (M, 3 L, 3 G) by the
+    state."""
     g, h = part.links.T
-    arm = se2.rotate(state[g, 0], part.centre[h] - part.centre[g])
+    count, groups = state.shape[:2]
+    arm = se2.rotate(state[:, g, 0], part.centre[h] - part.centre[g])
     sigma = np.array([DRIFT_YAW, DRIFT_XY, DRIFT_XY])
-    off = np.column_stack((se2.wrap(state[h, 0] - state[g, 0]), state[h, 1:] - state[g, 1:] - arm)) / sigma
-    J = np.zeros((len(g), 3, len(state), 3))
+    moved = state[:, h] - state[:, g]
+    off = np.concatenate((se2.wrap(moved[..., :1]), moved[..., 1:] - arm), axis=-1) / sigma
+    J = np.zeros((count, len(g), 3, groups, 3))
     n = np.arange(len(g))
     for k in range(3):
-        J[n, k, h, k], J[n, k, g, k] = 1 / sigma[k], -1 / sigma[k]
-    J[n, 1, g, 0], J[n, 2, g, 0] = arm[:, 1] / DRIFT_XY, -arm[:, 0] / DRIFT_XY
-    return off.ravel(), J.reshape(3 * len(g), 3 * len(state))
+        J[:, n, k, h, k], J[:, n, k, g, k] = 1 / sigma[k], -1 / sigma[k]
+    J[:, n, 1, g, 0], J[:, n, 2, g, 0] = arm[..., 1] / DRIFT_XY, -arm[..., 0] / DRIFT_XY
+    return off.reshape(count, -1), J.reshape(count, 3 * len(g), 3 * groups)
 
 
 def _tree(points: NDArray[np.float64]) -> Index:

@@ -28,7 +28,7 @@ from data.s_graph_regimes import DrawnGraph
 from data.se2 import Array
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.scoring import Pairing, explained
-from matching.twin_doors import door_nats, seen_doors
+from matching.twin_doors import doors_at_home, doors_there, seen_doors
 from matching.twin_motion import Laid, lay, part_of
 from matching.twin_sight import sight
 from matching.voting import candidates
@@ -71,18 +71,19 @@ def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
     at_home = np.array([index[key] for key in part.walls.ids])
     entered = _entered(home, at_home, part.walls.half)
     entered_rooms = np.unique(entered[entered >= 0])
-    truth = _completeness(home, entered_rooms, at_home)
     doors = seen_doors(drawn, a, part)
+    truth = _completeness(home, entered_rooms, at_home) + doors_at_home(doors, part, a, home, entered_rooms)
     found = []
     for storey in floors:
-        for motion in _elsewhere(part.walls, storey, home):
-            laid = lay(part, storey, motion)
+        for laid in lay(part, storey, np.reshape(_elsewhere(part.walls, storey, home), (-1, 3))):
+            nats = laid.nats + truth
+            if nats >= SURE:  # what follows only tells against the place
+                continue
             rooms = _rooms(laid, entered, storey)
-            there = _completeness(storey, rooms, laid.partner)
-            of_doors = door_nats(doors, part, laid, a, (storey, rooms), (home, entered_rooms))
+            nats += doors_there(doors, part, laid, a, storey, rooms) - _completeness(storey, rooms, laid.partner)
             T_a_a = between_graphs(part.walls, storey, laid.motion(part))
             yaw, x, y = se2.compose(T_a_a, np.array(drawn.T_a_s)).tolist()
-            found.append(Twin((yaw, x, y), storey.floor, laid.nats + truth - there + of_doors))
+            found.append(Twin((yaw, x, y), storey.floor, nats))
     return _distinct(sorted(found, key=lambda twin: twin.nats), drawn)
 
 
