@@ -51,14 +51,18 @@ class Prepared:
     @staticmethod
     def of(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
         """An S-graph of this A-graph."""
-        x, y = drawn.s_graph.centroid().tolist()
-        truth = TrueMatches(drawn.rooms, drawn.wall_surfaces, drawn.T_a_s, drawn.floor, (x, y))
-        return Prepared(drawn, a_graph, truth, is_twin(drawn, a_graph))
+        return Prepared(drawn, a_graph, truth_of(drawn), is_twin(drawn, a_graph))
 
     @staticmethod
     def elsewhere(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
         """An S-graph of another building: it has no place in this A-graph."""
         return Prepared(drawn, a_graph, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None)
+
+
+def truth_of(drawn: DrawnGraph) -> TrueMatches:
+    """The true matches of a drawn S-graph in its A-graph."""
+    x, y = drawn.s_graph.centroid().tolist()
+    return TrueMatches(drawn.rooms, drawn.wall_surfaces, drawn.T_a_s, drawn.floor, (x, y))
 
 
 class Pair(Protocol):

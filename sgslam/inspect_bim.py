@@ -55,7 +55,7 @@ def _parser() -> Parser:
     add("--out", type=Path, required=True, metavar="DIR", help=f"for {PAGE} and {VALUES}")
     add("--layer", action="append", default=[], metavar="NAME", help="a layer of a .dxf with walls; may be given again")
     add("--method", default="learned", metavar="NAME", help="the matcher that is asked (default: learned)")
-    add("--maps", type=int, default=5, metavar="N", help="maps drawn from each start room (default 5)")
+    add("--maps", type=int, default=21, metavar="N", help="maps of the same rooms, at most (default 21)")
     add("--seed", type=int, default=0, metavar="N", help="of the maps")
     add("--jobs", type=int, default=_cores(), metavar="N", help="processes (default: one a core)")
     return parser

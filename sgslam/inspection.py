@@ -7,15 +7,17 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from data import SceneGraph
 from data.s_graph_exploration import storeys_of
+from sgslam.asked_maps import AskedMaps
 from sgslam.own_twins import Likeness, OwnTwins
 from sgslam.plan_gaps import Gap, gaps
 from sgslam.rooms_needed import RoomsNeeded, needed_from
 
+BLOCK = 12  # start rooms of a storey of which one answer spares another; the same with any number of processes
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+Block = tuple[int, range]  # the place of a storey, and of start rooms in it
 
 
 @dataclass(frozen=True)
@@ -62,10 +64,10 @@ class Inspection:
 
 @dataclass(frozen=True)
 class Ask:
-    """How rooms are asked after: the matcher's name, maps of each start, seed."""
+    """How rooms are asked after: the matcher's name, maps of the same rooms at most, seed."""
 
     method: str = "learned"
-    maps: int = 5
+    maps: int = 21
     seed: int = 0
 
 
@@ -73,52 +75,64 @@ def inspect(
     graph: SceneGraph, notices: tuple[str, ...] = (), ask: Ask | None = None, jobs: int = 1,
     tell: Callable[[int, int], None] = lambda done, of: None,
 ) -> Inspection:  # fmt: skip
-    """Looks at all of it with so many processes of one thread each; `tell` is called after each start room.
+    """Looks at all of it with so many processes of one thread each; `tell` is called as start rooms are done.
 
     Raises UserError for a matcher that does not exist.
     """
-    starts = [(place, start) for place, s in enumerate(storeys_of(graph)) for start in range(len(s.rooms))]
+    blocks = [
+        (place, range(start, min(start + BLOCK, len(s.rooms))))
+        for place, s in enumerate(storeys_of(graph))
+        for start in range(0, len(s.rooms), BLOCK)
+    ]
+    of = sum(len(starts) for _, starts in blocks)
     own = OwnTwins(graph)
     whole = [[r.id for r in s.rooms if graph.surfaces_of_room[r.id]] for s in storeys_of(graph)]
     twins = tuple(like for rooms in whole for like in own.likenesses(rooms))
     rooms = {}
-    for done, found in enumerate(_asked(graph, ask or Ask(), starts, jobs), 1):
+    for done, found in enumerate(_asked(graph, ask or Ask(), blocks, jobs), 1):
         rooms[found.needed.room] = found
-        tell(done, len(starts))
+        tell(done, of)
     return Inspection(graph, notices, tuple(gaps(graph)), twins, rooms)
 
 
-def _asked(graph: SceneGraph, ask: Ask, starts: list[tuple[int, int]], jobs: int) -> Iterator[RoomInspection]:
-    if jobs == 1 or len(starts) < 2:
-        yield from map(_Asker(graph, ask), starts)
+def _asked(graph: SceneGraph, ask: Ask, blocks: list[Block], jobs: int) -> Iterator[RoomInspection]:
+    if jobs == 1 or len(blocks) < 2:
+        asker = _Asker(graph, ask)
+        for block in blocks:
+            yield from asker(block)
         return
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
         spawn = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(jobs, spawn, _begin, (graph.to_dict(), ask)) as pool:
-            yield from pool.map(_one, starts)
+            for found in pool.map(_all_of, blocks):
+                yield from found
     finally:
         for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.update({name: value})
 
 
 class _Asker:
-    """What one process keeps: the graph, the matcher, and the twins that it knows."""
+    """What one process keeps: the graph, its twins, and what the matcher answered on each storey."""
 
     def __init__(self, graph: SceneGraph, ask: Ask) -> None:
         from matching import Matcher
 
-        self._graph, self._ask, self._own = graph, ask, OwnTwins(graph)
-        self._matcher = Matcher.load(ask.method)
+        self._own, matcher = OwnTwins(graph), Matcher.load(ask.method)
+        self._maps = [
+            AskedMaps(graph, storey, place, matcher, ask.seed, ask.maps)
+            for place, storey in enumerate(storeys_of(graph))
+        ]
 
-    def __call__(self, at: tuple[int, int]) -> RoomInspection:
-        place, start = at
-        storey = storeys_of(self._graph)[place]
-        rngs = [np.random.default_rng((self._ask.seed, place, start, n)) for n in range(self._ask.maps)]
-        needed = needed_from(storey, start, self._graph, self._matcher, rngs, self._own)
-        nothing = needed.outcome == "nothing to see"
-        return RoomInspection(needed, () if nothing else tuple(self._own.likenesses([needed.room])))
+    def __call__(self, block: Block) -> Iterator[RoomInspection]:
+        place, starts = block
+        maps = self._maps[place]
+        maps.forget_perfect()
+        for start in starts:
+            needed = needed_from(maps, start, self._own)
+            nothing = needed.outcome == "nothing to see"
+            yield RoomInspection(needed, () if nothing else tuple(self._own.likenesses([needed.room])))
 
 
 _asker: _Asker | None = None  # of a process of the pool
@@ -129,6 +143,6 @@ def _begin(graph: dict[str, Any], ask: Ask) -> None:
     _asker = _Asker(SceneGraph.from_dict(graph), ask)
 
 
-def _one(at: tuple[int, int]) -> RoomInspection:
+def _all_of(block: Block) -> list[RoomInspection]:
     assert _asker is not None
-    return _asker(at)
+    return list(_asker(block))

@@ -195,9 +195,8 @@ def test_the_check_asks_the_benchmark_on_both_sides_of_what_was_foretold() -> No
         sides_of(1) == [(1, True)] and sides_of(5) == [(4, False), (6, True)] and sides_of(6) == [(4, False), (6, True)]
     )
     assert sides_of(40) == [(14, False), (None, True)] and sides_of(None) == [(None, False)]
-    fewer = Side(4, False, (True, False, False), (True, True, False))
-    enough = Side(6, True, (True, True, False), (True, True, True))
-    text = table([Start("r", 5, (fewer, enough)), Start("q", None, (Side(None, False, (False,), (False,)),))], "house")
-    assert "| both sides | 100 % (2 of 2) | 50 % (1 of 2) |" in text
+    fewer, enough = Side(4, False, 1, 3), Side(6, True, 2, 3)
+    text = table([Start("r", 5, (fewer, enough)), Start("q", None, (Side(None, False, 2, 3),))], "house")
+    assert "| enough rooms: known (1) | 100 % (1 of 1) |" in text and "| both sides | 50 % (1 of 2) |" in text
     with pytest.raises(UserError, match="no start room"):
         table([], "house")
