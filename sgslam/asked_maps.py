@@ -11,7 +11,8 @@ from data.s_graph_walks import perfect_map
 from sgslam.matcher_protocol import AnyMatcher, Match
 
 NEAR_M, NEAR_RAD = 0.5, float(np.radians(5))  # of the truth, at the map's middle
-AHEAD, BEHIND = 3, 5  # maps; where so many more are known than not, or fewer, it is clear whether most are
+AHEAD, BEHIND = 4, 5  # maps; where so many more are known than not, or fewer, no more are asked
+CLEAR = 0.75  # of the maps
 
 Rooms = frozenset[int]  # by their places in the storey
 
@@ -36,11 +37,11 @@ class Answers:
     @property
     def clearly_known(self) -> bool:
         """Whether most are known beyond much doubt."""
-        return self.lead >= AHEAD
+        return self.lead >= AHEAD and self.share >= CLEAR
 
     def decided(self, most: int) -> bool:
         """Whether it is clear, or of `most` maps the rest cannot change, whether most are known."""
-        return self.clearly_known or self.lead <= -BEHIND or self.of >= most or abs(self.lead) > most - self.of
+        return self.lead >= AHEAD or self.lead <= -BEHIND or self.of >= most or abs(self.lead) > most - self.of
 
 
 @dataclass

@@ -63,7 +63,7 @@ def needed_from(maps: AskedMaps, start: int, own: OwnTwins) -> RoomsNeeded:
         asked[count] = maps.answers(_first(order, count))
         if asked[count].clearly_known:
             break
-    rooms = _dividing(asked)
+    rooms = dividing(asked)
     return told("not found" if rooms is None else "known", rooms, apart, asked)
 
 
@@ -84,7 +84,7 @@ def _apart(maps: AskedMaps, order: Sequence[int]) -> int | None:
     return high
 
 
-def _dividing(asked: dict[int, Answers]) -> int | None:
+def dividing(asked: dict[int, Answers]) -> int | None:
     """The count from which on the known maps outweigh the others most, None where they nowhere do; of equals the
     smallest. It is the best guess of a share that grows."""
     found, best, above = None, 0.0, 0.0

@@ -16,10 +16,13 @@ from data.s_graph_exploration import storeys_of
 from data.s_graph_regimes import draw_walk
 from data.s_graph_walks import nearest_first, seen_in
 from evaluation.rooms_needed import Side, Start, sides_of, table
+from matching import Matcher
+from sgslam.asked_maps import Answers, AskedMaps
 from sgslam.inspection import Ask, Inspection, inspect
 from sgslam.inspection_page import inspection_html
 from sgslam.own_twins import OwnTwins
 from sgslam.plan_gaps import gaps
+from sgslam.rooms_needed import dividing
 
 VOTING = Ask("voting", maps=1)
 
@@ -124,16 +127,48 @@ def test_a_room_that_is_like_another_says_which() -> None:
     assert OwnTwins(plan).likenesses(["room0", "room1", "room2"]) == []
 
 
+def two_storeys() -> SceneGraph:
+    """The house with a corridor, and two rooms above."""
+    both = merged(corridor_house(), a_graph([box(0, 0, 7.3, 4.4), box(7.4, 0, 2.2, 5.7)], "upper", "up"))
+    return dataclasses.replace(both, floors=(Floor("ground", "Ground", 0.0), Floor("upper", "Upper", 3.0)))
+
+
 @pytest.fixture(scope="module")
 def house() -> Inspection:
-    return inspect(corridor_house(), ask=VOTING)
+    return inspect(two_storeys(), ask=VOTING)
 
 
 def test_uneven_rooms_are_known_after_a_few(house: Inspection) -> None:
-    found = [r.needed for r in house.rooms.values()]
-    assert len(found) == 7 and all(n.outcome == "known" for n in found)
+    found = [r.needed for r in house.rooms.values() if r.needed.floor == "ground"]
+    assert len(found) == 7 and len(house.rooms) == 9 and all(n.outcome == "known" for n in found)
     assert all(n.rooms is not None and n.apart is not None and n.apart <= n.rooms <= 5 for n in found)
-    assert inspect(corridor_house(), ask=VOTING).to_dict() == house.to_dict()  # the same each time
+
+
+def test_what_is_answered_depends_on_the_rooms_alone() -> None:
+    storey, matcher = storeys_of(corridor_house())[0], Matcher.load("voting")
+
+    def asked(seed: int) -> AskedMaps:
+        return AskedMaps(corridor_house(), storey, 0, matcher, seed, most=7)
+
+    few, more = frozenset({0, 6}), frozenset({0, 1, 6})
+    once, again = asked(0), asked(0)
+    assert (once.answers(few), once.answers(more)) == (again.answers(more), again.answers(few))[::-1]
+    assert any(asked(seed).answers(few) != once.answers(few) for seed in range(1, 6))
+
+
+def test_no_more_is_asked_once_most_are_clear() -> None:
+    assert Answers(4, 4).decided(21) and Answers(0, 5).decided(21) and Answers(10, 16).decided(21)
+    assert not Answers(0, 4).decided(21) and not Answers(3, 3).decided(21) and not Answers(2, 3).decided(4)
+    assert Answers(0, 3).decided(5) and Answers(2, 4).decided(4)
+    assert Answers(4, 4).clearly_known and not Answers(10, 16).clearly_known and not Answers(3, 3).clearly_known
+
+
+def test_the_number_told_divides_the_answers_best() -> None:
+    none, few, half, all_ = Answers(0, 5), Answers(3, 11), Answers(5, 10), Answers(3, 3)
+    assert dividing({2: none, 3: few, 4: all_}) == 4 and dividing({2: half, 3: all_}) == 2
+    assert dividing({2: Answers(7, 10), 3: half, 4: Answers(4, 11), 5: all_}) == 2
+    assert dividing({2: Answers(6, 10), 3: none, 4: all_}) == 4
+    assert dividing({2: none, 3: few}) is None and dividing({}) is None
 
 
 def test_in_a_house_beside_its_like_the_place_is_never_known() -> None:
@@ -172,14 +207,14 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_command_writes_page_and_values(tmp_path: Path, house: Inspection) -> None:
-    corridor_house().save(tmp_path / "house.json")
+    two_storeys().save(tmp_path / "house.json")
     done = run(tmp_path / "house.json", "--out", tmp_path / "out", "--method", "voting", "--maps", 1, "--jobs", 2)
     assert done.returncode == 0, done.stderr
     values = json.loads((tmp_path / "out/inspection.json").read_text())
     same = json.loads(json.dumps(house.to_dict()))  # however many processes there are
     assert values == {"file": "house.json", "method": "voting", "maps": 1, "seed": 0, **same}
     page = (tmp_path / "out/inspection.html").read_text()
-    assert page.count('<svg class="storey"') == 1 and page.count("<polygon class=") == 7 + 10  # rooms and legend
+    assert page.count('<svg class="storey"') == 2 and page.count("<polygon class=") == 9 + 2 * 10  # rooms, legends
     assert done.stdout.splitlines()[-1] == f"page: {tmp_path / 'out/inspection.html'}"
 
 
