@@ -7,7 +7,7 @@ import queue
 import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 EVERY_S = 0.4  # between two pictures, at least
-SHARE = 0.03  # of the run's time that drawing may take, and that taking stock may
+SHARE = 0.03  # of a processor's time that drawing may take, and that taking stock may
 NEW_CLOUDS = 12  # scans that are drawn at once, at most
 
 
@@ -52,8 +52,7 @@ class LiveView:
         self._scene, self._truth = RunScene(page), truth
         self.panel = Panel(page, self._scene)
         self._errors = None if truth is None else LiveErrors(truth)
-        self._scans, self._due, self._cut_due = 0, 0.0, 0.0
-        self._cut: SceneGraph | None = None
+        self._scans, self._due = 0, 0.0
         self._moments: queue.Queue[_Moment | None] = queue.Queue(1)
         self._ended = threading.Event()
         with page.at_once():
@@ -67,22 +66,20 @@ class LiveView:
         self._scans += 1
         if self._errors is not None:
             self._errors.note(update.stamp_ns, update.T_map_sensor, slam.T_bim_map)
-        began = perf_counter()
-        if began < self._due or self._moments.full() or not self._thread.is_alive():
+        if perf_counter() < self._due or self._moments.full() or not self._thread.is_alive():
             return
+        began = thread_time()
         now = slam.snapshot()
-        if now.plan is None and began >= self._cut_due:  # without a plan rooms are cut at the end only
-            self._cut = slam.s_graph()
-            self._cut_due = perf_counter() + (perf_counter() - began) / SHARE
-        if self._cut is not None:
-            now = replace(now, graphs=tuple(self._cut.on_floor(floor.id) for floor in self._cut.floors))
+        if now.plan is None:  # rooms are cut at the end only
+            cut = slam.s_graph()
+            now = replace(now, graphs=tuple(cut.on_floor(floor.id) for floor in cut.floors))
         some = points[:: max(1, len(points) // SCAN_POINTS)]
         self._moments.put(_Moment(now, update.T_map_sensor, slam.T_bim_map, some, self._scans))
-        self._due = began + max(EVERY_S, (perf_counter() - began) / SHARE)
+        self._due = perf_counter() + _pause(thread_time() - began)
 
     def _draw_on(self) -> None:
         while (moment := self._moments.get()) is not None:
-            began = perf_counter()
+            began = thread_time()
             try:
                 with self.page.at_once():
                     self._draw(moment)
@@ -91,7 +88,7 @@ class LiveView:
                 return
             finally:
                 self._moments.task_done()
-            if self._ended.wait((perf_counter() - began) * (1 / SHARE - 1)):
+            if self._ended.wait(_pause(thread_time() - began)):
                 return
 
     def _draw(self, moment: _Moment) -> None:
@@ -134,6 +131,11 @@ class LiveView:
         self.page.clear()
         FinishedView(self.page, [run])
         stay(self.page)
+
+
+def _pause(took: float) -> float:
+    """Seconds to wait after work that took so many of a processor."""
+    return max(EVERY_S, took / SHARE)
 
 
 def open_page(at: str) -> Page:

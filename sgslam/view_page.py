@@ -57,8 +57,8 @@ class Page:
     def clear(self) -> None:
         """Takes away all that is shown, and all controls."""
         with self._lock:
-            self._shown.clear()
-            self.server.scene.reset()
+            for name in {name.split("/")[1] for name in self._shown}:
+                self.remove(f"/{name}")
             self.server.gui.reset()
 
     def close(self) -> None:
@@ -132,10 +132,9 @@ class Page:
 
     def remove(self, name: str) -> None:
         """Takes away what is shown under a name, and all below it."""
-        for below in [n for n in self._shown if n == name or n.startswith(name + "/")]:
-            shown = self._shown.pop(below)
-            if below == name:
-                shown.handle.remove()
+        below = [n for n in self._shown if n == name or n.startswith(name + "/")]
+        for one in sorted(below, reverse=True):  # what lies below goes before what it lies in
+            self._shown.pop(one).handle.remove()
 
     def hide(self, name: str, hidden: bool) -> None:
         """Hides one thing or shows it again."""

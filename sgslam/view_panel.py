@@ -106,7 +106,7 @@ def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
         storey = _plain(storeys.get(str(h.get("floor")), "the plan"))
         rooms = len(h.get("rooms") or ())
         rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {storey} | {float(h['score']):.1f} | {rooms} |")
-    return "\n".join([_plain(now.reason), "", *rows])
+    return "\n".join(rows)
 
 
 def metres(value: float) -> str:

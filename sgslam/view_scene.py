@@ -42,6 +42,7 @@ class RunScene:
         self._storeys: dict[str, str] = {}  # of the plan, by id: what they are called in the page
         self._of_floor: dict[str, str] = {}  # floor of the map: storey of the plan
         self._storey: str | None = None
+        self._ghosts: dict[int, str | None] = {}  # hypotheses that are drawn, with their storeys
         self._hidden: set[str] = set()
 
     def clear(self) -> None:
@@ -78,7 +79,7 @@ class RunScene:
         corners = upright(part.wall_surfaces, floor.elevation or 0.0, absolute=True) - page.origin
         page.frame(name)
         for layer in ("plan", "rooms", "names"):
-            page.frame(f"{name}/{layer}", visible=layer not in self._hidden)
+            page.frame(f"{name}/{layer}", visible=layer not in self._hidden and (layer != "names" or self._names_shown))
         page.mesh(f"{name}/plan/walls", panes(corners), rgb(BIM), 0.25)
         page.lines(f"{name}/plan/feet", feet(corners), rgb(BIM), 2.0)
         for number, room in enumerate(part.rooms):
@@ -127,7 +128,7 @@ class RunScene:
             planned = np.array([w.centroid for w in now.plan.wall_surfaces] or [(0.0, 0.0)])
             seen = [w.centroid for graph in now.graphs for w in graph.wall_surfaces]
             ours = np.concatenate([now.poses[:, :2, 3], np.array(seen).reshape(-1, 2)])
-            T[0, 3] = planned[:, 0].max() - ours[:, 0].min() + BESIDE_M
+            T[0, 3] = planned[:, 0].min() - ours[:, 0].max() - BESIDE_M  # the panel is on the right
             T[1, 3] = planned[:, 1].mean() - (ours[:, 1].min() + ours[:, 1].max()) / 2
             T[2, 3] = self.page.origin[2] - min((g.floors[0].elevation or 0.0 for g in now.graphs), default=0.0)
         T[:3, 3] += [0.0, 0.0, self.lift] - self.page.origin
@@ -192,14 +193,19 @@ class RunScene:
 
     def look(self, now: Snapshot | None = None) -> None:
         """Lets those who come look at the plan, and at the map as it is `now`, from the south and above."""
-        seen = np.empty((0, 3)) if now is None else transform_points(self._place(now), now.poses[:, :3, 3])
+        seen = np.empty((0, 3))
+        if now is not None:
+            walls = np.array([(*w.centroid, 0.0) for graph in now.graphs for w in graph.wall_surfaces]).reshape(-1, 3)
+            seen = transform_points(self._place(now), np.concatenate([now.poses[:, :3, 3], walls]))
         planned = [(*w.centroid, self.page.origin[2]) for w in self._plan.wall_surfaces] if self._plan else []
         everything = np.concatenate([seen, np.array(planned).reshape(-1, 3) - self.page.origin])
         if not len(everything):
             return
         low, high = everything.min(axis=0), everything.max(axis=0)
+        if now is None:
+            low[0] -= (high - low)[:2].max() / 2  # where the map will grow, beside the plan
         size = max(float((high - low)[:2].max()), 4.0)
-        middle = (low + high) / 2 + size * np.array([0.15, -0.05, 0.0])  # the panel covers the right
+        middle = (low + high) / 2 + size * np.array([0.2, -0.05, 0.0])
         self.page.look(middle, middle + size * np.array([0.0, -0.5, 0.6]))
 
     def _draw_hypotheses(self, now: Snapshot) -> None:
@@ -214,14 +220,19 @@ class RunScene:
                 z = elevation_of(self._plan, told.get("floor"))
                 corners = upright(graph.wall_surfaces, 0.0, absolute=False)
                 ends = transform_points(se2_to_se3(yaw, x, y, z), feet(corners)) - self.page.origin
+                self._ghosts[number] = told.get("floor")
             self.page.lines(f"/hypotheses/{number + 1}", ends, rgb(ROOMS[number]), 4.0 - 0.7 * number)
 
     def choose(self, storey: str | None) -> None:
-        """Shows one storey alone, by its id, with what is mapped of it; all of them, and the stairs, for None."""
+        """Shows one storey alone, by its id, with what is mapped of it; all of them, and the stairs, for None, but no
+        names where there are several: they would hide one another."""
         self._storey = storey
         self.page.hide("/map/stairs", storey is not None)
         for own, called in self._storeys.items():
             self.page.hide(f"/plan/{called}", storey not in (None, own))
+            self.page.hide(f"/plan/{called}/names", not self._names_shown)
+        for number, of in self._ghosts.items():
+            self.page.hide(f"/hypotheses/{number + 1}", storey not in (None, of))
         for floor, own in self._of_floor.items():
             hidden = storey is not None and storey not in (floor, own) and (own != "" or not self._storeys)
             self.page.hide(f"/map/{floor}", hidden)
@@ -232,7 +243,11 @@ class RunScene:
         (self._hidden.discard if shown else self._hidden.add)(layer)
         for name in self.page.names:
             if name.rpartition("/")[2] == layer and name.count("/") in (1, 3):
-                self.page.hide(name, not shown)
+                self.page.hide(name, not shown or (layer == "names" and not self._names_shown))
+
+    @property
+    def _names_shown(self) -> bool:
+        return "names" not in self._hidden and (self._storey is not None or len(self._storeys) < 2)
 
 
 def _called(floor: Floor, taken: set[str]) -> str:
