@@ -1,7 +1,6 @@
 """A run as a page in the browser: what it shows is where it belongs, and the run is the same as without it."""
 
 import dataclasses
-import functools
 import io
 import json
 import signal
@@ -19,28 +18,22 @@ import numpy as np
 import pytest
 from boxes import Array
 from chromium import Chromium
-from drives import fed, small_drive
+from commands import refused
+from drives import small_drive, small_run
 from PIL import Image
 from report_samples import sample
 
-from data.errors import UserError
 from sgslam import live_view
 from sgslam.finished_view import FinishedRun, FinishedView
 from sgslam.frames import transform_points
 from sgslam.live_view import LiveView
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.view import main
 from sgslam.view_page import Page, address
 from sgslam.view_panel import hypothesis_table
 
 pytestmark = pytest.mark.skipif(find_spec("viser") is None, reason="viser is not installed (extra view)")
 ANY = ("127.0.0.1", 0)
-
-
-@functools.cache
-def small_result() -> Result:
-    return fed(SceneGraphSlam(small_drive().bim), small_drive().scans).finish()
 
 
 @pytest.fixture
@@ -54,7 +47,7 @@ def page() -> Iterator[Page]:
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of an anchored run in a building kilometres from zero, with the truth told."""
     folder = tmp_path_factory.mktemp("view") / "run"
-    small_result().save(folder)
+    small_run(with_bim=True)[1].save(folder)
     small_drive().truth.write_tum(folder / "truth.tum")
     return folder
 
@@ -97,7 +90,7 @@ def _pose(handle: Any) -> Array:
 
 
 def test_a_run_that_is_looked_at_is_the_same(looked: Looked) -> None:
-    seen, alone = looked.result, small_result()
+    seen, (_, alone) = looked.result, small_run(with_bim=True)
     for name in ("trajectory", "trajectory_map", "trajectory_odometry"):
         assert getattr(seen, name).poses.tobytes() == getattr(alone, name).poses.tobytes()
     assert seen.s_graph == alone.s_graph and seen.deviations == alone.deviations and seen.anchors == alone.anchors
@@ -254,16 +247,14 @@ def colours(png: bytes) -> int:
 
 
 def test_mistakes_are_told_in_one_line(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(UserError, match="no run's folder"):
-        main([str(tmp_path)])
-    with pytest.raises(UserError, match="is no port"):
-        main([str(out), "--at", "here"])
+    assert "no run's folder" in refused("sgslam.view", tmp_path)
+    assert "is no port" in refused("sgslam.view", out, "--at", "here")
     with socket.socket() as taken:
         taken.bind(ANY)
         taken.listen()
-        with pytest.raises(UserError, match=r"cannot be listened on .*give another port"):
-            main([str(out), "--at", str(taken.getsockname()[1])])
+        port = taken.getsockname()[1]
+        for command in (("sgslam.view", out, "--at", port), ("sgslam.run", "--demo", "--out", tmp_path, "--view", port)):
+            assert "cannot be listened on" in refused(*command)
     monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(UserError, match=r"pip install 'sgslam\[view\]'"):
-        main([str(out)])
+    assert "pip install 'sgslam[view]'" in refused("sgslam.view", out)
     assert address("0.0.0.0:80") == ("0.0.0.0", 80)
