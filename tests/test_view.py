@@ -253,8 +253,8 @@ def test_mistakes_are_told_in_one_line(out: Path, tmp_path: Path, monkeypatch: p
         taken.bind(ANY)
         taken.listen()
         port = taken.getsockname()[1]
-        for command in (("sgslam.view", out, "--at", port), ("sgslam.run", "--demo", "--out", tmp_path, "--view", port)):
-            assert "cannot be listened on" in refused(*command)
+        assert "cannot be listened on" in refused("sgslam.view", out, "--at", port)
+        assert "cannot be listened on" in refused("sgslam.run", "--demo", "--out", tmp_path, "--view", port)
     monkeypatch.setitem(sys.modules, "viser", None)
     assert "pip install 'sgslam[view]'" in refused("sgslam.view", out)
     assert address("0.0.0.0:80") == ("0.0.0.0", 80)
