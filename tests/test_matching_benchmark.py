@@ -153,7 +153,7 @@ class _Slow:
     def match(self, s: Any, a: Any) -> MatchResult:
         if len(s.rooms) == 3:
             raise ValueError("three is\ntoo many")
-        time.sleep(60 if len(s.rooms) > 3 else 0)
+        time.sleep(900 if len(s.rooms) > 3 else 0)
         return MatchResult("none", "nothing")
 
 
@@ -175,7 +175,7 @@ def test_the_limit_of_time_holds_and_a_failure_is_a_row(tmp_path: Path) -> None:
         [1, "slow", "none"], [1, "oracle", "unique"], [3, "slow", "failed"], [3, "oracle", "unique"],
         [5, "slow", "late"], [5, "oracle", "unique"],
     ]  # fmt: skip
-    assert time.perf_counter() - began < 30
+    assert time.perf_counter() - began < 600
 
 
 def slow_rows() -> None:
