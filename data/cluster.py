@@ -5,6 +5,7 @@ whose worker dies is simply done again elsewhere (Dask does that), and the answe
 """
 
 import argparse
+import logging
 import re
 import socket
 import time
@@ -59,6 +60,8 @@ def connected(scheduler: str) -> Iterator["Cluster"]:
     reached(scheduler)
     from distributed import Client
 
+    for name in ("distributed", "distributed.client"):  # what goes wrong we tell ourselves, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=CONNECTING_S)
     except (OSError, ValueError, TypeError) as error:
@@ -70,21 +73,25 @@ def connected(scheduler: str) -> Iterator["Cluster"]:
 
 
 def reached(scheduler: str) -> str:
-    """The address itself, where dask.distributed is installed and somebody listens there; else raises UserError, at
-    once, where Dask would try for long."""
+    """The address itself, where dask.distributed is installed and a scheduler is there; else raises UserError, soon,
+    where Dask would try for long, or, of a stranger who does not answer, for ever."""
     try:
         there = find_spec("distributed")
     except ValueError:
         there = None
     if there is None:
         raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'")
-    found = re.fullmatch(r"(?:tcp|tls)://(.+):(\d+)", scheduler)
+    found = re.fullmatch(r"(tcp|tls)://(.+):(\d+)", scheduler)
     if not found:
         raise UserError(f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` tells it")
     try:
-        socket.create_connection((found[1].strip("[]"), int(found[2])), CONNECTING_S).close()
+        with socket.create_connection((found[2].strip("[]"), int(found[3])), CONNECTING_S) as line:
+            # it greets first, with a message that begins with its length in 8 bytes
+            greets = found[1] == "tls" or int.from_bytes(line.recv(8), "little") in range(1, 1 << 20)
     except (OSError, OverflowError) as error:
         raise UserError(f"--scheduler {scheduler}: cannot be reached ({_line(error)}); is it running?") from None
+    if not greets:
+        raise UserError(f"--scheduler {scheduler}: what answers there is no Dask scheduler")
     return scheduler
 
 
