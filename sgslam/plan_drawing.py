@@ -168,7 +168,7 @@ def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tupl
 
 
 def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[DrawnWall, ...]:
-    """The map's wall surfaces, placed in the plan, with their deviations from it."""
+    """The map's wall surfaces (whose heights are over their floor), placed in the plan, with their deviations."""
     pairs = data.pairs("wall_surfaces")
     telling = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
     found = {d["s_id"]: d for d in telling if d["s_id"] is not None}  # of several walls in one plane the most telling
@@ -176,11 +176,11 @@ def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[D
     for w in data.s_graph.wall_surfaces:
         title, deviation = _pair_title(w.id, pairs), found.get(w.id)
         if deviation is None:
-            drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title))
+            drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, above=floor_z))
             continue
         title += f"\n{deviation_text(deviation)}"
         band, significant = band_of(deviation["offset_m"]), bool(deviation["significant"])
-        drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, band, significant))
+        drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, band, significant, floor_z))
     return tuple(drawn)
 
 
@@ -218,13 +218,13 @@ def _placed_xy(points: Any, T: Array) -> Array:
 
 def _wall(
     wall: WallSurface, T_plan: Array, floor_z: float, matched: bool, title: str, band: str | None = None,
-    significant: bool = False,
+    significant: bool = False, above: float = 0.0,
 ) -> DrawnWall:  # fmt: skip
     centre, (nx, ny) = np.array(wall.centroid), wall.normal
     half = np.array([-ny, nx]) * (wall.length or STUB_M) / 2
     z = (floor_z, floor_z + STOREY_M)
     if wall.height is not None:
-        z = wall.height[0] + float(T_plan[2, 3]), wall.height[1] + float(T_plan[2, 3])
+        z = wall.height[0] + above, wall.height[1] + above
     ends = _placed_xy([centre + half, centre - half], T_plan)
     return DrawnWall(wall.id, ends, z, matched, title.strip(), band, significant)
 

@@ -1,5 +1,6 @@
 """A page in the browser (viser): named things in space, of which only what changes is sent."""
 
+import atexit
 import contextlib
 import io
 import re
@@ -52,6 +53,7 @@ class Page:
         self.url = f"http://{host}:{self.server.get_port()}"
         self.origin = np.zeros(3)
         self._shown: dict[str, _Shown] = {}
+        atexit.register(self.close)
         self._lock = threading.RLock()  # drawn by one thread, and changed by what users press in others
 
     def clear(self) -> None:
@@ -63,6 +65,7 @@ class Page:
 
     def close(self) -> None:
         """Ends the server."""
+        atexit.unregister(self.close)
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
 

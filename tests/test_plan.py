@@ -100,7 +100,7 @@ def test_heights_are_those_of_the_storey() -> None:
     drawing = plan_drawing(data)
     assert drawing.floor_z == 3.5
     assert all(w.z == (3.5, 3.5 + STOREY_M) for w in drawing.bim_walls)  # where none is known
-    assert np.allclose([w.z for w in drawing.map_walls[:36]], [4.1, 5.6])
+    assert np.allclose([w.z for w in drawing.map_walls[:36]], [3.6, 5.1])  # over the floor
     assert np.allclose(drawing.paths["trajectory"][:, 2], 4.0) and np.allclose(drawing.keyframes[:, 2], 4.0)
     # a guess knows no height: the map's floor, 0.5 m below its origin, is laid on the storey's
     guess = plan_drawing(not_anchored("ambiguous"))
