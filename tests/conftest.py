@@ -26,6 +26,8 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """The address of a Dask scheduler with two workers of one thread, which are started again when they die."""
+    from distributed import Client  # slow to import
+
     folder = tmp_path_factory.mktemp("cluster")
     told = folder / "scheduler.json"
     environment = os.environ | {"PYTHONPATH": f"{HERE.parent}{os.pathsep}{HERE}", "OMP_NUM_THREADS": "1"}
@@ -39,7 +41,10 @@ def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         while not told.exists():
             assert processes[0].poll() is None, (folder / "log").read_text()
             time.sleep(0.02)
-        yield json.loads(told.read_text())["address"]
+        address = json.loads(told.read_text())["address"]
+        with Client(address) as client:
+            client.wait_for_workers(2)
+        yield address
     finally:
         for process in reversed(processes):
             process.kill()  # what hangs on it ends too

@@ -9,6 +9,7 @@ import shapely
 from commands import called
 
 from data.scene_graph import SceneGraph, WallSurface
+from data.sensor import SpinningSensor
 from data.simulate import simulate
 from data.trajectory import Trajectory
 
@@ -29,7 +30,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if not INSTITUTE.is_file():
         pytest.skip("the Institute's IFC file is not at ../shared")
     folder = tmp_path_factory.mktemp("institute") / "drive"
-    simulate(INSTITUTE, "Erdgeschoss", folder)
+    simulate(INSTITUTE, "Erdgeschoss", folder, sensor=SpinningSensor(azimuths=900))
     return folder
 
 
