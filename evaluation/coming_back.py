@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from data import SceneGraph
 from data.cli import Parser, run_command
 from data.errors import UserError
 from data.files import write_atomically
@@ -19,8 +20,10 @@ from data.scans import ScanFolder
 from data.trajectory import Trajectory
 from evaluation.benchmark_page import made_by, write_section
 from evaluation.record_file import Record, read_records, write_records
-from evaluation.sequences import Sequence, SequenceSpec, chosen, prepare, read_specs
+from evaluation.rooms_seen import rooms_entered, rooms_needed, rooms_seen
+from evaluation.sequences import Sequence, SequenceSpec, chosen, prepare, read_specs, storey_of
 from evaluation.trajectory import ape
+from matching import Matcher
 from sgslam.checkpoints import FILE, Checkpoints
 from sgslam.config import Config, MatchingSettings
 from sgslam.frames import inverse
@@ -36,8 +39,10 @@ STARTS = (0.0, 0.3, 0.6)  # of the second drive, where it is entered
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """A second run that enters its drive at `start`. `rooms`, `metres` and `seconds` are what it had seen and driven
-    when it was found for good, None where it was not; `wrong` is the share of its scans that were placed wrongly.
+    """A second run that enters its drive at `start`. `entered` and `seen` rooms, `metres` and `seconds` are what it
+    had when it was found for good, None where it was not; `needed` rooms are what the matching benchmark needs in the
+    building from there on, None where so many as it asks after are too few. `common`: how many of the rooms that it
+    had entered in the end the first run had entered too. `wrong` is the share of its scans that were placed wrongly.
     `rmse_after_m` is that of its final poses after it was found; `rmse_first_m` the first run's, before and after."""
 
     sequence: str
@@ -46,7 +51,10 @@ class Row:
     second: int
     start: float
     found: bool
-    rooms: int | None
+    needed: int | None
+    entered: int | None
+    seen: int | None
+    common: int
     metres: float | None
     seconds: float | None
     driven: float
@@ -96,13 +104,21 @@ def _row(first: Sequence, second: Sequence, plan: str, start: float, out: Path, 
     scans = list(ScanFolder(second.scan_dir))
     for scan in scans[int(start * len(scans)) :]:
         watch.see(scan.stamp_ns, slam.add_scan(scan.stamp_ns, scan.points).T_map_sensor)
+    s_graph = slam.s_graph()
     result = slam.finish()
     assert result.returned is not None
+    floor = second.a_graph.on_floor(storey_of(second.a_graph, second.truth.poses[0]) or second.a_graph.floors[0].id)
+    room = rooms_entered(floor, np.array(watch.places))[:1]
+    entered = [set(rooms_entered(floor, places)) for places in (np.array(watch.places), first.truth.positions)]
+    seen = watch.seen or _Seen(np.array(watch.places), s_graph, watch.T_bim_map)
     found, after = result.returned.found, watch.found_ns if watch.found_ns is not None else watch.stamp_ns
     T = np.eye(4) if result.anchored else T_bim_known
     return Row(
         sequence=first.name, plan=plan, first=first.seed, second=second.seed, start=start, found=found,
-        rooms=watch.rooms if found else None, metres=watch.metres if found else None,
+        needed=rooms_needed(second.a_graph, room[0], Matcher.load(config.matching.method)) if room else None,
+        entered=len(rooms_entered(floor, seen.places)) if found else None,
+        seen=len(rooms_seen(seen.s_graph, floor, seen.T_bim_map, seen.places)) if found else None,
+        common=len(entered[0] & entered[1]), metres=(watch.metres if watch.seen else watch.driven) if found else None,
         seconds=(after - watch.began_ns) / 1e9 if found else None, driven=watch.driven,
         wrong=watch.wrong / max(watch.scans, 1),
         rmse_after_m=_rmse(result.trajectory, second.truth, T, after) if found else None,
@@ -130,6 +146,15 @@ def _first_run(sequence: Sequence, plan: str, out: Path, config: Config) -> tupl
     return folder, Trajectory.read_tum(folder / "trajectory.tum")
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """The way (N, 3) in the BIM frame up to a scan, and the S-graph then, truly at `T_bim_map` (4, 4)."""
+
+    places: Array
+    s_graph: SceneGraph
+    T_bim_map: Array
+
+
 class _Watch:
     """Follows a second run: when it was found for good, and whether it was ever placed wrongly."""
 
@@ -139,7 +164,9 @@ class _Watch:
         self.scans = self.wrong = 0
         self.driven, self.stamp_ns, self.began_ns = 0.0, 0, 0
         self.found_ns: int | None = None
-        self.rooms, self.metres = 0, 0.0
+        self.metres, self.T_bim_map = 0.0, np.eye(4)
+        self.places: list[Array] = []
+        self.seen: _Seen | None = None  # when it was found
 
     def see(self, stamp_ns: int, T_map_sensor: Array) -> None:
         """Takes note of a scan and of where the run has it (4, 4)."""
@@ -147,14 +174,15 @@ class _Watch:
         self.began_ns = self.began_ns if self.scans else stamp_ns
         self.scans, self.stamp_ns = self.scans + 1, stamp_ns
         self.driven += 0.0 if self._last is None else float(np.linalg.norm(true[:3, 3] - self._last))
-        self._last = true[:3, 3]
+        self._last, self.T_bim_map = true[:3, 3], true @ inverse(T_map_sensor)
+        self.places.append(true[:3, 3])
         T_known_map = self._slam.T_known_map
         if T_known_map is None:
-            self.found_ns = None
+            self.found_ns = self.seen = None
             return
         if self.found_ns is None:
             self.found_ns, self.metres = stamp_ns, self.driven
-            self.rooms = len(self._slam.s_graph().rooms)
+            self.seen = _Seen(np.array(self.places), self._slam.s_graph(), self.T_bim_map)
         off = inverse(self._T_known_bim @ true) @ T_known_map @ T_map_sensor
         turned = abs(np.arctan2(off[1, 0], off[0, 0]))
         self.wrong += bool(np.linalg.norm(off[:3, 3]) > WRONG[0] or turned > WRONG[1])
@@ -170,7 +198,8 @@ def _rmse(run: Trajectory, truth: Trajectory, T_bim_run: Array, since_ns: int | 
 
 def table(records: list[Record]) -> str:
     """Markdown: a line for each sequence and plan, over all of its second runs."""
-    head = ("building", "plan", "runs", "found", "never wrong", "rooms seen until found", "metres until found",
+    head = ("building", "plan", "runs", "found", "never wrong", "rooms needed, benchmark",
+            "rooms entered until found", "entered or mostly seen", "entered no more than needed", "metres until found",
             "RMSE after (m), mean", "worst", "RMSE of the first run, before", "after")  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     groups: dict[tuple[str, str], list[Record]] = {}
@@ -182,7 +211,8 @@ def table(records: list[Record]) -> str:
         lines.append("| " + " | ".join([
             sequence, "the BIM" if plan == "bim" else "the first map", str(len(own)), str(len(found)),
             f"{sum(float(r['wrong']) == 0 for r in own)}/{len(own)}",
-            _spread(_numbers(found, "rooms"), "{:.0f}"), _spread(_numbers(found, "metres"), "{:.0f}"),
+            _spread(_numbers(own, "needed"), "{:.0f}"), _spread(_numbers(found, "entered"), "{:.0f}"),
+            _spread(_numbers(found, "seen"), "{:.0f}"), _within(found), _spread(_numbers(found, "metres"), "{:.0f}"),
             f"{np.mean(after):.3f}" if after else "", f"{max(after):.3f}" if after else "",
             f"{np.mean(_numbers(found, 'rmse_first_before_m')):.3f}" if found else "",
             f"{np.mean(_numbers(found, 'rmse_first_after_m')):.3f}" if found else "",
@@ -192,6 +222,11 @@ def table(records: list[Record]) -> str:
 
 def _numbers(records: list[Record], column: str) -> list[float]:
     return [float(r[column]) for r in records if r[column]]
+
+
+def _within(found: list[Record]) -> str:
+    asked = [r for r in found if r["needed"]]
+    return f"{sum(int(r['entered']) <= int(r['needed']) for r in asked)}/{len(asked)}"
 
 
 def _spread(values: list[float], form: str) -> str:
@@ -247,7 +282,9 @@ _ABOUT = (
     "its beginning and further on, each time in another room. Found: placed in the first run's map, for good; wrong: "
     "at any time placed more than 0.5 m or 5 degrees from where it was. RMSE over the poses after it was found, in the "
     "BIM frame, without alignment of the second run; where the first map is the plan, that map lies at its best fit to "
-    "the truth. Rooms are those of the second run's S-graph when it was found."
+    "the truth. A room is entered when the robot was in it, mostly seen when its map has more than half of the room's "
+    "planned walls by length. Needed: the fewest rooms from the start room on of which the matching benchmark's maps "
+    "(regime real, five each) are mostly unique and right in the building's plan."
 )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from data import Keyframe, SceneGraph
 from data.poses import poses_to_xyzquat
 from sgslam.backend import Backend, RoomNode
-from sgslam.config import Config
+from sgslam.config import BackendSettings, Config
 from sgslam.frames import level_map
 from sgslam.keyframes import KeyframeNode
 from sgslam.scene import Scene, build_scene
@@ -75,10 +75,11 @@ class Floors:
         """Of all floors, as they were last cut."""
         return [room for floor in self.maps if floor.scene is not None for room in floor.scene.rooms]
 
-    def growth(self, keyframes: list[KeyframeNode]) -> tuple[int, int]:
-        """How many of a run's keyframes are on the current floor, and how many of them came after its last cut."""
+    def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool) -> bool:
+        """Whether the current floor has grown enough since it was last cut; sooner while its place is not known."""
         own, scene = sum(k.storey == self.current.number for k in keyframes), self.current.scene
-        return own, own - (0 if scene is None else len(scene.graph.keyframes))
+        least = settings.unplaced_keyframes if unplaced else settings.scene_keyframes
+        return own - (0 if scene is None else len(scene.graph.keyframes)) >= max(least, settings.scene_growth * own)
 
     def refresh(self, backend: Backend, height: float, last: bool) -> None:
         """Takes over the back end's estimates, joins walls that turn out to be one and parts those that turn out to be

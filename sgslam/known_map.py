@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from sgslam.backend import Backend
+from sgslam.building_anchoring import BuildingAnchoring
 from sgslam.checkpoints import FILE, about_run
 from sgslam.config import Config
 from sgslam.floors import FloorMap, Floors
@@ -17,6 +18,7 @@ from sgslam.frames import inverse, level_map, transform_planes, transform_points
 from sgslam.holding import hold, in_plan_view
 from sgslam.keyframe_clouds import FILE as CLOUDS
 from sgslam.keyframe_clouds import KeyframeClouds
+from sgslam.matcher_protocol import AnyMatcher
 from sgslam.result import ScanPose
 from sgslam.state_file import read_state
 from sgslam.state_types import TYPES
@@ -126,6 +128,34 @@ class KnownMap:
                 break
         for floor in self.floors.maps:
             floor.scene = self.floors.cut(floor, self.backend)
+
+    def take_back(
+        self, parts: "list[KnownMap]", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
+    ) -> "list[KnownMap]":
+        """Joins parts of the same run that were not found when they ended; the map has grown since. Returns those that
+        are not found now either. `bim` as in `plan_of`."""
+        left = parts
+        while True:
+            asked, left = left, []
+            for part in asked:
+                T_map_part = self._place_of(part, bim, matcher, config)
+                if T_map_part is None:
+                    left.append(part)
+                else:
+                    self.join(part, T_map_part, config, same_run=True)
+            if len(left) in (0, len(asked)):
+                return left
+
+    def _place_of(
+        self, part: "KnownMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
+    ) -> Floats | None:  # fmt: skip
+        plan, is_known = plan_of(self, bim)
+        anchoring = BuildingAnchoring(plan, matcher, config, partial=is_known)
+        anchors = anchoring.update(part.floors, None, last=True)
+        if anchors is None:
+            return None
+        T_plan_map = self.T_plan_map if is_known or self.T_bim_map is None else self.T_bim_map
+        return np.asarray(inverse(T_plan_map) @ anchoring.bim_from_map(anchors.T_map_bim))
 
     def _storeys(self, other: "KnownMap", T_map_other: Floats) -> dict[int, int]:
         """What another map's floors are called here: as those at the same height, else on from the last one."""

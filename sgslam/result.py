@@ -180,9 +180,12 @@ def _covariances(
     own = [i for i, keyframe in enumerate(backend.keyframes) if keyframe.scan >= begin]
     places = np.unique(np.linspace(0, len(own) - 1, min(len(own), _COVARIANCES)).astype(int))
     chosen = np.array(own)[places]
-    scans = [backend.keyframes[i].scan - begin for i in chosen]
+    scans = np.searchsorted(in_map.stamps_ns, [backend.keyframes[i].stamp_ns for i in chosen])
     covariances = uncertainty.pose_covariances(chosen.tolist())
-    return PoseCovariances(Trajectory(in_map.stamps_ns[scans], T_bim_map @ in_map.poses[scans]), covariances)
+    order = np.argsort(scans)
+    return PoseCovariances(
+        Trajectory(in_map.stamps_ns[scans[order]], T_bim_map @ in_map.poses[scans[order]]), covariances[order]
+    )
 
 
 def _with_lost(known: Trajectory, lost: list[tuple[list[ScanPose], Floats]]) -> Trajectory:
@@ -198,7 +201,10 @@ def _with_lost(known: Trajectory, lost: list[tuple[list[ScanPose], Floats]]) -> 
 
 
 def _at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
-    """The trajectory at the scans' stamps, of poses (N, 4, 4) at the instants that they were deskewed to."""
+    """The trajectory at the scans' stamps, of poses (N, 4, 4) at the instants that they were deskewed to; a part of a
+    run that was found late stands behind later ones."""
+    order = np.argsort([s.stamp_ns for s in scans], kind="stable")
+    scans, poses = [scans[i] for i in order], poses[order]
     stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
     offsets = np.array([s.offset_ns for s in scans], dtype=np.int64)
     if not offsets.any():

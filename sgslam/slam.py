@@ -162,10 +162,8 @@ class SceneGraphSlam:
         self._begin()
 
     def _own(self) -> KnownMap:
-        height = self._front_end.height
-        return KnownMap(
-            self._backend, self._floors, self._scans, self._begins, height, self.T_bim_map, self.clouds
-        )  # fmt: skip
+        height, T_bim_map = self._front_end.height, self.T_bim_map
+        return KnownMap(self._backend, self._floors, self._scans, self._begins, height, T_bim_map, self.clouds)
 
     @property
     def anchored(self) -> bool:
@@ -290,6 +288,8 @@ class SceneGraphSlam:
         elif of_this_run:  # what was before the leap is what is known, and nothing harms it
             self._lost.append(self._own())
         if T_known_map is not None or of_this_run:
+            matcher = self._matcher or default_matcher(self._config)
+            self._lost = known.take_back(self._lost, self._bim, matcher, self._config)
             self._backend, self._floors, self.clouds = known.backend, known.floors, known.clouds
             self._scans, self._begins = known.scans, known.begins
             self._loops = LoopCloser(self._config.loops)
@@ -325,7 +325,7 @@ class SceneGraphSlam:
         self._backend.add_keyframe(keyframe)
         scan.keyframe = len(self._backend.keyframes) - 1
         scan.T_previous_sensor, scan.T_keyframe_sensor = scan.T_keyframe_sensor, np.eye(4)
-        if self._backend.due or (self._unplaced and self._scene_due()):
+        if self._backend.due or self._scene_due(if_placed=False):
             self._optimise(last=False)
 
     def _see(self, keyframe: KeyframeNode, points: Floats) -> None:
@@ -352,7 +352,7 @@ class SceneGraphSlam:
             self._estimate(anchors, last=True)
         if last:
             self._cut_scenes()
-        elif self._anchoring is not None and self._scene_due():
+        elif self._scene_due():
             with self._clock("rooms"):
                 self._floors.current.scene = self._floors.cut(self._floors.current, self._backend)
             if self._backend.T_map_bim is None and (anchors := self._anchors(last)) is not None:
@@ -388,17 +388,11 @@ class SceneGraphSlam:
         with self._clock("surfaces"):
             self._floors.refresh(self._backend, self._front_end.height, last)
 
-    @property
-    def _unplaced(self) -> bool:
-        """Whether there is a plan in which the map has no place yet."""
-        return self._anchoring is not None and self._backend.T_map_bim is None
-
-    def _scene_due(self) -> bool:
-        """Whether the floor that the robot is on has grown enough since it was last cut into rooms."""
-        settings = self._config.backend
-        own, grown = self._floors.growth(self._backend.keyframes)
-        least = settings.unplaced_keyframes if self._unplaced else settings.scene_keyframes
-        return grown >= max(least, settings.scene_growth * own)
+    def _scene_due(self, if_placed: bool = True) -> bool:
+        """Whether there is a plan, and the floor that the robot is on has grown enough since it was last cut."""
+        unplaced = self._backend.T_map_bim is None
+        asked = self._anchoring is not None and (unplaced or if_placed)
+        return asked and self._floors.due(self._backend.keyframes, self._config.backend, unplaced)
 
     def _cut_scenes(self) -> None:
         with self._clock("rooms"):

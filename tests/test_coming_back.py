@@ -10,6 +10,7 @@ from drives import fed, small_drive, small_run
 
 from data.errors import UserError
 from data.trajectory import Trajectory
+from matching import Matcher
 from sgslam.checkpoints import Checkpoints, load
 from sgslam.config import Config
 from sgslam.keyframe_clouds import FILE as CLOUDS
@@ -68,6 +69,23 @@ def test_a_run_elsewhere_is_not_found_and_stays_its_own(tmp_path: Path) -> None:
     result = fed(SceneGraphSlam(known=KnownMap.load(tmp_path, Config())), scans).finish()
     assert result.returned is not None and not result.returned.found and not result.earlier
     assert len(result.trajectory) == 40 and np.allclose(result.trajectory.poses[0], np.eye(4), atol=1e-6)
+
+
+def test_parts_of_a_run_that_were_not_found_at_first_are_asked_after_again(tmp_path: Path) -> None:
+    first_run(tmp_path, anchored=False)
+    known, part = (KnownMap.load(tmp_path, Config()) for _ in range(2))
+    walls = scene_of(room(0, 0, 9, 4))
+    alone = fed(SceneGraphSlam(), [(100_000_000 * i, scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(12)])
+    alone.finish()
+    (tmp_path / "elsewhere").mkdir()
+    Checkpoints(tmp_path / "elsewhere", {}).write(alone, {}, finished=True)
+    elsewhere = KnownMap.load(tmp_path / "elsewhere", Config())
+    keyframes, scans = len(known.backend.keyframes), len(known.scans)
+    left = known.take_back([elsewhere, part], None, Matcher.load("learned"), Config())
+    assert left == [elsewhere] and len(known.begins) == 1
+    assert len(known.backend.keyframes) == 2 * keyframes and len(known.scans) == 2 * scans
+    again = known.backend.poses[keyframes:]
+    assert np.abs(again[:, :3, 3] - known.backend.poses[:keyframes, :3, 3]).max() < 0.03
 
 
 def test_a_map_that_is_none_is_refused(tmp_path: Path) -> None:

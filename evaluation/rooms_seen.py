@@ -1,0 +1,58 @@
+"""How many rooms a run had seen, and how many the matching benchmark says that it needs from where it began."""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data import SceneGraph
+from data.s_graph_exploration import storeys_of, walk
+from data.s_graph_regimes import draw_walk
+from evaluation.map_metrics import wall_scores
+from sgslam.matcher_protocol import AnyMatcher
+from sgslam.rooms_needed import is_right
+
+Array = NDArray[np.float64]
+MOST_ASKED = 9  # rooms; the benchmark's walks go no further
+PAIRS = 5  # maps drawn for each number of rooms
+LEAST_SEEN = 0.5  # of a room's walls, by length
+
+
+def rooms_entered(floor: SceneGraph, places: Array) -> list[str]:
+    """The rooms of a storey that hold places (N, 2 or 3) of a way, in the order in which they were entered."""
+    if not len(places):
+        return []
+    inside = {
+        room.id: np.flatnonzero(shapely.contains_xy(shapely.Polygon(room.polygon), places[:, 0], places[:, 1]))
+        for room in floor.rooms if len(room.polygon or ()) > 2
+    }  # fmt: skip
+    return sorted((room for room, at in inside.items() if len(at)), key=lambda room: int(inside[room][0]))
+
+
+def rooms_seen(s_graph: SceneGraph, floor: SceneGraph, T_bim_map: Array, places: Array) -> set[str]:
+    """The rooms of a storey that were entered, and those of whose walls an S-graph at `T_bim_map` (4, 4) has most."""
+    missed = set(wall_scores(s_graph, floor, T_bim_map).missed)
+    seen = set(rooms_entered(floor, places))
+    for room, walls in floor.surfaces_of_room.items():
+        length = sum(w.length or 0.0 for w in walls)
+        if length > 0 and sum(w.length or 0.0 for w in walls if w.id not in missed) > LEAST_SEEN * length:
+            seen.add(room)
+    return seen
+
+
+def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int = 0) -> int | None:
+    """The fewest rooms, from this one on, of which the matcher knows the one true place in most maps that the matching
+    benchmark draws (regime `real`, rooms entered in any order); None where so many as are asked after are too few.
+    """
+    for storey in storeys_of(a_graph):
+        start = next((k for k, r in enumerate(storey.rooms) if r.id == room), None)
+        if start is None:
+            continue
+        for count in range(1, min(MOST_ASKED, len(storey.rooms)) + 1):
+            known = 0
+            for n in range(PAIRS):
+                rng = np.random.default_rng((seed, start, count, n))
+                drawn = draw_walk(storey, walk(storey, rng, count, start), "real", rng)
+                known += bool(drawn.s_graph.wall_surfaces) and is_right(matcher.match(drawn.s_graph, a_graph), drawn)
+            if 2 * known > PAIRS:
+                return count
+    return None
