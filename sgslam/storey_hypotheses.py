@@ -26,6 +26,15 @@ def floor_named(a_graph: SceneGraph, name: str) -> Floor:
     raise UserError(f"storey {name}: no such storey; there are: {names}")
 
 
+def check_storey(a_graph: SceneGraph, name: str | None) -> None:
+    """Raises UserError for a `--storey` that there is not; None names none."""
+    if name is not None:
+        try:
+            floor_named(a_graph, name)
+        except UserError as error:
+            raise UserError(f"--{error}") from None
+
+
 def assignments(heights: dict[int, float], planned: tuple[Floor, ...], start: str | None) -> list[Assignment] | None:
     """What the map's floors may be, given their heights (m) over one another; `start` is the storey of floor 0, where
     that is told. None, or no more than `start`, where the plan does not tell its elevations."""
