@@ -8,8 +8,8 @@ from data import SceneGraph
 from data.s_graph_exploration import storeys_of, walk
 from data.s_graph_regimes import draw_walk
 from evaluation.map_metrics import wall_scores
+from sgslam.asked_maps import is_right
 from sgslam.matcher_protocol import AnyMatcher
-from sgslam.rooms_needed import is_right
 
 Array = NDArray[np.float64]
 MOST_ASKED = 9  # rooms; the benchmark's walks go no further
