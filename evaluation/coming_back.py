@@ -224,6 +224,21 @@ def _numbers(records: list[Record], column: str) -> list[float]:
     return [float(r[column]) for r in records if r[column]]
 
 
+def runs_table(records: list[Record]) -> str:
+    """Markdown: a line for each second run."""
+    head = ("building", "plan", "runs", "start", "rooms needed", "entered until found", "entered or mostly seen",
+            "metres", "placed wrongly", "RMSE after (m)")  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for r in records:
+        after = f"{float(r['rmse_after_m']):.3f}" if r["rmse_after_m"] else "not found"
+        metres = f"{float(r['metres']):.0f}" if r["metres"] else ""
+        lines.append("| " + " | ".join([
+            r["sequence"], "the BIM" if r["plan"] == "bim" else "the first map", f"{r['first']}, {r['second']}",
+            r["start"], r["needed"], r["entered"], r["seen"], metres, f"{100 * float(r['wrong']):.0f} %", after,
+        ]) + " |")  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
 def _within(found: list[Record]) -> str:
     asked = [r for r in found if r["needed"]]
     return f"{sum(int(r['entered']) <= int(r['needed']) for r in asked)}/{len(asked)}"
@@ -267,7 +282,8 @@ def main() -> int:
     if len(options.seeds) < 2 or not all(0 <= start < 1 for start in options.starts):
         raise UserError("--seeds: two drives at least; --starts: shares of a drive from 0 to below 1")
     config = Config(matching=MatchingSettings(method=options.method))
-    text = table(measure(specs, options.seeds, options.plans, options.starts, options.out, config))
+    records = measure(specs, options.seeds, options.plans, options.starts, options.out, config)
+    text = f"{table(records)}\n{runs_table(records)}"
     write_atomically(options.out / "coming_back.md", f"# Coming back\n\n{text}")
     if options.benchmarks is not None:
         command = f"python -m evaluation.coming_back --out {options.out.name} --method {options.method}"
