@@ -25,7 +25,7 @@ from sgslam.wall_map import Lines
 Floats = NDArray[np.float64]
 _REACH = 6.0  # m to the level surfaces that are used
 _WALLS_REACH = 8.0  # m to the walls that are used on a stair: of another storey they may be others
-_SPACING = 0.15  # m between the scans whose level surfaces are kept
+_SPACING, _PATIENCE = 0.15, 0.75  # m between the scans whose level surfaces are kept; where there is doubt
 _KEPT = 24  # scans
 _BESIDE = 0.08  # m in plan between two points of one level surface
 _NEAR = (0.2, 0.1, 0.1)  # m between them on a stair, step by step
@@ -92,8 +92,8 @@ class Climb(Stateful):
         if self._idle and not self._suspected:
             return None
         points = _level_points(scan, T_level_sensor)
-        other = None
-        if self._doubtful(points, T_level_sensor, T_level_map, carried):
+        other, doubtful = None, self._doubtful(points, T_level_sensor, T_level_map, carried)
+        if doubtful:
             self.begin(T_level_map)
             staying = _carried_so(T_level_sensor, carried)
             other = self.align(scan, walls, staying).T
@@ -103,7 +103,8 @@ class Climb(Stateful):
                 other = None
         if other is None:
             self._suspected = 0
-            if np.linalg.norm(T_map_sensor[:3, 3] - self._mapped) >= _SPACING:
+            # what is first seen while the floor may be sinking would be kept too low
+            if np.linalg.norm(T_map_sensor[:3, 3] - self._mapped) >= (_PATIENCE if doubtful else _SPACING):
                 self._grow(self._unknown(points, T_level_map), T_map_sensor, T_level_map)
             return None
         self._suspected += 1
