@@ -102,13 +102,15 @@ class LiveView:
             seconds, lines = self._errors.lines(now.stamps_ns, now.poses, moment.T_bim_map)
             self.panel.draw_errors(seconds, lines)
             facts.append(f"error of the way: {metres(rms(lines[KNOWN]))} RMS" if KNOWN in lines else "")
-        self.panel.tell(now, self._heading(now), facts)
+        self.panel.tell(now, self._heading(now, moment.T_bim_map is not None), facts)
 
-    def _heading(self, now: Snapshot) -> str:
+    def _heading(self, now: Snapshot, anchored: bool) -> str:
         if now.plan is None:
             return "No plan was given"
         if now.T_plan_map is None:
             return "Not anchored yet"
+        if not anchored:
+            return "Found in the known map"
         here = now.storeys.get(now.floors[-1] or "")
         on = f", on {self._scene.storeys.get(here, here)}" if here is not None else ""
         return f"Anchored{on}"
