@@ -14,6 +14,7 @@ from matching.agreement import AGREEMENTS
 from matching.candidates import NOTHING, Candidates
 from matching.encoder import GraphTensors
 from matching.relations import COMPARED_SIZE, LEAST_COS, OFFSET_M, compared, wall_neighbours
+from matching.support_loops import combined
 
 PAIR_SIZE = 7 + AGREEMENTS
 CHUNK = 1 << 21  # combinations looked through at once
@@ -33,7 +34,8 @@ def support(s: GraphTensors, a: GraphTensors, candidates: Candidates) -> Support
     near = wall_neighbours(s)
     n, k = candidates.row.shape
     rows = max(1, CHUNK // max(1, near.shape[1] * k * k))
-    parts = [_support(s, a, candidates.row, near, i, min(i + rows, n)) for i in range(0, n, rows)]
+    work = combined if near.device.type == "cpu" else _support
+    parts = [work(s, a, candidates.row, near, i, min(i + rows, n)) for i in range(0, n, rows)]
     return Support(*(torch.cat(column) for column in zip(*parts, strict=True)))
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from data.compiled import compiled
 from data.scene_graph import SceneGraph
 from matching.se2 import Array
 from matching.walls import Index, Walls, arrays, storeys
@@ -82,12 +83,7 @@ def _features(walls: Walls, floor: int) -> GraphFeatures:
     gap = np.full(neighbour.shape, np.inf)
     neighbour[:n, :-1], gap[:n, :-1] = nearest, near
     neighbour[:n, -1] = home
-    for r in range(m):
-        own = np.nonzero(walls.room == r)[0]
-        side = np.sum((centre[n + r] - walls.centre[own]) * (walls.normal[own] + 2 * walls.tangent[own]), axis=-1)
-        own = own[np.argsort(0.01 * side - walls.half[own])][: NEIGHBOURS - ROOM_NEIGHBOURS]
-        others = n + beside[r][beside[r] >= 0]
-        neighbour[n + r, : len(own) + len(others)] = np.append(own, others)
+    _of_rooms(walls.room, walls.half, walls.centre, walls.normal, walls.tangent, centre[n:], beside, neighbour[n:])
     edge = _edges(walls, centre, home, neighbour, gap)
     return GraphFeatures(
         walls.ids, tuple(r.id for r in walls.rooms), np.arange(n), np.arange(n, n + m), centre.astype(np.float32),
@@ -107,25 +103,50 @@ def _nearest_walls(walls: Walls) -> tuple[Index, Array]:
     """
     from scipy.spatial import cKDTree  # slow to import
 
-    n, size = len(walls), NEIGHBOURS - 1
+    n = len(walls)
     owner = np.repeat(np.arange(n), 2 + np.ceil(2 * walls.half / SAMPLED_M).astype(np.int64))
     first = np.searchsorted(owner, np.arange(n))
     share = (np.arange(len(owner)) - first[owner]) / (np.bincount(owner)[owner] - 1) * 2 - 1
     points = walls.centre[owner] + (share * walls.half[owner])[:, None] * walls.tangent[owner]
     near = cKDTree(points).query(points, min(SEARCHED, len(points)))[1].reshape(len(points), -1)
     i, j = _joined_walls(owner, owner[near], n)
-    gap = np.tile(np.minimum(_gap(walls, i, j), _gap(walls, j, i)), 2)
-    i, j = np.append(i, j), np.append(j, i)
-    # Walls that meet have no gap at all: what else they have decides, so that the choice is no matter of rounding.
-    away = walls.centre[j] - walls.centre[i]
-    side = np.sum(away * (walls.normal[i] + 2 * walls.tangent[i]), axis=-1)
-    order = np.lexsort((gap + 0.03 * np.hypot(away[:, 0], away[:, 1]) + 0.001 * side, i))
-    i, j, gap = i[order], j[order], gap[order]
-    rank = np.arange(len(i)) - np.searchsorted(i, i)
-    kept = rank < size
-    nearest, gaps = np.full((n, size), -1, dtype=np.int64), np.full((n, size), np.inf)
-    nearest[i[kept], rank[kept]], gaps[i[kept], rank[kept]] = j[kept], gap[kept]
+    return _ranked(i, j, walls.centre, walls.normal, walls.tangent, walls.half)
+
+
+@compiled
+def _ranked(i: Index, j: Index, centre: Array, normal: Array, tangent: Array, half: Array) -> tuple[Index, Array]:
+    """Of pairs of walls (P,) those of each wall, nearest first: (N, NEIGHBOURS - 1), and their gaps."""
+    walls, size = len(half), NEIGHBOURS - 1
+    nearest, gaps, cost = np.full((walls, size), -1), np.full((walls, size), np.inf), np.full((walls, size), np.inf)
+    for back in (False, True):
+        for pair in range(len(i)):
+            one, other = (j[pair], i[pair]) if back else (i[pair], j[pair])
+            x, y = centre[other, 0] - centre[one, 0], centre[other, 1] - centre[one, 1]
+            gap = min(_gap(x, y, one, other, normal, tangent, half), _gap(-x, -y, other, one, normal, tangent, half))
+            # Walls that meet have no gap at all: what else they have decides, so that the choice is no matter of
+            # rounding.
+            side = x * (normal[one, 0] + 2 * tangent[one, 0]) + y * (normal[one, 1] + 2 * tangent[one, 1])
+            new = gap + 0.03 * np.hypot(x, y) + 0.001 * side
+            at = size
+            while at > 0 and new < cost[one, at - 1]:
+                at -= 1
+                if at + 1 < size:
+                    nearest[one, at + 1], gaps[one, at + 1] = nearest[one, at], gaps[one, at]
+                    cost[one, at + 1] = cost[one, at]
+            if at < size:
+                nearest[one, at], gaps[one, at], cost[one, at] = other, gap, new
     return nearest, gaps
+
+
+@compiled
+def _gap(x: float, y: float, one: int, other: int, normal: Array, tangent: Array, half: Array) -> float:
+    """Metres from the ends and the mid point of another wall, which lies at (x, y) from a wall's centre, to this."""
+    least = np.inf
+    for side in (-1, 0, 1):
+        u, v = x + side * half[other] * tangent[other, 0], y + side * half[other] * tangent[other, 1]
+        past = max(abs(u * tangent[one, 0] + v * tangent[one, 1]) - half[one], 0.0)
+        least = min(least, np.hypot(u * normal[one, 0] + v * normal[one, 1], past))
+    return least
 
 
 def _joined_walls(one: Index, others: Index, count: int) -> tuple[Index, Index]:
@@ -138,16 +159,6 @@ def _joined_walls(one: Index, others: Index, count: int) -> tuple[Index, Index]:
     low, high = np.minimum(one[:, None], others), np.maximum(one[:, None], others)
     pair = np.unique((low * count + high)[low < high])
     return pair // count, pair % count
-
-
-def _gap(walls: Walls, i: Index, j: Index) -> Array:
-    """(P,) metres from the ends and the mid point of walls j to walls i."""
-    gap = np.full(len(i), np.inf)
-    for side in (-1, 0, 1):
-        away = walls.centre[j] + side * walls.half[j, None] * walls.tangent[j] - walls.centre[i]
-        past = np.maximum(np.abs(np.sum(away * walls.tangent[i], axis=-1)) - walls.half[i], 0.0)
-        gap = np.minimum(gap, np.hypot(np.sum(away * walls.normal[i], axis=-1), past))
-    return gap
 
 
 def _rooms_beside(walls: Walls, nearest: Index, gap: Array, centre: Array) -> Index:
@@ -190,15 +201,55 @@ def _nodes(walls: Walls) -> Array32:
     node[:n, 3] = np.log(length + 0.1)
     node[:n, 4] = walls.room >= 0
     node[n:, 5] = 1.0
-    for r in range(m):
-        own = np.nonzero(walls.room == r)[0]
-        longest = own[np.argmax(walls.half[own])]
-        arm = walls.half[own, None] * walls.tangent[own]
-        points = np.concatenate((walls.centre[own] + arm, walls.centre[own] - arm))
-        node[n + r, 6] = np.ptp(points @ walls.tangent[longest]) / 5
-        node[n + r, 7] = np.ptp(points @ walls.normal[longest]) / 5
-        node[n + r, 8] = len(own) / 6
+    _extents(walls.room, walls.half, walls.centre, walls.normal, walls.tangent, node[n:])
     return node
+
+
+@compiled
+def _of_rooms(
+    room: Index, half: Array, centre: Array, normal: Array, tangent: Array, of_room: Array, beside: Index,
+    neighbour: Index,
+) -> None:  # fmt: skip
+    """Writes the neighbours (M, NEIGHBOURS) of rooms with their centres (M, 2): the longest walls, then rooms."""
+    most, n = NEIGHBOURS - ROOM_NEIGHBOURS, len(half)
+    cost = np.empty((len(of_room), most))
+    count = np.zeros(len(of_room), dtype=np.int64)
+    for i in range(n):
+        r = room[i]
+        if r < 0:
+            continue
+        x, y = of_room[r, 0] - centre[i, 0], of_room[r, 1] - centre[i, 1]
+        new = x * (normal[i, 0] + 2 * tangent[i, 0]) + y * (normal[i, 1] + 2 * tangent[i, 1])
+        new = 0.01 * new - half[i]
+        at = count[r]
+        while at > 0 and new < cost[r, at - 1]:
+            if at < most:
+                cost[r, at], neighbour[r, at] = cost[r, at - 1], neighbour[r, at - 1]
+            at -= 1
+        if at < most:
+            cost[r, at], neighbour[r, at] = new, i
+            count[r] = min(count[r] + 1, most)
+    for r in range(len(of_room)):
+        for q in beside[r]:
+            if q >= 0:
+                neighbour[r, count[r]] = n + q
+                count[r] += 1
+
+
+@compiled
+def _extents(room: Index, half: Array, centre: Array, normal: Array, tangent: Array, node: Array32) -> None:
+    """Writes the last columns of `_nodes`: rooms' extents along and across their longest wall, and walls."""
+    for r in range(len(node)):
+        own = np.flatnonzero(room == r)
+        longest = own[half[own].argmax()]
+        low, high = np.full(2, np.inf), np.full(2, -np.inf)
+        for i in own:
+            for side in (-1, 1):
+                x, y = centre[i, 0] + side * half[i] * tangent[i, 0], centre[i, 1] + side * half[i] * tangent[i, 1]
+                for d, axis in enumerate((tangent[longest], normal[longest])):
+                    at = x * axis[0] + y * axis[1]
+                    low[d], high[d] = min(low[d], at), max(high[d], at)
+        node[r, 6], node[r, 7], node[r, 8] = (high[0] - low[0]) / 5, (high[1] - low[1]) / 5, len(own) / 6
 
 
 def _edges(walls: Walls, centre: Array, home: Index, neighbour: Index, gap: Array) -> Array32:

@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from data.compiled import compiled
+from data.se2_loops import wrapped
 from matching import se2
 from matching.bands import Band
 from matching.doors import Doors
@@ -138,8 +139,7 @@ def judged(
     """The fields of `Judged` for a wall of the map that lies at (x, y), and a line of the plan."""
     across = line[2] * x + line[3] * y - line[4]
     along = line[2] * y - line[3] * x - line[5]
-    turned = heading - line[1]
-    turned -= 2 * np.pi * np.floor((turned + np.pi) / (2 * np.pi))
+    turned = wrapped(heading - line[1])
     span = 1.6 * min(half, 4.0)  # a fifth of a wall may stand out: its ends slide
     most = min(2 * min(half, line[0]) / span, 1.0)
     beside = min(max((half + line[0]) / span - abs(along) / span, 0.0), most)
@@ -178,8 +178,7 @@ def strained(
     x, y = cos * half_x - sin * half_y, sin * half_x + cos * half_y
     cos, sin = -np.cos(other[0]), -np.sin(other[0])
     u, v = cos * half_x - sin * half_y, sin * half_x + cos * half_y
-    turn = other[0] - one[0]
-    turn -= 2 * np.pi * np.floor((turn + np.pi) / (2 * np.pi))
+    turn = wrapped(other[0] - one[0])
     return (turn, other[1] - one[1] + u - x, other[2] - one[2] + v - y), (x, y), (u, v)
 
 

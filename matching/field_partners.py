@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.compiled import compiled
+from data.se2_loops import wrapped
 from matching.field import Fields, Scene, placed
 from matching.se2 import Array
 from matching.walls import Index
@@ -63,9 +64,8 @@ def _nearest(
         begin, end = first[storey[k]], first[storey[k] + 1]
         for i in range(walls):
             yaw, x, y, _, _ = placed(state[k, of_wall[i]], arm[i])
-            turned = heading[i] + yaw
+            turned = wrapped(heading[i] + yaw)
             cos, sin = np.cos(turned), np.sin(turned)
-            turned -= 2 * np.pi * np.floor((turned + np.pi) / (2 * np.pi))
             count = 0
             for round_ in (-1, 0, 1):
                 low = turned + 2 * np.pi * round_ - GATE_RAD - 1e-9

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.compiled import compiled
 from matching.hypotheses import groups_of
 from matching.se2 import Array
 from matching.walls import Index, Walls
@@ -69,31 +70,48 @@ def _of_wall(s: Walls) -> Index:
     return np.asarray(np.unique(room, return_inverse=True)[1])
 
 
-def _gaps(s: Walls, of_wall: Index) -> tuple[Index, Array]:
-    """(E, 2) groups whose walls are near each other, and (E,) the metres between them, roughly."""
-    from scipy.spatial import cKDTree  # slow to import
+def _gaps(s: Walls, of_wall: Index, count: int) -> Array:
+    """(G, G) metres between the walls of two groups, roughly, infinite where none are near each other."""
+    points = np.maximum(np.ceil(2 * s.half / POINTS).astype(np.int64), 1)
+    square = _least_squares_apart(s.centre, s.tangent, s.half, points, of_wall, count)
+    return np.asarray(np.sqrt(square))
 
-    count = np.maximum(np.ceil(2 * s.half / POINTS).astype(np.int64), 1)
-    wall = np.repeat(np.arange(len(s)), count)
-    place = (np.arange(len(wall)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[wall]
-    points = s.centre[wall] + ((2 * place - 1) * s.half[wall])[:, None] * s.tangent[wall]
-    pairs = cKDTree(points).query_pairs(BESIDE + POINTS / 2, output_type="ndarray")
-    ends = np.sort(of_wall[wall[pairs]], axis=1)
-    apart = np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=-1)
-    other = ends[:, 0] != ends[:, 1]
-    near, inverse = np.unique(ends[other], axis=0, return_inverse=True)
-    gap = np.full(len(near), np.inf)
-    np.minimum.at(gap, inverse.reshape(-1), apart[other])
-    return near.reshape(-1, 2), gap
+
+@compiled
+def _least_squares_apart(
+    centre: Array, tangent: Array, half: Array, points: Index, of_wall: Index, count: int
+) -> Array:
+    """(G, G) the squares of what `_gaps` tells; walls are looked at as rows of points."""
+    reach = BESIDE + POINTS / 2
+    least = np.full((count, count), np.inf)
+    for i in range(len(half)):
+        for k in range(i):
+            g, h = of_wall[i], of_wall[k]
+            x, y = centre[i, 0] - centre[k, 0], centre[i, 1] - centre[k, 1]
+            far = half[i] + half[k] + reach
+            if g == h or x * x + y * y > far * far:
+                continue
+            for n in range(points[i]):
+                at = (2 * ((n + 0.5) / points[i]) - 1) * half[i]
+                u, v = x + at * tangent[i, 0], y + at * tangent[i, 1]
+                run = u * tangent[k, 0] + v * tangent[k, 1]
+                begin = int(((run - reach) / half[k] + 1) / 2 * points[k]) if half[k] > 0 else 0
+                end = int(((run + reach) / half[k] + 1) / 2 * points[k]) + 1 if half[k] > 0 else points[k]
+                for m in range(max(begin - 1, 0), min(end + 1, points[k])):
+                    at = (2 * ((m + 0.5) / points[k]) - 1) * half[k]
+                    square = (u - at * tangent[k, 0]) ** 2 + (v - at * tangent[k, 1]) ** 2
+                    if square <= reach * reach and square < least[g, h]:
+                        least[g, h] = least[h, g] = square
+    return least
 
 
 def _edges(s: Walls, of_wall: Index, centre: Array, doors: set[tuple[int, int]]) -> Index:
     """(E, 2) the doors' pairs, near ones, and what joins all."""
     from scipy.sparse.csgraph import minimum_spanning_tree
 
-    near, gap = _gaps(s, of_wall)
+    gap = _gaps(s, of_wall, len(centre))
     apart = 10 + np.linalg.norm(centre[:, None] - centre[None], axis=-1)
-    apart[near[:, 0], near[:, 1]] = apart[near[:, 1], near[:, 0]] = gap
+    apart = np.where(np.isfinite(gap), gap, apart)
     for g, h in doors:
         apart[g, h] = apart[h, g] = 1e-6
     np.fill_diagonal(apart, np.inf)

@@ -80,7 +80,7 @@ def _voted(s: Walls, a: Walls) -> list[_Rigid]:
     found = []
     for voted in candidates(s, a):
         pairing = Pairing.near(s, a, voted.yaw)
-        worth = explained(pairing, voted.motions, SIGMAS_RIGID[0])
+        worth = explained(s, a, voted.yaw, voted.motions, SIGMAS_RIGID[0])
         found += [_Rigid(float(w), pairing, m) for w, m in zip(worth, voted.motions, strict=True)]
     return found
 
@@ -103,7 +103,7 @@ def _refined(rough: list[_Rigid]) -> list[_Rigid]:
     for pairing in {id(r.pairing): r.pairing for r in rough}.values():
         motions = np.array([r.motion for r in rough if r.pairing is pairing])
         motions = refine_rigid(pairing, motions, SIGMAS_RIGID)
-        worth = explained(pairing, motions, SIGMAS_RIGID[-1])
+        worth = explained(pairing.s, pairing.a, pairing.yaw, motions, SIGMAS_RIGID[-1])
         found += [_Rigid(float(w), pairing, m) for w, m in zip(worth, motions, strict=True)]
     return sorted(found, key=lambda r: -r.worth)
 

@@ -9,22 +9,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.compiled import compiled
+from data.se2_loops import wrapped
 from matching import se2
-from matching.corners import pairs_within
 from matching.field import Fields, Scene, rigid_state
 from matching.proposals import TopK
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
 from matching.walls import Index
 
-OPENING = np.radians(10)  # the angles between two S walls and their A walls differ by less
-LEAST_ANGLE = np.radians(35)
+OPENING = float(np.radians(10))  # the angles between two S walls and their A walls differ by less
+LEAST_ANGLE = float(np.radians(35))
 YAW_BIN, PLACE_BIN = np.radians(8), 0.8
 SIGMA = 0.3  # metres across: neighbours' motions differ
-SIGMA_TURN = np.radians(6)
+SIGMA_TURN = float(np.radians(6))
+SIGMA_BEYOND = 0.8  # metres beyond the ends
 MOST_PLACES = 40  # of one part
 MOST_PARTS = 8
 LEAST_SCORE = 1e-3  # of a proposal
+LEAST_WEIGHT = 1e-6  # of a vote
 LEAST_WORTH = 0.25  # of the best one's; beyond the fewest, others are no seeds
 
 
@@ -63,52 +66,71 @@ def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
 
 
 def _votes(scene: Scene, proposals: TopK) -> _Votes:
-    s, plan, group = scene.s, scene.plan, scene.groups.of_wall
-    i, k = pairs_within(group)
-    turn = se2.wrap(s.heading[k] - s.heading[i])
-    step = s.centre[k] - s.centre[i]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        along = np.sum(step * s.normal[k], axis=-1) / np.sin(turn)  # the crossing's place on each wall
-        back = np.sum(step * s.normal[i], axis=-1) / np.sin(turn)
-    steep = np.abs(np.abs(turn) - np.pi / 2) < np.pi / 2 - LEAST_ANGLE
-    met = steep & (np.abs(along) < 1.5 * s.half[i] + 1.5) & (np.abs(back) < 1.5 * s.half[k] + 1.5)
-    i, k, turn, along = i[met], k[met], turn[met], along[met]
-    width = proposals.partner.shape[1]
-    pi, pk = (x.ravel() for x in np.meshgrid(np.arange(width), np.arange(width), indexing="ij"))
-    j, m = proposals.partner[i][:, pi], proposals.partner[k][:, pk]
-    sure = proposals.score >= LEAST_SCORE
-    v, w = np.nonzero((j >= 0) & (m >= 0) & sure[i][:, pi] & sure[k][:, pk])
-    i, k, j, m, turn, along = i[v], k[v], j[v, w], m[v, w], turn[v], along[v]
-    opening = se2.wrap(plan.heading[m] - plan.heading[j])
-    off = se2.wrap(opening - turn)
-    kept = (plan.storey[j] == plan.storey[m]) & (np.abs(off) < OPENING)
-    i, k, j, m, w, opening, off, along = (x[kept] for x in (i, k, j, m, w, opening, off, along))
-    yaw = se2.wrap(plan.heading[j] - s.heading[i] + off / 2)
-    corner = s.centre[i] + along[:, None] * s.tangent[i]
-    # The crossing of the two A lines, from A wall j along its tangent.
-    normal = np.stack((np.cos(plan.heading[m]), np.sin(plan.heading[m])), axis=-1)
-    tangent = _tangent(plan.heading[j])
-    run = np.sum((plan.centre[m] - plan.centre[j]) * normal, axis=-1) / np.sin(opening)
-    shift = plan.centre[j] + run[:, None] * tangent - se2.rotate(yaw, corner)
-    weight = proposals.score[i, pi[w]] * proposals.score[k, pk[w]] * np.sqrt(s.weight[i] * s.weight[k])
-    motion = np.column_stack((yaw, shift))
-    weight = weight * _beside(scene, i, j, motion) * _beside(scene, k, m, motion)
-    kept = weight > 1e-6
-    g = group[i[kept]]
-    return _Votes(g, plan.storey[j[kept]], yaw[kept], weight[kept], shift[kept])
-
-
-def _tangent(heading: Array) -> Array:
-    return np.stack((-np.sin(heading), np.cos(heading)), axis=-1)
-
-
-def _beside(scene: Scene, i: Index, j: Index, motion: Array) -> Array:
-    """How well S walls i lie beside A walls j, along them, under each motion; their ends slide."""
     s, plan = scene.s, scene.plan
-    step = se2.apply(motion, s.centre[i]) - plan.centre[j]
-    along = np.abs(np.sum(step * _tangent(plan.heading[j]), axis=-1))
-    beyond = np.maximum(along - np.abs(plan.half[j] - s.half[i]), 0.0)
-    return np.asarray(np.exp(-0.5 * (beyond / (2 * SIGMA_ALONG)) ** 2))
+    wall, partner, yaw, weight, shift = _voted(
+        s.heading, s.half, s.centre, s.normal, s.weight, scene.groups.of_wall, plan.lines, plan.centre, plan.storey,
+        proposals.partner, proposals.score,
+    )  # fmt: skip
+    return _Votes(scene.groups.of_wall[wall], plan.storey[partner], yaw, weight, shift)
+
+
+@compiled
+def _voted(
+    heading: Array, half: Array, centre: Array, normal: Array, size: Array, of_wall: Index, lines: Array,
+    a_centre: Array, a_storey: Index, partner: Index, score: Array,
+) -> tuple[Index, Index, Array, Array, Array]:  # fmt: skip
+    """Of each vote one of the walls and its partner, the yaw, the weight and the shift."""
+    walls, partners, yaws, weights, shifts_x, shifts_y = [0], [0], [0.0], [0.0], [0.0], [0.0]  # of one kind each
+    for i in range(len(heading)):
+        for k in range(i + 1, len(heading)):
+            if of_wall[i] != of_wall[k]:
+                continue
+            turn = wrapped(heading[k] - heading[i])
+            x, y = centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]
+            if abs(abs(turn) - np.pi / 2) >= np.pi / 2 - LEAST_ANGLE:
+                continue
+            along = (x * normal[k, 0] + y * normal[k, 1]) / np.sin(turn)  # the crossing's place on each wall
+            back = (x * normal[i, 0] + y * normal[i, 1]) / np.sin(turn)
+            if abs(along) >= 1.5 * half[i] + 1.5 or abs(back) >= 1.5 * half[k] + 1.5:
+                continue
+            x, y = centre[i, 0] - along * normal[i, 1], centre[i, 1] + along * normal[i, 0]
+            for u in range(partner.shape[1]):
+                for v in range(partner.shape[1]):
+                    j, m = partner[i, u], partner[k, v]
+                    if j < 0 or m < 0 or a_storey[j] != a_storey[m] or min(score[i, u], score[k, v]) < LEAST_SCORE:
+                        continue
+                    opening = wrapped(lines[m, 1] - lines[j, 1])
+                    off = wrapped(opening - turn)
+                    if abs(off) >= OPENING:
+                        continue
+                    yaw = wrapped(lines[j, 1] - heading[i] + off / 2)
+                    # The crossing of the two A lines, from A wall j along its tangent.
+                    run = (a_centre[m, 0] - a_centre[j, 0]) * lines[m, 2] + (a_centre[m, 1] - a_centre[j, 1]) * lines[m, 3]
+                    run /= np.sin(opening)
+                    cos, sin = np.cos(yaw), np.sin(yaw)
+                    shift_x = a_centre[j, 0] - run * lines[j, 3] - (cos * x - sin * y)
+                    shift_y = a_centre[j, 1] + run * lines[j, 2] - (sin * x + cos * y)
+                    weight = score[i, u] * score[k, v] * np.sqrt(size[i] * size[k])
+                    for wall, line in ((i, lines[j]), (k, lines[m])):
+                        at_x = cos * centre[wall, 0] - sin * centre[wall, 1] + shift_x
+                        at_y = sin * centre[wall, 0] + cos * centre[wall, 1] + shift_y
+                        slid = _beyond(abs(at_y * line[2] - at_x * line[3] - line[5]), half[wall], line[0])
+                        weight *= np.exp(-0.5 * (slid / (2 * SIGMA_ALONG)) ** 2)
+                    if weight > LEAST_WEIGHT:
+                        walls.append(i)
+                        partners.append(j)
+                        yaws.append(yaw)
+                        weights.append(weight)
+                        shifts_x.append(shift_x)
+                        shifts_y.append(shift_y)
+    shift = np.stack((np.array(shifts_x[1:]), np.array(shifts_y[1:])), axis=-1)
+    return np.array(walls[1:]), np.array(partners[1:]), np.array(yaws[1:]), np.array(weights[1:]), shift
+
+
+@compiled
+def _beyond(along: float, half: float, a_half: float) -> float:
+    """How far a wall of the map stands out of one of the plan; its ends slide."""
+    return max(along - abs(a_half - half), 0.0)
 
 
 def _parts(scene: Scene, proposals: TopK) -> tuple[Index, Array]:
@@ -150,20 +172,37 @@ def _gathered(scene: Scene, votes: _Votes, part: int, member: Array) -> tuple[In
 def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, member: Array) -> Array:
     """(M,) weight of the proposed pairs of the walls of a part that a motion lays upon each other."""
     s, plan = scene.s, scene.plan
-    told = member[scene.groups.of_wall][:, None].astype(bool) & (proposals.score >= LEAST_SCORE)
-    i, place = np.nonzero(told & (proposals.partner >= 0))
-    if not len(i):
-        return np.zeros(len(motion))
-    j = proposals.partner[i, place]
-    half, heading, n_x, n_y, off, off_along = plan.lines[j].T
-    x, y = np.moveaxis(se2.apply(motion[:, None], s.centre[i]), -1, 0)
-    across, along = x * n_x + y * n_y - off, np.abs(y * n_x - x * n_y - off_along)
-    turned = se2.wrap(s.heading[i] - heading + motion[:, :1])
-    beyond = np.maximum(along - np.abs(half - s.half[i]), 0.0)
-    fits = np.exp((-0.5 / SIGMA**2) * across**2 - (0.5 / SIGMA_TURN**2) * turned**2 - (0.5 / 0.8**2) * beyond**2)
-    value = np.where(plan.storey[j] == storey[:, None], fits * np.sqrt(proposals.score[i, place]), 0.0)
-    first = np.flatnonzero(np.append(True, i[1:] != i[:-1]))
-    return np.asarray(np.maximum.reduceat(value, first, axis=1) @ s.weight[i[first]])
+    chosen = np.flatnonzero(member[scene.groups.of_wall])
+    return np.asarray(_upon(
+        chosen, s.heading, s.half, s.centre, s.weight, plan.lines, plan.storey, proposals.partner, proposals.score,
+        storey, motion,
+    ))  # fmt: skip
+
+
+@compiled
+def _upon(
+    chosen: Index, heading: Array, half: Array, centre: Array, weight: Array, lines: Array, a_storey: Index,
+    partner: Index, score: Array, storey: Index, motion: Array,
+) -> Array:  # fmt: skip
+    """As `_worth`, for the `chosen` walls."""
+    worth = np.zeros(len(motion))
+    for n in range(len(motion)):
+        cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
+        for i in chosen:
+            x = cos * centre[i, 0] - sin * centre[i, 1] + motion[n, 1]
+            y = sin * centre[i, 0] + cos * centre[i, 1] + motion[n, 2]
+            best = 0.0
+            for p in range(partner.shape[1]):
+                j = partner[i, p]
+                if j < 0 or score[i, p] < LEAST_SCORE or a_storey[j] != storey[n]:
+                    continue
+                across = x * lines[j, 2] + y * lines[j, 3] - lines[j, 4]
+                along = abs(y * lines[j, 2] - x * lines[j, 3] - lines[j, 5])
+                turned, beyond = wrapped(heading[i] - lines[j, 1] + motion[n, 0]), _beyond(along, half[i], lines[j, 0])
+                off = across**2 / SIGMA**2 + turned**2 / SIGMA_TURN**2 + beyond**2 / SIGMA_BEYOND**2
+                best = max(best, np.exp(-0.5 * off) * np.sqrt(score[i, p]))
+            worth[n] += weight[i] * best
+    return worth
 
 
 def seeds(scene: Scene, found: LocalMotions, fewest: int, most: int) -> tuple[Fields, Index]:

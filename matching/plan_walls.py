@@ -36,10 +36,8 @@ class PlanWalls:
 
     @cached_property
     def lines(self) -> Array:
-        """(N, 6) half length, heading, normal (2), and the centre along the normal and along the tangent."""
-        n_x, n_y = np.cos(self.heading), np.sin(self.heading)
-        x, y = self.centre.T
-        return np.stack((self.half, self.heading, n_x, n_y, n_x * x + n_y * y, n_x * y - n_y * x), axis=-1)
+        """(N, 6) as those of `Walls`."""
+        return np.concatenate([a.lines for a in self.storeys])
 
     @cached_property
     def by_heading(self) -> tuple[Index, Array]:

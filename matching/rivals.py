@@ -12,7 +12,7 @@ from matching import se2
 from matching.corners import corners
 from matching.evidence import SEEN
 from matching.field import Fields, Scene, judge
-from matching.scoring import SIGMA_SCORE, Pairing, explained
+from matching.scoring import SIGMA_SCORE, explained
 from matching.se2 import Array
 from matching.voting import Marks, vote
 from matching.walls import Index, Walls
@@ -57,7 +57,7 @@ def _likenesses(part: Walls, a: Walls, of_a: Marks, at_home: bool) -> list[tuple
     own = own[:: -(-len(own) // MOST_CORNERS) or 1]
     some = _part(part, np.arange(0, len(part), -(-len(part) // MOST_ASKED)))
     for voted in vote(own, of_a, MOST_PLACES):
-        worth = explained(Pairing.near(some, a, voted.yaw), voted.motions, SIGMA) / some.weight.sum()
+        worth = explained(some, a, voted.yaw, voted.motions, SIGMA) / some.weight.sum()
         for w, m in zip(worth.tolist(), voted.motions, strict=True):
             off = np.hypot(*(se2.apply(m, middle) - middle))
             itself = at_home and off < 0.4 and abs(se2.wrap(m[:1])[0]) < np.radians(4)

@@ -8,14 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.compiled import compiled
+from data.se2_loops import wrapped
 from matching import se2
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
-SAME_DIRECTION = np.radians(15)
+SAME_DIRECTION = float(np.radians(15))
 SIGMA_SCORE = 0.15  # metres across, of the final judgement
-SIGMA_HEADING = np.radians(5)
+SIGMA_HEADING = float(np.radians(5))
 SIGMA_ALONG = 0.4  # metres; the ends of walls are seen badly
+FAR = 9.0  # deviations: what is further off is as good as none
 BEND = np.array([np.radians(2.5), 0.25, 0.25])  # how a room's motion may differ from its neighbours'
 BEND_REACH = 4.0  # metres
 
@@ -100,10 +103,41 @@ def fit(pairing: Pairing, state: Array, sigma: float) -> Fit:
     return Fit(quality, beside, along, placed)
 
 
-def explained(pairing: Pairing, motions: Array, sigma: float) -> Array:
-    """(K,) the weight of the S walls that rigid motions explain."""
-    quality = fit(pairing, pairing.state(motions), sigma).quality
-    return np.asarray(pairing.s.weight @ quality.max(axis=2))
+def explained(s: Walls, a: Walls, yaw: float, motions: Array, sigma: float) -> Array:
+    """(K,) the weight of the S walls that rigid motions (K, 3), their yaws near `yaw`, explain: as `fit` judges."""
+    return np.asarray(_explained(s.heading, s.half, s.centre, s.weight, a.lines, yaw, motions, sigma))
+
+
+@compiled
+def _explained(
+    heading: Array, half: Array, centre: Array, weight: Array, lines: Array, yaw: float, motions: Array, sigma: float
+) -> Array:
+    """As `explained`."""
+    total = np.zeros(len(motions))
+    alike = np.empty(len(lines), dtype=np.int64)
+    for i in range(len(heading)):
+        count, span = 0, 1.6 * min(half[i], 4.0)
+        for j in range(len(lines)):
+            if abs(wrapped(heading[i] + yaw - lines[j, 1])) < SAME_DIRECTION:
+                alike[count] = j
+                count += 1
+        for k in range(len(motions)):
+            cos, sin, best = np.cos(motions[k, 0]), np.sin(motions[k, 0]), 0.0
+            x = cos * centre[i, 0] - sin * centre[i, 1] + motions[k, 1]
+            y = sin * centre[i, 0] + cos * centre[i, 1] + motions[k, 2]
+            off_yaw = yaw + wrapped(motions[k, 0] - yaw)
+            for n in range(count):
+                line = lines[alike[n]]
+                along = abs(line[2] * y - line[3] * x - line[5])
+                common = min(half[i] + line[0] - along, 2 * min(half[i], line[0]))
+                beside = min(max(common / span, 0.0), 1.0)
+                across = line[2] * x + line[3] * y - line[4]
+                if beside > best and abs(across) < FAR * sigma:
+                    turned = wrapped(heading[i] + off_yaw - line[1])
+                    likely = np.exp((-0.5 / sigma**2) * across**2 - (0.5 / SIGMA_HEADING**2) * turned**2)
+                    best = max(best, beside * likely)
+            total[k] += weight[i] * best
+    return total
 
 
 def refine(pairing: Pairing, state: Array, sigma: float, prior: Array, prior_sigma: Array) -> Array:

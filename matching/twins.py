@@ -27,7 +27,7 @@ from data.s_graph_noise import MISSING, SHORTEST, SIGMA_END
 from data.s_graph_regimes import DrawnGraph
 from data.se2 import Array
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
-from matching.scoring import Pairing, explained
+from matching.scoring import explained
 from matching.twin_doors import doors_at_home, doors_there, seen_doors
 from matching.twin_motion import Laid, lay, part_of
 from matching.twin_sight import sight
@@ -94,7 +94,7 @@ def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
     for voted in candidates(seen, storey):
         motions = voted.motions
         for walls, share in ((few, HOPEFUL_OF_FEW), (seen, HOPEFUL)):
-            worth = explained(Pairing.near(walls, storey, voted.yaw), motions, SIGMA_SEARCH) / walls.weight.sum()
+            worth = explained(walls, storey, voted.yaw, motions, SIGMA_SEARCH) / walls.weight.sum()
             motions, worth = motions[worth >= share], worth[worth >= share]
             if not len(motions):
                 break

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.compiled import compiled
+from data.se2_loops import wrapped
 from matching import se2
 from matching.se2 import Array
 from matching.walls import Index, Walls, crossings
@@ -83,35 +85,62 @@ def _with_ends(corners: Marks, walls: Walls) -> Marks:
 
 def vote(s: Marks, a: Marks, most: int) -> list[Candidates]:
     """Candidate motions from S to A, at most `most` for each yaw mode; empty where nothing is alike."""
-    like = (s.kind[:, None] == a.kind[None, :]) & (np.abs(s.opening[:, None] - a.opening[None, :]) < OPENING)
-    i, j = np.nonzero(like)
+    i, j, yaw = _alike(s.kind, s.opening, s.heading, a.kind, a.opening, a.heading)
     if not len(i):
         return []
-    yaw = se2.wrap(a.heading[j] - s.heading[i])
     found = []
     for mode in _yaw_modes(yaw):
-        near = np.abs(se2.wrap(yaw - mode)) < 3 * YAW_BIN
-        turned = se2.rotate(mode, s.point[i[near]])
-        places = _places(a.point[j[near]] - turned, most)
+        places = _places(_places_voted(mode, np.cos(mode), np.sin(mode), yaw, i, j, s.point, a.point), most)
         found.append(Candidates(mode, np.column_stack((np.full(len(places), mode), places))))
     return found
+
+
+@compiled
+def _alike(
+    kind: Index, opening: Array, heading: Array, a_kind: Index, a_opening: Array, a_heading: Array
+) -> tuple[Index, Index, Array]:
+    """Pairs of marks that are alike, and the yaw that turns one as the other."""
+    most = len(kind) * len(a_kind)
+    i, j, yaw, count = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty(most), 0
+    for m in range(len(kind)):
+        for n in range(len(a_kind)):
+            if kind[m] == a_kind[n] and abs(opening[m] - a_opening[n]) < OPENING:
+                i[count], j[count], yaw[count] = m, n, wrapped(a_heading[n] - heading[m])
+                count += 1
+    return i[:count].copy(), j[:count].copy(), yaw[:count].copy()
 
 
 def _yaw_modes(yaw: Array) -> list[float]:
     bins = round(2 * np.pi / YAW_BIN)
     at = np.floor((yaw + np.pi) / YAW_BIN).astype(np.int64) % bins
     count = np.bincount(at, minlength=bins).astype(float)
-    smooth = sum(np.roll(count, k) * (3 - abs(k)) for k in range(-2, 3))
+    padded = np.concatenate((count[-2:], count, count[:2]))
+    smooth = sum(padded[2 + k : 2 + k + bins] * (3 - abs(k)) for k in range(-2, 3))
     assert isinstance(smooth, np.ndarray)
+    angle = -np.pi + (np.arange(bins) + 0.5) * YAW_BIN
+    free = smooth >= 0.1 * smooth.max()
     modes: list[float] = []
-    for peak in np.argsort(-smooth, kind="stable"):
-        if smooth[peak] < 0.1 * smooth.max() or len(modes) == YAW_MODES:
-            break
-        angle = -np.pi + (peak + 0.5) * YAW_BIN
-        if all(abs(se2.wrap(np.array(angle - m))) > 4 * YAW_BIN for m in modes):
-            near = se2.wrap(yaw - angle)
-            modes.append(float(angle + np.mean(near[np.abs(near) < 2.5 * YAW_BIN])))
+    while free.any() and len(modes) < YAW_MODES:
+        peak = angle[np.where(free, smooth, -1.0).argmax()]
+        near = se2.wrap(yaw - peak)
+        modes.append(float(peak + np.mean(near[np.abs(near) < 2.5 * YAW_BIN])))
+        free &= (np.abs(se2.wrap(angle - modes[-1])) > 4 * YAW_BIN) & (angle != peak)
     return modes
+
+
+@compiled
+def _places_voted(
+    mode: float, cos: float, sin: float, yaw: Array, i: Index, j: Index, point: Array, a_point: Array
+) -> Array:
+    """(V, 2) the places that pairs of marks vote for whose yaw is near the mode, of this cosine and sine."""
+    votes, count = np.empty((len(yaw), 2)), 0
+    for n in range(len(yaw)):
+        if abs(wrapped(yaw[n] - mode)) < 3 * YAW_BIN:
+            x, y = point[i[n], 0], point[i[n], 1]
+            votes[count, 0] = a_point[j[n], 0] - (cos * x - sin * y)
+            votes[count, 1] = a_point[j[n], 1] - (sin * x + cos * y)
+            count += 1
+    return votes[:count].copy()
 
 
 def _places(votes: Array, most: int) -> Array:
@@ -122,15 +151,41 @@ def _places(votes: Array, most: int) -> Array:
     cell = np.floor(votes / PLACE_BIN).astype(np.int64)
     cell -= cell.min(axis=0) - 1
     stride = int(cell[:, 1].max()) + 2
-    keys, inverse = np.unique(cell[:, 0] * stride + cell[:, 1], return_inverse=True)
-    own = np.stack([np.bincount(inverse, w) for w in (np.ones(len(votes)), votes[:, 0], votes[:, 1])])
-    total = own.copy()
-    neighbours = []
-    for shift in (-stride - 1, -stride, -stride + 1, -1, 1, stride - 1, stride, stride + 1):
-        at = np.minimum(np.searchsorted(keys, keys + shift), len(keys) - 1)
-        neighbours.append((at, keys[at] == keys + shift))
-        total += np.where(neighbours[-1][1], own[:, at], 0.0)
-    most_beside = np.max([np.where(real, total[0, at], 0.0) for at, real in neighbours], axis=0)
-    peak = np.nonzero(total[0] >= most_beside)[0]
-    best = peak[np.argsort(-total[0, peak], kind="stable")[:most]]
-    return np.asarray((total[1:, best] / total[0, best]).T)
+    key = cell[:, 0] * stride + cell[:, 1]
+    total, peak = _around(votes, key, np.argsort(key), stride)
+    best = peak[np.argsort(-total[peak, 0], kind="stable")[:most]]
+    return np.asarray(total[best, 1:] / total[best, :1])
+
+
+@compiled
+def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array, Index]:
+    """(bins, 3) number and sum of the votes in 3 x 3 bins about each that has any, and which bins none beside them
+    excels; `key` (V,) are the votes' bins, `order` sorts these."""
+    bin_of, keys, bins = np.empty(len(key), dtype=np.int64), np.empty(len(key), dtype=np.int64), 0
+    for n in order:
+        if bins == 0 or key[n] != keys[bins - 1]:
+            keys[bins] = key[n]
+            bins += 1
+        bin_of[n] = bins - 1
+    own = np.zeros((bins, 3))
+    for n in range(len(key)):
+        own[bin_of[n], 0] += 1
+        own[bin_of[n], 1] += votes[n, 0]
+        own[bin_of[n], 2] += votes[n, 1]
+    total, beside = own.copy(), np.full((8, bins), -1)
+    shifts = (-stride - 1, -stride, -stride + 1, -1, 1, stride - 1, stride, stride + 1)
+    for side in range(8):
+        at = 0
+        for n in range(bins):
+            while at < bins and keys[at] < keys[n] + shifts[side]:
+                at += 1
+            if at < bins and keys[at] == keys[n] + shifts[side]:
+                beside[side, n] = at
+                for d in range(3):
+                    total[n, d] += own[at, d]
+    peak = np.ones(bins, dtype=np.bool_)
+    for n in range(bins):
+        for side in range(8):
+            if beside[side, n] >= 0 and total[beside[side, n], 0] > total[n, 0]:
+                peak[n] = False
+    return total, np.flatnonzero(peak)

@@ -45,6 +45,13 @@ class Walls:
         """(N, 2) the normals turned left."""
         return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
+    @cached_property
+    def lines(self) -> Array:
+        """(N, 6) half length, heading, normal (2), and the centre along the normal and along the tangent."""
+        n_x, n_y = self.normal.T
+        x, y = self.centre.T
+        return np.stack((self.half, self.heading, n_x, n_y, n_x * x + n_y * y, n_x * y - n_y * x), axis=-1)
+
     @property
     def area(self) -> float:
         """Square metres on which there are walls."""
