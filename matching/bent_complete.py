@@ -115,7 +115,8 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
     own = se2.apply(se2.inverse(s.T_graph_own), s.room_centroids)
     merit = _merit(share, se2.apply(a.T_graph_own, se2.apply(laid.moved[s.first_of_room], own)), *laid.footprints)
     order = np.argsort(-merit.max(axis=1), kind="stable")
-    chosen = _chosen(share, merit, order, s.room, s.half, a.room[laid.partner], laid.partner, laid.quality, laid.along)
+    likely = np.argsort(-merit, axis=1, kind="stable")[:, :TRIED]
+    chosen = _chosen(share, likely, order, s.room, s.half, a.room[laid.partner], laid.partner, laid.quality, laid.along)
     told = zip(range(len(chosen)), chosen.tolist(), strict=True)
     return tuple((r, q, _among(merit[r], q, DOUBT_ROOM)) for r, q in told if q >= 0)
 
@@ -144,19 +145,20 @@ def _holds(corners: Array, x: float, y: float) -> bool:
 
 @compiled
 def _chosen(
-    share: Array, merit: Array, order: Index, s_room: Index, half: Array, a_room: Index, partner: Index,
+    share: Array, likely: Index, order: Index, s_room: Index, half: Array, a_room: Index, partner: Index,
     quality: Array, along: Array,
 ) -> Index:  # fmt: skip
-    """(S rooms,) their A rooms, -1 for none; `order` tells which S rooms choose first."""
+    """(S rooms,) their A rooms, of those that are `likely`, -1 for none; `order` tells which S rooms choose first."""
     chosen = np.full(len(share), -1)
     for r in order:
-        for q in np.argsort(-merit[r], kind="mergesort")[:TRIED]:
+        for q in likely[r]:
             if share[r, q] < LEAST_SHARE or _most_but(share[r], q) > CONTESTED * share[r, q]:
                 continue
             free = True
-            for o in np.flatnonzero(chosen == q):
-                apart = share[r, q] >= SECOND_SHARE and _apart(r, o, q, s_room, half, a_room, partner, quality, along)
-                free = free and apart
+            for o in range(len(chosen)):
+                if free and chosen[o] == q:
+                    free = share[r, q] >= SECOND_SHARE
+                    free = free and _apart(r, o, q, s_room, half, a_room, partner, quality, along)
             if free:
                 chosen[r] = q
                 break
@@ -165,9 +167,9 @@ def _chosen(
 
 @compiled
 def _apart(
-    r: np.intp,
-    o: np.intp,
-    q: np.intp,
+    r: int,
+    o: int,
+    q: int,
     s_room: Index,
     half: Array,
     a_room: Index,
@@ -188,9 +190,10 @@ def _apart(
         if best[i] >= 0:
             length[int(s_room[i] == o)] += 2 * half[i]
     common = 0.0
-    for n in np.flatnonzero((s_room == r) & (best >= 0)):
-        for m in np.flatnonzero((s_room == o) & (best >= 0)):
-            if partner[n, best[n]] == partner[m, best[m]]:
+    for n in range(len(best)):
+        for m in range(len(best)):
+            both = s_room[n] == r and s_room[m] == o and best[n] >= 0 and best[m] >= 0
+            if both and partner[n, best[n]] == partner[m, best[m]]:
                 common += max(0.0, beside(along[n, best[n]], half[n], along[m, best[m]], half[m]))
     return common < COMMON * length.min()
 

@@ -239,17 +239,24 @@ def _of_rooms(
 @compiled
 def _extents(room: Index, half: Array, centre: Array, normal: Array, tangent: Array, node: Array32) -> None:
     """Writes the last columns of `_nodes`: rooms' extents along and across their longest wall, and walls."""
+    longest, end = np.full(len(node), -1), np.empty(2)
+    low, high = np.full((len(node), 2), np.inf), np.full((len(node), 2), -np.inf)
+    for i in range(len(half)):
+        r = room[i]
+        if r >= 0 and (longest[r] < 0 or half[i] > half[longest[r]]):
+            longest[r] = i
+    for i in range(len(half)):
+        r = room[i]
+        for side in range(2 if r >= 0 else 0):
+            end[0] = centre[i, 0] + (2 * side - 1) * half[i] * tangent[i, 0]
+            end[1] = centre[i, 1] + (2 * side - 1) * half[i] * tangent[i, 1]
+            along = end[0] * tangent[longest[r], 0] + end[1] * tangent[longest[r], 1]
+            across = end[0] * normal[longest[r], 0] + end[1] * normal[longest[r], 1]
+            low[r, 0], high[r, 0] = min(low[r, 0], along), max(high[r, 0], along)
+            low[r, 1], high[r, 1] = min(low[r, 1], across), max(high[r, 1], across)
+            node[r, 8] += 0.5
     for r in range(len(node)):
-        own = np.flatnonzero(room == r)
-        longest = own[half[own].argmax()]
-        low, high = np.full(2, np.inf), np.full(2, -np.inf)
-        for i in own:
-            for side in (-1, 1):
-                x, y = centre[i, 0] + side * half[i] * tangent[i, 0], centre[i, 1] + side * half[i] * tangent[i, 1]
-                for d, axis in enumerate((tangent[longest], normal[longest])):
-                    at = x * axis[0] + y * axis[1]
-                    low[d], high[d] = min(low[d], at), max(high[d], at)
-        node[r, 6], node[r, 7], node[r, 8] = (high[0] - low[0]) / 5, (high[1] - low[1]) / 5, len(own) / 6
+        node[r, 6], node[r, 7], node[r, 8] = (high[r, 0] - low[r, 0]) / 5, (high[r, 1] - low[r, 1]) / 5, node[r, 8] / 6
 
 
 def _edges(walls: Walls, centre: Array, home: Index, neighbour: Index, gap: Array) -> Array32:

@@ -95,7 +95,9 @@ def _pull_of_neighbours(
             less = 1 + square / ROBUST**2
             u, v, w = 1 / (slack[e, 0] * less) ** 2, 1 / (slack[e, 1] * less) ** 2, 1 / (slack[e, 2] * less) ** 2
             pull, push, press = u * turn, v * off_x, w * off_y
-            for end, sign, (x, y) in ((g, 1.0, arm_g), (h, -1.0, arm_h)):
+            (g_x, g_y), (h_x, h_y) = arm_g, arm_h
+            for sign in (1.0, -1.0):
+                end, x, y = (g, g_x, g_y) if sign > 0 else (h, h_x, h_y)
                 own[k, end, 0, 0] += u + v * y**2 + w * x**2
                 own[k, end, 1, 0] -= v * y
                 own[k, end, 2, 0] += w * x
@@ -104,8 +106,8 @@ def _pull_of_neighbours(
                 right[k, end, 0] += sign * (pull - push * y + press * x)
                 right[k, end, 1] += sign * push
                 right[k, end, 2] += sign * press
-            (g_x, g_y), (h_x, h_y) = arm_g, arm_h
             block = between[k, e]
-            block[0] = -(u + v * g_y * h_y + w * g_x * h_x), v * g_y, -w * g_x
-            block[1] = v * h_y, -v, 0.0
-            block[2] = -w * h_x, 0.0, -w
+            block[0, 0] = -(u + v * g_y * h_y + w * g_x * h_x)
+            block[0, 1], block[0, 2] = v * g_y, -w * g_x
+            block[1, 0], block[1, 1], block[1, 2] = v * h_y, -v, 0.0
+            block[2, 0], block[2, 1], block[2, 2] = -w * h_x, 0.0, -w

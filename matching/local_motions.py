@@ -67,20 +67,21 @@ def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
 
 def _votes(scene: Scene, proposals: TopK) -> _Votes:
     s, plan = scene.s, scene.plan
-    wall, partner, yaw, weight, shift = _voted(
+    pair, told = _voted(
         s.heading, s.half, s.centre, s.normal, s.weight, scene.groups.of_wall, plan.lines, plan.centre, plan.storey,
         proposals.partner, proposals.score,
     )  # fmt: skip
-    return _Votes(scene.groups.of_wall[wall], plan.storey[partner], yaw, weight, shift)
+    return _Votes(scene.groups.of_wall[pair[:, 0]], plan.storey[pair[:, 1]], told[:, 0], told[:, 1], told[:, 2:])
 
 
 @compiled
 def _voted(
     heading: Array, half: Array, centre: Array, normal: Array, size: Array, of_wall: Index, lines: Array,
     a_centre: Array, a_storey: Index, partner: Index, score: Array,
-) -> tuple[Index, Index, Array, Array, Array]:  # fmt: skip
-    """Of each vote one of the walls and its partner, the yaw, the weight and the shift."""
-    walls, partners, yaws, weights, shifts_x, shifts_y = [0], [0], [0.0], [0.0], [0.0], [0.0]  # of one kind each
+) -> tuple[Index, Array]:  # fmt: skip
+    """(V, 2) one of the walls of each vote and its partner, and (V, 4) its yaw, its weight and its shift."""
+    most = int((np.bincount(of_wall) ** 2).sum()) // 2 * partner.shape[1] ** 2
+    pair, told, count = np.empty((most, 2), dtype=np.int64), np.empty((most, 4)), 0
     for i in range(len(heading)):
         for k in range(i + 1, len(heading)):
             if of_wall[i] != of_wall[k]:
@@ -105,7 +106,8 @@ def _voted(
                         continue
                     yaw = wrapped(lines[j, 1] - heading[i] + off / 2)
                     # The crossing of the two A lines, from A wall j along its tangent.
-                    run = (a_centre[m, 0] - a_centre[j, 0]) * lines[m, 2] + (a_centre[m, 1] - a_centre[j, 1]) * lines[m, 3]
+                    away_x, away_y = a_centre[m, 0] - a_centre[j, 0], a_centre[m, 1] - a_centre[j, 1]
+                    run = away_x * lines[m, 2] + away_y * lines[m, 3]
                     run /= np.sin(opening)
                     cos, sin = np.cos(yaw), np.sin(yaw)
                     shift_x = a_centre[j, 0] - run * lines[j, 3] - (cos * x - sin * y)
@@ -117,14 +119,11 @@ def _voted(
                         slid = _beyond(abs(at_y * line[2] - at_x * line[3] - line[5]), half[wall], line[0])
                         weight *= np.exp(-0.5 * (slid / (2 * SIGMA_ALONG)) ** 2)
                     if weight > LEAST_WEIGHT:
-                        walls.append(i)
-                        partners.append(j)
-                        yaws.append(yaw)
-                        weights.append(weight)
-                        shifts_x.append(shift_x)
-                        shifts_y.append(shift_y)
-    shift = np.stack((np.array(shifts_x[1:]), np.array(shifts_y[1:])), axis=-1)
-    return np.array(walls[1:]), np.array(partners[1:]), np.array(yaws[1:]), np.array(weights[1:]), shift
+                        pair[count, 0], pair[count, 1] = i, j
+                        told[count, 0], told[count, 1] = yaw, weight
+                        told[count, 2], told[count, 3] = shift_x, shift_y
+                        count += 1
+    return pair[:count].copy(), told[:count].copy()
 
 
 @compiled

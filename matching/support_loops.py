@@ -53,8 +53,8 @@ def _combinations(
     candidate: Index, near: Index, first: int, last: int, pose_s: Array32, half_s: Array32, home_s: Index,
     pose_a: Array32, half_a: Array32, home_a: Index, floor: Index, turned: Array32,
 ) -> tuple[Index, Index, Array32, Array32]:  # fmt: skip
-    """The two pairs of each combination, (OFFSETS, E) by how much offsets differ, and (COLUMNS, E) the others as they are
-    worked out of: see `combined`, and `relations`."""
+    """The two pairs of each combination, (OFFSETS, E) by how much offsets differ, and (COLUMNS, E) what `combined`
+    makes the other features of; see `relations`."""
     width, most = candidate.shape[1], (last - first) * near.shape[1] * candidate.shape[1] ** 2
     pair, other = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
     offsets, columns = np.empty((most, OFFSETS), dtype=np.float32), np.empty((most, COLUMNS), dtype=np.float32)
@@ -112,6 +112,6 @@ def _left(
     cos, sin = abs(of_s[4]), abs(of_s[5])
     slack = other * sin, one + other * cos, one * sin, other + one * cos
     for d in range(4):
-        offsets[d] = max(abs(of_s[d] - of_a[d]) - slack[d], np.float32(0))
+        offsets[d] = max(abs(of_s[d] - of_a[d]) - slack[d], 0.0)
     offsets[4], offsets[5] = abs(of_s[0] - of_a[0]), abs(of_s[2] - of_a[2])
     return of_s[5] * of_a[4] - of_s[4] * of_a[5], of_s[4] * of_a[4] + of_s[5] * of_a[5]

@@ -5,15 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
+import torch
 from plans import a_graph, flat
 
 from data.s_graph_regimes import draw
-from matching import bent, field_step, se2
+from matching import bent, consensus, field_step, se2
 from matching.bent_complete import _merit
+from matching.encoder import GraphTensors
+from matching.features import map_features, plan_features
 from matching.field import STEP, Fields, Scene, judge, motions, rigid_state
 from matching.field_partners import GATE_M, GATE_RAD, PARTNERS, partners
+from matching.groups import BESIDE, POINTS, groups
+from matching.local_motions import local_motions
 from matching.plan_walls import PlanWalls
+from matching.proposals import TopK
+from matching.scoring import Pairing, explained, fit
 from matching.se2 import Array
+from matching.support_loops import combined
+from matching.voting import vote
+from matching.walls import arrays
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 DRAWN = draw(PLAN, "real", np.random.default_rng(1), 5)
@@ -53,7 +63,8 @@ def residuals(scene: Scene, state: Array, i: int, j: int) -> tuple[float, float,
 
 
 def test_partners_are_the_nearest_walls_of_a_direction(scene, fields):
-    plan = replace(scene.plan, centre=0.25 * scene.plan.centre)  # so close that some walls have too many
+    close = replace(scene.plan.storeys[0], centre=0.25 * scene.plan.centre)  # so close that some walls have too many
+    plan = replace(scene.plan, storeys=(close,), centre=close.centre)
     scene = replace(scene, plan=plan)
     heading, at = laid(scene, fields.state)
     table = partners(scene, fields)
@@ -146,3 +157,75 @@ def test_rooms_count_more_where_the_centroid_lies_in_their_footprint():
     inside = np.array([shapely.contains_xy(shapely.Polygon(r), *points.T) for r in rings]).T
     assert inside.any()
     np.testing.assert_array_equal(more, inside & (share > 0.2))
+
+
+def test_motions_explain_what_their_fit_explains(scene):
+    s, a = scene.s, scene.plan.storeys[0]
+    motions_ = np.random.default_rng(3).uniform((-0.1, -6, -6), (0.1, 6, 6), (40, 3))
+    pairing = Pairing.near(s, a, 0.02)
+    expected = s.weight @ fit(pairing, pairing.state(motions_), 0.4).quality.max(axis=2)
+    np.testing.assert_allclose(explained(s, a, 0.02, motions_, 0.4), expected, atol=1e-9)
+    assert expected.max() > 0.2 * s.weight.sum()
+
+
+def test_a_storey_laid_elsewhere_is_voted_back(scene):
+    marks = scene.plan.corners[0]
+    moved = replace(marks, point=se2.apply(np.array([0.7, 31.0, -8.0]), marks.point), heading=marks.heading + 0.7)
+    best = [mode.motions[0] for mode in vote(marks, moved, 3)]
+    assert min(np.abs(motion - (0.7, 31.0, -8.0)).max() for motion in best) < 1e-9
+
+
+def test_proposals_that_are_right_vote_for_the_true_motion(scene):
+    place = {name: n for n, name in enumerate(scene.plan.storeys[0].ids)}
+    partner = np.array([[place.get(DRAWN.wall_surfaces.get(i, ""), -1)] for i in scene.s.ids])
+    found = local_motions(scene, TopK(partner, (partner >= 0).astype(float)))
+    T_plan_a = se2.inverse(scene.plan.storeys[0].T_graph_own)
+    true = se2.compose(se2.compose(T_plan_a, np.array(DRAWN.T_a_s)), scene.s.T_graph_own)
+    off = found.motion[0] - true
+    assert abs(se2.wrap(off[:1])[0]) < 0.03 and np.hypot(*off[1:]) < 0.3
+    assert found.worth[0] > 0.5 * scene.s.weight.sum()
+
+
+def test_rooms_are_neighbours_by_the_gap_between_their_walls(scene):
+    s = scene.s
+    of = groups(s)
+    rows = [s.centre[i] + np.linspace(-1, 1, 200)[:, None] * s.half[i] * s.tangent[i] for i in range(len(s))]
+    for g, h in np.argwhere(np.triu(np.ones((len(of), len(of))), 1)).tolist():
+        one, other = (np.concatenate([rows[i] for i in np.flatnonzero(of.of_wall == x)]) for x in (g, h))
+        gap = np.hypot(*np.moveaxis(one[:, None] - other, -1, 0)).min()
+        joined = [g, h] in of.edges.tolist()
+        assert joined or gap > BESIDE - POINTS / 2 or np.count_nonzero(of.edges == g) >= 6, (g, h, gap)
+        assert not joined or gap < BESIDE + 2 * POINTS or len(of.edges) == len(of) - 1, (g, h, gap)
+
+
+def test_combinations_of_candidates_are_those_of_the_tensors():
+    s, a = GraphTensors.of(map_features(DRAWN.s_graph)), GraphTensors.of(plan_features(PLAN))
+    rng = torch.Generator().manual_seed(4)
+    n = len(s.wall_node)
+    candidate = torch.randint(-1, len(a.wall_node), (n, 7), generator=rng)
+    true = {name: k for k, name in enumerate(plan_features(PLAN).walls)}
+    candidate[:, 0] = torch.tensor(
+        [true.get(DRAWN.wall_surfaces.get(i, ""), -1) for i in map_features(DRAWN.s_graph).walls]
+    )
+    near = consensus.wall_neighbours(s)
+    for mine, plain in zip(
+        combined(s, a, candidate, near, 2, n), consensus._support(s, a, candidate, near, 2, n), strict=True
+    ):
+        assert len(plain) > 50
+        torch.testing.assert_close(mine, plain)
+    none = torch.full((n, 7), -1)
+    assert len(combined(s, a, none, near, 0, n)[0]) == 0
+
+
+def test_neighbours_of_walls_are_the_nearest_by_gap():
+    walls, found = arrays(DRAWN.s_graph, None, list(DRAWN.s_graph.wall_surfaces)), map_features(DRAWN.s_graph)
+    lines = [
+        shapely.LineString([c - h * t, c + h * t])
+        for c, h, t in zip(walls.centre, walls.half, walls.tangent, strict=True)
+    ]
+    for i, line in enumerate(lines):
+        own = found.neighbour[i][found.neighbour[i] >= 0]
+        walls_of = own[own < len(walls)]
+        assert i not in walls_of and len(set(walls_of)) == len(walls_of)
+        touching = [j for j, other in enumerate(lines) if j != i and line.distance(other) < 0.1]
+        assert len(touching) > 10 or set(touching) <= set(walls_of)
