@@ -100,11 +100,10 @@ class SceneGraphSlam:
         return self._take(Doubted(int(stamp_ns), points, point_times, T_odom_sensor))
 
     def _take(self, scan: Doubted, trusted: bool = False) -> Update:
-        stamp_ns, points, point_times, T_odom_sensor = scan.stamp_ns, scan.points, scan.point_times, scan.T_odom_sensor
-        offset_ns = 0
+        stamp_ns, points, T_odom_sensor, offset_ns = scan.stamp_ns, scan.points, scan.T_odom_sensor, 0
         with self._clock("odometry"):
-            if point_times is not None:
-                seconds = checked_times(point_times, len(points), stamp_ns)
+            if scan.point_times is not None:
+                seconds = checked_times(scan.point_times, len(points), stamp_ns)
                 points, offset_ns = self._locator.deskewed(stamp_ns, points, seconds, T_odom_sensor)
             columns = self._front_end.columns(points, whole=self._locator.climbing)
             if not (trusted or self._locator.climbing or self._watch.fits(columns)):
@@ -119,10 +118,9 @@ class SceneGraphSlam:
         since = np.eye(4) if not self._scans else inverse(self._backend.keyframes[-1].T_map_sensor) @ T_map_sensor
         keyframe = len(self._backend.keyframes) - 1
         self._scans.append(ScanPose(stamp_ns, T_odom_sensor, T_map_sensor, keyframe, since, offset_ns=offset_ns))
-        wanted = self._rule.wants(T_map_sensor)
         if located.T_map_landed is not None:  # the step stays as measured: the drift is of all of the climb
-            self._scans[-1].T_map_sensor, wanted = located.T_map_landed, True
-        if wanted:
+            self._scans[-1].T_map_sensor = located.T_map_landed
+        if self._rule.wants(T_map_sensor) or located.T_map_landed is not None:
             self._add_keyframe(points)
         live = self._locator.live(self._scans[-1].T_map_sensor, offset_ns)
         return Update(stamp_ns, live, len(self._backend.keyframes), self.anchored)
@@ -131,8 +129,7 @@ class SceneGraphSlam:
         """Waits with scans that do not fit to those before, until it is clear that the sensor was carried elsewhere."""
         self._doubted.append(scan)
         if len(self._doubted) < _UNLIKE:
-            last = self._scans[-1].T_map_sensor
-            return Update(scan.stamp_ns, last, len(self._backend.keyframes), self.anchored)
+            return Update(scan.stamp_ns, self._scans[-1].T_map_sensor, len(self._backend.keyframes), self.anchored)
         doubted, self._doubted = self._doubted, []
         if all_fit([self._front_end.columns(one.points) for one in doubted]):
             _log.warning("at %d ns the sensor was carried elsewhere: a new map begins", doubted[0].stamp_ns)
@@ -141,9 +138,8 @@ class SceneGraphSlam:
 
     def _settle(self) -> None:
         """Takes the scans that were waited with, which were only odd."""
-        doubted, self._doubted = self._doubted, []
-        for one in doubted:
-            self._take(one, trusted=True)
+        while self._doubted:
+            self._take(self._doubted.pop(0), trusted=True)
 
     def _part(self) -> None:
         """What was mapped up to now is known from now on, and a new map begins."""
@@ -195,8 +191,7 @@ class SceneGraphSlam:
     @property
     def keyframes(self) -> int:
         """How many there are so far, up to the first leap."""
-        backend = self._known.backend if self._leaps and self._known is not None else self._backend
-        return len(backend.keyframes)
+        return len((self._known.backend if self._leaps and self._known is not None else self._backend).keyframes)
 
     def state(self) -> dict[str, Any]:
         """All that it knows but the keyframes' points, which `clouds` keep, as a tree (see `state_tree`). It is not a
@@ -344,8 +339,7 @@ class SceneGraphSlam:
 
     def _optimise(self, last: bool) -> None:
         """Optimises, joins walls, cuts rooms, matches and anchors."""
-        anchors = self._anchors(last)
-        self._estimate(anchors, last)
+        self._estimate(anchors := self._anchors(last), last)
         for _ in range(_LOOP_ROUNDS):
             if self._backend.T_map_bim is not None or not self._close_loops():
                 break
