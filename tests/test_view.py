@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -226,9 +225,7 @@ def sampled(tmp_path: Path) -> Path:
 @pytest.mark.skipif(chromium.COMMAND is None, reason="chromium is not installed")
 def test_the_page_in_a_browser(out: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "sgslam.view", str(out), "--ground-truth", str(out / "truth.tum"), "--at", "0"]
-    # a shell that runs the tests in the background has its children ignore the interrupt
-    heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=heeds) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             url = process.stdout.readline().split()[1]
