@@ -30,7 +30,7 @@ _LEAST_HELD = 4  # walls as planned, for a floor to take over another one's plac
 _APART = 1.0, np.radians(5)  # m and rad at which two answers place the map differently
 _CONTRADICTED = 0.04  # of the walls where both maps looked; at true places it is below .01, save for the smallest maps
 _OTHERWISE = "walls stand where the known map saw none, or lack where it has them"
-_SEVERAL = 2  # rooms matched, by which an answer counts for the next one
+_SEVERAL = 8  # wall surfaces matched, about two rooms', by which an answer counts for the next one
 _LEAST_ROOMS = 3  # of a plan that may lack rooms which are like those that it holds
 
 
@@ -242,7 +242,7 @@ class Anchoring(Stateful):
         )
         if replaced and self.follows:
             return
-        several = len(match.rooms) >= min(_SEVERAL, len(self._plan(match.floor).rooms))
+        several = len(match.wall_surfaces) >= min(_SEVERAL, len(self._plan(match.floor).wall_surfaces))
         said, self._said = self._said, (match.floor, place) if several else None
         again = said is not None and said[0] == match.floor and not _apart(place, said[1], scene)
         if self.committed is None and not (again or last):
