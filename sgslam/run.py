@@ -1,6 +1,7 @@
 """`python -m sgslam.run --scan-dir DIR --bim FILE`: scans and a building's model in, an anchored trajectory out."""
 
 import argparse
+import sys
 import gc
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.run_job import Run, out_folder, read_job
 
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads only wait for each other
+    sys.setswitchinterval(1e-4)  # the thread that reads ahead gives way at once; by the default it holds the run up
     page = None if options.view is None else open_page(options.view)
     job = read_job(options)
     out = out_folder(options)
