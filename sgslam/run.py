@@ -1,8 +1,8 @@
 """`python -m sgslam.run --scan-dir DIR --bim FILE`: scans and a building's model in, an anchored trajectory out."""
 
 import argparse
-import sys
 import gc
+import sys
 from pathlib import Path
 from typing import Any
 
