@@ -1,9 +1,9 @@
 """`python -m evaluation.timing --scan-dir DIR --bim FILE`: a run's time against KISS-ICP's own pipeline.
 
-Both read the same folder, in turns, each in a process of its own; imports and the report are left out, the IFC file
-is cached. Ratios of medians, because absolute times say more of the machine than of the programs; where others use the
-machine too, the ratio of the processors' times (all threads together) says more than that of the clock's, and the load
-tells how far either can be trusted.
+Both read the same folder, in turns, each in a process of its own; imports, the loading of compiled loops and the report
+are left out, the IFC file is cached. Ratios of medians, because absolute times say more of the machine than of the
+programs; where others use the machine too, the ratio of the processors' times (all threads together) says more than
+that of the clock's, and the load tells how far either can be trusted.
 """
 
 import json

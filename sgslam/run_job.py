@@ -76,7 +76,8 @@ def read_job(options: argparse.Namespace) -> Job:
         config = Config.model_validate(before["config"])
     config, given = (config, None) if options.odometry is None else choose(options.odometry, config)
     start = None if options.start is None else _start(options.start)
-    matcher = _matcher(config.matching.method, start)
+    has_plan = options.bim is not None or options.map is not None or options.demo
+    matcher = _matcher(config.matching.method, start, has_plan)
     if options.demo:
         _make_demo(options)
     earlier = None if options.map is None else _known_map(options, config)
@@ -190,13 +191,16 @@ def _start(text: str) -> tuple[float, float, float]:
     return x, y, yaw
 
 
-def _matcher(method: str, start: tuple[float, float, float] | None) -> Any:
+def _matcher(method: str, start: tuple[float, float, float] | None, is_used: bool) -> Any:
     from matching import Matcher
+    from matching.small_work import make_ready
 
     try:
         matcher = Matcher.load(method)
     except UserError as error:
         raise UserError(f"setting matching.method: {error}") from None
+    if is_used:
+        make_ready(matcher)
     return matcher if start is None else _StartedMatcher(matcher, start)
 
 
