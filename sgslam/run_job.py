@@ -69,6 +69,8 @@ class Job:
 def read_job(options: argparse.Namespace) -> Job:
     """Reads all that the options name, and fills in what they leave to the run that goes on, the known map or the demo.
     Raises UserError."""
+    from matching.small_work import make_ready
+
     before = None if options.resume is None else take_up(options)
     if before is None or options.config is not None or options.set:
         config = load_config(options.config, options.set)
@@ -76,8 +78,7 @@ def read_job(options: argparse.Namespace) -> Job:
         config = Config.model_validate(before["config"])
     config, given = (config, None) if options.odometry is None else choose(options.odometry, config)
     start = None if options.start is None else _start(options.start)
-    has_plan = options.bim is not None or options.map is not None or options.demo
-    matcher = _matcher(config.matching.method, start, has_plan)
+    matcher = _matcher(config.matching.method)
     if options.demo:
         _make_demo(options)
     earlier = None if options.map is None else _known_map(options, config)
@@ -90,6 +91,10 @@ def read_job(options: argparse.Namespace) -> Job:
         raise UserError(f"{options.ground_truth}: no stamp is near a scan's; give the truth by the scans' clock")
     if given is not None and known is not None:
         given.check(known)
+    if options.bim is not None or earlier is not None:  # mistakes are told before that, at once
+        make_ready(matcher)
+    if start is not None:
+        matcher = _StartedMatcher(matcher, start)
     began, used = perf_counter(), process_time()
     bim = None if options.bim is None else load_bim(options.bim, layers=options.layer)
     seconds = perf_counter() - began
@@ -191,17 +196,13 @@ def _start(text: str) -> tuple[float, float, float]:
     return x, y, yaw
 
 
-def _matcher(method: str, start: tuple[float, float, float] | None, is_used: bool) -> Any:
+def _matcher(method: str) -> Any:
     from matching import Matcher
-    from matching.small_work import make_ready
 
     try:
-        matcher = Matcher.load(method)
+        return Matcher.load(method)
     except UserError as error:
         raise UserError(f"setting matching.method: {error}") from None
-    if is_used:
-        make_ready(matcher)
-    return matcher if start is None else _StartedMatcher(matcher, start)
 
 
 class _StartedMatcher:
