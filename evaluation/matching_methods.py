@@ -1,10 +1,12 @@
-"""The methods of the matching benchmark: the matcher's own, and two that show what the network's proposals are worth.
+"""The methods of the matching benchmark: the matcher's own, and three that show what the network's proposals are worth.
 
-Both lay proposals into the plan, verify and complete them as `learned` does. `proposals-voting`: the proposals are
-those that corners vote for; `proposals-shuffled`: they are the network's, each wall's given to another wall.
+These lay proposals into the plan, verify and complete them as `learned` does. `proposals-voting`: the proposals are
+those that the map's corners vote for, as in `voting`; `proposals-parts`: each room and its neighbours vote as well,
+which `voting` does not do; `proposals-shuffled`: they are the network's, each wall's given to another wall.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -15,15 +17,18 @@ from matching.proposals import Proposals, TopK
 
 def load_method(name: str) -> Matcher:
     """The matcher of a name; raises UserError for one that does not exist."""
-    arms: dict[str, Callable[[], Matcher]] = {"proposals-voting": _voting, "proposals-shuffled": _shuffled}
+    arms: dict[str, Callable[[], Matcher]] = {
+        "proposals-voting": lambda: _voting(by_parts=False), "proposals-parts": lambda: _voting(by_parts=True),
+        "proposals-shuffled": _shuffled,
+    }  # fmt: skip
     return arms[name]() if name in arms else Matcher.load(name)
 
 
-def _voting() -> Matcher:
+def _voting(by_parts: bool) -> Matcher:
     from matching.bent_matcher import BentMatcher
     from matching.voting_proposals import voting_proposals
 
-    return Matcher(BentMatcher(voting_proposals))
+    return Matcher(BentMatcher(partial(voting_proposals, by_parts=by_parts)))
 
 
 def _shuffled() -> Matcher:

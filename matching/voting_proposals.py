@@ -1,4 +1,4 @@
-"""Proposals without learning: corners vote part by part, and each place gives its walls what it is worth."""
+"""Proposals without learning: corners vote, and each place that they name gives its walls what it is worth."""
 
 from dataclasses import replace
 
@@ -22,8 +22,9 @@ SHARPNESS = 1.0  # of a placement's odds for each unit of weight that it explain
 SMALL_PART = 4  # walls; smaller ones have too few corners to vote
 
 
-def voting_proposals(s: SceneGraph, a: SceneGraph) -> Proposals:
-    """Wall and room pairs from placements of the whole map and of its parts, each a room and its neighbours."""
+def voting_proposals(s: SceneGraph, a: SceneGraph, by_parts: bool = True) -> Proposals:
+    """Wall and room pairs from placements of the whole map, as `voting` places it, and of its parts where it is to
+    vote `by_parts` too: each a room and its neighbours."""
     plan = storeys(a)
     if not s.wall_surfaces or not plan:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0)))
@@ -33,7 +34,7 @@ def voting_proposals(s: SceneGraph, a: SceneGraph) -> Proposals:
     place = {w.id: n for n, w in enumerate(a.wall_surfaces)}
     column = [np.array([place[i] for i in storey.ids]) for storey in plan]
     plan_corners = [corners(storey) for storey in plan]
-    for part in _parts(groups(walls, [d.rooms for d in s.doors])):
+    for part in _parts(groups(walls, [d.rooms for d in s.doors])) if by_parts else [np.arange(len(walls))]:
         _speak(_part(walls, part), part, plan, plan_corners, column, score)
     proposals = TopK.of_dense(score)
     return Proposals(proposals, _rooms(s, a, score))
