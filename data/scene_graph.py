@@ -48,9 +48,10 @@ class Room:
 class WallSurface:
     """One side of a wall: `centroid` is its footprint's mid point, `normal` points into the room it faces.
 
-    `height` is (z of the lower edge, z of the upper edge); `plane` is (nx, ny, nz, d) with n.x + d = 0. `parts` tell of
-    a planned surface where which wall stands: (its source, from, to, whether in full height or under a window), metres
-    leftward from the middle as one looks along the normal; between them are doors and other openings.
+    `height` is (z of the lower edge, z of the upper edge), of a plan's surface in the building's frame, of one of a map
+    above its floor; `plane` is (nx, ny, nz, d) with n.x + d = 0. `parts` tell of a planned surface where which wall
+    stands: (its source, from, to, whether in full height or under a window), metres leftward from the middle as one
+    looks along the normal; between them are doors and other openings.
     """
 
     id: str
