@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from data.compiled import compiled
 from data.scene_graph import SceneGraph
+from matching.neighbours import nearest_walls
 from matching.se2 import Array
 from matching.walls import Index, Walls, arrays, storeys
 
@@ -24,8 +25,7 @@ ALONG_WAVES = (3.0, 8.0, 20.0)  # those along it are not: the ends of walls slid
 GAP_SCALES = (0.3, 1.5)  # metres
 NODE_SIZE = 9
 EDGE_SIZE = 2 * (2 * len(ACROSS_WAVES) + 2 * len(ALONG_WAVES)) + 4 + 2 + 2 + len(GAP_SCALES) + 2 + 3
-MOST_DENSE = 1 << 22  # pairs of walls for which a table is kept
-SAMPLED_M, SEARCHED = 2.0, 48  # points on walls, among the nearest of which the neighbours are looked up
+WAVES = 2 * (len(ACROSS_WAVES) + len(ALONG_WAVES))
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,9 @@ def map_features(s: SceneGraph) -> GraphFeatures:
 def _features(walls: Walls, floor: int) -> GraphFeatures:
     n, m = len(walls), len(walls.rooms)
     home = np.where(walls.room >= 0, walls.room + n, -1)
-    nearest, near = _nearest_walls(walls)
+    nearest, near = nearest_walls(walls, NEIGHBOURS - 1)
     centre = np.concatenate((walls.centre, _room_centres(walls)))
-    beside = _rooms_beside(walls, nearest, near, centre[n:])
+    beside = _rooms_beside(walls.room, nearest, near, centre[n:])
     neighbour = np.full((n + m, NEIGHBOURS), -1, dtype=np.int64)
     gap = np.full(neighbour.shape, np.inf)
     neighbour[:n, :-1], gap[:n, :-1] = nearest, near
@@ -96,88 +96,29 @@ def _pad(values: Array, rooms: int) -> Array32:
     return np.concatenate((values, np.zeros(rooms))).astype(np.float32)
 
 
-def _nearest_walls(walls: Walls) -> tuple[Index, Array]:
-    """(N, NEIGHBOURS - 1) the nearest other walls, -1 where there are fewer, and their gaps in metres.
+@compiled
+def _rooms_beside(room: Index, nearest: Index, gap: Array, centre: Array) -> Index:
+    """(M, ROOM_NEIGHBOURS) for each room those whose walls are neighbours of its own, nearest first, -1 for none.
 
-    The gap is from the nearer of one wall's ends and mid point to the other wall, the lesser way round.
+    `room` (N,), `nearest` and `gap` (N, k) are the walls', `centre` (M, 2) the rooms'.
     """
-    from scipy.spatial import cKDTree  # slow to import
-
-    n = len(walls)
-    owner = np.repeat(np.arange(n), 2 + np.ceil(2 * walls.half / SAMPLED_M).astype(np.int64))
-    first = np.searchsorted(owner, np.arange(n))
-    share = (np.arange(len(owner)) - first[owner]) / (np.bincount(owner)[owner] - 1) * 2 - 1
-    points = walls.centre[owner] + (share * walls.half[owner])[:, None] * walls.tangent[owner]
-    near = cKDTree(points).query(points, min(SEARCHED, len(points)))[1].reshape(len(points), -1)
-    i, j = _joined_walls(owner, owner[near], n)
-    return _ranked(i, j, walls.centre, walls.normal, walls.tangent, walls.half)
-
-
-@compiled
-def _ranked(i: Index, j: Index, centre: Array, normal: Array, tangent: Array, half: Array) -> tuple[Index, Array]:
-    """Of pairs of walls (P,) those of each wall, nearest first: (N, NEIGHBOURS - 1), and their gaps."""
-    walls, size = len(half), NEIGHBOURS - 1
-    nearest, gaps, cost = np.full((walls, size), -1), np.full((walls, size), np.inf), np.full((walls, size), np.inf)
-    for back in (False, True):
-        for pair in range(len(i)):
-            one, other = (j[pair], i[pair]) if back else (i[pair], j[pair])
-            x, y = centre[other, 0] - centre[one, 0], centre[other, 1] - centre[one, 1]
-            gap = min(_gap(x, y, one, other, normal, tangent, half), _gap(-x, -y, other, one, normal, tangent, half))
-            # Walls that meet have no gap at all: what else they have decides, so that the choice is no matter of
-            # rounding.
-            side = x * (normal[one, 0] + 2 * tangent[one, 0]) + y * (normal[one, 1] + 2 * tangent[one, 1])
-            new = gap + 0.03 * np.hypot(x, y) + 0.001 * side
-            at = size
-            while at > 0 and new < cost[one, at - 1]:
+    beside = np.full((len(centre), ROOM_NEIGHBOURS), -1)
+    cost = np.full(beside.shape, np.inf)
+    for i in range(len(room)):
+        for k in range(nearest.shape[1] if room[i] >= 0 else 0):
+            r, q = room[i], room[nearest[i, k]]
+            if nearest[i, k] < 0 or q < 0 or q == r:
+                continue
+            new = gap[i, k] + 0.1 * np.hypot(centre[q, 0] - centre[r, 0], centre[q, 1] - centre[r, 1])
+            at = 0  # where it is known already, or the last place
+            while at < ROOM_NEIGHBOURS - 1 and beside[r, at] != q:
+                at += 1
+            if not (new < cost[r, at] or (new == cost[r, at] and q < beside[r, at])):
+                continue
+            while at > 0 and (new < cost[r, at - 1] or (new == cost[r, at - 1] and q < beside[r, at - 1])):
+                beside[r, at], cost[r, at] = beside[r, at - 1], cost[r, at - 1]
                 at -= 1
-                if at + 1 < size:
-                    nearest[one, at + 1], gaps[one, at + 1] = nearest[one, at], gaps[one, at]
-                    cost[one, at + 1] = cost[one, at]
-            if at < size:
-                nearest[one, at], gaps[one, at], cost[one, at] = other, gap, new
-    return nearest, gaps
-
-
-@compiled
-def _gap(x: float, y: float, one: int, other: int, normal: Array, tangent: Array, half: Array) -> float:
-    """Metres from the ends and the mid point of another wall, which lies at (x, y) from a wall's centre, to this."""
-    least = np.inf
-    for side in (-1, 0, 1):
-        u, v = x + side * half[other] * tangent[other, 0], y + side * half[other] * tangent[other, 1]
-        past = max(abs(u * tangent[one, 0] + v * tangent[one, 1]) - half[one], 0.0)
-        least = min(least, np.hypot(u * normal[one, 0] + v * normal[one, 1], past))
-    return least
-
-
-def _joined_walls(one: Index, others: Index, count: int) -> tuple[Index, Index]:
-    """Each pair of different walls once that `one` (P,) and `others` (P, k) name, whichever way round."""
-    if count * count <= MOST_DENSE:
-        near = np.zeros((count, count), dtype=bool)
-        near[one[:, None], others] = True
-        i, j = np.nonzero(np.triu(near | near.T, 1))
-        return i, j
-    low, high = np.minimum(one[:, None], others), np.maximum(one[:, None], others)
-    pair = np.unique((low * count + high)[low < high])
-    return pair // count, pair % count
-
-
-def _rooms_beside(walls: Walls, nearest: Index, gap: Array, centre: Array) -> Index:
-    """(M, ROOM_NEIGHBOURS) for each room those whose walls are neighbours of its own, nearest first, -1 for none."""
-    m = len(walls.rooms)
-    i, k = np.nonzero(nearest >= 0)
-    r, q = walls.room[i], walls.room[nearest[i, k]]
-    other = (r >= 0) & (q >= 0) & (q != r)
-    r, q, apart = r[other], q[other], gap[i[other], k[other]]
-    away = centre[q] - centre[r]
-    apart = apart + 0.1 * np.hypot(away[:, 0], away[:, 1])
-    order = np.lexsort((apart, q, r))
-    first = order[np.append(True, np.diff((r * m + q)[order]) != 0)[: len(order)]]
-    order = first[np.lexsort((apart[first], r[first]))]
-    r, q = r[order], q[order]
-    rank = np.arange(len(r)) - np.searchsorted(r, r)
-    beside = np.full((m, ROOM_NEIGHBOURS), -1)
-    kept = rank < ROOM_NEIGHBOURS
-    beside[r[kept], rank[kept]] = q[kept]
+            beside[r, at], cost[r, at] = q, new
     return beside
 
 
@@ -264,44 +205,68 @@ def _edges(walls: Walls, centre: Array, home: Index, neighbour: Index, gap: Arra
 
     Offsets in the frames of those of the two that are walls; a room has none, its angles and gaps are zero.
     """
-    n, v = len(walls), len(centre)
-    normal = np.concatenate((walls.normal, np.zeros((v - n, 2))))
-    tangent = np.concatenate((walls.tangent, np.zeros((v - n, 2))))
-    half = np.concatenate((walls.half, np.zeros(v - n)))
-    known = np.concatenate((walls.known, np.zeros(v - n)))
-    room = np.where(np.arange(v) < n, np.concatenate((home, np.zeros(v - n))), np.arange(v))
-    i, j = np.broadcast_to(np.arange(v)[:, None], neighbour.shape), np.maximum(neighbour, 0)
-    away = centre[j] - centre[i]
-    across = [np.sum(away * normal[i], axis=-1), -np.sum(away * normal[j], axis=-1)]
-    along = [np.sum(away * tangent[i], axis=-1), -np.sum(away * tangent[j], axis=-1)]
-    both = (i < n) & (j < n)
-    cos, sin = np.sum(normal[i] * normal[j], axis=-1), np.sum(tangent[i] * normal[j], axis=-1)
-    apart = np.where(both, gap, np.hypot(away[..., 0], away[..., 1]))
-    same = (room[i] == room[j]) & (room[i] >= 0)
-    overlap = np.abs(along[0]) < half[i] + half[j]
-    facing = both & (cos < -0.9) & (across[0] < 0) & (across[0] > -THICKEST_M) & overlap
-    columns: list[NDArray[Any]] = [*_waves(across, ACROSS_WAVES), *_waves(along, ALONG_WAVES)]
-    columns += [np.clip(d / 5, -4, 4) for d in (*across, *along)]
-    columns += [cos, sin, np.minimum(half[j], 10.0) / 2.5, known[j], *(np.exp(-apart / g) for g in GAP_SCALES)]
-    columns += [same, facing, both, (i < n) & (j >= n), (i >= n) & (j < n)]
-    edge = np.empty((*neighbour.shape, EDGE_SIZE), dtype=np.float32)
-    for k, column in enumerate(columns):
-        edge[..., k] = column
+    rooms = len(centre) - len(walls)
+    none = np.zeros((rooms, 2))
+    edge = np.zeros((*neighbour.shape, EDGE_SIZE), dtype=np.float32)
+    phase = np.zeros((*neighbour.shape, WAVES), dtype=np.float32)
+    _relations(
+        len(walls), centre, np.concatenate((walls.normal, none)), np.concatenate((walls.tangent, none)),
+        np.concatenate((walls.half, none[:, 0])), np.concatenate((walls.known, none[:, 0])),
+        np.concatenate((home, np.arange(len(walls), len(centre)))), neighbour, gap, phase, edge,
+    )  # fmt: skip
+    edge[..., 0 : 2 * WAVES : 2] = np.sin(phase)
+    edge[..., 1 : 2 * WAVES : 2] = np.cos(phase)
     edge[neighbour < 0] = 0
     return edge
 
 
-def _waves(offsets: list[Array], lengths: tuple[float, ...]) -> Array32:
-    """Sine, then cosine, for each length, for each offset; in single precision once whole waves are taken off."""
-    turns = np.array(offsets)[:, None] / np.array(lengths)[:, None, None]
-    phase = (2 * np.pi * (turns - np.rint(turns))).astype(np.float32)
-    waves = np.stack((np.sin(phase), np.cos(phase)), axis=2)
-    return waves.reshape(-1, *waves.shape[3:])
+@compiled
+def _relations(
+    n: int, centre: Array, normal: Array, tangent: Array, half: Array, known: Array, room: Index,
+    neighbour: Index, gap: Array, phase: Array32, edge: Array32,
+) -> None:  # fmt: skip
+    """Writes the columns of `_edges`, of nodes of which the first n are walls; of waves only the phase, (-pi, pi]."""
+    for i in range(len(centre)):
+        for k in range(neighbour.shape[1]):
+            j = neighbour[i, k]
+            if j < 0:
+                continue
+            x, y = centre[j, 0] - centre[i, 0], centre[j, 1] - centre[i, 1]
+            across = x * normal[i, 0] + y * normal[i, 1], -(x * normal[j, 0] + y * normal[j, 1])
+            along = x * tangent[i, 0] + y * tangent[i, 1], -(x * tangent[j, 0] + y * tangent[j, 1])
+            at = 0
+            for offset in across:
+                for length in ACROSS_WAVES:
+                    phase[i, k, at] = 2 * np.pi * (offset / length - np.rint(offset / length))
+                    at += 1
+            for offset in along:
+                for length in ALONG_WAVES:
+                    phase[i, k, at] = 2 * np.pi * (offset / length - np.rint(offset / length))
+                    at += 1
+            row = edge[i, k, 2 * at :]
+            cos = normal[i, 0] * normal[j, 0] + normal[i, 1] * normal[j, 1]
+            both = i < n and j < n
+            apart = gap[i, k] if both else np.hypot(x, y)
+            overlap = abs(along[0]) < half[i] + half[j]
+            for c in range(2):
+                row[c] = min(max(across[c] / 5, -4.0), 4.0)
+                row[2 + c] = min(max(along[c] / 5, -4.0), 4.0)
+            row[4], row[5] = cos, tangent[i, 0] * normal[j, 0] + tangent[i, 1] * normal[j, 1]
+            row[6], row[7] = min(half[j], 10.0) / 2.5, known[j]
+            at = 8
+            for scale in GAP_SCALES:
+                row[at] = np.exp(-apart / scale)
+                at += 1
+            row[at] = room[i] == room[j] and room[i] >= 0
+            row[at + 1] = both and cos < -0.9 and -THICKEST_M < across[0] < 0 and overlap
+            row[at + 2], row[at + 3], row[at + 4] = both, i < n and j >= n, i >= n and j < n
 
 
 def joined(parts: list[GraphFeatures]) -> GraphFeatures:
     """Several graphs (storeys of one, or pairs of a batch) as one, without a neighbour in common."""
     parts = parts or [_nothing()]
+    if len(parts) == 1:
+        return parts[0]
     first = np.cumsum([0] + [len(p) for p in parts[:-1]])
     floors = np.cumsum([0] + [int(p.floor.max(initial=-1)) + 1 for p in parts[:-1]])
 
