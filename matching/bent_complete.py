@@ -13,19 +13,20 @@ from matching.field import judged, motions, placed, summed
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
-SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, float(np.radians(4)), 0.5  # metres, radians, metres
-CUT_SHORT = 0.25  # of the ends of walls that are not where the plan has them, but before
+SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, float(np.radians(3.5)), 0.5  # metres, radians, metres
+UPON = 0.2  # of a wall's own length beside the plan's, from which on it does not matter how much it is
+CUT_SHORT = 0.3  # of the ends of walls that are not where the plan has them, but before
 LEAST_QUALITY = 0.008
 LEAST_SHARE = 0.25  # of an S room's walls, by length, that lie in its A room
 PART_SHARE = 0.2  # of a room's walls in another A room: it may be two rooms in one
-OTHER_ROOM, OTHER_PART = 0.1, 0.5  # what a wall pair is worth whose rooms were not matched, or may be, to each other
+OTHER_ROOM, OTHER_PART = 0.2, 0.5  # what a wall pair is worth whose rooms were not matched, or may be, to each other
 SECOND_SHARE = 0.6  # of the walls of an S room in an A room that another S room has: it was cut in two
 CONTESTED = 0.5  # of the best A room's share; where another one has more, the S room is not matched
 INSIDE = 0.05  # of share, that a room counts more in which the S room's centroid lies
 DOUBT = 0.02  # quality of a wall of no plan
 DOUBT_ROOM = 0.1
 TRIED = 3  # A rooms of each S room
-COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall
+COMMON = 0.5  # of a piece's length that may lie beside another piece of the same wall; the other may be shorter
 Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share among what stood to choose
 
 
@@ -73,8 +74,8 @@ def _laid(found: Bent, k: int) -> _Laid:
 def _likely(
     heading: Array, half: Array, of_wall: Index, arm: Array, lines: Array, table: Index, state: Array
 ) -> tuple[Array, Array]:
-    """(Ns, P) quality in [0, 1]: across, in direction, and by both ends, which slide, or stop short of the plan's;
-    and S's mid point along A's wall."""
+    """(Ns, P) quality in [0, 1]: across, in direction, by how much lies beside, and by both ends, which slide, or stop
+    short of the plan's; and S's mid point along A's wall."""
     quality, at = np.zeros(table.shape), np.zeros(table.shape)
     for i in range(len(table)):
         yaw, x, y, _, _ = placed(state[of_wall[i]], arm[i])
@@ -82,10 +83,12 @@ def _likely(
             if table[i, p] < 0:
                 continue
             line = lines[table[i, p]]
-            _, beside, across, along, turned = judged(line, half[i], heading[i] + yaw, x, y, SIGMA_ACROSS)
+            _, _, across, along, turned = judged(line, half[i], heading[i] + yaw, x, y, SIGMA_ACROSS)
             at[i, p] = along
-            if beside > 0:
-                likely = np.exp(-0.5 * (across / SIGMA_ACROSS) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2)
+            common = beside(along, half[i], 0.0, line[0])
+            if common > 0:
+                likely = min(common / (UPON * 2 * half[i]), 1.0)
+                likely *= np.exp(-0.5 * (across / SIGMA_ACROSS) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2)
                 for side in (-1, 1):
                     beyond = side * along + half[i] - line[0]
                     slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
@@ -236,8 +239,8 @@ def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
 
 @compiled
 def _pieces(rows: Index, columns: Index, partner: Index, along: Array, half: Array) -> Index:
-    """(Ns,) the pair of each wall, -1 for none: the first in the order given that does not lie mostly beside others on
-    the same A wall."""
+    """(Ns,) the pair of each wall, -1 for none: the first in the order given that does not lie mostly beside another on
+    the same A wall. A longer one may: what is known of a wall is often a short piece, well seen, and a long one."""
     matched = np.full(len(half), -1)
     for e in range(len(rows)):
         i, p = rows[e], columns[e]
@@ -245,7 +248,7 @@ def _pieces(rows: Index, columns: Index, partner: Index, along: Array, half: Arr
         for k in range(len(half)):
             if free and matched[k] >= 0 and partner[k, matched[k]] == partner[i, p]:
                 common = beside(along[i, p], half[i], along[k, matched[k]], half[k])
-                free = common <= COMMON * 2 * min(half[i], half[k])
+                free = common <= COMMON * 2 * half[i]
         if free:
             matched[i] = p
     return matched

@@ -218,6 +218,24 @@ def test_walls_without_rooms_or_lengths_are_enough(drifted):
         assert result.rooms == () and share_right(result, drifted) > 0.6
 
 
+def test_a_wall_is_matched_whole_beside_a_better_seen_piece_of_it():
+    plan_wall = max(PLAN.wall_surfaces, key=lambda w: w.length)
+    along = np.array([-plan_wall.normal[1], plan_wall.normal[0]])
+
+    def piece(name, at, length, turned=0.0):
+        yaw = np.arctan2(plan_wall.normal[1], plan_wall.normal[0]) + turned
+        centre = plan_wall.centroid + at * along
+        return dataclasses.replace(
+            plan_wall, id=name, centroid=tuple(centre), normal=(np.cos(yaw), np.sin(yaw)), length=length, room=None,
+        )  # fmt: skip
+
+    seen = [piece("short", -0.4, 0.4), piece("long", 0.0, 1.3, np.radians(6))]
+    others = tuple(w for w in PLAN.wall_surfaces if w is not plan_wall)
+    result = MATCHER.match(dataclasses.replace(PLAN, wall_surfaces=(*others, *seen)), PLAN)
+    matched = {s: a for s, a, _ in result.wall_surfaces}
+    assert matched["short"] == matched["long"] == plan_wall.id
+
+
 @pytest.mark.parametrize("walls", [0, 1, 2, 3])
 def test_next_to_nothing_seen_or_planned_is_no_match(walls):
     few = dataclasses.replace(PLAN, rooms=PLAN.rooms[:1], wall_surfaces=PLAN.wall_surfaces[:walls])
