@@ -17,6 +17,7 @@ SIGMA_ACROSS, SIGMA_TURN, SIGMA_END = 0.12, float(np.radians(3.5)), 0.5  # metre
 UPON = 0.2  # of a wall's own length beside the plan's, from which on it does not matter how much it is
 CUT_SHORT = 0.3  # of the ends of walls that are not where the plan has them, but before
 LEAST_QUALITY = 0.008
+LEAST_OFF = 0.05  # quality of a short piece that slid wholly off its short wall
 LEAST_SHARE = 0.25  # of an S room's walls, by length, that lie in its A room
 PART_SHARE = 0.2  # of a room's walls in another A room: it may be two rooms in one
 OTHER_ROOM, OTHER_PART = 0.2, 0.5  # what a wall pair is worth whose rooms were not matched, or may be, to each other
@@ -75,7 +76,7 @@ def _likely(
     heading: Array, half: Array, of_wall: Index, arm: Array, lines: Array, table: Index, state: Array
 ) -> tuple[Array, Array]:
     """(Ns, P) quality in [0, 1]: across, in direction, by how much lies beside, and by both ends, which slide, or stop
-    short of the plan's; and S's mid point along A's wall."""
+    short of the plan's: a short piece may slide off a short wall. And S's mid point along A's wall."""
     quality, at = np.zeros(table.shape), np.zeros(table.shape)
     for i in range(len(table)):
         yaw, x, y, _, _ = placed(state[of_wall[i]], arm[i])
@@ -86,13 +87,16 @@ def _likely(
             _, _, across, along, turned = judged(line, half[i], heading[i] + yaw, x, y, SIGMA_ACROSS)
             at[i, p] = along
             common = beside(along, half[i], 0.0, line[0])
-            if common > 0:
-                likely = min(common / (UPON * 2 * half[i]), 1.0)
-                likely *= np.exp(-0.5 * (across / SIGMA_ACROSS) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2)
-                for side in (-1, 1):
-                    beyond = side * along + half[i] - line[0]
-                    slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
-                    likely *= slid if beyond > 0 else (1 - CUT_SHORT) * slid + CUT_SHORT
+            short = half[i] + line[0] < SIGMA_END
+            if common <= 0 and not short:
+                continue
+            likely = 1.0 if short else min(common / (UPON * 2 * half[i]), 1.0)
+            likely *= np.exp(-0.5 * (across / SIGMA_ACROSS) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2)
+            for side in (-1, 1):
+                beyond = side * along + half[i] - line[0]
+                slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
+                likely *= slid if beyond > 0 else (1 - CUT_SHORT) * slid + CUT_SHORT
+            if common > 0 or likely > LEAST_OFF:
                 quality[i, p] = likely
     return quality, at
 
