@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plans import a_graph, box, flat, merged, moved, offices
 
-from data import Door, SceneGraph, UserError
+from data import Door, SceneGraph, UserError, WallSurface
 from data.s_graph_regimes import DrawnGraph, draw
 from matching import MatchResult, bent, se2
 from matching.bands import Band
@@ -234,6 +234,18 @@ def test_a_wall_is_matched_whole_beside_a_better_seen_piece_of_it():
     result = MATCHER.match(dataclasses.replace(PLAN, wall_surfaces=(*others, *seen)), PLAN)
     matched = {s: a for s, a, _ in result.wall_surfaces}
     assert matched["short"] == matched["long"] == plan_wall.id
+
+
+@pytest.mark.parametrize(("length", "matched"), [(0.3, True), (1.3, False)])
+def test_a_short_piece_may_slide_off_a_short_wall(length, matched):
+    """Where a wall's ends are seen to lie varies by 0.35 m: more than a pillar's side is long."""
+    room = max(PLAN.rooms, key=lambda r: sum(w.length for w in PLAN.surfaces_of_room[r.id]))
+    pillar = WallSurface("pillar", room.id, room.centroid, (1.0, 0.0), length, room.floor)
+    x, y = room.centroid
+    slid = dataclasses.replace(pillar, centroid=(x, y + length / 2 + 0.3), length=0.4)
+    plan = dataclasses.replace(PLAN, wall_surfaces=(*PLAN.wall_surfaces, pillar))
+    seen = dataclasses.replace(PLAN, wall_surfaces=(*PLAN.wall_surfaces, slid))
+    assert (("pillar", "pillar") in pairs(MATCHER.match(seen, plan))) is matched
 
 
 @pytest.mark.parametrize("walls", [0, 1, 2, 3])
