@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,10 @@ from sgslam.contradictions import contradicted
 from sgslam.frames import inverse, se2_to_se3, transform_points
 from sgslam.holding import Holding, find_place, hold, in_plan_view
 from sgslam.matcher_protocol import AnyMatcher, Match
+from sgslam.said import Growth, Said
 from sgslam.scene import Scene
 from sgslam.state_tree import Stateful
+from sgslam.tenable import CONTRADICTED, OTHERWISE, is_clear, is_plenty, listed, tenable
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
@@ -28,25 +30,7 @@ _log = logging.getLogger(__name__)
 _STAYS = 2.0  # of the gate; a wall that is off by more though it was pulled
 _LEAST_HELD = 4  # walls as planned, for a floor to take over another one's place
 _APART = 1.0, np.radians(5)  # m and rad at which two answers place the map differently
-_CONTRADICTED = 0.04  # of the walls where both maps looked; at true places it is below .01, save for the smallest maps
-_OTHERWISE = "walls stand where the known map saw none, or lack where it has them"
 _SEVERAL = 8  # wall surfaces matched, about two rooms', by which an answer counts for the next one
-_LEAST_ROOMS = 3  # of a plan that may lack rooms which are like those that it holds
-
-
-@dataclass(frozen=True)
-class Growth:
-    """What of the S-graph can change the answer."""
-
-    rooms: int = 0
-    length: float = 0.0
-
-    @staticmethod
-    def of(graph: SceneGraph) -> "Growth":
-        return Growth(len(graph.rooms), sum(w.length or 0.0 for w in graph.wall_surfaces))
-
-    def enough_since(self, last: "Growth") -> bool:
-        return self.rooms > last.rooms or self.length > 1.1 * last.length
 
 
 class Anchoring(Stateful):
@@ -55,13 +39,13 @@ class Anchoring(Stateful):
     `a_graph` in the BIM frame; inside, a local frame is used (the BIM's, moved by `origin` (3,) into the building),
     because a site may lie kilometres from zero, and what is held at zero is held loosely far from it. `plan` gives the
     A-graph of a storey, the whole one for None. A `partial` plan is a map of a run: where the robot is now, that run
-    need not have been. So an answer has to hold for some rooms, and the two maps must not contradict each other.
+    need not have been, so that answers are judged anew (see `tenable`).
     """
 
     _STATE = (
         "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
         "_moved", "asked", "accepted", "follows", "_confidence", "_said", "doubt",
-        "_keyframes_asked", "_keyframes_judged",
+        "_keyframes_judged",
     )  # fmt: skip
 
     def __init__(
@@ -71,7 +55,6 @@ class Anchoring(Stateful):
         self._a, self._matcher, self._config, self._plan = a_graph, matcher, config, plan
         self.origin, self.number, self._partial = origin, number, partial
         self.doubt = ""  # why the newest answer, though unique, was not committed to
-        self._keyframes_asked = 0  # of the map that the newest answer is about
         self._keyframes_judged = 0  # of the map that was last held against a partial plan
         self.asked: str | None = None  # the storey that the matcher is asked about; all of them, where it is None
         self.accepted: list[str] | None = None  # the storeys that this floor can be, where it is known
@@ -88,7 +71,7 @@ class Anchoring(Stateful):
         self._tried = Growth()
         self._matches = 0
         self._moved = False  # what the back end says is of a place that was withdrawn
-        self._said: tuple[str | None, Floats] | None = None  # storey and place of the newest unique answer
+        self._said: Said | None = None  # the newest unique answer
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with its log's."""
@@ -116,7 +99,7 @@ class Anchoring(Stateful):
         if self._partial and self.committed is not None and keyframes > self._keyframes_judged:
             self._keyframes_judged = keyframes
             if self._contradicts(scene, self._known(walls, T_map_local), self.committed.floor):
-                self._withdraw(scene, _OTHERWISE)
+                self._withdraw(scene, OTHERWISE)
         holding = self._pulled_already(scene, walls, T_map_local)
         share = 0.0 if holding is None else holding.share
         asked = last or growth.enough_since(self._tried) or (self.committed is None and self._answered(scene))
@@ -155,9 +138,18 @@ class Anchoring(Stateful):
         return False
 
     def _answered(self, scene: Scene) -> bool:
-        """Whether a smaller map had a unique answer, which a second one is to confirm."""
-        unique = self.match is not None and self.match.status == "unique" and not self.doubt
-        return unique and len(scene.graph.keyframes) > self._keyframes_asked
+        """Whether a smaller map had a unique answer, which a second one is to confirm even if it has grown little."""
+        said = self._said
+        return self._unique and not self._partial and said is not None and said.is_late(len(scene.graph.keyframes))
+
+    @property
+    def _unique(self) -> bool:
+        return self.match is not None and self.match.status == "unique" and not self.doubt
+
+    @property
+    def all_but_sure(self) -> bool:
+        """Whether there is an answer about a partial plan that waits only for a larger map to say the same."""
+        return self._partial and self.committed is None and self._unique
 
     def ask_about(self, storey: str) -> None:
         """From now on the matcher is asked about this storey alone, and at once."""
@@ -224,34 +216,48 @@ class Anchoring(Stateful):
 
     def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> None:
         """Asks the matcher, with the whole building open to it; commits to a unique answer that the walls bear out
-        when the unique one before it, on a smaller map, said the same, or when it is the `last` time.
+        when it is clear, when the unique one before it, on a smaller map, said the same, or when it is the `last` time.
 
         An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
         """
         self.doubt = ""
-        match = self.match = self._matcher.match(scene.graph, self._plan(self.asked))
-        self._matched, self._keyframes_asked = scene, len(scene.graph.keyframes)
+        match = self._matcher.match(scene.graph, self._plan(self.asked))
+        if self._partial:
+            match = tenable(match, scene.graph, self._plan, self._config.anchors)
+        self.match = match
+        self._matched = scene
         self._matches += 1
         rooms = len(scene.graph.rooms)
         _log.info("match %d, of %d rooms: %s, %s", self._matches, rooms, match.status, match.reason)
         place = self._borne_out(match, scene, walls) if match.status == "unique" else None
         if place is None:
+            self._said = None if self._partial else self._said
             return
         replaced = self.committed is not None and (
             match.floor != self.committed.floor or _apart(place, self._known(walls, T_map_local), scene)
         )
         if replaced and self.follows:
             return
-        several = len(match.wall_surfaces) >= min(_SEVERAL, len(self._plan(match.floor).wall_surfaces))
-        said, self._said = self._said, (match.floor, place) if several else None
-        again = said is not None and said[0] == match.floor and not _apart(place, said[1], scene)
-        if self.committed is None and not (again or last):
+        again = self._again(match, place, scene)
+        sure = is_plenty(match) and last if self._partial else is_clear(match) or last
+        if self.committed is None and not (again or sure):
             return
         if replaced:
             self._withdraw(scene, f"match {self._matches} places the map elsewhere")
             self._moved = True
         self.committed, self._place, self.follows = match, place, False
         self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
+
+    def _again(self, match: Match, place: Floats, scene: Scene) -> bool:
+        """Whether a smaller map said the same; takes note of it for the next time."""
+        score = max((p.score for p in listed(match)), default=0.0)
+        now = Said(match.floor, place, score, Growth.of(scene.graph), len(scene.graph.keyframes))
+        said = self._said
+        same = said is not None and said.floor == match.floor and not _apart(place, said.place, scene)
+        several = len(match.wall_surfaces) >= min(_SEVERAL, len(self._plan(match.floor).wall_surfaces))
+        first = replace(said, place=place) if said is not None and same else now
+        self._said = first if several else None
+        return same and (now.is_more(first) if self._partial else first.is_late(now.keyframes))
 
     def _borne_out(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
         """The place (3,) T_local_level that most matched walls agree on, near the one that the match tells; None where
@@ -260,8 +266,6 @@ class Anchoring(Stateful):
         place = None
         if self.accepted is not None and match.floor not in self.accepted:
             self.doubt = "the way from floor to floor speaks against it"
-        elif self._partial and len(match.rooms) < min(_LEAST_ROOMS, len(self._plan(match.floor).rooms)):
-            self.doubt = f"the known map may lack rooms that are like these {len(match.rooms)}: see more rooms"
         else:
             pairs = [(scene.graph.surface_by_id[s], self._a.surface_by_id[a]) for s, a, _ in match.wall_surfaces]
             told = np.array(match.T_a_s) - np.array([0.0, *self.origin[:2]])
@@ -269,7 +273,7 @@ class Anchoring(Stateful):
             if place is None:
                 self.doubt = "its walls do not agree on a place"
             elif self._contradicts(scene, place, match.floor):
-                self.doubt, place = _OTHERWISE, None
+                self.doubt, place = OTHERWISE, None
         if place is None:
             _log.info("match %d is not committed to: %s", self._matches, self.doubt)
         return place
@@ -277,7 +281,7 @@ class Anchoring(Stateful):
     def _contradicts(self, scene: Scene, place: Floats, storey: str | None) -> bool:
         """Whether the map, at a place (3,) T_local_level, and a partial plan have walls elsewhere."""
         T_a_s = place + np.array([0.0, *self.origin[:2]])
-        return self._partial and contradicted(scene.graph, self._plan(storey), T_a_s) > _CONTRADICTED
+        return self._partial and contradicted(scene.graph, self._plan(storey), T_a_s) > CONTRADICTED
 
     def _withdraw(self, scene: Scene, why: str) -> None:
         self.committed, self._pairs, self.follows = None, set(), False

@@ -74,6 +74,11 @@ class BuildingAnchoring:
         return self._leading or next((own for own in self._of.values() if own.committed is not None), None)
 
     @property
+    def all_but_sure(self) -> bool:
+        """Whether some floor's answer waits only for a larger map to say the same; see `Anchoring.all_but_sure`."""
+        return self.committed is None and any(own.all_but_sure for own in self._of.values())
+
+    @property
     def newest(self) -> dict[int, Match]:
         """The matcher's newest answer for each floor that it was asked about."""
         return {number: own.match for number, own in self._of.items() if own.match is not None}

@@ -110,7 +110,7 @@ class BackendSettings(_Settings):
     """Noise of the factors and the schedule of the optimisation."""
 
     scene_keyframes: int = Field(16, ge=1, description="keyframes between two cuts into rooms, at the least")
-    unplaced_keyframes: int = Field(6, ge=1, description="likewise, while the place in the plan is not known")
+    unplaced_keyframes: int = Field(3, ge=1, description="likewise, while the place in the plan is not known")
     scene_growth: float = Field(0.25, ge=0, description="and this share of all keyframes")
     every_keyframes: int = Field(12, ge=1, description="keyframes between two optimisations, at the least")
     growth: float = Field(0.08, ge=0, description="and this share of all keyframes")

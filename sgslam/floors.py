@@ -75,11 +75,13 @@ class Floors:
         """Of all floors, as they were last cut."""
         return [room for floor in self.maps if floor.scene is not None for room in floor.scene.rooms]
 
-    def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool) -> bool:
-        """Whether the current floor has grown enough since it was last cut; sooner while its place is not known."""
+    def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool, hurry: bool) -> bool:
+        """Whether the current floor has grown enough since it was last cut; sooner while its place is not known, with
+        each keyframe where there is a `hurry`."""
         own, scene = sum(k.storey == self.current.number for k in keyframes), self.current.scene
         least = settings.unplaced_keyframes if unplaced else settings.scene_keyframes
-        return own - (0 if scene is None else len(scene.graph.keyframes)) >= max(least, settings.scene_growth * own)
+        grown = own - (0 if scene is None else len(scene.graph.keyframes))
+        return grown >= (1 if hurry else max(least, settings.scene_growth * own))
 
     def refresh(self, backend: Backend, height: float, last: bool) -> None:
         """Takes over the back end's estimates, joins walls that turn out to be one and parts those that turn out to be

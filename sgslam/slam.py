@@ -42,12 +42,11 @@ _LOOP_ROUNDS = 3  # of closing loops and optimising, at most
 class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph where one is given.
 
-    `bim` is an A-graph in the BIM frame (or what `load_bim` gives), `matcher` any object with `.match(s, a)` (voting
-    by default), `odometry` any `Odometry` (KISS-ICP by default), `clouds` where the keyframes' points are kept (a
-    nameless file by default). `known` is the map of earlier runs, in which this one finds itself, wherever it starts,
-    and to which it is joined at the end: all of the result is in that map's frame then. Scans are added in the order of
-    their stamps. `storey` is the name or the id of the A-graph's floor on which the run begins, where that is known;
-    raises UserError for one that there is not.
+    `bim` is an A-graph in the BIM frame (or what `load_bim` gives), `matcher` any object with `.match(s, a)`,
+    `odometry` any `Odometry` (KISS-ICP by default), `clouds` where the keyframes' points are kept (a nameless file by
+    default). `known` is the map of earlier runs, in which this one finds itself, wherever it starts, and to which it is
+    joined at the end: all is in that map's frame then. Scans are added in the order of their stamps. `storey` is the
+    name or the id of the A-graph's floor on which the run begins; raises UserError for one that there is not.
     """
 
     def __init__(
@@ -384,9 +383,10 @@ class SceneGraphSlam:
 
     def _scene_due(self, if_placed: bool = True) -> bool:
         """Whether there is a plan, and the floor that the robot is on has grown enough since it was last cut."""
-        unplaced = self._backend.T_map_bim is None
-        asked = self._anchoring is not None and (unplaced or if_placed)
-        return asked and self._floors.due(self._backend.keyframes, self._config.backend, unplaced)
+        unplaced, anchoring = self._backend.T_map_bim is None, self._anchoring
+        if anchoring is None or not (unplaced or if_placed):
+            return False
+        return self._floors.due(self._backend.keyframes, self._config.backend, unplaced, anchoring.all_but_sure)
 
     def _cut_scenes(self) -> None:
         with self._clock("rooms"):
