@@ -1,0 +1,65 @@
+"""Which places of a matcher's answer a map that lacks rooms leaves, and how clear an answer is."""
+
+import numpy as np
+import pytest
+from test_contradictions import a_room, graph
+
+from data import SceneGraph, se2
+from matching import MatchResult
+from matching.result import Hypothesis
+from sgslam.config import AnchorSettings
+from sgslam.said import Growth, Said
+from sgslam.tenable import is_clear, is_plenty, tenable
+
+OFFICE, HALL, LAB = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3), a_room("lab", 30, 0, 4, 3)
+AULA = a_room("aula", 34.1, 0, 7, 5)  # beside the lab, as the hall is beside the office, but wider
+KNOWN, SEEN = graph(OFFICE, HALL, LAB, AULA), graph(OFFICE, HALL)
+HERE, IN_THE_LAB = (0.0, 0.0, 0.0), (0.0, 30.0, 0.0)
+
+
+def answer(*places: tuple[float, tuple[float, float, float]]) -> MatchResult:
+    hypotheses = tuple(Hypothesis(score, T, None) for score, T in places)
+    return MatchResult("ambiguous", "as a matcher says", T_a_s=places[0][1], hypotheses=hypotheses)
+
+
+def judged(match: MatchResult, s: SceneGraph = SEEN) -> MatchResult:
+    return tenable(match, s, lambda _: KNOWN, AnchorSettings())
+
+
+def test_a_place_that_the_known_map_contradicts_is_struck_out_though_it_explains_more() -> None:
+    found = judged(answer((70.0, IN_THE_LAB), (60.0, HERE)))
+    assert found.status == "unique" and found.T_a_s == HERE
+    assert {(s, a) for s, a, _ in found.wall_surfaces} == {(w.id, w.id) for w in SEEN.wall_surfaces}
+
+
+def test_a_map_of_one_office_stays_ambiguous_where_there_are_two() -> None:
+    assert judged(answer((60.0, HERE), (60.0, IN_THE_LAB)), graph(OFFICE)).status == "ambiguous"
+
+
+@pytest.mark.parametrize("match", [answer((70.0, IN_THE_LAB)), answer((30.0, HERE)), MatchResult("none", "nothing")])
+def test_what_is_contradicted_or_has_little_evidence_is_no_answer(match: MatchResult) -> None:
+    found = judged(match)
+    assert found.status == "none" and found.T_a_s is None and not found.wall_surfaces
+
+
+def test_the_answer_is_the_same_wherever_the_map_lies() -> None:
+    T = (2.1, 30.0, -7.0)  # of the seen map
+    back = se2.inverse(np.array(T)).tolist()
+    found = judged(answer((60.0, (back[0], back[1], back[2]))), graph(OFFICE, HALL, T=T))
+    assert found.status == "unique" and len(found.wall_surfaces) == len(SEEN.wall_surfaces)
+
+
+def test_an_answer_is_clear_where_nothing_comes_near_it() -> None:
+    def unique(*scores: float) -> MatchResult:
+        return MatchResult("unique", "", T_a_s=HERE, hypotheses=tuple(Hypothesis(s, HERE, None) for s in scores))
+
+    assert is_clear(unique(60.0, 30.0)) and is_clear(unique(60.0))
+    assert not is_clear(unique(60.0, 50.0)) and not is_clear(unique(20.0)) and not is_clear(unique())
+    assert not is_clear(answer((60.0, HERE))) and not is_plenty(unique(60.0)) and is_plenty(unique(90.0, 80.0))
+
+
+def test_an_answer_bears_another_out_when_map_and_evidence_have_grown() -> None:
+    first = Said(None, np.zeros(3), 50.0, Growth(2, 40.0), 9)
+    assert Said(None, np.zeros(3), 60.0, Growth(3, 41.0), 10).is_more(first)
+    assert not Said(None, np.zeros(3), 60.0, Growth(2, 41.0), 10).is_more(first)
+    assert not Said(None, np.zeros(3), 50.0, Growth(3, 60.0), 12).is_more(first)
