@@ -35,35 +35,29 @@ class Band:
         apart = np.abs(place[edges[:, 0]] - place[edges[:, 1]]).max(initial=0)
         return Band(place, np.ascontiguousarray(edges), 3 * int(apart) + 3)
 
-    def solved(self, own: Array, between: Array, right: Array) -> Array:
-        """(K, G, 3) solutions of K systems, which must be positive definite.
-
-        `own` (K, G, 3, 3) on the diagonal, of which the lower triangle is read, `between` (K, E, 3, 3) at (node 0,
-        node 1) of each edge, and `right` (K, G, 3).
-        """
-        from scipy.linalg import lapack  # slow to import
-
-        band, ordered = _ordered(self.place, self.edges, self.width, own, between, right)
-        for matrix, x in zip(band, ordered, strict=True):
-            x[:] = lapack.dpbsv(matrix.T, x, lower=1, overwrite_ab=1)[1]
-        return np.asarray(ordered.reshape(right.shape)[:, self.place])
-
 
 @compiled
-def _ordered(place: Index, edges: Index, width: int, own: Array, between: Array, right: Array) -> tuple[Array, Array]:
-    """(K, 3 G, width) the lower bands, column by column, and (K, 3 G) the right sides, both in the new order."""
-    systems, nodes = right.shape[:2]
-    band, ordered = np.zeros((systems, 3 * nodes, width)), np.empty((systems, 3 * nodes))
-    for k in range(systems):
-        for g in range(nodes):
-            for r in range(3):
-                ordered[k, 3 * place[g] + r] = right[k, g, r]
-                for c in range(r + 1):
-                    band[k, 3 * place[g] + c, r - c] = own[k, g, r, c]
-        for e in range(len(edges)):
-            one, other = 3 * place[edges[e, 0]], 3 * place[edges[e, 1]]
-            for r in range(3):
-                for c in range(3):
-                    row, column = one + r, other + c
-                    band[k, min(row, column), abs(row - column)] = between[k, e, r, c]
-    return band, ordered
+def solve(band: Array, x: Array) -> None:
+    """Writes the solution of a positive definite system into its right side (n,).
+
+    `band` (n, width) is the lower band, column by column, and is lost. Few of its numbers are not 0: those are passed.
+    """
+    n, width = band.shape
+    for c in range(n):
+        column = band[c, : min(width, n - c)]
+        inverse = 1 / np.sqrt(column[0])
+        for d in range(len(column)):
+            column[d] *= inverse
+        x[c] *= inverse
+        for d in range(1, len(column)):
+            factor = column[d]
+            if factor != 0.0:
+                later, rest = band[c + d], column[d:]
+                for e in range(len(rest)):
+                    later[e] -= factor * rest[e]
+                x[c + d] -= factor * x[c]
+    for c in range(n - 1, -1, -1):
+        rest = x[c]
+        for d in range(1, min(width, n - c)):
+            rest -= band[c, d] * x[c + d]
+        x[c] = rest / band[c, 0]

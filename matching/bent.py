@@ -15,15 +15,15 @@ from data.scene_graph import SceneGraph
 from matching import se2
 from matching.bent_evidence import Chance, evidence
 from matching.doors import doors
-from matching.field import Fields, Scene, judge, motions
-from matching.field_partners import Lookup
-from matching.field_step import step
+from matching.field import Fields, Scene, explained, motions
+from matching.field_led import Led, begun, led
 from matching.groups import groups
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.local_motions import local_motions, seeds
 from matching.plan_walls import PlanWalls
 from matching.proposals import TopK
 from matching.rivals import rivals
+from matching.scoring import SIGMA_SCORE
 from matching.se2 import Array
 from matching.second_chance import settled
 from matching.walls import Index, arrays
@@ -76,12 +76,12 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
         return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
-    grown, known = grow(scene, fields, sure)
-    chance = Chance.of(scene, grown, known.table)
-    found = _scored(scene, grown, known, chance)
+    grown = grow(scene, fields, sure)
+    chance = Chance.of(scene, grown)
+    found = _scored(scene, grown, chance)
     more = rivals(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
     if len(more):
-        found = _merged(found, _scored(scene, *_polished(scene, more, Lookup.of(scene, more), LAST_SIGMAS), chance))
+        found = _merged(found, _scored(scene, polished(scene, begun(scene, more), LAST_SIGMAS), chance))
     kept = [k for k in range(len(found)) if allowed is None or allowed(found.motion(k))]
     return _chosen(found, np.array(kept, dtype=np.int64))
 
@@ -98,57 +98,49 @@ def _allowed(
     return fields[chosen], sure[chosen]
 
 
-def grow(scene: Scene, fields: Fields, sure: Index) -> tuple[Fields, Lookup]:
+def grow(scene: Scene, fields: Fields, sure: Index) -> Led:
     """Lets each field grow from its sure group over the map; those that come to explain most are polished."""
     hops = scene.groups.hops[sure]  # (K, G)
     pace = max(1, int(np.ceil(hops.max() / MOST_STEPS)))
     turn = -(-hops // pace)  # the step in which a group begins to speak
-    known = Lookup.of(scene, fields)
-    for n in range(1, int(turn.max()) + 1):
-        age = n - turn
-        sigma = np.where(age >= 0, SIGMAS[np.clip(age, 0, len(SIGMAS) - 1)], np.inf)
-        fields = Fields(fields.storey, step(scene, known.table, fields.state, sigma))
-        if n % 4 == 0:
-            known = known.renewed(scene, fields)
-    fields, known = _followed(scene, fields, known.renewed(scene, fields))
-    fields, known = _polished(scene, fields, known, SIGMAS[1:])
-    fields, known = _unlike(fields, known)
-    return _polished(scene, settled(scene, fields, known.table), known, LAST_SIGMAS)
+    age = np.arange(1, int(turn.max()) + 1)[:, None, None] - turn
+    sigmas = np.where(age >= 0, SIGMAS[np.clip(age, 0, len(SIGMAS) - 1)], np.inf)
+    grown = _followed(scene, led(scene, begun(scene, fields), sigmas, anew=4))
+    grown = _unlike(polished(scene, grown, SIGMAS[1:]))
+    settled_ = Led(settled(scene, grown.fields, grown.table), grown.seen, grown.table)
+    return polished(scene, settled_, LAST_SIGMAS)
 
 
-def _followed(scene: Scene, fields: Fields, known: Lookup) -> tuple[Fields, Lookup]:
+def _followed(scene: Scene, grown: Led) -> Led:
     """Those that explain most, and differ."""
-    quality = judge(scene, known.table, fields.state, 0.3).quality.max(axis=2, initial=0.0)
-    explained = quality @ scene.s.weight
-    best = np.argsort(-explained, kind="stable")
-    best = best[_distinct(scene, fields[best], _rigid(scene, fields[best], quality[best]))]
-    hopeful = explained[best] >= HOPEFUL * explained[best[0]]
+    quality = explained(scene, grown.table, grown.fields.state, 0.3)
+    worth = quality @ scene.s.weight
+    best = np.argsort(-worth, kind="stable")
+    best = best[_distinct(scene, grown.fields[best], _rigid(scene, grown.fields[best], quality[best]))]
+    hopeful = worth[best] >= HOPEFUL * worth[best[0]]
     hopeful[:RIVALS] = True
-    chosen = best[hopeful][: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]
-    return fields[chosen], known[chosen]
+    return grown[best[hopeful][: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]]
 
 
-def _unlike(fields: Fields, known: Lookup) -> tuple[Fields, Lookup]:
+def _unlike(grown: Led) -> Led:
     """The first of those that have come to be the same."""
-    off = np.abs(fields.state[:, None] - fields.state).max(axis=(2, 3))
-    same = (off < SAME) & (fields.storey[:, None] == fields.storey)
-    first = np.flatnonzero(same.argmax(axis=1) == np.arange(len(fields)))
-    return fields[first], known[first]
+    state, storey = grown.fields.state, grown.fields.storey
+    off = np.abs(state[:, None] - state).max(axis=(2, 3))
+    same = (off < SAME) & (storey[:, None] == storey)
+    return grown[np.flatnonzero(same.argmax(axis=1) == np.arange(len(state)))]
 
 
-def _polished(scene: Scene, fields: Fields, known: Lookup, sigmas: Array) -> tuple[Fields, Lookup]:
-    for sigma in sigmas.tolist():
-        known = known.renewed(scene, fields)
-        every = np.full(fields.state.shape[:2], sigma)
-        fields = Fields(fields.storey, step(scene, known.table, fields.state, every))
-    return fields, known.renewed(scene, fields)
+def polished(scene: Scene, begin: Led, sigmas: Array) -> Led:
+    """After a step of each of the sigmas (T,), in which all walls speak."""
+    every = np.empty((len(sigmas), *begin.fields.state.shape[:2]))
+    every[:] = sigmas[:, None, None]
+    return led(scene, begin, every)
 
 
-def _scored(scene: Scene, fields: Fields, known: Lookup, chance: Chance) -> Bent:
-    table = known.table
+def _scored(scene: Scene, grown: Led, chance: Chance) -> Bent:
+    fields, table = grown.fields, grown.table
     score = evidence(scene, fields, table, chance)
-    quality = judge(scene, known.table, fields.state, 0.15).quality.max(axis=2, initial=0.0)
-    rigid = _rigid(scene, fields, quality)
+    rigid = _rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.argsort(-score, kind="stable")
     found = Bent(scene, fields[order], table[order], score[order], rigid[order])
     return _chosen(found, _distinct(scene, found.fields, found.rigid))
@@ -159,16 +151,12 @@ def _chosen(found: Bent, chosen: Index) -> Bent:
 
 
 def _merged(one: Bent, other: Bent) -> Bent:
-    width = max(one.table.shape[2], other.table.shape[2])
-    tables = [
-        np.pad(t, ((0, 0), (0, 0), (0, width - t.shape[2])), constant_values=-1) for t in (one.table, other.table)
-    ]
     storey = np.concatenate((one.fields.storey, other.fields.storey))
     state = np.concatenate((one.fields.state, other.fields.state))
     score = np.concatenate((one.score, other.score))
     order = np.argsort(-score, kind="stable")
     both = Bent(
-        one.scene, Fields(storey, state)[order], np.concatenate(tables)[order], score[order],
+        one.scene, Fields(storey, state)[order], np.concatenate((one.table, other.table))[order], score[order],
         np.concatenate((one.rigid, other.rigid))[order],
     )  # fmt: skip
     return _chosen(both, _distinct(both.scene, both.fields, both.rigid))

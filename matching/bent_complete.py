@@ -9,7 +9,8 @@ from matching import se2
 from matching.bent import Bent
 from matching.complete import Pairs
 from matching.confidence import room_confidence, surface_confidence
-from matching.field import judged, motions, placed, summed
+from matching.field import motions, summed
+from matching.field_loops import Loops, compared, laid
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
@@ -65,35 +66,32 @@ def complete_rooms(found: Bent, k: int) -> Matches:
 
 def _laid(found: Bent, k: int) -> _Laid:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
-    quality, along = _likely(*scene.s_arrays, scene.plan.lines, table, found.fields.state[k])
+    quality, along = _likely(scene.loops, table, found.fields.state[k])
     partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
     moved = motions(scene, found.fields.state[k : k + 1])[0, scene.groups.of_wall]
     return _Laid(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, moved)
 
 
 @compiled
-def _likely(
-    heading: Array, half: Array, of_wall: Index, arm: Array, lines: Array, table: Index, state: Array
-) -> tuple[Array, Array]:
+def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
     """(Ns, P) quality in [0, 1]: across, in direction, by how much lies beside, and by both ends, which slide, or stop
     short of the plan's: a short piece may slide off a short wall. And S's mid point along A's wall."""
-    quality, at = np.zeros(table.shape), np.zeros(table.shape)
+    quality, at, pose = np.zeros(table.shape), np.zeros(table.shape), laid(m, state)
     for i in range(len(table)):
-        yaw, x, y, _, _ = placed(state[of_wall[i]], arm[i])
         for p in range(table.shape[1]):
             if table[i, p] < 0:
                 continue
-            line = lines[table[i, p]]
-            _, _, across, along, turned = judged(line, half[i], heading[i] + yaw, x, y, SIGMA_ACROSS)
+            line, half = m.lines[table[i, p]], m.half[i]
+            across, along, turned, _ = compared(line, half, pose[i])
             at[i, p] = along
-            common = beside(along, half[i], 0.0, line[0])
-            short = half[i] + line[0] < SIGMA_END
+            common = beside(along, half, 0.0, line[0])
+            short = half + line[0] < SIGMA_END
             if common <= 0 and not short:
                 continue
-            likely = 1.0 if short else min(common / (UPON * 2 * half[i]), 1.0)
+            likely = 1.0 if short else min(common / (UPON * 2 * half), 1.0)
             likely *= np.exp(-0.5 * (across / SIGMA_ACROSS) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2)
             for side in (-1, 1):
-                beyond = side * along + half[i] - line[0]
+                beyond = side * along + half - line[0]
                 slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
                 likely *= slid if beyond > 0 else (1 - CUT_SHORT) * slid + CUT_SHORT
             if common > 0 or likely > LEAST_OFF:

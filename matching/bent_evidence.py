@@ -26,6 +26,7 @@ from matching.evidence import (
     SIGMAS,
 )
 from matching.field import Fields, Judged, Scene, chi2, judge
+from matching.field_led import Led
 from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
 from matching.walls import Index
@@ -56,11 +57,11 @@ class Chance:
     building: int
 
     @staticmethod
-    def of(scene: Scene, fields: Fields, table: Index) -> "Chance":
+    def of(scene: Scene, grown: Led) -> "Chance":
         """Where most walls of the first field are, by what they explain."""
-        quality = judge(scene, table[:1], fields.state[:1], SIGMA_SCORE).quality[0]
-        storey = int(fields.storey[0])
-        building = scene.plan.storeys[storey].building[np.where(table[0] >= 0, table[0] - scene.plan.first[storey], 0)]
+        table, storey = grown.table[0], int(grown.fields.storey[0])
+        quality = judge(scene, table[None], grown.fields.state[:1], SIGMA_SCORE).quality[0]
+        building = scene.plan.storeys[storey].building[np.where(table >= 0, table - scene.plan.first[storey], 0)]
         explained = np.bincount(building.ravel(), (quality * scene.s.half[:, None]).ravel())
         return Chance(storey, int(explained.argmax()))
 
@@ -80,11 +81,10 @@ def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> Arra
 
 def bending(scene: Scene, fields: Fields) -> Array:
     """(K,) chi^2 of a chain of rooms, from the mean of all pairs of neighbours: they form circles, drift does not."""
-    groups = scene.groups
-    if not len(groups.edges):
+    if not len(scene.groups.edges):
         return np.zeros(len(fields))
-    each = np.minimum(chi2(groups, fields.state), MOST_STRAINED)
-    return np.asarray(each.mean(axis=1) * (len(groups) - 1))
+    each = np.minimum(chi2(scene, fields.state), MOST_STRAINED)
+    return np.asarray(each.mean(axis=1) * (len(scene.groups) - 1))
 
 
 def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:

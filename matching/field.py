@@ -11,13 +11,12 @@ from functools import cached_property
 import numpy as np
 
 from data.compiled import compiled
-from data.se2_loops import wrapped
 from matching import se2
 from matching.bands import Band
 from matching.doors import Doors
+from matching.field_loops import Loops, best_pair, judged, laid, strained
 from matching.groups import Groups
 from matching.plan_walls import PlanWalls
-from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
@@ -61,10 +60,14 @@ class Scene:
         """How the motions of neighbours hang together."""
         return Band.of(self.groups.edges, len(self.groups))
 
-    @property
-    def s_arrays(self) -> tuple[Array, Array, Index, Array]:
-        """Headings, half lengths, groups and arms of the S walls."""
-        return self.s.heading, self.s.half, self.groups.of_wall, self.arm
+    @cached_property
+    def loops(self) -> Loops:
+        """For compiled loops."""
+        s, groups, plan, band = self.s, self.groups, self.plan, self.band
+        return Loops(
+            s.heading, s.half, s.weight, groups.of_wall, self.arm, groups.centre, groups.edges,
+            groups.slack[:, None] * STEP, band.place, band.width, plan.lines, *plan.by_heading, plan.first,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -105,81 +108,50 @@ class Judged:
 
 def judge(scene: Scene, table: Index, state: Array, sigma: float) -> Judged:
     """How well S walls lie on the partners of a table (K, Ns, P), -1 for none; `sigma` in metres across."""
-    return Judged(*_judged(*scene.s_arrays, scene.plan.lines, table, state, sigma))
+    return Judged(*_judged(scene.loops, table, state, sigma))
 
 
 @compiled
-def _judged(
-    heading: Array, half: Array, of_wall: Index, arm: Array, lines: Array, table: Index, state: Array, sigma: float
-) -> Array:
+def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     """(5, K, Ns, P) the fields of `Judged`, all zero where there is no pair."""
     fields, walls, width = table.shape
     found = np.zeros((5, fields, walls, width))
     for k in range(fields):
+        pose = laid(m, state[k])
         for i in range(walls):
-            yaw, x, y, _, _ = placed(state[k, of_wall[i]], arm[i])
             for p in range(width):
                 if table[k, i, p] >= 0:
-                    found[:, k, i, p] = judged(lines[table[k, i, p]], half[i], heading[i] + yaw, x, y, sigma)
+                    found[:, k, i, p] = judged(m.lines[table[k, i, p]], m.half[i], pose[i], sigma)
     return found
 
 
-@compiled
-def placed(state: Array, arm: Array) -> tuple[float, float, float, float, float]:
-    """By how much the state (3,) of a group turns a wall, where it lays its mid point, and this from the centre."""
-    cos, sin = np.cos(state[0]), np.sin(state[0])
-    lever_x, lever_y = cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]
-    return state[0], state[1] + lever_x, state[2] + lever_y, lever_x, lever_y
+def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
+    """(K, Ns) the quality of each S wall's best pair, as `judge` has it."""
+    return np.asarray(_explained(scene.loops, table, state, sigma))
 
 
 @compiled
-def judged(
-    line: Array, half: float, heading: float, x: float, y: float, sigma: float
-) -> tuple[float, float, float, float, float]:
-    """The fields of `Judged` for a wall of the map that lies at (x, y), and a line of the plan."""
-    across = line[2] * x + line[3] * y - line[4]
-    along = line[2] * y - line[3] * x - line[5]
-    turned = wrapped(heading - line[1])
-    span = 1.6 * min(half, 4.0)  # a fifth of a wall may stand out: its ends slide
-    most = min(2 * min(half, line[0]) / span, 1.0)
-    beside = min(max((half + line[0]) / span - abs(along) / span, 0.0), most)
-    if beside == 0.0:
-        return 0.0, beside, across, along, turned
-    sigma_turned = SIGMA_HEADING * min(max(sigma / SIGMA_SCORE, 1.0), 2.0)
-    quality = beside * np.exp((-0.5 / sigma**2) * across**2 - (0.5 / sigma_turned**2) * turned**2)
-    return quality, beside, across, along, turned
+def _explained(m: Loops, table: Index, state: Array, sigma: float) -> Array:
+    best = np.zeros(table.shape[:2])
+    for k in range(len(table)):
+        pose = laid(m, state[k])
+        for i in range(len(pose)):
+            best[k, i], _ = best_pair(m.lines, m.half[i], pose[i], table[k, i], sigma)
+    return best
 
 
-def chi2(groups: Groups, state: Array) -> Array:
+def chi2(scene: Scene, state: Array) -> Array:
     """(K, E) the squares, in their deviations, of how the motions of neighbours differ at the point between them."""
-    return np.asarray(_chi2(groups.edges, groups.centre, groups.slack[:, None] * STEP, state))
+    return np.asarray(_chi2(scene.loops, state))
 
 
 @compiled
-def _chi2(edges: Index, centre: Array, slack: Array, state: Array) -> Array:
-    """As `chi2`; `slack` (E, 3) are the deviations."""
-    found = np.empty((len(state), len(edges)))
+def _chi2(m: Loops, state: Array) -> Array:
+    found = np.empty((len(state), len(m.edges)))
     for k in range(len(state)):
-        for e in range(len(edges)):
-            g, h = edges[e, 0], edges[e, 1]
-            (turn, x, y), _, _ = strained(state[k, g], state[k, h], centre[g], centre[h])
-            found[k, e] = (turn / slack[e, 0]) ** 2 + (x / slack[e, 1]) ** 2 + (y / slack[e, 2]) ** 2
+        for e in range(len(m.edges)):
+            found[k, e], _, _, _ = strained(m, e, state[k])
     return found
-
-
-@compiled
-def strained(
-    one: Array, other: Array, centre: Array, other_centre: Array
-) -> tuple[tuple[float, float, float], tuple[float, float], tuple[float, float]]:
-    """How the states (3,) of neighbours differ at the point between them: radians, metres, metres. And from either
-    end's centre to that point."""
-    half_x, half_y = (other_centre[0] - centre[0]) / 2, (other_centre[1] - centre[1]) / 2
-    cos, sin = np.cos(one[0]), np.sin(one[0])
-    x, y = cos * half_x - sin * half_y, sin * half_x + cos * half_y
-    cos, sin = -np.cos(other[0]), -np.sin(other[0])
-    u, v = cos * half_x - sin * half_y, sin * half_x + cos * half_y
-    turn = wrapped(other[0] - one[0])
-    return (turn, other[1] - one[1] + u - x, other[2] - one[2] + v - y), (x, y), (u, v)
 
 
 @compiled

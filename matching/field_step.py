@@ -8,8 +8,10 @@ neighbours may have been met far apart on it.
 import numpy as np
 
 from data.compiled import compiled
-from matching import se2
-from matching.field import STEP, Scene, judged, placed, strained
+from data.se2_loops import wrapped
+from matching.bands import solve
+from matching.field import Scene
+from matching.field_loops import Loops, best_pair, compared, laid, strained
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
 from matching.walls import Index
@@ -25,89 +27,92 @@ SILENT = 1e3  # metres across: of walls that do not speak
 def step(scene: Scene, table: Index, state: Array, sigma: Array) -> Array:
     """The state (K, G, 3) after a step, with the partners of a table (K, Ns, P). `sigma` (K, G) metres; infinite for
     a group whose walls do not speak yet."""
-    groups = scene.groups
-    own, right = np.zeros((*state.shape, 3)), np.zeros(state.shape)
-    own[..., range(3), range(3)] = 1 / HELD**2
-    between = np.empty((len(state), len(groups.edges), 3, 3))
-    _pull_of_walls(*scene.s_arrays, scene.s.weight, scene.plan.lines, table, state, sigma, own, right)
-    _pull_of_neighbours(groups.edges, groups.centre, groups.slack[:, None] * STEP, state, own, between, right)
-    new = state + scene.band.solved(own, between, right)
-    new[..., 0] = se2.wrap(new[..., 0])
-    return np.asarray(new)
+    new = state.copy()
+    _all_stepped(scene.loops, table, new, sigma)
+    return new
 
 
 @compiled
-def _pull_of_walls(
-    heading: Array, half: Array, of_wall: Index, arm: Array, weight: Array, lines: Array, table: Index, state: Array,
-    sigma: Array, own: Array, right: Array,
-) -> None:  # fmt: skip
-    """Adds information to `own` (K, G, 3, 3), its lower triangle, and the gradient to `right` (K, G, 3): of each wall
-    against its best partner."""
-    fields, walls, width = table.shape
-    for k in range(fields):
-        for i in range(walls):
-            g = of_wall[i]
-            wide = sigma[k, g]
-            if wide >= SILENT:
-                continue
-            yaw, x, y, lever_x, lever_y = placed(state[k, g], arm[i])
-            best, j, across, along, turned = 0.0, -1, 0.0, 0.0, 0.0
-            for p in range(width):
-                if table[k, i, p] >= 0:
-                    line = lines[table[k, i, p]]
-                    quality, _, off, run, turn = judged(line, half[i], heading[i] + yaw, x, y, wide)
-                    if quality > best:
-                        best, j, across, along, turned = quality, table[k, i, p], off, run, turn
-            if j < 0:
-                continue
-            n_x, n_y = lines[j, 2], lines[j, 3]
-            pull = best * weight[i] / wide**2
-            slid = 0.25 / SIGMA_ALONG**2 * wide**2 * pull
-            facing = pull * (SHARPEST**2 / (SIGMA_TILT**2 + (OFF_LINE / half[i]) ** 2))
-            slip = slid * np.sign(along) * max(abs(along) - abs(lines[j, 0] - half[i]), 0.0)
-            # How a residual along the normal, or the tangent, grows with the turn of the group.
-            turn, turn_along = n_y * lever_x - n_x * lever_y, n_x * lever_x + n_y * lever_y
-            own[k, g, 0, 0] += pull * turn**2 + slid * turn_along**2 + facing
-            own[k, g, 1, 0] += pull * turn * n_x - slid * turn_along * n_y
-            own[k, g, 2, 0] += pull * turn * n_y + slid * turn_along * n_x
-            own[k, g, 1, 1] += pull * n_x**2 + slid * n_y**2
-            own[k, g, 2, 1] += (pull - slid) * n_x * n_y
-            own[k, g, 2, 2] += pull * n_y**2 + slid * n_x**2
-            right[k, g, 0] -= pull * across * turn + slip * turn_along + facing * turned
-            right[k, g, 1] -= pull * across * n_x - slip * n_y
-            right[k, g, 2] -= pull * across * n_y + slip * n_x
+def _all_stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
+    for k in range(len(state)):
+        stepped(m, table[k], state[k], sigma[k])
 
 
 @compiled
-def _pull_of_neighbours(
-    edges: Index, centre: Array, slack: Array, state: Array, own: Array, between: Array, right: Array
-) -> None:
-    """Adds to `own` and `right` as the walls do, and writes (K, E, 3, 3) the information of the two ends with each
-    other; `slack` (E, 3) are the deviations.
+def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
+    """Moves one field (G, 3) by a step."""
+    band, right = np.zeros((3 * len(state), m.width)), np.zeros(3 * len(state))
+    for n in range(len(band)):
+        band[n, 0] = 1 / HELD[n % 3] ** 2
+    _pull_of_walls(m, table, state, sigma, band, right)
+    _pull_of_neighbours(m, state, band, right)
+    solve(band, right)
+    for g in range(len(state)):
+        for d in range(3):
+            state[g, d] += right[3 * m.place[g] + d]
+        state[g, 0] = wrapped(state[g, 0])
+
+
+@compiled
+def _pull_of_walls(m: Loops, table: Index, state: Array, sigma: Array, band: Array, right: Array) -> None:
+    """Adds information to the band of the groups' motions, and the gradient to `right`: of each wall against its best
+    partner."""
+    pose = laid(m, state)
+    for i in range(len(table)):
+        wide = sigma[m.group[i]]
+        if wide >= SILENT:
+            continue
+        best, p = best_pair(m.lines, m.half[i], pose[i], table[i], wide)
+        if p < 0:
+            continue
+        line = m.lines[table[i, p]]
+        across, along, turned, _ = compared(line, m.half[i], pose[i])
+        n_x, n_y, lever_x, lever_y = line[2], line[3], pose[i, 3], pose[i, 4]
+        pull = best * m.weight[i] / wide**2
+        slid = 0.25 / SIGMA_ALONG**2 * wide**2 * pull
+        facing = pull * (SHARPEST**2 / (SIGMA_TILT**2 + (OFF_LINE / m.half[i]) ** 2))
+        slip = slid * np.sign(along) * max(abs(along) - abs(line[0] - m.half[i]), 0.0)
+        # How a residual along the normal, or the tangent, grows with the turn of the group.
+        turn, turn_along = n_y * lever_x - n_x * lever_y, n_x * lever_x + n_y * lever_y
+        at = 3 * m.place[m.group[i]]
+        band[at, 0] += pull * turn**2 + slid * turn_along**2 + facing
+        band[at, 1] += pull * turn * n_x - slid * turn_along * n_y
+        band[at, 2] += pull * turn * n_y + slid * turn_along * n_x
+        band[at + 1, 0] += pull * n_x**2 + slid * n_y**2
+        band[at + 1, 1] += (pull - slid) * n_x * n_y
+        band[at + 2, 0] += pull * n_y**2 + slid * n_x**2
+        right[at] -= pull * across * turn + slip * turn_along + facing * turned
+        right[at + 1] -= pull * across * n_x - slip * n_y
+        right[at + 2] -= pull * across * n_y + slip * n_x
+
+
+@compiled
+def _pull_of_neighbours(m: Loops, state: Array, band: Array, right: Array) -> None:
+    """Adds as the walls do, and writes the information of the two ends of each edge with each other.
 
     The residual's derivative by an end's motion is +-(1 0 0, -y 1 0, x 0 1) with the end's arm (x, y).
     """
-    for k in range(len(state)):
-        for e in range(len(edges)):
-            g, h = edges[e, 0], edges[e, 1]
-            (turn, off_x, off_y), arm_g, arm_h = strained(state[k, g], state[k, h], centre[g], centre[h])
-            square = (turn / slack[e, 0]) ** 2 + (off_x / slack[e, 1]) ** 2 + (off_y / slack[e, 2]) ** 2
-            less = 1 + square / ROBUST**2
-            u, v, w = 1 / (slack[e, 0] * less) ** 2, 1 / (slack[e, 1] * less) ** 2, 1 / (slack[e, 2] * less) ** 2
-            pull, push, press = u * turn, v * off_x, w * off_y
-            (g_x, g_y), (h_x, h_y) = arm_g, arm_h
-            for sign in (1.0, -1.0):
-                end, x, y = (g, g_x, g_y) if sign > 0 else (h, h_x, h_y)
-                own[k, end, 0, 0] += u + v * y**2 + w * x**2
-                own[k, end, 1, 0] -= v * y
-                own[k, end, 2, 0] += w * x
-                own[k, end, 1, 1] += v
-                own[k, end, 2, 2] += w
-                right[k, end, 0] += sign * (pull - push * y + press * x)
-                right[k, end, 1] += sign * push
-                right[k, end, 2] += sign * press
-            block = between[k, e]
-            block[0, 0] = -(u + v * g_y * h_y + w * g_x * h_x)
-            block[0, 1], block[0, 2] = v * g_y, -w * g_x
-            block[1, 0], block[1, 1], block[1, 2] = v * h_y, -v, 0.0
-            block[2, 0], block[2, 1], block[2, 2] = -w * h_x, 0.0, -w
+    block = np.empty((3, 3))
+    for e in range(len(m.edges)):
+        square, (turn, off_x, off_y), (g_x, g_y), (h_x, h_y) = strained(m, e, state)
+        less = 1 + square / ROBUST**2
+        u, v, w = 1 / (m.slack[e, 0] * less) ** 2, 1 / (m.slack[e, 1] * less) ** 2, 1 / (m.slack[e, 2] * less) ** 2
+        pull, push, press = u * turn, v * off_x, w * off_y
+        one, other = 3 * m.place[m.edges[e, 0]], 3 * m.place[m.edges[e, 1]]
+        for sign, at, x, y in ((1.0, one, g_x, g_y), (-1.0, other, h_x, h_y)):
+            band[at, 0] += u + v * y**2 + w * x**2
+            band[at, 1] -= v * y
+            band[at, 2] += w * x
+            band[at + 1, 0] += v
+            band[at + 2, 0] += w
+            right[at] += sign * (pull - push * y + press * x)
+            right[at + 1] += sign * push
+            right[at + 2] += sign * press
+        block[0, 0] = -(u + v * g_y * h_y + w * g_x * h_x)
+        block[0, 1], block[0, 2] = v * g_y, -w * g_x
+        block[1, 0], block[1, 1], block[1, 2] = v * h_y, -v, 0.0
+        block[2, 0], block[2, 1], block[2, 2] = -w * h_x, 0.0, -w
+        for r in range(3):
+            for c in range(3):
+                row, column = one + r, other + c
+                band[min(row, column), abs(row - column)] = block[r, c]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from matching.field import Fields, Scene, chi2, judge
+from matching.field import Fields, Scene, chi2, explained
 from matching.field_step import step
 from matching.scoring import SIGMA_SCORE
 from matching.se2 import Array
@@ -44,12 +44,11 @@ def _tried(scene: Scene, state: Array, table: Index, discontented: NDArray[np.bo
 
 def _explained(scene: Scene, table: Index, state: Array) -> Array:
     """(K, G) weight of each group's walls that are explained."""
-    quality = judge(scene, table, state, SIGMA_SCORE).quality.max(axis=2, initial=0.0)
-    return np.asarray((quality * scene.s.weight) @ scene.member)
+    return np.asarray((explained(scene, table, state, SIGMA_SCORE) * scene.s.weight) @ scene.member)
 
 
 def _strained(scene: Scene, state: Array) -> Array:
     """(K, G) chi^2 of each group to its neighbours, in the mean."""
-    each = np.minimum(chi2(scene.groups, state), MOST_STRAINED)
+    each = np.minimum(chi2(scene, state), MOST_STRAINED)
     total = np.concatenate((each, each), axis=1) @ scene.incidence
     return np.asarray(total / np.maximum(scene.incidence.sum(axis=0), 1.0))

@@ -9,7 +9,7 @@ from plans import a_graph, box, flat, merged, moved, offices
 from data import Door, SceneGraph, UserError, WallSurface
 from data.s_graph_regimes import DrawnGraph, draw
 from matching import MatchResult, bent, se2
-from matching.bands import Band
+from matching.bands import Band, solve
 from matching.bent_matcher import BentMatcher, among
 from matching.corners import corners
 from matching.field import motions
@@ -90,16 +90,20 @@ def test_rooms_merged_and_cut_are_not_matched_wrongly():
 def test_systems_of_blocks_are_solved(edges):
     rng, count = np.random.default_rng(0), 9
     ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
-    between, right = rng.normal(size=(2, len(ends), 3, 3)), rng.normal(size=(2, count, 3))
-    own = rng.normal(size=(2, count, 3, 3))
-    own = own @ np.swapaxes(own, -1, -2) + 40 * np.eye(3)
-    whole = np.zeros((2, count, 3, count, 3))
-    for g in range(count):
-        whole[:, g, :, g] = own[:, g]
-    for e, (g, h) in enumerate(ends):
-        whole[:, g, :, h], whole[:, h, :, g] = between[:, e], np.swapaxes(between[:, e], -1, -2)
-    expected = np.linalg.solve(whole.reshape(2, 27, 27), right.reshape(2, 27, 1)).reshape(2, count, 3)
-    np.testing.assert_allclose(Band.of(ends, count).solved(own, between, right), expected, atol=1e-9)
+    order = Band.of(ends, count)
+    whole, right = np.zeros((count, 3, count, 3)), rng.normal(size=3 * count)
+    own = rng.normal(size=(count, 3, 3))
+    whole[order.place, :, order.place] = own @ np.swapaxes(own, -1, -2) + 40 * np.eye(3)
+    for g, h in order.place[ends]:
+        whole[g, :, h] = rng.normal(size=(3, 3))
+        whole[h, :, g] = whole[g, :, h].T
+    matrix = whole.reshape(3 * count, 3 * count)
+    band = np.zeros((3 * count, order.width))
+    for d in range(order.width):
+        band[: 3 * count - d, d] = np.diagonal(matrix, -d)
+    x = right.copy()
+    solve(band, x)
+    np.testing.assert_allclose(matrix @ x, right, atol=1e-9)
 
 
 def test_what_is_known_of_a_plan_is_kept_for_it_alone():

@@ -1,0 +1,66 @@
+"""A field of motions led by step after step; the walls that its walls may be are sought anew as it moves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.compiled import compiled
+from matching.field import Fields, Scene
+from matching.field_loops import Loops
+from matching.field_partners import nearest, partners
+from matching.field_step import stepped
+from matching.se2 import Array
+from matching.walls import Index
+
+FRESH_M, FRESH_RAD = 0.6, float(np.radians(6))  # that a group may move before its walls' partners are sought anew
+
+
+@dataclass(frozen=True)
+class Led:
+    """Fields, and the partners of their walls as they were found at a state (K, G, 3)."""
+
+    fields: Fields
+    seen: Array
+    table: Index  # (K, Ns, P) as `partners` gives them
+
+    def __len__(self) -> int:
+        return len(self.fields)
+
+    def __getitem__(self, chosen: Index) -> "Led":
+        return Led(self.fields[chosen], self.seen[chosen], self.table[chosen])
+
+
+def begun(scene: Scene, fields: Fields) -> Led:
+    """Fields, and what is near them."""
+    return Led(fields, fields.state, partners(scene, fields))
+
+
+def led(scene: Scene, begin: Led, sigmas: Array, anew: int = 1) -> Led:
+    """The fields after T steps, of `sigmas` (T, K, G) as `step` has them.
+
+    Partners are sought before every so many steps, and after the last, of fields that have moved far since.
+    """
+    storey, state, seen, table = begin.fields.storey, begin.fields.state.copy(), begin.seen.copy(), begin.table.copy()
+    _led(scene.loops, storey, sigmas, anew, state, seen, table)
+    return Led(Fields(storey, state), seen, table)
+
+
+@compiled
+def _led(m: Loops, storey: Index, sigmas: Array, anew: int, state: Array, seen: Array, table: Index) -> None:
+    for k in range(len(state)):
+        for t in range(len(sigmas)):
+            if t % anew == 0:
+                _seek(m, storey[k], state[k], seen[k], table[k])
+            stepped(m, table[k], state[k], sigmas[t, k])
+        _seek(m, storey[k], state[k], seen[k], table[k])
+
+
+@compiled
+def _seek(m: Loops, storey: int, state: Array, seen: Array, table: Index) -> None:
+    """Finds the partners of one field's walls where they are out of date."""
+    for g in range(len(state)):
+        turned, x, y = state[g] - seen[g]
+        if max(abs(x), abs(y)) > FRESH_M or abs(turned) > FRESH_RAD:
+            nearest(m, storey, state, table)
+            seen[:] = state
+            return
