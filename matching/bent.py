@@ -61,7 +61,8 @@ class Bent:
 def scene_of(s: SceneGraph, plan: PlanWalls) -> Scene:
     """A map with at least one wall surface, and what it may be laid into."""
     walls = arrays(s, None, list(s.wall_surfaces))
-    return Scene(walls, groups(walls, [d.rooms for d in s.doors]), plan, doors(s, walls))
+    own = doors(s, walls)
+    return Scene(walls, groups(walls, own), plan, own)
 
 
 def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> Bent:

@@ -12,7 +12,7 @@ import numpy as np
 
 from data.compiled import compiled
 from matching import se2
-from matching.bands import Band
+from matching.blocks import elimination
 from matching.doors import Doors
 from matching.field_loops import Loops, best_pair, judged, laid, strained
 from matching.groups import Groups
@@ -56,17 +56,13 @@ class Scene:
         return np.asarray(self.groups.edges.T.reshape(-1, 1) == np.arange(len(self.groups)), dtype=float)
 
     @cached_property
-    def band(self) -> Band:
-        """How the motions of neighbours hang together."""
-        return Band.of(self.groups.edges, len(self.groups))
-
-    @cached_property
     def loops(self) -> Loops:
         """For compiled loops."""
-        s, groups, plan, band = self.s, self.groups, self.plan, self.band
+        s, groups, plan = self.s, self.groups, self.plan
         return Loops(
             s.heading, s.half, s.weight, groups.of_wall, self.arm, groups.centre, groups.edges,
-            groups.slack[:, None] * STEP, band.place, band.width, plan.lines, *plan.by_heading, plan.first,
+            groups.slack[:, None] * STEP, elimination(groups.edges, len(groups)), plan.lines, *plan.by_heading,
+            plan.first,
         )  # fmt: skip
 
 

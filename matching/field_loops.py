@@ -6,6 +6,7 @@ import numpy as np
 
 from data.compiled import compiled
 from data.se2_loops import wrapped
+from matching.blocks import Elimination
 from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
 from matching.walls import Index
@@ -22,8 +23,7 @@ class Loops(NamedTuple):
     centre: Array  # (G, 2)
     edges: Index  # (E, 2)
     slack: Array  # (E, 3) deviations
-    place: Index  # as those of `Band`
-    width: int
+    elimination: Elimination  # of the groups, joined by the edges
     lines: Array  # (Na, 6) as those of `Walls`
     order: Index  # (Na,) as `PlanWalls.by_heading`
     ordered: Array

@@ -9,7 +9,7 @@ import numpy as np
 
 from data.compiled import compiled
 from data.se2_loops import wrapped
-from matching.bands import solve
+from matching.blocks import solve
 from matching.field import Scene
 from matching.field_loops import Loops, best_pair, compared, laid, strained
 from matching.scoring import SIGMA_ALONG
@@ -41,22 +41,23 @@ def _all_stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
 @compiled
 def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
     """Moves one field (G, 3) by a step."""
-    band, right = np.zeros((3 * len(state), m.width)), np.zeros(3 * len(state))
-    for n in range(len(band)):
-        band[n, 0] = 1 / HELD[n % 3] ** 2
-    _pull_of_walls(m, table, state, sigma, band, right)
-    _pull_of_neighbours(m, state, band, right)
-    solve(band, right)
+    own, between = np.zeros((len(state), 3, 3)), np.zeros((len(m.elimination.later), 3, 3))
+    right = np.zeros(state.shape)
+    for d in range(3):
+        own[:, d, d] = 1 / HELD[d] ** 2
+    _pull_of_walls(m, table, state, sigma, own, right)
+    _pull_of_neighbours(m, state, own, between, right)
+    solve(m.elimination, own, between, right)
     for g in range(len(state)):
         for d in range(3):
-            state[g, d] += right[3 * m.place[g] + d]
+            state[g, d] += right[g, d]
         state[g, 0] = wrapped(state[g, 0])
 
 
 @compiled
-def _pull_of_walls(m: Loops, table: Index, state: Array, sigma: Array, band: Array, right: Array) -> None:
-    """Adds information to the band of the groups' motions, and the gradient to `right`: of each wall against its best
-    partner."""
+def _pull_of_walls(m: Loops, table: Index, state: Array, sigma: Array, own: Array, right: Array) -> None:
+    """Adds information to `own` (G, 3, 3), its lower triangle, and the gradient to `right` (G, 3): of each wall against
+    its best partner."""
     pose = laid(m, state)
     for i in range(len(table)):
         wide = sigma[m.group[i]]
@@ -74,45 +75,40 @@ def _pull_of_walls(m: Loops, table: Index, state: Array, sigma: Array, band: Arr
         slip = slid * np.sign(along) * max(abs(along) - abs(line[0] - m.half[i]), 0.0)
         # How a residual along the normal, or the tangent, grows with the turn of the group.
         turn, turn_along = n_y * lever_x - n_x * lever_y, n_x * lever_x + n_y * lever_y
-        at = 3 * m.place[m.group[i]]
-        band[at, 0] += pull * turn**2 + slid * turn_along**2 + facing
-        band[at, 1] += pull * turn * n_x - slid * turn_along * n_y
-        band[at, 2] += pull * turn * n_y + slid * turn_along * n_x
-        band[at + 1, 0] += pull * n_x**2 + slid * n_y**2
-        band[at + 1, 1] += (pull - slid) * n_x * n_y
-        band[at + 2, 0] += pull * n_y**2 + slid * n_x**2
-        right[at] -= pull * across * turn + slip * turn_along + facing * turned
-        right[at + 1] -= pull * across * n_x - slip * n_y
-        right[at + 2] -= pull * across * n_y + slip * n_x
+        into, b = own[m.group[i]], right[m.group[i]]
+        into[0, 0] += pull * turn**2 + slid * turn_along**2 + facing
+        into[1, 0] += pull * turn * n_x - slid * turn_along * n_y
+        into[2, 0] += pull * turn * n_y + slid * turn_along * n_x
+        into[1, 1] += pull * n_x**2 + slid * n_y**2
+        into[2, 1] += (pull - slid) * n_x * n_y
+        into[2, 2] += pull * n_y**2 + slid * n_x**2
+        b[0] -= pull * across * turn + slip * turn_along + facing * turned
+        b[1] -= pull * across * n_x - slip * n_y
+        b[2] -= pull * across * n_y + slip * n_x
 
 
 @compiled
-def _pull_of_neighbours(m: Loops, state: Array, band: Array, right: Array) -> None:
+def _pull_of_neighbours(m: Loops, state: Array, own: Array, between: Array, right: Array) -> None:
     """Adds as the walls do, and writes the information of the two ends of each edge with each other.
 
     The residual's derivative by an end's motion is +-(1 0 0, -y 1 0, x 0 1) with the end's arm (x, y).
     """
-    block = np.empty((3, 3))
     for e in range(len(m.edges)):
-        square, (turn, off_x, off_y), (g_x, g_y), (h_x, h_y) = strained(m, e, state)
+        square, (turn, off_x, off_y), arm_g, arm_h = strained(m, e, state)
         less = 1 + square / ROBUST**2
         u, v, w = 1 / (m.slack[e, 0] * less) ** 2, 1 / (m.slack[e, 1] * less) ** 2, 1 / (m.slack[e, 2] * less) ** 2
         pull, push, press = u * turn, v * off_x, w * off_y
-        one, other = 3 * m.place[m.edges[e, 0]], 3 * m.place[m.edges[e, 1]]
-        for sign, at, x, y in ((1.0, one, g_x, g_y), (-1.0, other, h_x, h_y)):
-            band[at, 0] += u + v * y**2 + w * x**2
-            band[at, 1] -= v * y
-            band[at, 2] += w * x
-            band[at + 1, 0] += v
-            band[at + 2, 0] += w
-            right[at] += sign * (pull - push * y + press * x)
-            right[at + 1] += sign * push
-            right[at + 2] += sign * press
-        block[0, 0] = -(u + v * g_y * h_y + w * g_x * h_x)
-        block[0, 1], block[0, 2] = v * g_y, -w * g_x
-        block[1, 0], block[1, 1], block[1, 2] = v * h_y, -v, 0.0
-        block[2, 0], block[2, 1], block[2, 2] = -w * h_x, 0.0, -w
-        for r in range(3):
-            for c in range(3):
-                row, column = one + r, other + c
-                band[min(row, column), abs(row - column)] = block[r, c]
+        for sign, g, (x, y) in ((1.0, m.edges[e, 0], arm_g), (-1.0, m.edges[e, 1], arm_h)):
+            own[g, 0, 0] += u + v * y**2 + w * x**2
+            own[g, 1, 0] -= v * y
+            own[g, 2, 0] += w * x
+            own[g, 1, 1] += v
+            own[g, 2, 2] += w
+            right[g, 0] += sign * (pull - push * y + press * x)
+            right[g, 1] += sign * push
+            right[g, 2] += sign * press
+        (x, y), (p, q) = (arm_h, arm_g) if m.elimination.turned[e] else (arm_g, arm_h)  # of the row, of the column
+        block = between[m.elimination.of_edge[e]]
+        block[0, 0], block[0, 1], block[0, 2] = -(u + v * y * q + w * x * p), v * y, -w * x
+        block[1, 0], block[1, 1] = v * q, -v
+        block[2, 0], block[2, 2] = -w * p, -w

@@ -1,11 +1,12 @@
 """The parts of a map that are taken as rigid, the rooms, and which of them lie side by side."""
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.compiled import compiled
+from matching.doors import Doors
 from matching.hypotheses import groups_of
 from matching.se2 import Array
 from matching.walls import Index, Walls
@@ -31,57 +32,59 @@ class Groups:
         return len(self.centre)
 
 
-def groups(s: Walls, doors: Iterable[Sequence[str]] = ()) -> Groups:
-    """The groups of a map with at least one wall; `doors` are the ids of the rooms that they join."""
+def groups(s: Walls, doors: Doors) -> Groups:
+    """The groups of a map with at least one wall, and with these doors."""
     of_wall = _of_wall(s)
     size = np.bincount(of_wall)
     centre = np.stack([np.bincount(of_wall, s.centre[:, k]) / size for k in (0, 1)], axis=-1)
-    joined = _joined(s, of_wall, doors)
-    edges = _edges(s, of_wall, centre, joined)
-    by_door = np.array([(g, h) in joined for g, h in edges.tolist()], dtype=bool)
-    slack = np.where(by_door, 1.0, NO_DOOR)
-    steps = np.where(by_door | (not joined), 1, 2)
-    return Groups(of_wall, centre, edges, slack, _hops(edges, steps, len(size)))
-
-
-def _joined(s: Walls, of_wall: Index, doors: Iterable[Sequence[str]]) -> set[tuple[int, int]]:
-    """Which groups a door joins, the lesser number first."""
-    group = {s.rooms[r].id: int(g) for r, g in zip(s.room.tolist(), of_wall.tolist(), strict=True) if r >= 0}
-    found = set()
-    for rooms in doors:
-        ends = sorted({group[r] for r in rooms if r in group})
-        found |= {(g, h) for g in ends for h in ends if g < h}
-    return found
+    through = doors.rooms[(doors.rooms >= 0).all(axis=1)]
+    group = of_wall[s.first_of_room[through]] if len(through) else through
+    edges, by_door = _edges(_apart(s, of_wall, centre), group)
+    steps = np.where(by_door | (not by_door.any()), 1, 2)
+    return Groups(of_wall, centre, edges, np.where(by_door, 1.0, NO_DOOR), _hops(edges, steps, len(size)))
 
 
 def _of_wall(s: Walls) -> Index:
     """A wall without a room goes with the nearest room on the side that it faces."""
-    stray, housed = s.room < 0, np.nonzero(s.room >= 0)[0]
-    if not stray.any() or not len(housed):
+    stray, housed = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
+    if not len(stray):
+        return s.room  # each room has a wall
+    if not len(housed):
         return groups_of(s)
     size = np.bincount(s.room[housed], minlength=len(s.rooms))
     middle = np.stack([np.bincount(s.room[housed], s.centre[housed, k], len(s.rooms)) / size for k in (0, 1)], axis=-1)
-    step = s.centre[housed][None] - s.centre[stray][:, None]
-    towards = middle[s.room[housed]][None] - s.centre[stray][:, None]
-    behind = np.einsum("ijk,ik->ij", towards, s.normal[stray]) < 0
-    near = np.argmin(np.linalg.norm(step, axis=-1) + BEHIND * behind, axis=1)
-    room = s.room.copy()
-    room[stray] = s.room[housed[near]]
-    return np.asarray(np.unique(room, return_inverse=True)[1])
+    return np.asarray(_housed(s.room, s.centre, s.normal, middle))
 
 
-def _gaps(s: Walls, of_wall: Index, count: int) -> Array:
-    """(G, G) metres between the walls of two groups, roughly, infinite where none are near each other."""
+@compiled
+def _housed(room: Index, centre: Array, normal: Array, middle: Array) -> Index:
+    """(Ns,) the room that each wall goes with; `middle` (R, 2) of the rooms' walls."""
+    found = room.copy()
+    for i in range(len(room)):
+        nearest = np.inf
+        for k in range(len(room)):
+            if room[i] < 0 <= room[k]:
+                towards = middle[room[k]] - centre[i]
+                behind = towards[0] * normal[i, 0] + towards[1] * normal[i, 1] < 0
+                far = np.hypot(centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]) + BEHIND * behind
+                if far < nearest:
+                    nearest, found[i] = far, room[k]
+    return found
+
+
+def _apart(s: Walls, of_wall: Index, centre: Array) -> Array:
+    """(G, G) metres between the walls of two groups, roughly; where none are near each other, more than 10."""
     points = np.maximum(np.ceil(2 * s.half / POINTS).astype(np.int64), 1)
-    square = _least_squares_apart(s.centre, s.tangent, s.half, points, of_wall, count)
-    return np.asarray(np.sqrt(square))
+    square = _least_squares_apart(s.centre, s.tangent, s.half, points, of_wall, len(centre))
+    far = 10 + np.hypot(*(centre[:, None] - centre[None]).transpose(2, 0, 1))
+    return np.asarray(np.where(np.isfinite(square), np.sqrt(square), far))
 
 
 @compiled
 def _least_squares_apart(
     centre: Array, tangent: Array, half: Array, points: Index, of_wall: Index, count: int
 ) -> Array:
-    """(G, G) the squares of what `_gaps` tells; walls are looked at as rows of points."""
+    """(G, G) the squares of metres, infinite where none are near; walls are looked at as rows of points."""
     reach = BESIDE + POINTS / 2
     least = np.full((count, count), np.inf)
     for i in range(len(half)):
@@ -95,6 +98,8 @@ def _least_squares_apart(
                 at = (2 * ((n + 0.5) / points[i]) - 1) * half[i]
                 u, v = x + at * tangent[i, 0], y + at * tangent[i, 1]
                 run = u * tangent[k, 0] + v * tangent[k, 1]
+                if abs(u * tangent[k, 1] - v * tangent[k, 0]) > reach or abs(run) > half[k] + reach:
+                    continue
                 begin = int(((run - reach) / half[k] + 1) / 2 * points[k]) if half[k] > 0 else 0
                 end = int(((run + reach) / half[k] + 1) / 2 * points[k]) + 1 if half[k] > 0 else points[k]
                 for m in range(max(begin - 1, 0), min(end + 1, points[k])):
@@ -105,26 +110,67 @@ def _least_squares_apart(
     return least
 
 
-def _edges(s: Walls, of_wall: Index, centre: Array, doors: set[tuple[int, int]]) -> Index:
-    """(E, 2) the doors' pairs, near ones, and what joins all."""
-    from scipy.sparse.csgraph import minimum_spanning_tree
+@compiled
+def _edges(apart: Array, doors: Index) -> tuple[Index, NDArray[np.bool_]]:
+    """(E, 2) the doors' (D, 2) groups, near ones, and what joins all; and which of them a door joins."""
+    count = len(apart)
+    by_door, kept = np.zeros((count, count), dtype=np.bool_), np.zeros((count, count), dtype=np.bool_)
+    for d in range(len(doors)):
+        g, h = doors[d]
+        if g != h:
+            by_door[g, h] = by_door[h, g] = True
+            apart[g, h] = apart[h, g] = 1e-6
+    for g in range(count):
+        apart[g, g] = np.inf
+        for h in np.argsort(apart[g], kind="mergesort")[:MOST_NEIGHBOURS]:
+            if apart[g, h] < 10:
+                kept[g, h] = kept[h, g] = True
+    _join_all(apart, kept)
+    edges = np.argwhere(np.triu(kept, 1))
+    return edges, np.array([by_door[g, h] for g, h in edges], dtype=np.bool_)
 
-    gap = _gaps(s, of_wall, len(centre))
-    apart = 10 + np.linalg.norm(centre[:, None] - centre[None], axis=-1)
-    apart = np.where(np.isfinite(gap), gap, apart)
-    for g, h in doors:
-        apart[g, h] = apart[h, g] = 1e-6
-    np.fill_diagonal(apart, np.inf)
-    tree = minimum_spanning_tree(np.where(np.isfinite(apart), apart, 0.0)).toarray() > 0
-    ordered = np.argsort(apart, axis=1, kind="stable")[:, :MOST_NEIGHBOURS]
-    kept = np.zeros(apart.shape, dtype=bool)
-    np.put_along_axis(kept, ordered, np.take_along_axis(apart, ordered, axis=1) < 10, axis=1)
-    return np.stack(np.nonzero(np.triu(kept | kept.T | tree | tree.T, 1)), axis=-1)
+
+@compiled
+def _join_all(apart: Array, kept: NDArray[np.bool_]) -> None:
+    """Adds the shortest tree (R. C. Prim: Shortest connection networks, 1957), of equals one with edges that are there.
+    """
+    count = len(apart)
+    far, link = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
+    new, apart = 0, np.where(kept, (1 - 1e-9) * apart, apart)
+    for _ in range(count - 1):
+        far[new], nearest = -1.0, -1  # it is in the tree
+        for g in range(count):
+            if apart[new, g] < far[g]:
+                far[g], link[g] = apart[new, g], new
+            if far[g] >= 0 and (nearest < 0 or far[g] < far[nearest]):
+                nearest = g
+        new = nearest
+        kept[new, link[new]] = kept[link[new], new] = True
 
 
+@compiled
 def _hops(edges: Index, steps: Index, count: int) -> Index:
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import shortest_path
-
-    graph = csr_matrix((steps.astype(float), (edges[:, 0], edges[:, 1])), shape=(count, count))
-    return np.asarray(shortest_path(graph, directed=False)).astype(np.int64)
+    """(G, G) steps on the shortest ways; one of an edge is 1 or 2."""
+    first, beside = np.zeros(count + 1, dtype=np.int64), np.empty((2 * len(edges), 2), dtype=np.int64)
+    for g, h in edges:
+        first[g + 1] += 1
+        first[h + 1] += 1
+    first = np.cumsum(first)
+    at = first[:-1].copy()
+    for e in range(len(edges)):
+        for g, h in ((edges[e, 0], edges[e, 1]), (edges[e, 1], edges[e, 0])):
+            beside[at[g], 0], beside[at[g], 1] = h, steps[e]
+            at[g] += 1
+    hops = np.full((count, count), 2 * count)
+    for start in range(count):
+        told = hops[start]
+        told[start], steps_done, last = 0, 0, 0
+        while steps_done <= last:
+            for g in range(count):
+                if told[g] == steps_done:
+                    for n in range(first[g], first[g + 1]):
+                        there = told[g] + beside[n, 1]
+                        if there < told[beside[n, 0]]:
+                            told[beside[n, 0]], last = there, max(last, there)
+            steps_done += 1
+    return hops

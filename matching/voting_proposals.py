@@ -6,6 +6,7 @@ import numpy as np
 
 from data.scene_graph import SceneGraph
 from matching.corners import corners
+from matching.doors import doors
 from matching.groups import Groups, groups
 from matching.proposals import Proposals, TopK
 from matching.scoring import Pairing, fit, refine_rigid
@@ -34,7 +35,7 @@ def voting_proposals(s: SceneGraph, a: SceneGraph, by_parts: bool = True) -> Pro
     place = {w.id: n for n, w in enumerate(a.wall_surfaces)}
     column = [np.array([place[i] for i in storey.ids]) for storey in plan]
     plan_corners = [corners(storey) for storey in plan]
-    for part in _parts(groups(walls, [d.rooms for d in s.doors])) if by_parts else [np.arange(len(walls))]:
+    for part in _parts(groups(walls, doors(s, walls))) if by_parts else [np.arange(len(walls))]:
         _speak(_part(walls, part), part, plan, plan_corners, column, score)
     proposals = TopK.of_dense(score)
     return Proposals(proposals, _rooms(s, a, score))

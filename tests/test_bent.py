@@ -9,8 +9,8 @@ from plans import a_graph, box, flat, merged, moved, offices
 from data import Door, SceneGraph, UserError, WallSurface
 from data.s_graph_regimes import DrawnGraph, draw
 from matching import MatchResult, bent, se2
-from matching.bands import Band, solve
 from matching.bent_matcher import BentMatcher, among
+from matching.blocks import elimination, solve
 from matching.corners import corners
 from matching.field import motions
 from matching.hypotheses import between_graphs
@@ -86,24 +86,25 @@ def test_rooms_merged_and_cut_are_not_matched_wrongly():
         assert share_right(result, truth) > 0.85
 
 
-@pytest.mark.parametrize("edges", [[(0, 1), (1, 2), (0, 4), (3, 4), (2, 5)], [(0, k) for k in range(1, 9)], []])
+STAR, RING = [(0, k) for k in range(1, 9)], [(k, (k + 1) % 9) for k in range(9)]
+
+
+@pytest.mark.parametrize("edges", [[(0, 1), (1, 2), (0, 4), (3, 4), (2, 5)], STAR, RING, []])
 def test_systems_of_blocks_are_solved(edges):
     rng, count = np.random.default_rng(0), 9
     ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
-    order = Band.of(ends, count)
-    whole, right = np.zeros((count, 3, count, 3)), rng.normal(size=3 * count)
-    own = rng.normal(size=(count, 3, 3))
-    whole[order.place, :, order.place] = own @ np.swapaxes(own, -1, -2) + 40 * np.eye(3)
-    for g, h in order.place[ends]:
-        whole[g, :, h] = rng.normal(size=(3, 3))
-        whole[h, :, g] = whole[g, :, h].T
-    matrix = whole.reshape(3 * count, 3 * count)
-    band = np.zeros((3 * count, order.width))
-    for d in range(order.width):
-        band[: 3 * count - d, d] = np.diagonal(matrix, -d)
-    x = right.copy()
-    solve(band, x)
-    np.testing.assert_allclose(matrix @ x, right, atol=1e-9)
+    order = elimination(ends, count)
+    own, between = rng.normal(size=(count, 3, 3)), np.zeros((len(order.later), 3, 3))
+    right = rng.normal(size=(count, 3))
+    own = own @ np.swapaxes(own, -1, -2) + 40 * np.eye(3)
+    whole, x = np.zeros((count, 3, count, 3)), right.copy()
+    whole[range(count), :, range(count)] = own
+    for (g, h), block, turned in zip(edges, order.of_edge, order.turned, strict=True):
+        row, column = (h, g) if turned else (g, h)
+        whole[row, :, column] = between[block] = rng.normal(size=(3, 3))
+        whole[column, :, row] = between[block].T
+    solve(order, own, between, x)
+    np.testing.assert_allclose(np.tensordot(whole, x, 2), right, atol=1e-9)
 
 
 def test_what_is_known_of_a_plan_is_kept_for_it_alone():

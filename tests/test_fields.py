@@ -11,6 +11,7 @@ from plans import a_graph, flat
 from data.s_graph_regimes import draw
 from matching import bent, consensus, field_step, se2
 from matching.bent_complete import _merit
+from matching.doors import Doors
 from matching.encoder import GraphTensors
 from matching.features import map_features, plan_features
 from matching.field import STEP, Fields, Scene, judge, motions, rigid_state
@@ -188,7 +189,7 @@ def test_proposals_that_are_right_vote_for_the_true_motion(scene):
 
 def test_rooms_are_neighbours_by_the_gap_between_their_walls(scene):
     s = scene.s
-    of = groups(s)
+    of = groups(s, Doors(np.zeros((0, 2)), np.zeros((0, 2), dtype=np.int64)))
     rows = [s.centre[i] + np.linspace(-1, 1, 200)[:, None] * s.half[i] * s.tangent[i] for i in range(len(s))]
     for g, h in np.argwhere(np.triu(np.ones((len(of), len(of))), 1)).tolist():
         one, other = (np.concatenate([rows[i] for i in np.flatnonzero(of.of_wall == x)]) for x in (g, h))
