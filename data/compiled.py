@@ -1,9 +1,10 @@
 """Functions compiled to machine code, for the few loops over points or pairs that numpy has no word for."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 _F = TypeVar("_F", bound=Callable[..., object])
 
@@ -12,13 +13,26 @@ def compiled(function: _F) -> _F:
     """`function` compiled by numba at its first call with arguments of a kind; kept on disk for later processes.
 
     Where no folder for it can be written (a read-only installation without a home), each process compiles anew.
-    IEEE arithmetic is kept as written (no fastmath), so that results are the same on each call.
+    IEEE arithmetic is kept as written (no fastmath; x / 0 is infinite), so that results are the same on each call.
     """
     try:
-        fast: _F = njit(function, cache=True, nogil=True)
+        fast: _F = njit(function, cache=True, nogil=True, error_model="numpy")
     except RuntimeError:  # "cannot cache function: no locator available"
-        fast = njit(function, nogil=True)
+        fast = njit(function, nogil=True, error_model="numpy")
     return fast
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def power_of_two(typing_context: Any, exponent: Any) -> Any:
+    """2 to a whole power from -126 to 127, both in single precision; for compiled functions."""
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        real = context.get_value_type(types.float32)
+        whole = context.get_value_type(types.int32)
+        bits = builder.shl(builder.add(builder.fptosi(arguments[0], whole), whole(127)), whole(23))
+        return builder.bitcast(bits, real)
+
+    return types.float32(types.float32), code
 
 
 @compiled

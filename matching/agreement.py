@@ -9,11 +9,8 @@ from torch import Tensor
 
 from matching.candidates import Batched, Candidates
 from matching.encoder import GraphTensors
+from matching.shared_numbers import AGREEMENTS, LEAST_VOTER_COS, REACHES, VOTERS
 
-AGREEMENTS = 3  # within the sharp reach, within the wide one, and the latter beside the best candidate's
-REACHES = ((0.5, 0.03), (1.5, 0.1))  # metres, and metres for each metre of distance
-VOTERS = 64  # candidates that are asked: the likeliest, the largest
-LEAST_COS = 0.97  # of the angle between two motions that may agree
 CHUNK = 1 << 21  # comparisons at once
 
 
@@ -46,7 +43,7 @@ def _shares(s: GraphTensors, a: GraphTensors, row: Tensor, likely: Tensor, wall:
         told = torch.cat((away.mT, torch.ones_like(away[:, None, :, 0])), dim=1)  # (rows, 3, V)
         x = torch.bmm(motion[rows, :, :3], told) - place[:, 0]
         y = torch.bmm(motion[rows, :, 3:6], told) - place[:, 1]
-        heard = (turn.view(*u.shape, 2)[rows].flatten(0, 1) @ turn[at].T > LEAST_COS).view(x.shape)
+        heard = (turn.view(*u.shape, 2)[rows].flatten(0, 1) @ turn[at].T > LEAST_VOTER_COS).view(x.shape)
         heard &= (rows[:, None] != i)[:, None]
         if a.many_floors:
             heard &= floor.view(u.shape)[rows][..., None] == floor[at]

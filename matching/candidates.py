@@ -8,11 +8,7 @@ from torch import Tensor
 from matching.encoder import GraphTensors
 from matching.features import PairRows
 from matching.relations import close, wall_neighbours
-
-NOTHING = -1e4  # a logit that is as good as minus infinity
-TELLERS = 2  # partners of a neighbour that tell where a wall may be
-LEAST_LIKELY = 0.05  # of a partner that tells
-TRUST = 0.5  # most that such a candidate starts with
+from matching.shared_numbers import LEAST_LIKELY, NOTHING, TELLERS, TRUST
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from matching.agreement import AGREEMENTS
-from matching.candidates import NOTHING, Candidates
+from matching.candidates import Candidates
 from matching.encoder import GraphTensors
-from matching.relations import COMPARED_SIZE, LEAST_COS, OFFSET_M, compared, wall_neighbours
-from matching.support_loops import combined
+from matching.relations import compared, wall_neighbours
+from matching.shared_numbers import COMPARED_SIZE, LEAST_COS, NOTHING, OFFSET_M, PAIR_SIZE
+from matching.support_loops import WallRows, combinations
 
-PAIR_SIZE = 7 + AGREEMENTS
 CHUNK = 1 << 21  # combinations looked through at once
 
 
@@ -33,10 +32,18 @@ def support(s: GraphTensors, a: GraphTensors, candidates: Candidates) -> Support
     """All combinations that are roughly alike: same storey, angle and offsets not far off."""
     near = wall_neighbours(s)
     n, k = candidates.row.shape
+    if near.device.type == "cpu":
+        found = combinations(wall_rows(s), wall_rows(a), candidates.row.numpy())
+        return Support(*map(torch.from_numpy, found))
     rows = max(1, CHUNK // max(1, near.shape[1] * k * k))
-    work = combined if near.device.type == "cpu" else _support
-    parts = [work(s, a, candidates.row, near, i, min(i + rows, n)) for i in range(0, n, rows)]
+    parts = [_support(s, a, candidates.row, near, i, min(i + rows, n)) for i in range(0, n, rows)]
     return Support(*(torch.cat(column) for column in zip(*parts, strict=True)))
+
+
+def wall_rows(g: GraphTensors) -> WallRows:
+    """The walls of a graph that is on the CPU."""
+    rows = (g.pose[g.wall_node], g.half[g.wall_node], g.home[g.wall_node], g.floor[g.wall_node], wall_neighbours(g))
+    return WallRows(*(x.contiguous().numpy() for x in rows))
 
 
 def _support(

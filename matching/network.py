@@ -11,25 +11,11 @@ import torch
 from torch import Tensor, nn
 
 from matching.agreement import agreement
-from matching.candidates import NOTHING, Batched, Candidates, expanded, first_candidates, homes
-from matching.consensus import PAIR_SIZE, Consensus, support
+from matching.candidates import Batched, Candidates, expanded, first_candidates, homes
+from matching.consensus import Consensus, support
 from matching.encoder import Encoder, GraphTensors
 from matching.features import PairRows
-
-SHARE_SIZE = 6
-
-
-@dataclass(frozen=True)
-class Settings:
-    """The size of a network; kept in its file."""
-
-    width: int = 64
-    layers: int = 3
-    candidates: int = 12  # by their vectors
-    more: int = 4  # in each later cycle, by where the neighbours are
-    cycles: int = 3
-    rounds: int = 2  # of each cycle
-    state: int = 32
+from matching.shared_numbers import LEAST_ODDS, NOTHING, PAIR_SIZE, SHARE_SIZE, STRANGE_ROOM, Settings
 
 
 @dataclass(frozen=True)
@@ -121,7 +107,7 @@ class MatchingNetwork(nn.Module):
     def _wall_table(self, s: Encoded, a: Encoded, pairs: list[PairRows], rooms: Tensor) -> Tensor:
         """Walls by their vectors, and by the odds of their rooms where both have one."""
         none = self.no_wall(s.nodes[s.graph.wall_node])
-        told = rooms.log_softmax(dim=-1).clamp(min=-12)
+        told = rooms.log_softmax(dim=-1).clamp(min=LEAST_ODDS)
         s_home, a_home = homes(s.graph), homes(a.graph)
         tables = []
         for p in pairs:
@@ -130,7 +116,7 @@ class MatchingNetwork(nn.Module):
             if p.s_rooms[0] < p.s_rooms[1] and p.a_rooms[0] < p.a_rooms[1]:
                 housed = (r >= 0)[:, None] & (q >= 0)[None, :]
                 of_room = told[r.clamp(min=0)][:, (q - p.a_rooms[0]).clamp(min=0)]
-                table = table + self.sharpness[2] * torch.where(housed, of_room, -3.0)
+                table = table + self.sharpness[2] * torch.where(housed, of_room, STRANGE_ROOM)
             tables.append(table)
         return torch.cat((_stacked(tables), none), dim=-1)
 
@@ -176,5 +162,5 @@ def _shares(batched: Batched, c: Candidates, likely: Tensor, size: Tensor, rooms
     own = torch.zeros(shape[0], device=rooms.device).index_add(0, home[home >= 0], size[home >= 0])
     share = by_size / (own[:, None] + 1e-3)
     claimed = share / (share.sum(dim=0, keepdim=True) + 1e-2)
-    guess = rooms.log_softmax(dim=-1)[:, :-1].clamp(min=-12) / 5
+    guess = rooms.log_softmax(dim=-1)[:, :-1].clamp(min=LEAST_ODDS) / 5
     return torch.stack((share, torch.sqrt(share + 1e-4), count.clamp(max=8) / 4, claimed, guess, guess.exp()), dim=-1)

@@ -7,9 +7,10 @@ are the same.
 from typing import Any
 
 from data.errors import UserError
-from matching.network import MatchingNetwork, Settings
+from matching.network import MatchingNetwork
 from matching.relatives_pca_gm import PcaGm, PcaGmSettings
 from matching.relatives_superglue import SuperGlue, SuperGlueSettings
+from matching.shared_numbers import Settings
 
 Network = MatchingNetwork | PcaGm | SuperGlue
 AnySettings = Settings | PcaGmSettings | SuperGlueSettings

@@ -6,14 +6,8 @@ import torch
 from torch import Tensor
 
 from matching.encoder import GraphTensors
+from matching.shared_numbers import CLOSE_M, HEARD, LEAST_COS, LEFT_M, SCALES_M
 
-HEARD = 10  # neighbours of a wall that have a say
-OFFSET_M = 2.5  # pairs whose distance differs by more are not looked at,
-LEFT_M = 1.2  # nor those whose offsets differ by more where walls may slide
-LEAST_COS = 0.9  # of the angle by which two pairs differ
-SCALES_M = (0.12, 0.35, 1.0)
-COMPARED_SIZE = 4 * len(SCALES_M) + 2 * len(SCALES_M) + 9
-CLOSE_M = 0.5
 Nodes = tuple[Tensor, Tensor]  # (E,) and (E,) nodes of one graph
 
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from matching.candidates import NOTHING
 from matching.encoder import Encoder, GraphTensors
 from matching.features import PairRows
 from matching.network import Output
+from matching.shared_numbers import NOTHING
 
 ITERATIONS = 20  # of Sinkhorn
 Rows = tuple[int, int]

@@ -22,7 +22,7 @@ from matching.plan_walls import PlanWalls
 from matching.proposals import TopK
 from matching.scoring import Pairing, explained, fit
 from matching.se2 import Array
-from matching.support_loops import combined
+from matching.support_loops import combinations
 from matching.voting import vote
 from matching.walls import arrays
 
@@ -208,14 +208,14 @@ def test_combinations_of_candidates_are_those_of_the_tensors():
     candidate[:, 0] = torch.tensor(
         [true.get(DRAWN.wall_surfaces.get(i, ""), -1) for i in map_features(DRAWN.s_graph).walls]
     )
-    near = consensus.wall_neighbours(s)
-    for mine, plain in zip(
-        combined(s, a, candidate, near, 2, n), consensus._support(s, a, candidate, near, 2, n), strict=True
-    ):
-        assert len(plain) > 50
-        torch.testing.assert_close(mine, plain)
-    none = torch.full((n, 7), -1)
-    assert len(combined(s, a, none, near, 0, n)[0]) == 0
+    rows = [consensus.wall_rows(g) for g in (s, a)]
+    mine = combinations(*rows, candidate.numpy())
+    plain = consensus._support(s, a, candidate, consensus.wall_neighbours(s), 0, n)
+    orders = [np.lexsort((np.asarray(found[1]), np.asarray(found[0]))) for found in (mine, plain)]
+    assert len(plain[0]) > 50
+    for one, other in zip(mine, plain, strict=True):
+        np.testing.assert_allclose(one[orders[0]], other.numpy()[orders[1]], rtol=1e-4, atol=2e-5)
+    assert len(combinations(*rows, np.full((n, 7), -1))[0]) == 0
 
 
 def test_neighbours_of_walls_are_the_nearest_by_gap():

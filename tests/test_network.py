@@ -15,11 +15,13 @@ from data import Floor, Room, SceneGraph, UserError, WallSurface, se2
 from data.s_graph_regimes import DrawnGraph, draw
 from matching import Matcher
 from matching.candidates import Batched, expanded, first_candidates
+from matching.compiled_network import CompiledNetwork
 from matching.encoder import GraphTensors
 from matching.features import PairRows, map_features, plan_features
 from matching.learned import ENOUGH, SHIPPED, LearnedProposer
-from matching.network import MatchingNetwork, Settings
+from matching.network import MatchingNetwork
 from matching.relations import close, compared
+from matching.shared_numbers import Settings
 from matching.training_data import Batch, batch_of, part, varied
 from matching.training_loss import accuracies, loss, run
 from matching.weights_file import load_network, save_network
@@ -84,7 +86,7 @@ def assert_same(found: dict[tuple[str, str], float], expected: dict[tuple[str, s
 
 @pytest.mark.parametrize("T", [(0.0, 400000.0, 5600000.0), (2.3, -3.0, 8.0), (np.pi / 2, 0.0, 0.0)])
 def test_proposals_do_not_know_where_the_graphs_lie(plan: SceneGraph, drawn: DrawnGraph, T: tuple[float, float, float]):
-    proposer = LearnedProposer(untrained())
+    proposer = LearnedProposer(CompiledNetwork.of(untrained()))
     expected = table(proposer, drawn.s_graph, plan)
     assert_same(table(proposer, moved(drawn.s_graph, T), plan), expected)
     assert_same(table(proposer, drawn.s_graph, moved(plan, T)), expected)
@@ -98,7 +100,8 @@ def test_proposals_do_not_know_the_order_of_nodes(plan: SceneGraph, drawn: Drawn
         surfaces = tuple(g.wall_surfaces[k] for k in walls)
         return dataclasses.replace(g, wall_surfaces=surfaces, rooms=tuple(g.rooms[k] for k in rooms))
 
-    proposer = LearnedProposer(untrained())
+    # Of an untrained network's candidates, which are all alike, the seventh and the eighth are told apart.
+    proposer = LearnedProposer(CompiledNetwork.of(untrained(dataclasses.replace(SMALL, candidates=7))))
     found = table(proposer, shuffled(drawn.s_graph), shuffled(plan))
     assert_same(found, table(proposer, drawn.s_graph, plan))
 
@@ -160,7 +163,7 @@ def test_a_pair_is_learned_by_heart(plan: SceneGraph, drawn: DrawnGraph):
     assert losses[1] < losses[0] and losses[-1] < 0.3 * losses[0]
     found = accuracies(*run(network, batch, CPU))
     assert found["walls"][0] > 0.8 and found["rooms"][0] == 1.0
-    proposer = LearnedProposer(network.eval().requires_grad_(False), enough=1.0)
+    proposer = LearnedProposer(CompiledNetwork.of(network.eval().requires_grad_(False)), enough=1.0)
     told = table(proposer, moved(drawn.s_graph, (1.0, 5.0, 6.0)), plan)
     right = [told.get(pair, 0.0) > 0.3 for pair in drawn.wall_surfaces.items()]
     assert np.mean(right) > 0.75
@@ -182,8 +185,33 @@ def test_batches_are_worked_on_as_single_pairs_are(plan: SceneGraph, drawn: Draw
         assert torch.allclose(value[rows].sort(dim=1).values[:, -3:], expected.sort(dim=1).values[:, -3:], atol=0.02)
 
 
+@pytest.mark.parametrize(("regime", "rooms", "whole"), [("drift", 3, False), ("messy", 2, True), ("real", 1, False)])
+def test_the_compiled_network_says_what_the_network_says(plan: SceneGraph, regime: str, rooms: int, whole: bool):
+    s, a = draw(plan, regime, np.random.default_rng(7), rooms).s_graph, plan
+    if whole:  # a plan of two storeys, the lower one without rooms
+        lower = dataclasses.replace(plan, rooms=(), wall_surfaces=tuple(
+            dataclasses.replace(w, id=f"l{w.id}", room=None, floor="lower") for w in plan.wall_surfaces))
+        upper = tuple(dataclasses.replace(w, floor="upper") for w in plan.wall_surfaces)
+        a = dataclasses.replace(
+            plan, rooms=tuple(dataclasses.replace(r, floor="upper") for r in plan.rooms),
+            wall_surfaces=upper + lower.wall_surfaces, floors=(Floor("upper"), Floor("lower")))
+    network = untrained(Settings(candidates=5))
+    f, g = map_features(s), plan_features(a)
+    pair = PairRows(*((0, len(x)) for x in (f.walls, g.walls, f.rooms, g.rooms)))
+    with torch.inference_mode():
+        output = network(network.encode(GraphTensors.of(f)), network.encode(GraphTensors.of(g)), [pair])
+    compiled = CompiledNetwork.of(network)
+    found = compiled.ask(compiled.encode(f), compiled.encode(g), enough=1.0)
+    column, odds = output.walls[-1]
+    np.testing.assert_array_equal(found.column, column.numpy())
+    assert (found.column[:, 5:] >= 0).any(), "candidates come from later cycles too"
+    np.testing.assert_allclose(np.log(found.walls + 1e-9), np.log(odds.softmax(-1)[:, :-1].numpy() + 1e-9), atol=1e-3)
+    np.testing.assert_allclose(found.walls, odds.softmax(-1)[:, :-1].numpy(), atol=1e-5)
+    np.testing.assert_allclose(found.rooms, output.rooms[-1].softmax(-1)[:, :-1].numpy(), atol=1e-5)
+
+
 def test_empty_graphs_and_walls_without_rooms_are_answered(plan: SceneGraph, drawn: DrawnGraph):
-    proposer, nothing = LearnedProposer(untrained()), SceneGraph("map")
+    proposer, nothing = LearnedProposer(CompiledNetwork.of(untrained())), SceneGraph("map")
     assert proposer.propose(nothing, plan).walls.partner.shape[0] == 0
     assert (proposer.propose(drawn.s_graph, nothing).walls.partner >= 0).sum() == 0
     stray = dataclasses.replace(

@@ -11,7 +11,7 @@ from commands import refused
 from plans import a_graph, flat
 
 from data.plans import Plan
-from matching.network import Settings
+from matching.shared_numbers import Settings
 from matching.trainer import Limits, Training, train
 from matching.training_data import Drawing
 from matching.training_stream import batches

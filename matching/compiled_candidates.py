@@ -1,0 +1,239 @@
+"""`candidates` and `agreement` for one pair of graphs, compiled: where each S wall may be, and what the map says."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from data.compiled import compiled
+from matching.arithmetic import exp, softmax
+from matching.features import Array32
+from matching.shared_numbers import (
+    AGREEMENTS,
+    LEAST_LIKELY,
+    LEAST_ODDS,
+    LEAST_VOTER_COS,
+    NOTHING,
+    REACHES,
+    STRANGE_ROOM,
+    TELLERS,
+    TRUST,
+    VOTERS,
+)  # fmt: skip
+from matching.support_loops import WallRows, alike
+from matching.walls import Index
+
+_NOTHING, _HALF, _1, _0 = np.float32(NOTHING), np.float32(0.5), np.float32(1), np.float32(0)
+_ODDS, _STRANGE = np.float32(LEAST_ODDS), np.float32(STRANGE_ROOM)
+_LIKELY, _TRUST, _COS = (np.float32(x) for x in (LEAST_LIKELY, TRUST, LEAST_VOTER_COS))
+(_NEAR, _SLOPE), (_WIDE, _WIDE_SLOPE) = (tuple(np.float32(x) for x in reach) for reach in REACHES)
+_LEAST_VOICE, _LITTLE = np.float32(1e-3), np.float32(0.05)
+
+
+class Vectors(NamedTuple):
+    """A graph's walls (N, width) and rooms (M, width), of unit length, and their odds of none, (N,) and (M,)."""
+
+    walls: Array32
+    rooms: Array32
+    no_wall: Array32
+    no_room: Array32
+
+
+class Choice(NamedTuple):
+    """K candidates of each of N S walls, as `candidates.Candidates` has them."""
+
+    column: Index  # (N, K) rows of A's walls, -1 where there are fewer
+    logit: Array32  # (N, K)
+    dustbin: Array32  # (N,)
+
+
+@compiled
+def tables(
+    s: Vectors, a: Vectors, s_room: Index, a_room: Index, sharpness: Array32
+) -> tuple[Array32, Array32]:
+    """(N, A walls + 1) and (M, A rooms + 1) log odds by the vectors; walls also by those of their rooms."""
+    rooms = np.empty((len(s.rooms), len(a.rooms) + 1), dtype=np.float32)
+    told = np.zeros_like(rooms)
+    if rooms.size > len(rooms):
+        rooms[:, :-1] = np.dot(s.rooms, a.rooms.T)
+        rooms[:, :-1] *= sharpness[1]
+    rooms[:, -1] = s.no_room
+    for r in range(len(rooms)):
+        odds = log_softmax(rooms[r])
+        for q in range(len(odds)):
+            told[r, q] = max(odds[q], _ODDS)
+    walls = np.empty((len(s.walls), len(a.walls) + 1), dtype=np.float32)
+    near = np.dot(s.walls, a.walls.T)
+    for i in range(len(walls)):
+        r = s_room[i]
+        for j in range(len(a.walls)):
+            walls[i, j] = sharpness[0] * near[i, j]
+        for j in range(len(a.walls) if rooms.size > len(rooms) else 0):
+            walls[i, j] += sharpness[2] * (told[r, a_room[j]] if r >= 0 and a_room[j] >= 0 else _STRANGE)
+        walls[i, -1] = s.no_wall[i]
+    return walls, rooms
+
+
+@compiled
+def log_softmax(row: Array32) -> Array32:
+    """(m,) logarithms of probabilities."""
+    most, total = row.max(), _0
+    for x in row:
+        total += exp(x - most)
+    return row - (most + np.log(total))
+
+
+@compiled
+def first_choice(dense: Array32, most: int) -> tuple[Choice, Array32]:
+    """The likeliest by `dense` (N, A walls + 1), and (N, K) how likely they are."""
+    n, plan = len(dense), dense.shape[1] - 1
+    size = min(most, plan)
+    column, value = np.full((n, size), -1), np.full((n, size + 1), _NOTHING)
+    for i in range(n):
+        for j in range(plan):
+            at = size
+            while at > 0 and dense[i, j] > value[i, at - 1]:
+                at -= 1
+                if at + 1 < size:
+                    column[i, at + 1], value[i, at + 1] = column[i, at], value[i, at]
+            if at < size:
+                column[i, at], value[i, at] = j, dense[i, j]
+        value[i, size] = dense[i, plan]
+    return Choice(column, value[:, :size].copy(), value[:, size].copy()), softmax(value)[:, :size].copy()
+
+
+@compiled
+def expanded(
+    s: WallRows, a: WallRows, dense: Array32, known: Choice, likely: Array32, more: int
+) -> tuple[Choice, Array32]:
+    """The candidates that are known, (N, K), and up to `more` beside the likely partners of each wall's neighbours:
+    `candidates.expanded`."""
+    n, k = likely.shape
+    column, logit = np.full((n, k + more), -1), np.full((n, k + more), _NOTHING)
+    begins, total, met = np.zeros((n, k + more), dtype=np.float32), np.zeros(len(a.half), dtype=np.float32), [0]
+    tellers = _first_two(likely)
+    for i in range(n):
+        met.clear()
+        _vote(s, a, known.column, likely, tellers, i, total, met)
+        for t in range(k):
+            column[i, t], logit[i, t], begins[i, t] = known.column[i, t], known.logit[i, t], likely[i, t]
+            if column[i, t] >= 0:
+                total[column[i, t]] = _0  # it is no new one
+        met.sort()
+        for t in range(k, k + more):
+            best = -1
+            for c in met:
+                if total[c] > (total[best] if best >= 0 else _0):
+                    best = c
+            if best >= 0:
+                column[i, t], logit[i, t], begins[i, t] = best, dense[i, best], _TRUST * min(total[best], _1)
+                total[best] = _0
+        for c in met:
+            total[c] = _0
+        whole = max(begins[i].sum(), _1)
+        for t in range(k + more):
+            begins[i, t] /= whole
+    return Choice(column, logit, known.dustbin), begins
+
+
+@compiled
+def _first_two(likely: Array32) -> Index:
+    """(N, TELLERS) where the likeliest are."""
+    size = min(TELLERS, likely.shape[1])
+    found = np.empty((len(likely), size), dtype=np.int64)
+    for i in range(len(likely)):
+        for t in range(size):
+            best = -1
+            for k in range(likely.shape[1]):
+                taken = False
+                for earlier in found[i, :t]:
+                    taken |= earlier == k
+                if not taken and (best < 0 or likely[i, k] > likely[i, best]):
+                    best = k
+            found[i, t] = best
+    return found
+
+
+@compiled
+def _vote(
+    s: WallRows, a: WallRows, column: Index, likely: Array32, tellers: Index, i: int, total: Array32, met: list[int]
+) -> None:
+    """Adds to `total` (A walls,), and to the list of those that were met, what the neighbours of S wall i say."""
+    own, their = np.empty((2, 5), dtype=np.float32), np.empty((2, 5), dtype=np.float32)
+    own[1, :4], own[1, 4] = s.pose[i], s.half[i]
+    for j in s.near[i]:
+        for t in tellers[j] if j >= 0 else tellers[0, :0]:
+            b = column[j, t]
+            if b < 0 or not likely[j, t] > _LIKELY:
+                continue
+            own[0, :4], own[0, 4] = s.pose[j], s.half[j]
+            their[0, :4], their[0, 4] = a.pose[b], a.half[b]
+            for m in range(-1, a.near.shape[1]):
+                c = b if m < 0 else a.near[b, m]  # b itself: seen in pieces
+                if c < 0:
+                    continue
+                their[1, :4], their[1, 4] = a.pose[c], a.half[c]
+                like = alike(own, their)
+                if like > _LITTLE:
+                    if total[c] == 0:
+                        met.append(c)
+                    total[c] += likely[j, t] * like
+
+
+@compiled
+def agreement(s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array32) -> Array32:
+    """(N, K, AGREEMENTS) shares, in [0, 1], of what the map's likeliest candidates say: `agreement.agreement`.
+
+    `size` (N,) of the S walls.
+    """
+    n, k = likely.shape
+    found = np.empty((n, k, AGREEMENTS), dtype=np.float32)
+    voter, voice = _voters(likely, size)
+    i, b = voter // k, np.empty_like(voter)
+    turn = np.empty((2, len(voter)), dtype=np.float32)  # cosines and sines of the voters' motions
+    for v in range(len(voter)):
+        b[v] = max(c.column[i[v], voter[v] % k], 0)
+        turn[0, v], turn[1, v] = _turn(s.pose[i[v]], a.pose[b[v]])
+    own, theirs = s.pose[i].T.copy(), a.pose[b].T.copy()
+    sharp, wide = np.empty((k, len(voter)), dtype=np.float32), np.empty((k, len(voter)), dtype=np.float32)
+    floor = a.floor[b]
+    for w in range(n):
+        pose = s.pose[w]
+        for t in range(k):
+            p = max(c.column[w, t], 0)
+            there = a.pose[p]
+            cos, sin = _turn(pose, there)
+            for v in range(len(voter)):
+                x, y = own[0, v] - pose[0], own[1, v] - pose[1]
+                off_x = cos * x - sin * y + there[0] - theirs[0, v]
+                off_y = sin * x + cos * y + there[1] - theirs[1, v]
+                off, far = -_HALF * (off_x * off_x + off_y * off_y), np.sqrt(x * x + y * y)
+                heard = cos * turn[0, v] + sin * turn[1, v] > _COS and floor[v] == a.floor[p] and i[v] != w
+                near, wider = _NEAR + _SLOPE * far, _WIDE + _WIDE_SLOPE * far
+                sharp[t, v] = exp(off / (near * near)) if heard else _0
+                wide[t, v] = exp(off / (wider * wider)) if heard else _0
+        found[w, :, 0], found[w, :, 1] = np.dot(sharp, voice), np.dot(wide, voice)
+    most = found[:, :, 1].max() + _LEAST_VOICE
+    found[:, :, 2] = found[:, :, 1] / most
+    return found
+
+
+@compiled
+def _turn(of_s: Array32, of_a: Array32) -> tuple[np.float32, np.float32]:
+    """Cosine and sine of the angle of the motion that lays one wall on the other."""
+    return of_s[2] * of_a[2] + of_s[3] * of_a[3], of_s[2] * of_a[3] - of_s[3] * of_a[2]
+
+
+@compiled
+def _voters(likely: Array32, size: Array32) -> tuple[Index, Array32]:
+    """(V,) the likeliest and largest candidates, as places in `likely` (N, K), and their shares of the say."""
+    n, k = likely.shape
+    voice = np.empty(n * k, dtype=np.float32)
+    for i in range(n):
+        for t in range(k):
+            voice[i * k + t] = likely[i, t] * size[i]
+    most = min(VOTERS, len(voice))
+    least = np.partition(voice, len(voice) - most)[len(voice) - most]
+    first, tied = np.flatnonzero(voice > least), np.flatnonzero(voice == least)
+    found = np.concatenate((first, tied[: most - len(first)]))
+    share = voice[found]
+    return found, share / max(share.sum(), _LEAST_VOICE)

@@ -1,0 +1,138 @@
+"""`encoder` for one graph at a time, without gradients: the same vectors from the same weights, by compiled loops."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from data.compiled import compiled
+from matching.arithmetic import Linear, Norm, exp, linear, linear_gelu, normed, sigmoid
+from matching.features import Array32
+from matching.walls import Index
+
+BLOCK = 16  # nodes whose edges are in the processor's nearest memory at once
+_LOWEST, _LEAST = np.float32(-1e30), np.float32(1e-30)
+
+State = Mapping[str, Array32]  # a network's weights by torch's names
+
+
+class Layer(NamedTuple):
+    """The weights of `encoder.NeighbourAttention`."""
+
+    before: Norm
+    receiver: Linear
+    sender: Array32
+    edge: Array32
+    attention: Array32  # (width, HEADS), zero but where a head has its own
+    told: Linear
+    norm: Norm
+    widen: Linear
+    narrow: Linear
+
+
+class EncoderWeights(NamedTuple):
+    """The weights of `encoder.Encoder`, less its layers."""
+
+    node: Linear
+    node_again: Linear
+    edge: Linear
+    edge_again: Linear
+    after: Norm
+
+
+def linear_of(state: State, name: str) -> Linear:
+    """The weights of a torch `Linear`."""
+    return Linear(np.ascontiguousarray(state[f"{name}.weight"].T), state[f"{name}.bias"])
+
+
+def norm_of(state: State, name: str) -> Norm:
+    """The weights of a torch `LayerNorm`."""
+    return Norm(state[f"{name}.weight"], state[f"{name}.bias"])
+
+
+def encoder_of(state: State) -> EncoderWeights:
+    """All but the layers."""
+    names = ("encoder.node.0", "encoder.node.2", "encoder.edge.0", "encoder.edge.2")
+    node, node_again, edge, edge_again = (linear_of(state, name) for name in names)
+    return EncoderWeights(node, node_again, edge, edge_again, norm_of(state, "encoder.after"))
+
+
+def layers_of(state: State, count: int) -> tuple[Layer, ...]:
+    """The layers, first to last."""
+    return tuple(_layer_of(state, f"encoder.layers.{k}") for k in range(count))
+
+
+def _layer_of(state: State, name: str) -> Layer:
+    heads = state[f"{name}.attention"]
+    attention = np.zeros((heads.size, len(heads)), dtype=np.float32)
+    for k, own in enumerate(heads):
+        attention[k * len(own) : (k + 1) * len(own), k] = own
+    sender, edge = (np.ascontiguousarray(state[f"{name}.{of}.weight"].T) for of in ("sender", "edge"))
+    return Layer(
+        norm_of(state, f"{name}.before"), linear_of(state, f"{name}.receiver"), sender, edge, attention,
+        linear_of(state, f"{name}.told"), norm_of(state, f"{name}.think.0"), linear_of(state, f"{name}.think.1"),
+        linear_of(state, f"{name}.think.3"),
+    )  # fmt: skip
+
+
+@compiled
+def begun(node: Array32, edge: Array32, w: EncoderWeights) -> tuple[Array32, Array32]:
+    """(V, width) of nodes (V, NODE_SIZE), and (V * k, width) of edges (V, k, EDGE_SIZE)."""
+    h = linear(linear_gelu(node, w.node), w.node_again)
+    rows = edge.reshape(edge.shape[0] * edge.shape[1], edge.shape[2])
+    block = BLOCK * edge.shape[1]
+    found = np.empty((len(rows), w.edge_again.weight.shape[1]), dtype=np.float32)
+    for first in range(0, len(rows), block):
+        found[first : first + block] = linear_gelu(linear_gelu(rows[first : first + block], w.edge), w.edge_again)
+    return h, found
+
+
+@compiled
+def asked(h: Array32, edge: Array32, neighbour: Index, w: Layer) -> Array32:
+    """One layer: (V, width) from (V, width), edges (V * k, width) and neighbours (V, k), -1 where there is none."""
+    nodes, k = neighbour.shape
+    x = normed(h, w.before)
+    receiver, sender, heard = linear(x, w.receiver), np.dot(x, w.sender), np.zeros_like(h)
+    for first in range(0, nodes, BLOCK):
+        last = min(first + BLOCK, nodes)
+        seen = np.dot(edge[first * k : last * k], w.edge)
+        for n in range(first, last):
+            for m in range(k):
+                row, other = (n - first) * k + m, max(neighbour[n, m], 0)
+                for d in range(seen.shape[1]):
+                    y = seen[row, d] + sender[other, d] + receiver[n, d]
+                    seen[row, d] = y * sigmoid(y)
+        score = np.dot(seen, w.attention)
+        for n in range(first, last):
+            own = slice((n - first) * k, (n - first + 1) * k)
+            _heard(seen[own], score[own], neighbour[n], heard[n])
+    told, thought = linear(heard, w.told), h.copy()
+    for n in range(nodes):
+        for d in range(h.shape[1]):
+            thought[n, d] += told[n, d]
+    return thought + linear(linear_gelu(normed(thought, w.norm), w.widen), w.narrow)
+
+
+@compiled
+def _heard(seen: Array32, score: Array32, neighbour: Index, heard: Array32) -> None:
+    """Adds to `heard` (width,) what the neighbours (k,) say, (k, width), each head by its score (k, HEADS)."""
+    k, heads = score.shape
+    wide = seen.shape[1] // heads
+    most, total = np.full(heads, _LOWEST), np.full(heads, _LEAST)
+    for m in range(k):
+        for head in range(heads if neighbour[m] >= 0 else 0):
+            most[head] = max(most[head], score[m, head])
+    for m in range(k):
+        for head in range(heads):
+            score[m, head] = score[m, head] - most[head] if neighbour[m] >= 0 else _LOWEST
+    flat = score.reshape(k * heads)
+    for n in range(len(flat)):
+        flat[n] = exp(flat[n])
+    for m in range(k):
+        for head in range(heads if neighbour[m] >= 0 else 0):
+            total[head] += score[m, head]
+    for m in range(k):
+        for head in range(heads if neighbour[m] >= 0 else 0):
+            share = score[m, head] / total[head]
+            for d in range(head * wide, (head + 1) * wide):
+                heard[d] += share * seen[m, d]
