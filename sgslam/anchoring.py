@@ -22,7 +22,7 @@ from sgslam.matcher_protocol import AnyMatcher, Match
 from sgslam.said import Growth, Said
 from sgslam.scene import Scene
 from sgslam.state_tree import Stateful
-from sgslam.tenable import CONTRADICTED, OTHERWISE, is_clear, is_plenty, listed, tenable
+from sgslam.tenable import CONTRADICTED, OTHERWISE, evidence, is_clear, is_enough, is_plenty, tenable
 from sgslam.wall_map import WallMap
 
 Floats = NDArray[np.float64]
@@ -250,14 +250,14 @@ class Anchoring(Stateful):
 
     def _again(self, match: Match, place: Floats, scene: Scene) -> bool:
         """Whether a smaller map said the same; takes note of it for the next time."""
-        score = max((p.score for p in listed(match)), default=0.0)
-        now = Said(match.floor, place, score, Growth.of(scene.graph), len(scene.graph.keyframes))
+        now = Said(match.floor, place, evidence(match), Growth.of(scene.graph), len(scene.graph.keyframes))
         said = self._said
         same = said is not None and said.floor == match.floor and not _apart(place, said.place, scene)
         several = len(match.wall_surfaces) >= min(_SEVERAL, len(self._plan(match.floor).wall_surfaces))
         first = replace(said, place=place) if said is not None and same else now
         self._said = first if several else None
-        return same and (now.is_more(first) if self._partial else first.is_late(now.keyframes))
+        borne_out = is_enough(match) and now.is_more(first) if self._partial else first.is_late(now.keyframes)
+        return same and borne_out
 
     def _borne_out(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
         """The place (3,) T_local_level that most matched walls agree on, near the one that the match tells; None where

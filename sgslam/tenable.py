@@ -20,10 +20,12 @@ from sgslam.matcher_protocol import Match
 from sgslam.position import WallArrays, pair_by_position
 
 Floats = NDArray[np.float64]
-CONTRADICTED = 0.04  # of the walls where both maps looked; at true places it is below .02, save for the smallest maps
+CONTRADICTED = 0.04  # of the walls where both maps looked, by which a place is given up that was committed to,
+_STRUCK_OUT = 0.02  # and by which none is taken: a wing that is another one's twin, to the centimetre, had .032
 OTHERWISE = "walls stand where the known map saw none, or lack where it has them"
-_LEAST = 40.0  # nats; wrong places that contradict nothing reached it twice in 150 maps, and not on a larger map
-_PLENTY = 2 * _LEAST  # for which one asking is enough, where there will be no other
+_LEAST = 40.0  # nats of an answer; wrong places that contradict nothing reach it now and then,
+_ENOUGH = 50.0  # of one that a larger map bears out; none of those did with the evidence risen,
+_PLENTY = 80.0  # and of one that is the last
 _RIVAL = 0.6  # of an answer's evidence; where another place has less, the building does not repeat itself there
 
 
@@ -44,13 +46,23 @@ def listed(match: Match) -> list[Listed]:
 
 def is_clear(match: Match) -> bool:
     """Whether an answer is unique, and no other place comes near it."""
-    scores = [place.score for place in listed(match)]
-    return match.status == "unique" and max(scores, default=0.0) >= _LEAST and scores[1:2] < [_RIVAL * scores[0]]
+    rival = max((place.score for place in listed(match)[1:]), default=0.0)
+    return match.status == "unique" and evidence(match) >= _LEAST and rival < _RIVAL * evidence(match)
+
+
+def is_enough(match: Match) -> bool:
+    """Whether an answer about a map that lacks rooms is to be believed when a larger map bears it out."""
+    return match.status == "unique" and evidence(match) >= _ENOUGH
 
 
 def is_plenty(match: Match) -> bool:
-    """Whether an answer about a map that lacks rooms has evidence for two."""
-    return match.status == "unique" and max((place.score for place in listed(match)), default=0.0) > _PLENTY
+    """Whether such an answer is to be believed where no larger map will come."""
+    return match.status == "unique" and evidence(match) >= _PLENTY
+
+
+def evidence(match: Match) -> float:
+    """(nats) of an answer's best place; 0 where the matcher names none."""
+    return max((place.score for place in listed(match)), default=0.0)
 
 
 def tenable(
@@ -61,7 +73,7 @@ def tenable(
     `plan` gives a storey of that map, the whole for None. The scores have to be nats, as `Hypothesis` has them.
     """
     places = listed(match)
-    left = [p for p in places if contradicted(s, plan(p.floor), p.T_a_s) <= CONTRADICTED]
+    left = [p for p in places if contradicted(s, plan(p.floor), p.T_a_s) <= _STRUCK_OUT]
     left.sort(key=lambda p: -p.score)
     hypotheses = tuple(Hypothesis(p.score, _triple(p.T_a_s), p.floor) for p in left)
     if not left:

@@ -9,7 +9,7 @@ from matching import MatchResult
 from matching.result import Hypothesis
 from sgslam.config import AnchorSettings
 from sgslam.said import Growth, Said
-from sgslam.tenable import is_clear, is_plenty, tenable
+from sgslam.tenable import is_clear, is_enough, is_plenty, tenable
 
 OFFICE, HALL, LAB = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3), a_room("lab", 30, 0, 4, 3)
 AULA = a_room("aula", 34.1, 0, 7, 5)  # beside the lab, as the hall is beside the office, but wider
@@ -55,7 +55,8 @@ def test_an_answer_is_clear_where_nothing_comes_near_it() -> None:
 
     assert is_clear(unique(60.0, 30.0)) and is_clear(unique(60.0))
     assert not is_clear(unique(60.0, 50.0)) and not is_clear(unique(20.0)) and not is_clear(unique())
-    assert not is_clear(answer((60.0, HERE))) and not is_plenty(unique(60.0)) and is_plenty(unique(90.0, 80.0))
+    assert not is_clear(answer((60.0, HERE))) and not is_enough(unique(45.0))
+    assert is_enough(unique(60.0, 55.0)) and not is_plenty(unique(60.0)) and is_plenty(unique(90.0, 80.0))
 
 
 def test_an_answer_bears_another_out_when_map_and_evidence_have_grown() -> None:
