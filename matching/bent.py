@@ -78,7 +78,7 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     if not len(fields):
         return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
     grown = grow(scene, fields, sure)
-    chance = Chance.of(scene, grown)
+    chance = Chance.of(scene, grown.fields, grown.table)
     found = _scored(scene, grown, chance)
     more = rivals(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
     if len(more):

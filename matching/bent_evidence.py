@@ -26,7 +26,6 @@ from matching.evidence import (
     SIGMAS,
 )
 from matching.field import Fields, Judged, Scene, chi2, judge
-from matching.field_led import Led
 from matching.scoring import SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
 from matching.walls import Index
@@ -35,7 +34,12 @@ MOST_STRAINED = 50.0  # chi^2 of one pair of neighbours: rooms are not torn from
 LEAST_HERE, MOST_OFF = 1e-6, 0.8  # pairs that lie less beside each other, or further off (metres), are as good as none
 ELSEWHERE = 0.1  # how likely a wall is that of another A room than its S room's
 TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
-PRECISIONS = len(SIGMAS) * len(END_SIGMAS)
+# How the ends of walls may have been seen, one way for all of a map, all ways equally likely beforehand: metres along;
+# of the ends, those that are where the plan has them, stop short of there, and run on; and what exponent they have.
+# A robot finds an end well or not at all; a map that was drawn by hand, or is old, has them all, and all a little off.
+ENDS = np.array([(0.05, 0.5, 0.45, 0.05, 1.0), (0.35, 0.87, 0.08, 0.05, 1.0)])
+OTHER = 1 - SEEN_TO_END
+WARY_ENDS = np.array([(sigma, SEEN_TO_END, OTHER, OTHER, END_TRUST) for sigma in END_SIGMAS])
 
 
 @dataclass(frozen=True)
@@ -57,20 +61,24 @@ class Chance:
     building: int
 
     @staticmethod
-    def of(scene: Scene, grown: Led) -> "Chance":
+    def of(scene: Scene, fields: Fields, table: Index) -> "Chance":
         """Where most walls of the first field are, by what they explain."""
-        table, storey = grown.table[0], int(grown.fields.storey[0])
-        quality = judge(scene, table[None], grown.fields.state[:1], SIGMA_SCORE).quality[0]
-        building = scene.plan.storeys[storey].building[np.where(table >= 0, table - scene.plan.first[storey], 0)]
+        quality = judge(scene, table[:1], fields.state[:1], SIGMA_SCORE).quality[0]
+        storey = int(fields.storey[0])
+        building = scene.plan.storeys[storey].building[np.where(table[0] >= 0, table[0] - scene.plan.first[storey], 0)]
         explained = np.bincount(building.ravel(), (quality * scene.s.half[:, None]).ravel())
         return Chance(storey, int(explained.argmax()))
 
 
-def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> Array:
-    """(K,) nats, comparable between fields of one scene, in whatever storey."""
+def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, ends: Array = ENDS) -> Array:
+    """(K,) nats, comparable between fields of one scene, in whatever storey.
+
+    `ends` are as `ENDS`, which tell places apart that are alike; `WARY_ENDS` make less of ends that agree, which they
+    do by chance too, at the best of many wrong places.
+    """
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
-    walls = _of_walls(scene, fields, table, now, homes, chance)
+    walls = _of_walls(scene, fields, table, now, homes, chance, ends)
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
@@ -114,13 +122,15 @@ def _homes_of(
     return first, second
 
 
-def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance) -> Array:
+def _of_walls(
+    scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance, ends: Array
+) -> Array:
     """(K,) nats of all S walls, precisions marginalised over."""
     s, plan = scene.s, scene.plan
     met = _met(scene, fields, chance)
     nats = _nats(
         s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
-        now.turned, met, homes.first, homes.second,
+        now.turned, met, homes.first, homes.second, ends,
     )  # fmt: skip
     return np.asarray(np.logaddexp.reduce(nats, axis=1) - np.log(nats.shape[1]))
 
@@ -129,12 +139,14 @@ def _of_walls(scene: Scene, fields: Fields, table: Index, now: Judged, homes: _H
 def _nats(
     half: Array, known: NDArray[np.bool_], room: Index, a_half: Array, a_known: NDArray[np.bool_], a_room: Index,
     table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, first: Index, second: Index,
+    ends: Array,
 ) -> Array:  # fmt: skip
     """(K, precisions) of all S walls: room by room, whose walls are those of one A room or of two."""
     fields, walls, width = table.shape
-    total, density = np.zeros((fields, PRECISIONS)), np.empty(PRECISIONS)
+    precisions = len(SIGMAS) * len(ends)
+    total, density = np.zeros((fields, precisions)), np.empty(precisions)
     for k in range(fields):
-        rooms, best = np.zeros((2, first.shape[1], PRECISIONS)), np.empty((2, PRECISIONS))
+        rooms, best = np.zeros((2, first.shape[1], precisions)), np.empty((2, precisions))
         for i in range(walls):
             best[:] = 0.0
             one, two = (first[k, room[i]], second[k, room[i]]) if room[i] >= 0 else (-1, -1)
@@ -143,42 +155,45 @@ def _nats(
                 if here <= LEAST_HERE or abs(across[k, i, p]) >= MOST_OFF:
                     continue
                 j = table[k, i, p]
-                _measured(across[k, i, p], along[k, i, p], half[i], a_half[j], known[i] and a_known[j], density)
+                _measured(across[k, i, p], along[k, i, p], half[i], a_half[j], known[i] and a_known[j], ends, density)
                 free = one < 0 or a_room[j] < 0 or a_room[j] == one
                 in_one, in_two = 1.0 if free else ELSEWHERE, 1.0 if free or a_room[j] == two else ELSEWHERE
-                for n in range(PRECISIONS):
+                for n in range(precisions):
                     ratio = here / met[k, i] * density[n]
                     best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
             other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
-            for n in range(PRECISIONS):
+            for n in range(precisions):
                 if room[i] >= 0:
                     rooms[0, room[i], n] += np.log((1 - other) * best[0, n] + other)
                     rooms[1, room[i], n] += np.log((1 - other) * best[1, n] + other)
                 else:
                     total[k, n] += np.log((1 - other) * best[0, n] + other)
         for r in range(rooms.shape[1]):
-            for n in range(PRECISIONS):
+            for n in range(precisions):
                 total[k, n] += either(rooms[0, r, n] + np.log(1 - TWO_IN_ONE), rooms[1, r, n] + np.log(TWO_IN_ONE))
     return total
 
 
 @compiled
-def _measured(across: float, along: float, half: float, a_half: float, known: bool, density: Array) -> None:
-    """Writes (PRECISIONS,) the density of a wall off a line of the plan, times that of its ends where lengths are
+def _measured(
+    across: float, along: float, half: float, a_half: float, known: bool, ends: Array, density: Array
+) -> None:
+    """Writes (precisions,) the density of a wall off a line of the plan, times that of its ends where lengths are
     known."""
-    for e in range(len(END_SIGMAS)):
-        ends = 1.0
+    for e in range(len(ends)):
+        sigma, seen, short, beyond, trust = ends[e]
+        both = 1.0
         if known:
             for side in (-1, 1):
-                gap = along + side * (half - a_half)
-                normal = np.exp(-0.5 * (gap / END_SIGMAS[e]) ** 2) / (np.sqrt(2 * np.pi) * END_SIGMAS[e])
-                ends *= SEEN_TO_END * normal * max(2 * a_half, 1.0) + 1 - SEEN_TO_END
-            ends = ends**END_TRUST
-        density[e :: len(END_SIGMAS)] = ends
+                gap = side * along + half - a_half
+                normal = np.exp(-0.5 * (gap / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
+                both *= seen * normal * max(2 * a_half, 1.0) + (short if gap < 0 else beyond)
+            both = both**trust
+        density[e :: len(ends)] = both
     for n in range(len(SIGMAS)):
         normal = np.exp(-0.5 * (across / SIGMAS[n]) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS[n])
-        for e in range(len(END_SIGMAS)):
-            density[n * len(END_SIGMAS) + e] *= normal
+        for e in range(len(ends)):
+            density[n * len(ends) + e] *= normal
 
 
 @compiled

@@ -203,6 +203,21 @@ def test_a_twin_that_nobody_proposed_is_found_all_the_same(drifted):
     assert {a for _, a, _ in known.wall_surfaces} <= ground
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_walls_that_end_elsewhere_tell_storeys_apart(seed):
+    """Of the upper storey every third wall is 0.8 m shorter, at one end."""
+    upper = a_graph(flat(np.random.default_rng(3)), "upper", "upper")
+    walls = list(upper.wall_surfaces)
+    for n, w in enumerate(walls):
+        if n % 3 == 0 and w.length > 1.5:
+            middle = (w.centroid[0] - 0.4 * w.normal[1], w.centroid[1] + 0.4 * w.normal[0])
+            walls[n] = dataclasses.replace(w, length=w.length - 0.8, centroid=middle)
+    tower = merged(PLAN, dataclasses.replace(upper, wall_surfaces=tuple(walls)))
+    drawn = draw(tower, "real", np.random.default_rng(seed), 4, "ground")
+    result = MATCHER.match(drawn.s_graph, tower)
+    assert (result.status, result.floor) == ("unique", "ground")
+
+
 def test_a_rough_start_decides_between_equal_places():
     row = a_graph(offices([3.0] * 6, [3.0] * 6))
     truth = drawn_from(row, "real", 2, 5)
