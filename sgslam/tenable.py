@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from matching.result import Hypothesis, MatchResult
-from matching.verification import LEAST_MARGIN, MARGIN_SHARE
 from sgslam.config import AnchorSettings
 from sgslam.contradictions import contradicted
 from sgslam.matcher_protocol import Match
@@ -26,6 +25,7 @@ OTHERWISE = "walls stand where the known map saw none, or lack where it has them
 _LEAST = 40.0  # nats of an answer; wrong places that contradict nothing reach it now and then,
 _ENOUGH = 50.0  # of one that a larger map bears out; none of those did with the evidence risen,
 _PLENTY = 80.0  # and of one that is the last
+_ANOTHER = 25.0  # of another place that contradicts nothing: it has less only because less of it was mapped
 _RIVAL = 0.6  # of an answer's evidence; where another place has less, the building does not repeat itself there
 
 
@@ -82,7 +82,7 @@ def tenable(
     told = f"{len(left)} of {len(places)} places contradict nothing, the best has {best.score:.0f} nats"
     if best.score < _LEAST:
         return MatchResult("none", f"{told}: too little where the known map may lack rooms", hypotheses=hypotheses)
-    if len(left) > 1 and left[1].score > best.score - LEAST_MARGIN - MARGIN_SHARE * best.score:
+    if len(left) > 1 and left[1].score > _ANOTHER:
         return MatchResult("ambiguous", told, hypotheses=hypotheses)
     pairs = _pairs(s, plan(best.floor), best.T_a_s, settings)
     return MatchResult(

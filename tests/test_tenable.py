@@ -34,6 +34,8 @@ def test_a_place_that_the_known_map_contradicts_is_struck_out_though_it_explains
 
 def test_a_map_of_one_office_stays_ambiguous_where_there_are_two() -> None:
     assert judged(answer((60.0, HERE), (60.0, IN_THE_LAB)), graph(OFFICE)).status == "ambiguous"
+    assert judged(answer((80.0, HERE), (40.0, IN_THE_LAB)), graph(OFFICE)).status == "ambiguous"  # mapped in part
+    assert judged(answer((80.0, HERE), (15.0, IN_THE_LAB)), graph(OFFICE)).status == "unique"
 
 
 @pytest.mark.parametrize("match", [answer((70.0, IN_THE_LAB)), answer((30.0, HERE)), MatchResult("none", "nothing")])
