@@ -18,7 +18,11 @@ from data.scans import ScanFolder
 from data.sensor import SpinningSensor
 from data.simulate import SimulatedRun, simulate
 from matching import Hypothesis, MatchResult
+from sgslam.checkpoints import Checkpoints
 from sgslam.climb import Climb
+from sgslam.config import Config
+from sgslam.keyframe_clouds import FILE as CLOUDS
+from sgslam.known_map import KnownMap
 from sgslam.result import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.storey_hypotheses import assignments, floor_named, joint
@@ -49,11 +53,16 @@ def bim(building: Path) -> Bim:
 
 
 @pytest.fixture(scope="module")
-def result(drive: SimulatedRun, bim: Bim) -> Result:
+def run(drive: SimulatedRun, bim: Bim) -> tuple[SceneGraphSlam, Result]:
     slam = SceneGraphSlam(bim, storey=GROUND)
     for one in ScanFolder(drive.out_dir / "scans"):
         slam.add_scan(one.stamp_ns, one.points)
-    return slam.finish()
+    return slam, slam.finish()
+
+
+@pytest.fixture(scope="module")
+def result(run: tuple[SceneGraphSlam, Result]) -> Result:
+    return run[1]
 
 
 def test_the_robot_climbs_the_stair_and_comes_back(drive: SimulatedRun) -> None:
@@ -87,6 +96,23 @@ def test_a_climbed_storey_is_a_floor_of_its_own(drive: SimulatedRun, result: Res
 def test_coming_back_goes_on_with_the_first_floor(drive: SimulatedRun, result: Result) -> None:
     assert len(result.s_graph.floors) == 2
     assert result.s_graph.keyframes[-1].floor == result.s_graph.floors[0].id
+
+
+def test_who_enters_a_known_map_upstairs_is_found_upstairs(
+    drive: SimulatedRun, run: tuple[SceneGraphSlam, Result], tmp_path: Path
+) -> None:
+    slam, result = run
+    Checkpoints(tmp_path, {}).write(slam, {}, finished=True)
+    result.clouds.copy_to(tmp_path / CLOUDS)
+    second = SceneGraphSlam(known=KnownMap.load(tmp_path, Config()))  # without the building
+    off = np.inf
+    for one, T_bim_sensor in zip(ScanFolder(drive.out_dir / "scans"), drive.truth.poses, strict=True):
+        if T_bim_sensor[2, 3] > 3.99 and second.T_known_map is None:
+            update = second.add_scan(one.stamp_ns, one.points)
+            if second.T_known_map is not None and result.T_bim_map is not None:
+                placed = result.T_bim_map @ second.T_known_map @ update.T_map_sensor
+                off = float(np.linalg.norm((placed - T_bim_sensor)[:3, 3]))
+    assert off < 0.1
 
 
 def test_every_floor_is_placed_on_its_storey(drive: SimulatedRun, result: Result, bim: Bim) -> None:
