@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.scene_graph import SceneGraph
-from matching import se2
 from matching.bent_evidence import Chance, evidence
 from matching.doors import doors
 from matching.field import Fields, Scene, explained, motions
 from matching.field_led import Led, begun, led
+from matching.field_rigid import distinct, rigid
 from matching.groups import groups
-from matching.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
+from matching.hypotheses import between_graphs
 from matching.local_motions import local_motions, seeds
 from matching.plan_walls import PlanWalls
 from matching.proposals import TopK
@@ -92,9 +92,9 @@ def _allowed(
 ) -> tuple[Fields, Index]:
     if allowed is None or not len(fields):
         return fields, sure
-    rigid = motions(scene, fields.state)[:, 0]
+    near = motions(scene, fields.state)[:, 0]
     storeys = scene.plan.storeys
-    kept = [k for k in range(len(rigid)) if allowed(between_graphs(scene.s, storeys[fields.storey[k]], rigid[k]))]
+    kept = [k for k in range(len(near)) if allowed(between_graphs(scene.s, storeys[fields.storey[k]], near[k]))]
     chosen = np.array(kept, dtype=np.int64)
     return fields[chosen], sure[chosen]
 
@@ -117,7 +117,7 @@ def _followed(scene: Scene, grown: Led) -> Led:
     quality = explained(scene, grown.table, grown.fields.state, 0.3)
     worth = quality @ scene.s.weight
     best = np.argsort(-worth, kind="stable")
-    best = best[_distinct(scene, grown.fields[best], _rigid(scene, grown.fields[best], quality[best]))]
+    best = best[distinct(grown.fields.storey[best], rigid(scene, grown.fields, quality)[best])]
     hopeful = worth[best] >= HOPEFUL * worth[best[0]]
     hopeful[:RIVALS] = True
     return grown[best[hopeful][: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]]
@@ -141,10 +141,10 @@ def polished(scene: Scene, begin: Led, sigmas: Array) -> Led:
 def _scored(scene: Scene, grown: Led, chance: Chance) -> Bent:
     fields, table = grown.fields, grown.table
     score = evidence(scene, fields, table, chance)
-    rigid = _rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
+    near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.argsort(-score, kind="stable")
-    found = Bent(scene, fields[order], table[order], score[order], rigid[order])
-    return _chosen(found, _distinct(scene, found.fields, found.rigid))
+    found = Bent(scene, fields[order], table[order], score[order], near[order])
+    return _chosen(found, distinct(found.fields.storey, found.rigid))
 
 
 def _chosen(found: Bent, chosen: Index) -> Bent:
@@ -160,32 +160,4 @@ def _merged(one: Bent, other: Bent) -> Bent:
         one.scene, Fields(storey, state)[order], np.concatenate((one.table, other.table))[order], score[order],
         np.concatenate((one.rigid, other.rigid))[order],
     )  # fmt: skip
-    return _chosen(both, _distinct(both.scene, both.fields, both.rigid))
-
-
-def _rigid(scene: Scene, fields: Fields, quality: Array) -> Array:
-    """(K, 3) the rigid motions nearest to the fields, by the ends of the walls that they explain."""
-    s, group = scene.s, scene.groups.of_wall
-    moved = motions(scene, fields.state)[:, group]
-    weight = np.tile(s.weight * quality + 1e-6, 2)
-    arm = s.half[:, None] * s.tangent
-    p = np.concatenate((s.centre + arm, s.centre - arm))
-    q = se2.apply(np.concatenate((moved, moved), axis=1), p[None])
-    weight = weight / weight.sum(axis=1, keepdims=True)
-    p_mean, q_mean = weight @ p, np.einsum("kn,knd->kd", weight, q)
-    dp, dq = p[None] - p_mean[:, None], q - q_mean[:, None]
-    cross, dot = dp[..., 0] * dq[..., 1] - dp[..., 1] * dq[..., 0], np.sum(dp * dq, axis=-1)
-    yaw = np.arctan2(np.sum(weight * cross, axis=1), np.sum(weight * dot, axis=1))
-    return np.column_stack((yaw, q_mean - se2.rotate(yaw, p_mean)))
-
-
-def _distinct(scene: Scene, fields: Fields, rigid: Array) -> Index:
-    """Indices of those that differ from all earlier ones: in storey, at S's centroid (the origin) or in yaw."""
-    kept: list[int] = []
-    for n in range(len(rigid)):
-        off = np.hypot(*(rigid[kept] - rigid[n])[:, 1:].T)
-        turn = np.abs(se2.wrap(rigid[kept][:, 0] - rigid[n, 0]))
-        same = (fields.storey[kept] == fields.storey[n]) & (off <= DISTINCT_M) & (turn <= DISTINCT_RAD)
-        if not same.any():
-            kept.append(n)
-    return np.array(kept, dtype=np.int64)
+    return _chosen(both, distinct(both.fields.storey, both.rigid))

@@ -9,7 +9,7 @@ from matching import se2
 from matching.bent import Bent
 from matching.complete import Pairs
 from matching.confidence import room_confidence, surface_confidence
-from matching.field import motions, summed
+from matching.field import motions
 from matching.field_loops import Loops, compared, laid
 from matching.se2 import Array
 from matching.walls import Index, Walls
@@ -34,7 +34,7 @@ Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share amon
 
 @dataclass(frozen=True)
 class _Laid:
-    """The pairs (Ns, P) of S walls with A walls of one storey, and the motion (Ns, 3) of each S wall."""
+    """The pairs (Ns, P) of S walls with A walls of one storey, and the motion (R, 3) of each S room."""
 
     s: Walls
     a: Walls
@@ -68,7 +68,8 @@ def _laid(found: Bent, k: int) -> _Laid:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
     quality, along = _likely(scene.loops, table, found.fields.state[k])
     partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
-    moved = motions(scene, found.fields.state[k : k + 1])[0, scene.groups.of_wall]
+    first = scene.groups.of_wall[scene.s.first_of_room]
+    moved = motions(scene, found.fields.state[k : k + 1])[0, first]
     return _Laid(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, moved)
 
 
@@ -81,17 +82,17 @@ def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
         for p in range(table.shape[1]):
             if table[i, p] < 0:
                 continue
-            line, half = m.lines[table[i, p]], m.half[i]
-            across, along, turned, _ = compared(line, half, pose[i])
+            j, half = table[i, p], m.half[i]
+            across, along, turned, _ = compared(m.lines, j, half, pose, i)
             at[i, p] = along
-            common = beside(along, half, 0.0, line[0])
-            short = half + line[0] < SIGMA_END
+            common = beside(along, half, 0.0, m.lines[j, 0])
+            short = half + m.lines[j, 0] < SIGMA_END
             if common <= 0 and not short:
                 continue
             likely = 1.0 if short else min(common / (UPON * 2 * half), 1.0)
             likely *= np.exp(-0.5 * (across / SIGMA_ACROSS) ** 2 - 0.5 * (turned / SIGMA_TURN) ** 2)
             for side in (-1, 1):
-                beyond = side * along + half - line[0]
+                beyond = side * along + half - m.lines[j, 0]
                 slid = np.exp(-0.5 * (beyond / SIGMA_END) ** 2)
                 likely *= slid if beyond > 0 else (1 - CUT_SHORT) * slid + CUT_SHORT
             if common > 0 or likely > LEAST_OFF:
@@ -102,11 +103,28 @@ def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
 def _shares(laid: _Laid) -> Array:
     """(S rooms, A rooms) of each S room's walls, by length, what lies on walls of the A room."""
     s, a = laid.s, laid.a
-    each = laid.quality / (laid.quality.sum(axis=1, keepdims=True) + DOUBT)
-    # The last of each: of walls without a room.
-    share = summed(s.room, a.room[laid.partner], s.half[:, None] * each, len(s.rooms) + 1, len(a.rooms) + 1)
-    size = np.bincount(s.room[s.room >= 0], s.half[s.room >= 0], len(s.rooms))
-    return np.asarray(share[:-1, :-1] / size[:, None])
+    return np.asarray(_shared(s.room, s.half, a.room, laid.partner, laid.quality, len(s.rooms), len(a.rooms)))
+
+
+@compiled
+def _shared(
+    room: Index, half: Array, a_room: Index, partner: Index, quality: Array, rooms: int, a_rooms: int
+) -> Array:
+    """As `_shares`."""
+    share, size = np.zeros((rooms, a_rooms)), np.zeros(rooms)
+    for i in range(len(room)):
+        if room[i] < 0:
+            continue
+        size[room[i]] += half[i]
+        total = quality[i].sum() + DOUBT
+        for p in range(partner.shape[1]):
+            home = a_room[partner[i, p]]
+            if home >= 0:
+                share[room[i], home] += half[i] * (quality[i, p] / total)
+    for r in range(rooms):
+        for q in range(a_rooms):
+            share[r, q] /= size[r]
+    return share
 
 
 def _rooms(laid: _Laid, share: Array) -> Matches:
@@ -118,10 +136,9 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
         return ()
     s, a = laid.s, laid.a
     own = se2.apply(se2.inverse(s.T_graph_own), s.room_centroids)
-    merit = _merit(share, se2.apply(a.T_graph_own, se2.apply(laid.moved[s.first_of_room], own)), *laid.footprints)
+    merit = _merit(share, se2.apply(a.T_graph_own, se2.apply(laid.moved, own)), *laid.footprints)
     order = np.argsort(-merit.max(axis=1), kind="stable")
-    likely = np.argsort(-merit, axis=1, kind="stable")[:, :TRIED]
-    chosen = _chosen(share, likely, order, s.room, s.half, a.room[laid.partner], laid.partner, laid.quality, laid.along)
+    chosen = _chosen(share, merit, order, s.room, s.half, a.room[laid.partner], laid.partner, laid.quality, laid.along)
     told = zip(range(len(chosen)), chosen.tolist(), strict=True)
     return tuple((r, q, _among(merit[r], q, DOUBT_ROOM)) for r, q in told if q >= 0)
 
@@ -150,13 +167,16 @@ def _holds(corners: Array, x: float, y: float) -> bool:
 
 @compiled
 def _chosen(
-    share: Array, likely: Index, order: Index, s_room: Index, half: Array, a_room: Index, partner: Index,
+    share: Array, merit: Array, order: Index, s_room: Index, half: Array, a_room: Index, partner: Index,
     quality: Array, along: Array,
 ) -> Index:  # fmt: skip
-    """(S rooms,) their A rooms, of those that are `likely`, -1 for none; `order` tells which S rooms choose first."""
+    """(S rooms,) their A rooms, of the few of most merit, -1 for none; `order` tells which S rooms choose first."""
     chosen = np.full(len(share), -1)
     for r in order:
-        for q in likely[r]:
+        left = merit[r].copy()
+        for _ in range(min(TRIED, len(left))):
+            q = left.argmax()
+            left[q] = -1.0
             if share[r, q] < LEAST_SHARE or _most_but(share[r], q) > CONTESTED * share[r, q]:
                 continue
             free = True

@@ -84,48 +84,47 @@ def solve(e: Elimination, own: Array, between: Array, x: Array) -> None:
     `own` (G, 3, 3) are the blocks on the diagonal, of which the lower triangle is read, `between` (B, 3, 3) the others;
     both are lost.
     """
-    at = 0
-    for n in range(len(e.order)):
-        g = e.order[n]
-        _factored(own[g])
-        _lowered(own[g], x[g])
-        for k in range(e.first[n], e.first[n + 1]):
-            block, y = between[k], x[e.later[k]]
+    order, first, later, at = e.order, e.first, e.later, 0
+    for n in range(len(order)):
+        g = order[n]
+        _factored(own, g)
+        _lowered(own, g, x, g)
+        for k in range(first[n], first[n + 1]):
+            h, block = later[k], between[k]
             for r in range(3):
-                _lowered(own[g], block[r])
-                y[r] -= block[r, 0] * x[g, 0] + block[r, 1] * x[g, 1] + block[r, 2] * x[g, 2]
-            for j in range(e.first[n], k + 1):
-                into, other = own[e.later[k]] if j == k else between[e.changed[at]], between[j]
+                _lowered(own, g, block, r)
+                x[h, r] -= block[r, 0] * x[g, 0] + block[r, 1] * x[g, 1] + block[r, 2] * x[g, 2]
+            for j in range(first[n], k + 1):
+                into, other = own[h] if j == k else between[e.changed[at]], between[j]
                 for r in range(3):
                     for c in range(3):
                         into[r, c] -= block[r, 0] * other[c, 0] + block[r, 1] * other[c, 1] + block[r, 2] * other[c, 2]
                 at += 1
-    for n in range(len(e.order) - 1, -1, -1):
-        g = e.order[n]
-        for k in range(e.first[n], e.first[n + 1]):
-            block, y = between[k], x[e.later[k]]
+    for n in range(len(order) - 1, -1, -1):
+        g = order[n]
+        for k in range(first[n], first[n + 1]):
+            h = later[k]
             for c in range(3):
-                x[g, c] -= block[0, c] * y[0] + block[1, c] * y[1] + block[2, c] * y[2]
-        L = own[g]
-        x[g, 2] /= L[2, 2]
-        x[g, 1] = (x[g, 1] - L[2, 1] * x[g, 2]) / L[1, 1]
-        x[g, 0] = (x[g, 0] - L[1, 0] * x[g, 1] - L[2, 0] * x[g, 2]) / L[0, 0]
+                x[g, c] -= between[k, 0, c] * x[h, 0] + between[k, 1, c] * x[h, 1] + between[k, 2, c] * x[h, 2]
+        x[g, 2] /= own[g, 2, 2]
+        x[g, 1] = (x[g, 1] - own[g, 2, 1] * x[g, 2]) / own[g, 1, 1]
+        x[g, 0] = (x[g, 0] - own[g, 1, 0] * x[g, 1] - own[g, 2, 0] * x[g, 2]) / own[g, 0, 0]
 
 
 @compiled
-def _factored(A: Array) -> None:
-    """Writes Cholesky's lower factor into the lower triangle of (3, 3)."""
-    A[0, 0] = np.sqrt(A[0, 0])
-    A[1, 0] /= A[0, 0]
-    A[2, 0] /= A[0, 0]
-    A[1, 1] = np.sqrt(A[1, 1] - A[1, 0] ** 2)
-    A[2, 1] = (A[2, 1] - A[2, 0] * A[1, 0]) / A[1, 1]
-    A[2, 2] = np.sqrt(A[2, 2] - A[2, 0] ** 2 - A[2, 1] ** 2)
+def _factored(A: Array, g: int) -> None:
+    """Writes Cholesky's lower factor into the lower triangle of one of (G, 3, 3)."""
+    A[g, 0, 0] = np.sqrt(A[g, 0, 0])
+    A[g, 1, 0] /= A[g, 0, 0]
+    A[g, 2, 0] /= A[g, 0, 0]
+    A[g, 1, 1] = np.sqrt(A[g, 1, 1] - A[g, 1, 0] ** 2)
+    A[g, 2, 1] = (A[g, 2, 1] - A[g, 2, 0] * A[g, 1, 0]) / A[g, 1, 1]
+    A[g, 2, 2] = np.sqrt(A[g, 2, 2] - A[g, 2, 0] ** 2 - A[g, 2, 1] ** 2)
 
 
 @compiled
-def _lowered(L: Array, b: Array) -> None:
-    """Writes the solution of a lower triangular system into its right side (3,)."""
-    b[0] /= L[0, 0]
-    b[1] = (b[1] - L[1, 0] * b[0]) / L[1, 1]
-    b[2] = (b[2] - L[2, 0] * b[0] - L[2, 1] * b[1]) / L[2, 2]
+def _lowered(L: Array, g: int, b: Array, r: int) -> None:
+    """Writes the solution of a lower triangular system, one of (G, 3, 3), into a row of right sides (R, 3)."""
+    b[r, 0] /= L[g, 0, 0]
+    b[r, 1] = (b[r, 1] - L[g, 1, 0] * b[r, 0]) / L[g, 1, 1]
+    b[r, 2] = (b[r, 2] - L[g, 2, 0] * b[r, 0] - L[g, 2, 1] * b[r, 1]) / L[g, 2, 2]

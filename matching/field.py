@@ -14,7 +14,7 @@ from data.compiled import compiled
 from matching import se2
 from matching.blocks import elimination
 from matching.doors import Doors
-from matching.field_loops import Loops, best_pair, judged, laid, strained
+from matching.field_loops import Loops, best_pair, compared, laid, strained, strangeness
 from matching.groups import Groups
 from matching.plan_walls import PlanWalls
 from matching.se2 import Array
@@ -110,6 +110,7 @@ def judge(scene: Scene, table: Index, state: Array, sigma: float) -> Judged:
 @compiled
 def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     """(5, K, Ns, P) the fields of `Judged`, all zero where there is no pair."""
+    lines, half = m.lines, m.half
     fields, walls, width = table.shape
     found = np.zeros((5, fields, walls, width))
     for k in range(fields):
@@ -117,7 +118,10 @@ def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
         for i in range(walls):
             for p in range(width):
                 if table[k, i, p] >= 0:
-                    found[:, k, i, p] = judged(m.lines[table[k, i, p]], m.half[i], pose[i], sigma)
+                    across, along, turned, beside = compared(lines, table[k, i, p], half[i], pose, i)
+                    quality = beside * np.exp(-strangeness(across, turned, sigma)) if beside > 0 else 0.0
+                    found[0, k, i, p], found[1, k, i, p], found[2, k, i, p] = quality, beside, across
+                    found[3, k, i, p], found[4, k, i, p] = along, turned
     return found
 
 
@@ -128,11 +132,11 @@ def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
 
 @compiled
 def _explained(m: Loops, table: Index, state: Array, sigma: float) -> Array:
-    best = np.zeros(table.shape[:2])
+    best, lines, half = np.zeros(table.shape[:2]), m.lines, m.half
     for k in range(len(table)):
         pose = laid(m, state[k])
         for i in range(len(pose)):
-            best[k, i], _ = best_pair(m.lines, m.half[i], pose[i], table[k, i], sigma)
+            best[k, i], _ = best_pair(lines, half[i], pose, table[k], i, sigma)
     return best
 
 
@@ -148,13 +152,3 @@ def _chi2(m: Loops, state: Array) -> Array:
         for e in range(len(m.edges)):
             found[k, e], _, _, _ = strained(m, e, state[k])
     return found
-
-
-@compiled
-def summed(rows: Index, columns: Index, values: Array, height: int, width: int) -> Array:
-    """(height, width) the sums of values (N, P) by the row of each of N and its columns (N, P); -1 is the last."""
-    total = np.zeros((height, width))
-    for i in range(len(rows)):
-        for p in range(columns.shape[1]):
-            total[rows[i], columns[i, p]] += values[i, p]
-    return total

@@ -48,19 +48,19 @@ def led(scene: Scene, begin: Led, sigmas: Array, anew: int = 1) -> Led:
 @compiled
 def _led(m: Loops, storey: Index, sigmas: Array, anew: int, state: Array, seen: Array, table: Index) -> None:
     for k in range(len(state)):
-        for t in range(len(sigmas)):
-            if t % anew == 0:
-                _seek(m, storey[k], state[k], seen[k], table[k])
-            stepped(m, table[k], state[k], sigmas[t, k])
-        _seek(m, storey[k], state[k], seen[k], table[k])
+        for t in range(len(sigmas) + 1):
+            if (t % anew == 0 or t == len(sigmas)) and _out_of_date(state[k], seen[k]):
+                nearest(m, storey[k], state[k], table[k])
+                seen[k] = state[k]
+            if t < len(sigmas):
+                stepped(m, table[k], state[k], sigmas[t, k])
 
 
 @compiled
-def _seek(m: Loops, storey: int, state: Array, seen: Array, table: Index) -> None:
-    """Finds the partners of one field's walls where they are out of date."""
+def _out_of_date(state: Array, seen: Array) -> bool:
+    """Whether one field (G, 3) has moved far since it was seen."""
     for g in range(len(state)):
-        turned, x, y = state[g] - seen[g]
-        if max(abs(x), abs(y)) > FRESH_M or abs(turned) > FRESH_RAD:
-            nearest(m, storey, state, table)
-            seen[:] = state
-            return
+        moved = max(abs(state[g, 1] - seen[g, 1]), abs(state[g, 2] - seen[g, 2]))
+        if moved > FRESH_M or abs(state[g, 0] - seen[g, 0]) > FRESH_RAD:
+            return True
+    return False

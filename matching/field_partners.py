@@ -5,7 +5,7 @@ import numpy as np
 from data.compiled import compiled
 from data.se2_loops import wrapped
 from matching.field import Fields, Scene
-from matching.field_loops import Loops, laid
+from matching.field_loops import Loops, laid, of_direction
 from matching.se2 import Array
 from matching.walls import Index
 
@@ -31,37 +31,34 @@ def _partners(m: Loops, storey: Index, state: Array) -> Index:
 def nearest(m: Loops, storey: int, state: Array, table: Index) -> None:
     """Writes the partners (Ns, PARTNERS) of one field; of the A walls only those of a direction are looked at."""
     least_cos, cost, pose = np.cos(GATE_RAD), np.empty(PARTNERS), laid(m, state)
+    half, lines, order = m.half, m.ordered_lines, m.order
     begin, end = m.first[storey], m.first[storey + 1]
     table[:] = -1
     for i in range(len(pose)):
-        _, x, y, _, _ = pose[i]
-        turned, count = wrapped(pose[i, 0]), 0
+        x, y, turned, count = pose[i, 1], pose[i, 2], wrapped(pose[i, 0]), 0
         cos, sin = np.cos(turned), np.sin(turned)
-        for round_ in (-1, 0, 1):
-            low = turned + 2 * np.pi * round_ - GATE_RAD - 1e-9
-            at = begin + np.searchsorted(m.ordered[begin:end], low)
-            while at < end and m.ordered[at] <= low + 2 * GATE_RAD + 2e-9:
-                j = m.order[at]
-                at += 1
-                off = abs(m.lines[j, 2] * x + m.lines[j, 3] * y - m.lines[j, 4])
-                if off > GATE_M or cos * m.lines[j, 2] + sin * m.lines[j, 3] < least_cos:
+        stretch = of_direction(m.ordered, begin, end, turned, GATE_RAD + 1e-9)
+        for first, last in (stretch[:2], stretch[2:]):
+            for n in range(first, last):
+                off = abs(lines[n, 2] * x + lines[n, 3] * y - lines[n, 4])
+                if off > GATE_M or cos * lines[n, 2] + sin * lines[n, 3] < least_cos:
                     continue
-                run = abs(m.lines[j, 2] * y - m.lines[j, 3] * x - m.lines[j, 5])
-                off += max(run - m.lines[j, 0] - m.half[i], 0.0)
+                off += max(abs(lines[n, 2] * y - lines[n, 3] * x - lines[n, 5]) - lines[n, 0] - half[i], 0.0)
                 if off <= GATE_M:
-                    count = _inserted(table[i], cost, count, j, off)
+                    count = _inserted(table, i, cost, count, order[n], off)
 
 
 @compiled
-def _inserted(row: Index, cost: Array, count: int, j: int, off: float) -> int:
-    """Puts a wall among the `count` nearest known ones, of equally near ones the first; how many there are then."""
-    at = min(count, len(row))
-    while at > 0 and (off < cost[at - 1] or (off == cost[at - 1] and j < row[at - 1])):
+def _inserted(table: Index, i: int, cost: Array, count: int, j: int, off: float) -> int:
+    """Puts a wall among the `count` nearest known ones of a row, of equally near ones the first; how many there are
+    then."""
+    most, at = table.shape[1], min(count, table.shape[1])
+    while at > 0 and (off < cost[at - 1] or (off == cost[at - 1] and j < table[i, at - 1])):
         at -= 1
-    if at == len(row):
+    if at == most:
         return count
-    count = min(count + 1, len(row))
+    count = min(count + 1, most)
     for later in range(count - 1, at, -1):
-        row[later], cost[later] = row[later - 1], cost[later - 1]
-    row[at], cost[at] = j, off
+        table[i, later], cost[later] = table[i, later - 1], cost[later - 1]
+    table[i, at], cost[at] = j, off
     return count

@@ -58,33 +58,31 @@ def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
 def _pull_of_walls(m: Loops, table: Index, state: Array, sigma: Array, own: Array, right: Array) -> None:
     """Adds information to `own` (G, 3, 3), its lower triangle, and the gradient to `right` (G, 3): of each wall against
     its best partner."""
-    pose = laid(m, state)
+    lines, half, group, pose = m.lines, m.half, m.group, laid(m, state)
     for i in range(len(table)):
-        wide = sigma[m.group[i]]
+        g, wide = group[i], sigma[group[i]]
         if wide >= SILENT:
             continue
-        best, p = best_pair(m.lines, m.half[i], pose[i], table[i], wide)
-        if p < 0:
+        best, j = best_pair(lines, half[i], pose, table, i, wide)
+        if j < 0:
             continue
-        line = m.lines[table[i, p]]
-        across, along, turned, _ = compared(line, m.half[i], pose[i])
-        n_x, n_y, lever_x, lever_y = line[2], line[3], pose[i, 3], pose[i, 4]
+        across, along, turned, _ = compared(lines, j, half[i], pose, i)
+        n_x, n_y, lever_x, lever_y = lines[j, 2], lines[j, 3], pose[i, 3], pose[i, 4]
         pull = best * m.weight[i] / wide**2
         slid = 0.25 / SIGMA_ALONG**2 * wide**2 * pull
-        facing = pull * (SHARPEST**2 / (SIGMA_TILT**2 + (OFF_LINE / m.half[i]) ** 2))
-        slip = slid * np.sign(along) * max(abs(along) - abs(line[0] - m.half[i]), 0.0)
+        facing = pull * (SHARPEST**2 / (SIGMA_TILT**2 + (OFF_LINE / half[i]) ** 2))
+        slip = slid * np.sign(along) * max(abs(along) - abs(lines[j, 0] - half[i]), 0.0)
         # How a residual along the normal, or the tangent, grows with the turn of the group.
         turn, turn_along = n_y * lever_x - n_x * lever_y, n_x * lever_x + n_y * lever_y
-        into, b = own[m.group[i]], right[m.group[i]]
-        into[0, 0] += pull * turn**2 + slid * turn_along**2 + facing
-        into[1, 0] += pull * turn * n_x - slid * turn_along * n_y
-        into[2, 0] += pull * turn * n_y + slid * turn_along * n_x
-        into[1, 1] += pull * n_x**2 + slid * n_y**2
-        into[2, 1] += (pull - slid) * n_x * n_y
-        into[2, 2] += pull * n_y**2 + slid * n_x**2
-        b[0] -= pull * across * turn + slip * turn_along + facing * turned
-        b[1] -= pull * across * n_x - slip * n_y
-        b[2] -= pull * across * n_y + slip * n_x
+        own[g, 0, 0] += pull * turn**2 + slid * turn_along**2 + facing
+        own[g, 1, 0] += pull * turn * n_x - slid * turn_along * n_y
+        own[g, 2, 0] += pull * turn * n_y + slid * turn_along * n_x
+        own[g, 1, 1] += pull * n_x**2 + slid * n_y**2
+        own[g, 2, 1] += (pull - slid) * n_x * n_y
+        own[g, 2, 2] += pull * n_y**2 + slid * n_x**2
+        right[g, 0] -= pull * across * turn + slip * turn_along + facing * turned
+        right[g, 1] -= pull * across * n_x - slip * n_y
+        right[g, 2] -= pull * across * n_y + slip * n_x
 
 
 @compiled
@@ -108,7 +106,7 @@ def _pull_of_neighbours(m: Loops, state: Array, own: Array, between: Array, righ
             right[g, 1] += sign * push
             right[g, 2] += sign * press
         (x, y), (p, q) = (arm_h, arm_g) if m.elimination.turned[e] else (arm_g, arm_h)  # of the row, of the column
-        block = between[m.elimination.of_edge[e]]
-        block[0, 0], block[0, 1], block[0, 2] = -(u + v * y * q + w * x * p), v * y, -w * x
-        block[1, 0], block[1, 1] = v * q, -v
-        block[2, 0], block[2, 2] = -w * p, -w
+        n = m.elimination.of_edge[e]
+        between[n, 0, 0], between[n, 0, 1], between[n, 0, 2] = -(u + v * y * q + w * x * p), v * y, -w * x
+        between[n, 1, 0], between[n, 1, 1] = v * q, -v
+        between[n, 2, 0], between[n, 2, 2] = -w * p, -w

@@ -206,19 +206,37 @@ def _upon(
 
 def seeds(scene: Scene, found: LocalMotions, fewest: int, most: int) -> tuple[Fields, Index]:
     """The best motions that differ, as rigid fields, and the group (K,) in which each is sure."""
-    kept: list[int] = []
-    for n in range(len(found.worth)):
-        centre = scene.groups.centre[found.group[n]]
-        if len(kept) == most or (len(kept) >= fewest and found.worth[n] < LEAST_WORTH * found.worth[0]):
-            break
-        at = se2.apply(found.motion[n], centre)
-        hops = scene.groups.hops[found.group[n], found.group[kept]] if kept else np.zeros(0)
-        others = found.motion[kept]
-        apart = np.linalg.norm(se2.apply(others, np.broadcast_to(centre, (len(kept), 2))) - at, axis=-1)
-        turn = np.abs(se2.wrap(others[:, 0] - found.motion[n, 0]))
-        slack = np.sqrt(1.0 + hops)
-        alike = (apart < 0.4 * slack) & (turn < np.radians(4) * slack) & (found.storey[kept] == found.storey[n])
-        if not alike.any():
-            kept.append(n)
-    chosen = np.array(kept, dtype=np.int64)
+    groups = scene.groups
+    chosen = _seeds(groups.centre, groups.hops, found.group, found.storey, found.motion, found.worth, fewest, most)
     return Fields(found.storey[chosen], rigid_state(scene, found.motion[chosen])), found.group[chosen]
+
+
+@compiled
+def _seeds(
+    centre: Array, hops: Index, group: Index, storey: Index, motion: Array, worth: Array, fewest: int, most: int
+) -> Index:
+    """As `seeds`: indices of motions."""
+    kept, count = np.empty(most, dtype=np.int64), 0
+    for n in range(len(worth)):
+        if count == most or (count >= fewest and worth[n] < LEAST_WORTH * worth[0]):
+            break
+        x, y = _moved(motion, n, centre, group[n])
+        new = True
+        for m in kept[:count]:
+            u, v = _moved(motion, m, centre, group[n])
+            slack = np.sqrt(1.0 + hops[group[n], group[m]])
+            near = np.hypot(u - x, v - y) < 0.4 * slack
+            near = near and abs(wrapped(motion[m, 0] - motion[n, 0])) < np.radians(4) * slack
+            new = new and not (near and storey[m] == storey[n])
+        if new:
+            kept[count] = n
+            count += 1
+    return kept[:count].copy()
+
+
+@compiled
+def _moved(motion: Array, n: int, point: Array, g: int) -> tuple[float, float]:
+    """Where one of the motions (M, 3) lays one of the points (G, 2)."""
+    cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
+    x, y = point[g, 0], point[g, 1]
+    return cos * x - sin * y + motion[n, 1], sin * x + cos * y + motion[n, 2]

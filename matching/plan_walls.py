@@ -40,10 +40,10 @@ class PlanWalls:
         return np.concatenate([a.lines for a in self.storeys])
 
     @cached_property
-    def by_heading(self) -> tuple[Index, Array]:
-        """(N,) the walls, storey by storey in the order of their headings, and these headings."""
+    def by_heading(self) -> tuple[Index, Array, Array]:
+        """(N,) the walls, storey by storey in the order of their headings, these headings, and their lines."""
         order = np.lexsort((self.heading, self.storey))
-        return order, self.heading[order]
+        return order, self.heading[order], self.lines[order]
 
     @cached_property
     def footprints(self) -> tuple[tuple[Array, Index], ...]:

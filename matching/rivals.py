@@ -4,22 +4,26 @@ What the map explains of the plan is laid upon the plan itself, without noise an
 corners that match a map. Every other place where it fits is a rival, however the first one was found.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
+from data.compiled import compiled
+from data.se2_loops import wrapped
 from matching import se2
 from matching.corners import corners
 from matching.evidence import SEEN
 from matching.field import Fields, Scene, judge
-from matching.scoring import SIGMA_SCORE, explained
+from matching.field_loops import of_direction
+from matching.plan_walls import PlanWalls
+from matching.scoring import FAR, SAME_DIRECTION, SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
 from matching.voting import Marks, vote
-from matching.walls import Index, Walls
+from matching.walls import Index
 
 MOST_PLACES = 12  # of each yaw mode
 SIGMA = 0.4  # metres across: places that are alike, not equal
 LEAST = 0.4  # of the walls' weight that a likeness explains
+ITSELF_M, ITSELF_RAD = 0.4, float(np.radians(4))  # nearer ones are the place itself
+EQUAL = 1e-9  # metres, radians
 MOST = 6
 LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere,
 MOST_CORNERS, MOST_ASKED = 80, 40  # of which vote, and are asked whether they lie well there
@@ -27,46 +31,81 @@ MOST_CORNERS, MOST_ASKED = 80, 40  # of which vote, and are asked whether they l
 
 def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
     """Fields that are the best one (K = 1), moved to where the plan is alike; `table` (Ns, P) its partners."""
-    storey = int(best.storey[0])
-    home, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
+    storey, plan = int(best.storey[0]), scene.plan
     quality = judge(scene, table[None], best.state, SIGMA_SCORE).quality[0]
-    used = np.unique(table[quality > SEEN]) - first
+    used = np.unique(table[quality > SEEN]) - int(plan.first[storey])
     used = used[:: -(-len(used) // MOST_WALLS) or 1]
     if len(used) < LEAST_WALLS:
         return Fields(np.zeros(0, dtype=np.int64), np.zeros((0, *best.state.shape[1:])))
-    part = _part(home, used)
-    of_plan = list(zip(scene.plan.storeys, scene.plan.corners, strict=True))
-    found = [(w, st, m) for st, (a, marks) in enumerate(of_plan) for w, m in _likenesses(part, a, marks, st == storey)]
-    found = sorted(found, key=lambda f: -f[0])[:MOST]
-    states = [_moved(scene, best.state[0], m) for _, _, m in found]
-    shape = (0, *best.state.shape[1:])
-    return Fields(np.array([st for _, st, _ in found], dtype=np.int64), np.array(states).reshape(-1, *shape[1:]))
-
-
-def _part(a: Walls, used: Index) -> Walls:
-    return replace(
-        a, ids=tuple(a.ids[j] for j in used), centre=a.centre[used], heading=a.heading[used], half=a.half[used],
-        known=a.known[used], room=a.room[used],
-    )  # fmt: skip
-
-
-def _likenesses(part: Walls, a: Walls, of_a: Marks, at_home: bool) -> list[tuple[float, Array]]:
-    """(share explained, motion (3,)) of the places in a storey that are like the part, its own place aside."""
-    found: list[tuple[float, Array]] = []
-    middle, own = part.centre.mean(axis=0), corners(part)
+    own = corners(plan.storeys[storey], used)
     own = own[:: -(-len(own) // MOST_CORNERS) or 1]
-    some = _part(part, np.arange(0, len(part), -(-len(part) // MOST_ASKED)))
-    for voted in vote(own, of_a, MOST_PLACES):
-        worth = explained(some, a, voted.yaw, voted.motions, SIGMA) / some.weight.sum()
-        for w, m in zip(worth.tolist(), voted.motions, strict=True):
-            off = np.hypot(*(se2.apply(m, middle) - middle))
-            itself = at_home and off < 0.4 and abs(se2.wrap(m[:1])[0]) < np.radians(4)
-            if w > LEAST and not itself:
-                found.append((w, m))
-    return found
+    found = [_likenesses(plan, storey, used, own, st) for st in range(len(plan.storeys))]
+    worth, motion = (np.concatenate([f[n] for f in found]) for n in (0, 1))
+    at = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
+    most = np.argsort(-worth, kind="stable")[:MOST]
+    most = most[_unlike(at[most], motion[most])]
+    return Fields(at[most], _moved(best.state[0], motion[most]))
 
 
-def _moved(scene: Scene, state: Array, motion: Array) -> Array:
-    """(G, 3) the state after a motion of the plan."""
-    at = se2.apply(motion, state[:, 1:])
-    return np.column_stack((se2.wrap(state[:, 0] + motion[0]), at))
+def _unlike(storey: Index, motion: Array) -> Index:
+    """The first of each that is there several times: a place where votes gather may be the peak of several bins."""
+    same = (np.abs(motion[:, None] - motion) < EQUAL).all(axis=2) & (storey[:, None] == storey)
+    return np.flatnonzero(~np.triu(same, 1).any(axis=0))
+
+
+def _likenesses(plan: PlanWalls, home: int, used: Index, own: Marks, storey: int) -> tuple[Array, Array]:
+    """(K,) shares explained and (K, 3) motions of the places in a storey that are like some walls at home, which have
+    these corners; their own place aside."""
+    voted = [c.motions for c in vote(own, plan.corners[storey], MOST_PLACES)]
+    if not voted:
+        return np.zeros(0), np.zeros((0, 3))
+    motions, a = np.concatenate(voted), plan.storeys[home]
+    some = used[:: -(-len(used) // MOST_ASKED)]
+    _, headings, lines = plan.by_heading
+    own_lines, own_centre, weight = a.lines[some], a.centre[some], a.weight[some]
+    of_storey = slice(plan.first[storey], plan.first[storey + 1])
+    worth = _explained(own_lines, own_centre, weight, headings[of_storey], lines[of_storey], motions) / weight.sum()
+    alike = worth > LEAST
+    if storey == home:
+        middle = a.centre[used].mean(axis=0)
+        off = np.hypot(*(se2.apply(motions, middle) - middle).T)
+        alike &= (off >= ITSELF_M) | (np.abs(se2.wrap(motions[:, 0])) >= ITSELF_RAD)
+    return worth[alike], motions[alike]
+
+
+@compiled
+def _explained(own: Array, centre: Array, weight: Array, headings: Array, lines: Array, motions: Array) -> Array:
+    """(K,) the weight of walls, their lines and centres given, that motions (K, 3) lay on lines, whose headings ascend:
+    as `scoring.explained` judges; 0 where it is less than is asked for."""
+    total, whole = np.zeros(len(motions)), weight.sum()
+    for k in range(len(motions)):
+        yaw, shift_x, shift_y = motions[k]
+        cos, sin, left = np.cos(yaw), np.sin(yaw), whole
+        for i in range(len(own)):
+            if total[k] + left < LEAST * whole:
+                total[k] = 0.0
+                break
+            half, heading, best, span = own[i, 0], wrapped(own[i, 1] + yaw), 0.0, 1.6 * min(own[i, 0], 4.0)
+            x, y = cos * centre[i, 0] - sin * centre[i, 1] + shift_x, sin * centre[i, 0] + cos * centre[i, 1] + shift_y
+            stretch = of_direction(headings, 0, len(headings), heading, SAME_DIRECTION)
+            for first, last in (stretch[:2], stretch[2:]):
+                for n in range(first, last):
+                    across = lines[n, 2] * x + lines[n, 3] * y - lines[n, 4]
+                    if abs(across) >= FAR * SIGMA:
+                        continue
+                    along = abs(lines[n, 2] * y - lines[n, 3] * x - lines[n, 5])
+                    common = min(half + lines[n, 0] - along, 2 * min(half, lines[n, 0]))
+                    beside = min(common / span, 1.0)
+                    if beside > best:
+                        turned = wrapped(heading - lines[n, 1])
+                        off = (0.5 / SIGMA**2) * across**2 + (0.5 / SIGMA_HEADING**2) * turned**2
+                        best = max(best, beside * np.exp(-off))
+            total[k] += weight[i] * best
+            left -= weight[i]
+    return total
+
+
+def _moved(state: Array, motions: Array) -> Array:
+    """(K, G, 3) the state (G, 3) after motions (K, 3) of the plan."""
+    at = se2.apply(motions[:, None], state[:, 1:])
+    return np.concatenate((se2.wrap(state[:, 0] + motions[:, :1])[..., None], at), axis=-1)

@@ -12,16 +12,16 @@ import numpy as np
 
 from data.compiled import compiled
 from data.se2_loops import wrapped
-from matching import se2
 from matching.se2 import Array
 from matching.walls import Index, Walls, crossings
 
 REACH = 1.0  # metres from a wall's end to the crossing
-OPENING = np.radians(12)  # like corners differ by less
-YAW_BIN = np.radians(2)
+OPENING = float(np.radians(12))  # like corners differ by less
+YAW_BIN = float(np.radians(2))
 YAW_MODES = 16
 PLACE_BIN = 0.3  # metres
 FEW_CORNERS = 4
+DIGIT_BITS, DIGIT = 9, 512
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,7 @@ def vote(s: Marks, a: Marks, most: int) -> list[Candidates]:
     i, j, yaw = _alike(s.kind, s.opening, s.heading, a.kind, a.opening, a.heading)
     if not len(i):
         return []
-    found = []
-    for mode in _yaw_modes(yaw):
-        places = _places(_places_voted(mode, np.cos(mode), np.sin(mode), yaw, i, j, s.point, a.point), most)
-        found.append(Candidates(mode, np.column_stack((np.full(len(places), mode), places))))
-    return found
+    return [Candidates(mode, _motions(mode, yaw, i, j, s.point, a.point, most)) for mode in _yaw_modes(yaw)]
 
 
 @compiled
@@ -110,51 +106,82 @@ def _alike(
     return i[:count].copy(), j[:count].copy(), yaw[:count].copy()
 
 
-def _yaw_modes(yaw: Array) -> list[float]:
+@compiled
+def _yaw_modes(yaw: Array) -> Array:
+    """(M,) where most of the yaws are, bin by bin, each the mean of those that are near."""
     bins = round(2 * np.pi / YAW_BIN)
-    at = np.floor((yaw + np.pi) / YAW_BIN).astype(np.int64) % bins
-    count = np.bincount(at, minlength=bins).astype(float)
-    padded = np.concatenate((count[-2:], count, count[:2]))
-    smooth = sum(padded[2 + k : 2 + k + bins] * (3 - abs(k)) for k in range(-2, 3))
-    assert isinstance(smooth, np.ndarray)
+    count, smooth = np.zeros(bins), np.zeros(bins)
+    for turn in yaw:
+        count[int(np.floor((turn + np.pi) / YAW_BIN)) % bins] += 1
+    for n in range(bins):
+        for k in range(-2, 3):
+            smooth[n] += (3 - abs(k)) * count[(n + k) % bins]
     angle = -np.pi + (np.arange(bins) + 0.5) * YAW_BIN
-    free = smooth >= 0.1 * smooth.max()
-    modes: list[float] = []
-    while free.any() and len(modes) < YAW_MODES:
-        peak = angle[np.where(free, smooth, -1.0).argmax()]
-        near = se2.wrap(yaw - peak)
-        modes.append(float(peak + np.mean(near[np.abs(near) < 2.5 * YAW_BIN])))
-        free &= (np.abs(se2.wrap(angle - modes[-1])) > 4 * YAW_BIN) & (angle != peak)
-    return modes
+    least, modes, found = 0.1 * smooth.max(), np.empty(YAW_MODES), 0
+    while found < YAW_MODES and smooth.max() >= least:
+        peak, total, near = angle[smooth.argmax()], 0.0, 0
+        for turn in yaw:
+            off = wrapped(turn - peak)
+            if abs(off) < 2.5 * YAW_BIN:
+                total += off
+                near += 1
+        modes[found] = peak + total / near
+        for n in range(bins):
+            if angle[n] == peak or abs(wrapped(angle[n] - modes[found])) <= 4 * YAW_BIN:
+                smooth[n] = -1.0
+        found += 1
+    return modes[:found]
 
 
 @compiled
-def _places_voted(
-    mode: float, cos: float, sin: float, yaw: Array, i: Index, j: Index, point: Array, a_point: Array
-) -> Array:
-    """(V, 2) the places that pairs of marks vote for whose yaw is near the mode, of this cosine and sine."""
-    votes, count = np.empty((len(yaw), 2)), 0
+def _motions(mode: float, yaw: Array, i: Index, j: Index, point: Array, a_point: Array, most: int) -> Array:
+    """(K, 3) motions of the mode's yaw to the places that pairs of marks vote for whose yaw is near it."""
+    votes, count, cos, sin = np.empty((len(yaw), 2)), 0, np.cos(mode), np.sin(mode)
     for n in range(len(yaw)):
         if abs(wrapped(yaw[n] - mode)) < 3 * YAW_BIN:
             x, y = point[i[n], 0], point[i[n], 1]
             votes[count, 0] = a_point[j[n], 0] - (cos * x - sin * y)
             votes[count, 1] = a_point[j[n], 1] - (sin * x + cos * y)
             count += 1
-    return votes[:count].copy()
+    places = _places(votes[:count], most)
+    motions = np.empty((len(places), 3))
+    motions[:, 0], motions[:, 1:] = mode, places
+    return motions
 
 
+@compiled
 def _places(votes: Array, most: int) -> Array:
     """(K, 2) places where votes (V, 2) gather, most first: means over 3 x 3 bins around local maxima.
 
     The bins are sparse: plans may lie kilometres apart.
     """
     cell = np.floor(votes / PLACE_BIN).astype(np.int64)
-    cell -= cell.min(axis=0) - 1
-    stride = int(cell[:, 1].max()) + 2
-    key = cell[:, 0] * stride + cell[:, 1]
-    total, peak = _around(votes, key, np.argsort(key), stride)
-    best = peak[np.argsort(-total[peak, 0], kind="stable")[:most]]
-    return np.asarray(total[best, 1:] / total[best, :1])
+    low_x, low_y, stride = cell[:, 0].min() - 1, cell[:, 1].min() - 1, cell[:, 1].max() - cell[:, 1].min() + 3
+    key = (cell[:, 0] - low_x) * stride + cell[:, 1] - low_y
+    total, peak = _around(votes, key, _ascending(key), stride)
+    best = _most(total[:, 0], peak, most)
+    places = np.empty((len(best), 2))
+    for n in range(len(best)):
+        for d in range(2):
+            places[n, d] = total[best[n], 1 + d] / total[best[n], 0]
+    return places
+
+
+@compiled
+def _ascending(key: Index) -> Index:
+    """(V,) the order of numbers that are not below 0, digit by digit (H. Hollerith's radix sort)."""
+    order, other, shift = np.arange(len(key)), np.empty(len(key), dtype=np.int64), 0
+    while key.max() >> shift:
+        begins = np.zeros(DIGIT + 1, dtype=np.int64)
+        for k in key:
+            begins[((k >> shift) % DIGIT) + 1] += 1
+        begins = np.cumsum(begins)
+        for n in order:
+            digit = (key[n] >> shift) % DIGIT
+            other[begins[digit]] = n
+            begins[digit] += 1
+        order, other, shift = other, order, shift + DIGIT_BITS
+    return order
 
 
 @compiled
@@ -172,20 +199,36 @@ def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array,
         own[bin_of[n], 0] += 1
         own[bin_of[n], 1] += votes[n, 0]
         own[bin_of[n], 2] += votes[n, 1]
-    total, beside = own.copy(), np.full((8, bins), -1)
-    shifts = (-stride - 1, -stride, -stride + 1, -1, 1, stride - 1, stride, stride + 1)
-    for side in range(8):
-        at = 0
-        for n in range(bins):
-            while at < bins and keys[at] < keys[n] + shifts[side]:
-                at += 1
-            if at < bins and keys[at] == keys[n] + shifts[side]:
-                beside[side, n] = at
-                for d in range(3):
-                    total[n, d] += own[at, d]
-    peak = np.ones(bins, dtype=np.bool_)
+    total, ahead = own.copy(), np.full((bins, 4), -1)  # of the bins around each, those that come later
+    shifts, at, peak = (1, stride - 1, stride, stride + 1), np.zeros(4, dtype=np.int64), np.ones(bins, dtype=np.bool_)
     for n in range(bins):
-        for side in range(8):
-            if beside[side, n] >= 0 and total[beside[side, n], 0] > total[n, 0]:
-                peak[n] = False
+        for side in range(4):
+            while at[side] < bins and keys[at[side]] < keys[n] + shifts[side]:
+                at[side] += 1
+            m = at[side]
+            if m < bins and keys[m] == keys[n] + shifts[side]:
+                ahead[n, side] = m
+                for d in range(3):
+                    total[n, d] += own[m, d]
+                    total[m, d] += own[n, d]
+    for n in range(bins):
+        for side in range(4):
+            m = ahead[n, side]
+            if m >= 0 and total[m, 0] != total[n, 0]:
+                peak[n if total[m, 0] > total[n, 0] else m] = False
     return total, np.flatnonzero(peak)
+
+
+@compiled
+def _most(total: Array, peak: Index, most: int) -> Index:
+    """The peaks of most votes, of equal ones the first ones first."""
+    best, count = np.empty(min(most, len(peak)), dtype=np.int64), 0
+    for n in peak:
+        if count < len(best) or total[n] > total[best[count - 1]]:
+            count = min(count + 1, len(best))
+            at = count - 1
+            while at > 0 and total[n] > total[best[at - 1]]:
+                best[at] = best[at - 1]
+                at -= 1
+            best[at] = n
+    return best
