@@ -16,12 +16,14 @@ from matching.result import Hypothesis, MatchResult
 from matching.start import Start, near_start
 
 LISTED = 10  # hypotheses in the answer
+FEW = 16  # walls of a map
 
 
 class BentMatcher:
     """A matcher by the contract of `Matcher`, over whatever proposes pairs; the map may bend from room to room.
 
-    Where the first proposer's proposals agree on no motion, `others` are asked.
+    Where the first proposer's proposals agree on no motion, `others` are asked; of a map of few walls also where they
+    lead to no place that is sure to be the map's: one room of it may have misled them.
     """
 
     def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
@@ -39,17 +41,26 @@ class BentMatcher:
         scene = bent.scene_of(s, plan)
         allowed = None if start is None else partial(near_start, start)
 
-        def found_by(proposer: Proposer) -> bent.Bent:
-            return bent.search(scene, among(proposer(s, a).walls, plan), allowed)
+        def proposed(proposer: Proposer) -> TopK:
+            return among(proposer(s, a).walls, plan)
 
-        found = found_by(self._propose)
-        if not len(found) and self._others is not None:
-            found = found_by(self._others)
-        if not len(found):
+        proposals = proposed(self._propose)
+        found = bent.search(scene, proposals, allowed)
+        result = answer(found, began) if len(found) else None
+        doubtful = result is None or (len(s.wall_surfaces) <= FEW and result.status == "none")
+        if doubtful and self._others is not None:
+            found = bent.search(scene, _together(proposals, proposed(self._others)), allowed)
+            result = answer(found, began) if len(found) else result
+        if result is None:
             near = "" if start is None else " near the start that was given"
             reason = f"no wall corner of the map has its like in the plan{near}"
             return MatchResult("none", reason, seconds=time.perf_counter() - began)
-        return answer(found, began)
+        return result
+
+
+def _together(one: TopK, other: TopK) -> TopK:
+    """Both proposers' proposals for each of the same S walls."""
+    return TopK(np.hstack((one.partner, other.partner)), np.hstack((one.score, other.score)))
 
 
 def among(proposals: TopK, plan: PlanWalls) -> TopK:

@@ -9,7 +9,7 @@ from plans import a_graph, box, flat, merged, moved, offices
 from data import Door, SceneGraph, UserError, WallSurface
 from data.s_graph_regimes import DrawnGraph, draw
 from matching import MatchResult, bent, se2
-from matching.bent_matcher import BentMatcher, among
+from matching.bent_matcher import FEW, BentMatcher, among
 from matching.blocks import elimination, solve
 from matching.corners import corners
 from matching.field import motions
@@ -327,3 +327,23 @@ def test_where_one_proposes_nothing_the_others_are_asked(drifted):
     assert BentMatcher(silent).match(drifted.s_graph, PLAN).status == "none"
     result = BentMatcher(silent, voting_proposals).match(drifted.s_graph, PLAN)
     assert result.status == "unique" and share_right(result, drifted) > 0.85
+
+
+def test_where_one_is_misled_by_a_map_of_few_walls_the_others_are_asked_too():
+    truth = drawn_from(PLAN, "real", 2, 2)
+    few = truth.s_graph
+    assert len(few.wall_surfaces) <= FEW
+
+    def misled(s: SceneGraph, a: SceneGraph) -> Proposals:
+        """Lays the walls of one room on those of the room that is furthest from it."""
+        home = next(iter(truth.rooms.values()))
+        there = np.array(a.room_by_id[home].centroid)
+        far = max(a.rooms, key=lambda r: np.hypot(*(np.array(r.centroid) - there)))
+        walls = np.zeros((len(s.wall_surfaces), len(a.wall_surfaces)))
+        for j, w in enumerate(a.wall_surfaces):
+            walls[:, j] = 0.5 if w.room == far.id else 0.0
+        return Proposals.of_dense(walls, np.zeros((len(s.rooms), len(a.rooms))))
+
+    alone, helped = (BentMatcher(misled, o).match(few, PLAN) for o in (None, voting_proposals))
+    assert alone.status == "none" and share_right(alone, truth) < 0.2
+    assert share_right(helped, truth) > 0.85
