@@ -25,7 +25,7 @@ OTHERWISE = "walls stand where the known map saw none, or lack where it has them
 _LEAST = 40.0  # nats of an answer; wrong places that contradict nothing reach it now and then,
 _ENOUGH = 50.0  # of one that a larger map bears out; none of those did with the evidence risen,
 _PLENTY = 80.0  # and of one that is the last
-_ANOTHER = 20.0  # of another place that contradicts nothing: it has less only because less of it was mapped
+_ANOTHER = 25.0  # of another place that contradicts nothing: it has less only because less of it was mapped
 _RIVAL = 0.6  # of an answer's evidence; where another place has less, the building does not repeat itself there
 
 
