@@ -139,8 +139,8 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
     merit = _merit(share, se2.apply(a.T_graph_own, se2.apply(laid.moved, own)), *laid.footprints)
     order = np.argsort(-merit.max(axis=1), kind="stable")
     chosen = _chosen(share, merit, order, s.room, s.half, a.room[laid.partner], laid.partner, laid.quality, laid.along)
-    told = zip(range(len(chosen)), chosen.tolist(), strict=True)
-    return tuple((r, q, _among(merit[r], q, DOUBT_ROOM)) for r, q in told if q >= 0)
+    told = zip(range(len(chosen)), chosen.tolist(), _among(merit, chosen, DOUBT_ROOM).tolist(), strict=True)
+    return tuple((r, q, c) for r, q, c in told if q >= 0)
 
 
 @compiled
@@ -239,8 +239,15 @@ def _most_but(value: Array, chosen: int) -> float:
     return most
 
 
-def _among(value: Array, chosen: int, doubt: float) -> float:
-    return float(value[chosen] / (value[chosen] + _most_but(value, chosen) + doubt))
+@compiled
+def _among(value: Array, chosen: Index, doubt: float) -> Array:
+    """(N,) the share of the chosen one among each row of values (N, P), 0 where none is chosen (-1)."""
+    found = np.zeros(len(value))
+    for n in range(len(value)):
+        if chosen[n] >= 0:
+            one = value[n, chosen[n]]
+            found[n] = one / (one + _most_but(value[n], chosen[n]) + doubt)
+    return found
 
 
 def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
@@ -255,8 +262,9 @@ def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
     rows, columns = np.nonzero(quality > LEAST_QUALITY)
     order = np.argsort(-quality[rows, columns], kind="stable")
     matched = _pieces(rows[order], columns[order], laid.partner, laid.along, s.half)
-    told = ((i, p) for i, p in enumerate(matched.tolist()) if p >= 0)
-    return tuple((i, int(laid.partner[i, p]), _among(quality[i], p, DOUBT)) for i, p in told)
+    partner = np.take_along_axis(laid.partner, np.maximum(matched, 0)[:, None], axis=1)[:, 0]
+    told = zip(matched.tolist(), partner.tolist(), _among(quality, matched, DOUBT).tolist(), strict=True)
+    return tuple((i, j, c) for i, (p, j, c) in enumerate(told) if p >= 0)
 
 
 @compiled
