@@ -98,7 +98,8 @@ def first_choice(dense: Array32, most: int) -> tuple[Choice, Array32]:
             if at < size:
                 column[i, at], value[i, at] = j, dense[i, j]
         value[i, size] = dense[i, plan]
-    return Choice(column, value[:, :size].copy(), value[:, size].copy()), softmax(value)[:, :size].copy()
+    logit, dustbin = np.ascontiguousarray(value[:, :size]), np.ascontiguousarray(value[:, size])
+    return Choice(column, logit, dustbin), np.ascontiguousarray(softmax(value)[:, :size])
 
 
 @compiled
@@ -118,11 +119,11 @@ def expanded(
             column[i, t], logit[i, t], begins[i, t] = known.column[i, t], known.logit[i, t], likely[i, t]
             if column[i, t] >= 0:
                 total[column[i, t]] = _0  # it is no new one
-        met.sort()
         for t in range(k, k + more):
             best = -1
             for c in met:
-                if total[c] > (total[best] if best >= 0 else _0):
+                least = total[best] if best >= 0 else _0
+                if total[c] > least or (total[c] == least and best > c):
                     best = c
             if best >= 0:
                 column[i, t], logit[i, t], begins[i, t] = best, dense[i, best], _TRUST * min(total[best], _1)
@@ -186,54 +187,74 @@ def agreement(s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array3
     `size` (N,) of the S walls.
     """
     n, k = likely.shape
-    found = np.empty((n, k, AGREEMENTS), dtype=np.float32)
     voter, voice = _voters(likely, size)
-    i, b = voter // k, np.empty_like(voter)
-    turn = np.empty((2, len(voter)), dtype=np.float32)  # cosines and sines of the voters' motions
-    for v in range(len(voter)):
-        b[v] = max(c.column[i[v], voter[v] % k], 0)
-        turn[0, v], turn[1, v] = _turn(s.pose[i[v]], a.pose[b[v]])
-    own, theirs = s.pose[i].T.copy(), a.pose[b].T.copy()
+    own, turn, there, floor = _motions(s, a, c.column, voter)
+    found, most = np.empty((n, k, AGREEMENTS), dtype=np.float32), _LEAST_VOICE
     sharp, wide = np.empty((k, len(voter)), dtype=np.float32), np.empty((k, len(voter)), dtype=np.float32)
-    floor = a.floor[b]
-    for w in range(n):
-        pose = s.pose[w]
+    for i in range(n):
         for t in range(k):
-            p = max(c.column[w, t], 0)
-            there = a.pose[p]
-            cos, sin = _turn(pose, there)
+            p = max(c.column[i, t], 0)
+            cos, sin = _turn(s.pose[i, 2], s.pose[i, 3], a.pose[p, 2], a.pose[p, 3])
             for v in range(len(voter)):
-                x, y = own[0, v] - pose[0], own[1, v] - pose[1]
-                off_x = cos * x - sin * y + there[0] - theirs[0, v]
-                off_y = sin * x + cos * y + there[1] - theirs[1, v]
+                x, y = own[0, v] - s.pose[i, 0], own[1, v] - s.pose[i, 1]
+                off_x = cos * x - sin * y + a.pose[p, 0] - there[0, v]
+                off_y = sin * x + cos * y + a.pose[p, 1] - there[1, v]
                 off, far = -_HALF * (off_x * off_x + off_y * off_y), np.sqrt(x * x + y * y)
-                heard = cos * turn[0, v] + sin * turn[1, v] > _COS and floor[v] == a.floor[p] and i[v] != w
+                heard = cos * turn[0, v] + sin * turn[1, v] > _COS and floor[v] == a.floor[p] and voter[v] // k != i
                 near, wider = _NEAR + _SLOPE * far, _WIDE + _WIDE_SLOPE * far
                 sharp[t, v] = exp(off / (near * near)) if heard else _0
                 wide[t, v] = exp(off / (wider * wider)) if heard else _0
-        found[w, :, 0], found[w, :, 1] = np.dot(sharp, voice), np.dot(wide, voice)
-    most = found[:, :, 1].max() + _LEAST_VOICE
-    found[:, :, 2] = found[:, :, 1] / most
+        near_say, wide_say = np.dot(sharp, voice), np.dot(wide, voice)
+        for t in range(k):
+            found[i, t, 0], found[i, t, 1] = near_say[t], wide_say[t]
+            most = max(most, wide_say[t] + _LEAST_VOICE)
+    for i in range(n):
+        for t in range(k):
+            found[i, t, 2] = found[i, t, 1] / most
     return found
 
 
 @compiled
-def _turn(of_s: Array32, of_a: Array32) -> tuple[np.float32, np.float32]:
-    """Cosine and sine of the angle of the motion that lays one wall on the other."""
-    return of_s[2] * of_a[2] + of_s[3] * of_a[3], of_s[2] * of_a[3] - of_s[3] * of_a[2]
+def _motions(s: WallRows, a: WallRows, column: Index, voter: Index) -> tuple[Array32, Array32, Array32, Index]:
+    """Of V voters (2, V) where their S walls lie, cosines and sines of their motions, and where their A walls lie; and
+    (V,) storeys."""
+    size = len(voter)
+    own, turn = np.empty((2, size), dtype=np.float32), np.empty((2, size), dtype=np.float32)
+    there, floor = np.empty((2, size), dtype=np.float32), np.empty(size, dtype=np.int64)
+    for v in range(size):
+        i = voter[v] // column.shape[1]
+        p = max(column[i, voter[v] - i * column.shape[1]], 0)
+        own[0, v], own[1, v], there[0, v], there[1, v] = s.pose[i, 0], s.pose[i, 1], a.pose[p, 0], a.pose[p, 1]
+        turn[0, v], turn[1, v] = _turn(s.pose[i, 2], s.pose[i, 3], a.pose[p, 2], a.pose[p, 3])
+        floor[v] = a.floor[p]
+    return own, turn, there, floor
+
+
+@compiled
+def _turn(c: np.float32, s: np.float32, u: np.float32, v: np.float32) -> tuple[np.float32, np.float32]:
+    """Cosine and sine of the angle from one heading to another."""
+    return c * u + s * v, c * v - s * u
 
 
 @compiled
 def _voters(likely: Array32, size: Array32) -> tuple[Index, Array32]:
     """(V,) the likeliest and largest candidates, as places in `likely` (N, K), and their shares of the say."""
     n, k = likely.shape
-    voice = np.empty(n * k, dtype=np.float32)
+    most, count, total = min(VOTERS, n * k), 0, _0
+    found, voice = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.float32)
     for i in range(n):
         for t in range(k):
-            voice[i * k + t] = likely[i, t] * size[i]
-    most = min(VOTERS, len(voice))
-    least = np.partition(voice, len(voice) - most)[len(voice) - most]
-    first, tied = np.flatnonzero(voice > least), np.flatnonzero(voice == least)
-    found = np.concatenate((first, tied[: most - len(first)]))
-    share = voice[found]
-    return found, share / max(share.sum(), _LEAST_VOICE)
+            new = likely[i, t] * size[i]
+            at = count
+            while at > 0 and new > voice[at - 1]:
+                at -= 1
+                if at + 1 < most:
+                    found[at + 1], voice[at + 1] = found[at], voice[at]
+            if at < most:
+                found[at], voice[at] = i * k + t, new
+                count = min(count + 1, most)
+    for v in range(most):
+        total += voice[v]
+    for v in range(most):
+        voice[v] /= max(total, _LEAST_VOICE)
+    return found, voice

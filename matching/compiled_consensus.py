@@ -6,7 +6,7 @@ import numpy as np
 
 from data.compiled import compiled
 from matching.arithmetic import Linear, Norm, linear, linear_gelu, normed, sigmoid, softmax, tanh
-from matching.compiled_candidates import Choice, log_softmax
+from matching.compiled_candidates import Choice, agreement, expanded, log_softmax
 from matching.compiled_encoder import State, linear_of, norm_of
 from matching.features import Array32
 from matching.shared_numbers import LEAST_ODDS, NOTHING, PAIR_SIZE, SHARE_SIZE
@@ -14,7 +14,8 @@ from matching.support_loops import WallRows, combinations
 from matching.walls import Index
 
 BLOCK = 512  # combinations that are in the processor's nearest memory at once
-_0, _1, _4, _5, _8, _10 = (np.float32(x) for x in (0, 1, 4, 5, 8, 10))
+_0, _1, _2, _4, _5, _8, _10 = (np.float32(x) for x in (0, 1, 2, 4, 5, 8, 10))
+_SHORT, _LONG = np.float32(0.35), np.float32(6)  # metres: walls count by the roots of their lengths
 _NOTHING, _ODDS, _LEAST_LOGIT = np.float32(NOTHING), np.float32(LEAST_ODDS), np.float32(-30)
 _TINY, _SMALL, _LITTLE = np.float32(1e-4), np.float32(1e-3), np.float32(1e-2)
 
@@ -54,6 +55,50 @@ class Combinations(NamedTuple):
 
 
 @compiled
+def settled(
+    s: WallRows, a: WallRows, dense: Array32, choice: Choice, likely: Array32, rooms: Array32,
+    counts: tuple[int, int, int], enough: float, w: ConsensusWeights,
+) -> tuple[Index, Array32, Array32]:  # fmt: skip
+    """Cycles of consensus from first candidates, those that are `likely` (N, K), and log odds of rooms: candidates in
+    the end (N, K), how likely they are, and how likely rooms are (M, A rooms + 1). `counts` are those of cycles, of
+    rounds of each, and of candidates that each later cycle adds."""
+    (cycles, rounds, more), first = counts, rooms
+    for cycle in range(cycles):
+        if cycle > 0:
+            choice, likely = expanded(s, a, dense, choice, likely, more)
+        likely, rooms, sure = consensus(s, a, choice, likely, first, rooms, rounds, w)
+        if enough < 1 and sure >= enough:
+            break
+    return choice.column, likely, softmax(rooms)
+
+
+@compiled
+def consensus(
+    s: WallRows, a: WallRows, c: Choice, likely: Array32, first: Array32, rooms: Array32, rounds: int,
+    w: ConsensusWeights,
+) -> tuple[Array32, Array32, float]:  # fmt: skip
+    """Rounds of consensus among given candidates: how likely they are (N, K), and log odds of rooms (M, A rooms + 1),
+    as they are after; and the mean probability of the walls' best answers. `first` is the first guess of rooms."""
+    reasons, size, sure = support(s, a, c.column, w), np.empty(len(s.half), dtype=np.float32), 0.0
+    for i in range(len(size)):
+        size[i] = np.sqrt(min(max(_2 * s.half[i], _SHORT), _LONG))
+    whole = agreement(s, a, c, likely, size)
+    feature = features(s, a, c, likely, whole, rooms)
+    state = linear(feature, w.begin)
+    for k in range(rounds):
+        if k > 0:
+            feature = features(s, a, c, likely, whole, rooms)
+        state, table = one_round(state, feature, likely, c, reasons, w)
+        answer = softmax(table)
+        likely = np.ascontiguousarray(answer[:, :-1])
+        rooms = rooms_told(s, a, c, likely, size, first, w)
+        sure = 0.0
+        for i in range(len(answer)):
+            sure += answer[i].max() / len(answer)
+    return likely, rooms, sure
+
+
+@compiled
 def support(s: WallRows, a: WallRows, column: Index, w: ConsensusWeights) -> Combinations:
     """All combinations of candidates that are roughly alike."""
     pair, other, feature = combinations(s, a, column)
@@ -89,12 +134,6 @@ def features(
             row[5], row[6] = max(longer, _0), max(-longer, _0)
             row[7:] = whole[i, t]
     return found
-
-
-@compiled
-def begun(feature: Array32, w: ConsensusWeights) -> Array32:
-    """(N K, width) state of the candidates from what is known of them, (N K, PAIR_SIZE)."""
-    return linear(feature, w.begin)
 
 
 @compiled

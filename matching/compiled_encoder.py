@@ -102,10 +102,7 @@ def asked(h: Array32, edge: Array32, neighbour: Index, w: Layer) -> Array32:
                 for d in range(seen.shape[1]):
                     y = seen[row, d] + sender[other, d] + receiver[n, d]
                     seen[row, d] = y * sigmoid(y)
-        score = np.dot(seen, w.attention)
-        for n in range(first, last):
-            own = slice((n - first) * k, (n - first + 1) * k)
-            _heard(seen[own], score[own], neighbour[n], heard[n])
+        _hear(seen, np.dot(seen, w.attention), neighbour[first:last], heard[first:last])
     told, thought = linear(heard, w.told), h.copy()
     for n in range(nodes):
         for d in range(h.shape[1]):
@@ -114,25 +111,30 @@ def asked(h: Array32, edge: Array32, neighbour: Index, w: Layer) -> Array32:
 
 
 @compiled
-def _heard(seen: Array32, score: Array32, neighbour: Index, heard: Array32) -> None:
-    """Adds to `heard` (width,) what the neighbours (k,) say, (k, width), each head by its score (k, HEADS)."""
-    k, heads = score.shape
-    wide = seen.shape[1] // heads
-    most, total = np.full(heads, _LOWEST), np.full(heads, _LEAST)
-    for m in range(k):
-        for head in range(heads if neighbour[m] >= 0 else 0):
-            most[head] = max(most[head], score[m, head])
-    for m in range(k):
+def _hear(seen: Array32, score: Array32, neighbour: Index, heard: Array32) -> None:
+    """Adds to `heard` (n, width) what neighbours (n, k) say, (n * k, width), each head by its score (n * k, HEADS)."""
+    (n, k), heads = neighbour.shape, score.shape[1]
+    wide, most = seen.shape[1] // heads, np.empty(heads, dtype=np.float32)
+    total = np.full((n, heads), _LEAST)
+    for node in range(n):
         for head in range(heads):
-            score[m, head] = score[m, head] - most[head] if neighbour[m] >= 0 else _LOWEST
-    flat = score.reshape(k * heads)
-    for n in range(len(flat)):
-        flat[n] = exp(flat[n])
-    for m in range(k):
-        for head in range(heads if neighbour[m] >= 0 else 0):
-            total[head] += score[m, head]
-    for m in range(k):
-        for head in range(heads if neighbour[m] >= 0 else 0):
-            share = score[m, head] / total[head]
+            most[head] = _LOWEST
+        for m in range(k):
+            for head in range(heads if neighbour[node, m] >= 0 else 0):
+                most[head] = max(most[head], score[node * k + m, head])
+        for m in range(k):
+            for head in range(heads):
+                there = neighbour[node, m] >= 0
+                score[node * k + m, head] = score[node * k + m, head] - most[head] if there else _LOWEST
+    flat = score.reshape(score.size)
+    for place in range(len(flat)):
+        flat[place] = exp(flat[place])
+    for row in range(n * k):
+        for head in range(heads):
+            total[row // k, head] += score[row, head]
+    for row in range(n * k):
+        node = row // k
+        for head in range(heads if neighbour[node, row - node * k] >= 0 else 0):
+            share = score[row, head] / total[node, head]
             for d in range(head * wide, (head + 1) * wide):
-                heard[d] += share * seen[m, d]
+                heard[node, d] += share * seen[row, d]

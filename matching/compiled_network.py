@@ -10,10 +10,10 @@ import numpy as np
 
 from data.compiled import compiled
 from matching import compiled_candidates as candidates
-from matching import compiled_consensus as consensus
 from matching import compiled_encoder as encoder
-from matching.arithmetic import Linear, linear, normed, softmax
-from matching.compiled_candidates import Choice, Vectors
+from matching.arithmetic import Linear, Norm, linear, normed
+from matching.compiled_candidates import Vectors
+from matching.compiled_consensus import consensus_of, settled
 from matching.compiled_encoder import State, linear_of
 from matching.features import Array32, GraphFeatures
 from matching.shared_numbers import HEARD, Settings
@@ -52,7 +52,7 @@ class CompiledNetwork:
         self._encoder, self._layers = encoder.encoder_of(state), encoder.layers_of(state, settings.layers)
         self._heads = tuple(linear_of(state, of) for of in ("wall_vector", "room_vector", "no_wall", "no_room"))
         self._sharpness = state["sharpness"]
-        self._consensus = consensus.consensus_of(state)
+        self._consensus = consensus_of(state)
 
     @staticmethod
     def of(network: "MatchingNetwork") -> "CompiledNetwork":
@@ -64,40 +64,18 @@ class CompiledNetwork:
         h, edge = encoder.begun(f.node, f.edge, self._encoder)
         for layer in self._layers:
             h = encoder.asked(h, edge, f.neighbour, layer)
-        h = normed(h, self._encoder.after)
-        return Encoded(_rows_of(f), _vectors(h[f.wall_node], h[f.room_node], *self._heads))
+        return Encoded(_rows_of(f), _vectors(h, f.wall_node, f.room_node, self._encoder.after, *self._heads))
 
     def ask(self, s: Encoded, a: Encoded, enough: float) -> Likely:
         """What is likely of a map and a plan, each with at least one wall; no further cycle follows once the walls'
         best answers have a probability of `enough`, in the mean."""
-        dense, first_rooms = candidates.tables(s.vectors, a.vectors, s.walls.room, a.walls.room, self._sharpness)
+        dense, rooms = candidates.tables(s.vectors, a.vectors, s.walls.room, a.walls.room, self._sharpness)
         choice, likely = candidates.first_choice(dense, self._settings.candidates)
-        rooms, size = first_rooms, np.sqrt(np.clip(2 * s.walls.half, np.float32(0.35), np.float32(6)))
-        for cycle in range(self._settings.cycles):
-            if cycle > 0:
-                more = self._settings.more
-                choice, likely = candidates.expanded(s.walls, a.walls, dense, choice, likely, more)
-            likely, rooms, sure = self._cycle(s.walls, a.walls, choice, likely, size, first_rooms, rooms)
-            if enough < 1 and sure >= enough:
-                break
-        return Likely(choice.column, likely, softmax(rooms)[:, :-1])
-
-    def _cycle(
-        self, s: WallRows, a: WallRows, choice: Choice, likely: Array32, size: Array32, first: Array32, rooms: Array32
-    ) -> tuple[Array32, Array32, float]:
-        """Rounds of consensus among given candidates: (N, K) and (M, A rooms + 1) as they are after, and the mean
-        probability of the walls' best answers."""
-        w, state = self._consensus, None
-        support = consensus.support(s, a, choice.column, w)
-        whole = candidates.agreement(s, a, choice, likely, size)
-        for _ in range(self._settings.rounds):
-            feature = consensus.features(s, a, choice, likely, whole, rooms)
-            state = consensus.begun(feature, w) if state is None else state
-            state, table = consensus.one_round(state, feature, likely, choice, support, w)
-            answer = softmax(table)
-            likely = np.ascontiguousarray(answer[:, :-1])
-            rooms = consensus.rooms_told(s, a, choice, likely, size, first, w)
-        return likely, rooms, float(answer.max(axis=1).mean())
+        of = self._settings
+        column, walls, rooms = settled(
+            s.walls, a.walls, dense, choice, likely, rooms, (of.cycles, of.rounds, of.more), enough, self._consensus
+        )
+        return Likely(column, walls, rooms[:, :-1])
 
 
 def _rows_of(f: GraphFeatures) -> WallRows:
@@ -111,11 +89,15 @@ def _rows_of(f: GraphFeatures) -> WallRows:
 
 @compiled
 def _vectors(
-    walls: Array32, rooms: Array32, of_wall: Linear, of_room: Linear, no_wall: Linear, no_room: Linear
-) -> Vectors:
+    h: Array32, wall_node: Index, room_node: Index, after: Norm,
+    of_wall: Linear, of_room: Linear, no_wall: Linear, no_room: Linear,
+) -> Vectors:  # fmt: skip
+    """Of the encoder's last layer (V, width)."""
+    nodes = normed(h, after)
+    walls, rooms = nodes[wall_node], nodes[room_node]
     return Vectors(
         _unit(linear(walls, of_wall)), _unit(linear(rooms, of_room)),
-        linear(walls, no_wall)[:, 0].copy(), linear(rooms, no_room)[:, 0].copy(),
+        linear(walls, no_wall).reshape(len(walls)), linear(rooms, no_room).reshape(len(rooms)),
     )  # fmt: skip
 
 

@@ -72,12 +72,14 @@ def _near(s: WallRows, candidate: Index, place: Array32) -> tuple[Index, Index]:
                 cos, sin, x, y, floor = place[i, 0, t], place[i, 1, t], place[i, 2, t], place[i, 3, t], place[i, 4, t]
                 if floor < 0:
                     continue
+                some = False
                 for u in range(width):
                     right, up = place[j, 2, u] - x, place[j, 3, u] - y
                     square = right * right + up * up
                     alike = (cos * place[j, 0, u] + sin * place[j, 1, u] > _COS) & (floor == place[j, 4, u])
                     fits[u] = alike & (square > low) & (square < high)
-                for u in range(width):
+                    some |= fits[u]
+                for u in range(width if some else 0):
                     pair[count], other[count] = i * width + t, j * width + u
                     count += fits[u]
     return pair[:count], other[:count]
