@@ -33,7 +33,8 @@ COMMAND, SECTION = "python -m evaluation.matching_time", "matching-time"
 HEADER = ("nodes of plan and map", "wall surfaces", "published forward (ms)", "published, whole (ms)", "match (ms)",
           "times the forward", "of it proposals (ms)", "plan's part, once (ms)", "answer")  # fmt: skip
 NOTE = (
-    "Milliseconds of one core, the least of {repeat} runs in turns. `published forward` is the reproduction's pass "
+    "Milliseconds of one core, the least of {repeat} runs in turns, each after one that is not counted. "
+    "`published forward` is the reproduction's pass "
     "from tensors to the soft assignment, `published, whole` its graphs and its assignment as well; `match` is all of "
     "`learned`: features, network, search, verification. The plan's part is worked out when a plan is first met; it is "
     "kept. Compiled loops are loaded before: the first match of a process takes 0.2 s longer, the first of an "
@@ -108,7 +109,9 @@ def measured(case: Case, repeat: int) -> Times:
     ]  # fmt: skip
     least = [float("inf")] * len(turns)
     for _ in range(repeat + 1):
-        least = [min(known, _seconds(run)) for known, run in zip(least, turns, strict=True)]
+        for k, run in enumerate(turns):
+            run()  # of another's turn the processor's caches are full
+            least[k] = min(least[k], _seconds(run))
     forward, whole, match, proposals = least
     answer = learned.match(s, a).status
     return Times(*_sizes(s, a), forward, whole, match, proposals, max(first - match, 0.0), answer)
