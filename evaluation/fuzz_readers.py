@@ -94,6 +94,12 @@ def _weights(path: Path) -> object:
     return load_network(path)
 
 
+def _learned(path: Path) -> object:
+    from matching.learned_file import load_learned
+
+    return load_learned(path)
+
+
 def _state(path: Path) -> object:
     from sgslam.state_file import read_state
 
@@ -146,12 +152,12 @@ def _graph_sample(folder: Path) -> list[bytes]:
     return [json.dumps(samples.a_graph().to_dict()).encode()]
 
 
-def _weights_sample(folder: Path) -> list[bytes]:
+def _weights_sample(suffix: str, folder: Path) -> list[bytes]:
     """A small network: those that are shipped have more weights than form."""
     from matching.small_work import write_small_network
 
-    write_small_network(folder / "a.pt")
-    return [(folder / "a.pt").read_bytes()]
+    write_small_network(folder / f"a{suffix}")
+    return [(folder / f"a{suffix}").read_bytes()]
 
 
 def _state_sample(folder: Path) -> list[bytes]:
@@ -194,7 +200,8 @@ READERS = (
     Reader("times", ".txt", _rows(1), _times),
     Reader("g2o", ".g2o", _g2o_lines, _g2o),
     Reader("settings", ".yaml", _config_sample, _config, share=0.3),
-    Reader("network", ".pt", _weights_sample, _weights, mutated_zip(mutated), 0.2),
+    Reader("network", ".npz", partial(_weights_sample, ".npz"), _learned, mutated_zip(mutated), 0.5),
+    Reader("network of torch", ".pt", partial(_weights_sample, ".pt"), _weights, mutated_zip(mutated), 0.2),
     Reader("network's input", ".json", _graph_sample, _match, mutated_json, 0.02),
     Reader("state", ".npz", _state_sample, _state, mutated_zip(mutated), 0.5),
     Reader("keyframe clouds", ".bin", _clouds_sample, _clouds),

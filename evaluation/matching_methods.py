@@ -33,7 +33,7 @@ def _voting(by_parts: bool) -> Matcher:
 
 def _shuffled() -> Matcher:
     from matching.bent_matcher import BentMatcher
-    from matching.learned import LearnedProposer  # torch is slow to import
+    from matching.learned import LearnedProposer
 
     network = LearnedProposer.load()
 

@@ -96,8 +96,8 @@ class Large:
 
 def measured(case: Case, repeat: int) -> Times:
     """Everything in turns."""
-    from matching.learned import LearnedProposer  # imports torch
-    from matching.paper_forward import paper_forward
+    from matching.learned import LearnedProposer
+    from matching.paper_forward import paper_forward  # imports torch
 
     s, a = case.graphs()
     Matcher.load("learned").match(s, a)  # loads, or compiles, what is compiled

@@ -7,9 +7,18 @@ import numpy as np
 from data.compiled import compiled
 from matching.arithmetic import Linear, Norm, linear, linear_gelu, normed, sigmoid, softmax, tanh
 from matching.compiled_candidates import Choice, agreement, expanded, log_softmax
-from matching.compiled_encoder import State, linear_of, norm_of
 from matching.features import Array32
-from matching.shared_numbers import LEAST_ODDS, NOTHING, PAIR_SIZE, SHARE_SIZE
+from matching.named_weights import NamedWeights
+from matching.shared_numbers import (
+    COMPARED_SIZE,
+    COMPATIBLE_WIDTHS,
+    LEAST_ODDS,
+    NOTHING,
+    PAIR_SIZE,
+    REASONS,
+    ROOM_WIDTH,
+    SHARE_SIZE,
+)
 from matching.support_loops import WallRows, combinations
 from matching.walls import Index
 
@@ -36,13 +45,17 @@ class ConsensusWeights(NamedTuple):
     room_again: Linear
 
 
-def consensus_of(state: State) -> ConsensusWeights:
-    """The weights of a network."""
-    names = ("compatible.0", "compatible.2", "compatible.4", "begin", "says", "step.0", "step.2")
-    first, again, last, begin, says, step, step_again = (linear_of(state, f"consensus.{name}") for name in names)
+def consensus_of(w: NamedWeights, width: int) -> ConsensusWeights:
+    """The weights of a network whose state is `width` wide."""
+    first, second = COMPATIBLE_WIDTHS
     return ConsensusWeights(
-        first, again, last, begin, says, step, step_again, norm_of(state, "consensus.after"),
-        linear_of(state, "consensus.judge"), linear_of(state, "room_step.0"), linear_of(state, "room_step.2"),
+        w.linear("consensus.compatible.0", COMPARED_SIZE, first), w.linear("consensus.compatible.2", first, second),
+        w.linear("consensus.compatible.4", second, REASONS),
+        w.linear("consensus.begin", PAIR_SIZE, width), w.linear("consensus.says", width, REASONS),
+        w.linear("consensus.step.0", width + 2 * REASONS + PAIR_SIZE, 2 * width),
+        w.linear("consensus.step.2", 2 * width, width), w.norm("consensus.after", width),
+        w.linear("consensus.judge", width, 1),
+        w.linear("room_step.0", SHARE_SIZE, ROOM_WIDTH), w.linear("room_step.2", ROOM_WIDTH, 1),
     )  # fmt: skip
 
 

@@ -1,19 +1,18 @@
 """`encoder` for one graph at a time, without gradients: the same vectors from the same weights, by compiled loops."""
 
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from data.compiled import compiled
 from matching.arithmetic import Linear, Norm, exp, linear, linear_gelu, normed, sigmoid
-from matching.features import Array32
+from matching.features import EDGE_SIZE, NODE_SIZE, Array32
+from matching.named_weights import NamedWeights
+from matching.shared_numbers import HEADS
 from matching.walls import Index
 
 BLOCK = 16  # nodes whose edges are in the processor's nearest memory at once
 _LOWEST, _LEAST = np.float32(-1e30), np.float32(1e-30)
-
-State = Mapping[str, Array32]  # a network's weights by torch's names
 
 
 class Layer(NamedTuple):
@@ -40,38 +39,29 @@ class EncoderWeights(NamedTuple):
     after: Norm
 
 
-def linear_of(state: State, name: str) -> Linear:
-    """The weights of a torch `Linear`."""
-    return Linear(np.ascontiguousarray(state[f"{name}.weight"].T), state[f"{name}.bias"])
-
-
-def norm_of(state: State, name: str) -> Norm:
-    """The weights of a torch `LayerNorm`."""
-    return Norm(state[f"{name}.weight"], state[f"{name}.bias"])
-
-
-def encoder_of(state: State) -> EncoderWeights:
+def encoder_of(w: NamedWeights, width: int) -> EncoderWeights:
     """All but the layers."""
-    names = ("encoder.node.0", "encoder.node.2", "encoder.edge.0", "encoder.edge.2")
-    node, node_again, edge, edge_again = (linear_of(state, name) for name in names)
-    return EncoderWeights(node, node_again, edge, edge_again, norm_of(state, "encoder.after"))
+    return EncoderWeights(
+        w.linear("encoder.node.0", NODE_SIZE, width), w.linear("encoder.node.2", width, width),
+        w.linear("encoder.edge.0", EDGE_SIZE, width), w.linear("encoder.edge.2", width, width),
+        w.norm("encoder.after", width),
+    )  # fmt: skip
 
 
-def layers_of(state: State, count: int) -> tuple[Layer, ...]:
+def layers_of(w: NamedWeights, width: int, count: int) -> tuple[Layer, ...]:
     """The layers, first to last."""
-    return tuple(_layer_of(state, f"encoder.layers.{k}") for k in range(count))
+    return tuple(_layer_of(w, f"encoder.layers.{k}", width) for k in range(count))
 
 
-def _layer_of(state: State, name: str) -> Layer:
-    heads = state[f"{name}.attention"]
-    attention = np.zeros((heads.size, len(heads)), dtype=np.float32)
-    for k, own in enumerate(heads):
-        attention[k * len(own) : (k + 1) * len(own), k] = own
-    sender, edge = (np.ascontiguousarray(state[f"{name}.{of}.weight"].T) for of in ("sender", "edge"))
+def _layer_of(w: NamedWeights, name: str, width: int) -> Layer:
+    attention, own = np.zeros((width, HEADS), dtype=np.float32), width // HEADS
+    for k, head in enumerate(w.array(f"{name}.attention", HEADS, own)):
+        attention[k * own : (k + 1) * own, k] = head
     return Layer(
-        norm_of(state, f"{name}.before"), linear_of(state, f"{name}.receiver"), sender, edge, attention,
-        linear_of(state, f"{name}.told"), norm_of(state, f"{name}.think.0"), linear_of(state, f"{name}.think.1"),
-        linear_of(state, f"{name}.think.3"),
+        w.norm(f"{name}.before", width), w.linear(f"{name}.receiver", width, width),
+        w.matrix(f"{name}.sender", width, width), w.matrix(f"{name}.edge", width, width), attention,
+        w.linear(f"{name}.told", width, width), w.norm(f"{name}.think.0", width),
+        w.linear(f"{name}.think.1", width, 2 * width), w.linear(f"{name}.think.3", 2 * width, width),
     )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 The steps are the network's: vectors of each graph on its own, a few candidates for each S wall, rounds of consensus.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,8 +15,8 @@ from matching import compiled_encoder as encoder
 from matching.arithmetic import Linear, Norm, linear, normed
 from matching.compiled_candidates import Vectors
 from matching.compiled_consensus import consensus_of, settled
-from matching.compiled_encoder import State, linear_of
 from matching.features import Array32, GraphFeatures
+from matching.named_weights import NamedWeights
 from matching.shared_numbers import HEARD, Settings
 from matching.support_loops import WallRows
 from matching.walls import Index
@@ -45,14 +46,20 @@ class Likely:
 
 
 class CompiledNetwork:
-    """The network of given settings and weights, ready to be asked."""
+    """The network of given settings and weights, by torch's names, ready to be asked.
 
-    def __init__(self, settings: Settings, state: State) -> None:
+    Raises ValueError where these are not all that it takes, and nothing else.
+    """
+
+    def __init__(self, settings: Settings, state: Mapping[str, Array32]) -> None:
+        w, width = NamedWeights(state), settings.width
         self._settings = settings
-        self._encoder, self._layers = encoder.encoder_of(state), encoder.layers_of(state, settings.layers)
-        self._heads = tuple(linear_of(state, of) for of in ("wall_vector", "room_vector", "no_wall", "no_room"))
-        self._sharpness = state["sharpness"]
-        self._consensus = consensus_of(state)
+        self._encoder, self._layers = encoder.encoder_of(w, width), encoder.layers_of(w, width, settings.layers)
+        vectors = (w.linear(of, width, width) for of in ("wall_vector", "room_vector"))
+        self._heads = (*vectors, *(w.linear(of, width, 1) for of in ("no_wall", "no_room")))
+        self._sharpness = w.array("sharpness", 3)
+        self._consensus = consensus_of(w, settings.state)
+        w.end()
 
     @staticmethod
     def of(network: "MatchingNetwork") -> "CompiledNetwork":

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from matching.candidates import Candidates
 from matching.encoder import GraphTensors
 from matching.relations import compared, wall_neighbours
-from matching.shared_numbers import COMPARED_SIZE, LEAST_COS, NOTHING, OFFSET_M, PAIR_SIZE
+from matching.shared_numbers import COMPARED_SIZE, COMPATIBLE_WIDTHS, LEAST_COS, NOTHING, OFFSET_M, PAIR_SIZE, REASONS
 from matching.support_loops import WallRows, combinations
 
 CHUNK = 1 << 21  # combinations looked through at once
@@ -83,15 +83,16 @@ def _turned(pose_s: Tensor, pose_a: Tensor) -> Tensor:
 class Consensus(nn.Module):
     """Rounds of support between candidates, the same step each time; rooms are told and ask back."""
 
-    def __init__(self, width: int = 32, heads: int = 12) -> None:
+    def __init__(self, width: int) -> None:
         super().__init__()
+        first, second = COMPATIBLE_WIDTHS
         self.compatible = nn.Sequential(
-            nn.Linear(COMPARED_SIZE, 32), nn.GELU(), nn.Linear(32, 24), nn.GELU(), nn.Linear(24, heads)
+            nn.Linear(COMPARED_SIZE, first), nn.GELU(), nn.Linear(first, second), nn.GELU(), nn.Linear(second, REASONS)
         )
         self.begin = nn.Linear(PAIR_SIZE, width)
-        self.says = nn.Linear(width, heads)
+        self.says = nn.Linear(width, REASONS)
         self.step = nn.Sequential(
-            nn.Linear(width + 2 * heads + PAIR_SIZE, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
+            nn.Linear(width + 2 * REASONS + PAIR_SIZE, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
         )
         self.after = nn.LayerNorm(width)
         self.judge = nn.Linear(width, 1)

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from matching.features import EDGE_SIZE, NODE_SIZE, GraphFeatures
-
-HEADS = 4
+from matching.shared_numbers import HEADS
 
 
 @dataclass(frozen=True)

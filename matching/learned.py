@@ -10,10 +10,11 @@ from data.scene_graph import SceneGraph
 from matching.compiled_network import CompiledNetwork, Encoded
 from matching.features import Array32, GraphFeatures, map_features, plan_features
 from matching.kept import Kept
+from matching.learned_file import SUFFIX, load_learned
 from matching.proposals import MOST, Proposals, TopK
 from matching.walls import Index
 
-SHIPPED = Path(__file__).parent / "weights" / "learned.pt"
+SHIPPED = Path(__file__).parent / "weights" / "learned.npz"
 ENOUGH = 0.93  # mean probability of the walls' best answers; further cycles would change little
 
 
@@ -35,14 +36,9 @@ class LearnedProposer:
     @staticmethod
     def load(path: Path | str | None = None) -> "LearnedProposer":
         """With the weights of a file, the shipped ones unless told; raises UserError where it is no network's."""
-        from matching.network import MatchingNetwork  # torch is slow to import
-        from matching.weights_file import load_network
-
         if path is None and not SHIPPED.is_file():
             raise UserError("the learned matcher's weights are not installed; give a file that matching.train wrote")
-        network = load_network(Path(path or SHIPPED))
-        assert isinstance(network, MatchingNetwork)
-        return LearnedProposer(CompiledNetwork.of(network))
+        return LearnedProposer(_network(Path(path or SHIPPED)))
 
     def propose(self, s: SceneGraph, a: SceneGraph) -> Proposals:
         """The likely partners of each S wall surface and room, in the order of the graphs."""
@@ -63,6 +59,17 @@ class LearnedProposer:
         found = plan_features(a)
         walls, rooms = [w.id for w in a.wall_surfaces], [r.id for r in a.rooms]
         return _Plan(found, self._network.encode(found), _places(found.walls, walls), _places(found.rooms, rooms))
+
+
+def _network(path: Path) -> CompiledNetwork:
+    if path.suffix == SUFFIX:
+        return load_learned(path)
+    from matching.network import MatchingNetwork  # torch is slow to import
+    from matching.weights_file import load_network
+
+    network = load_network(path)
+    assert isinstance(network, MatchingNetwork)
+    return CompiledNetwork.of(network)
 
 
 def _none(count: int) -> TopK:

@@ -96,7 +96,7 @@ class Matcher:
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.bent_matcher import BentMatcher  # torch is slow to import
+    from matching.bent_matcher import BentMatcher  # compiled loops are slow to import
     from matching.learned import LearnedProposer
     from matching.voting_proposals import voting_proposals
 

@@ -15,7 +15,7 @@ from matching.candidates import Batched, Candidates, expanded, first_candidates,
 from matching.consensus import Consensus, support
 from matching.encoder import Encoder, GraphTensors
 from matching.features import PairRows
-from matching.shared_numbers import LEAST_ODDS, NOTHING, PAIR_SIZE, SHARE_SIZE, STRANGE_ROOM, Settings
+from matching.shared_numbers import LEAST_ODDS, NOTHING, PAIR_SIZE, ROOM_WIDTH, SHARE_SIZE, STRANGE_ROOM, Settings
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class MatchingNetwork(nn.Module):
         self.sharpness = nn.Parameter(torch.tensor([12.0, 8.0, 0.5]))  # of walls, of rooms, of rooms' say on walls
         self.no_wall, self.no_room = nn.Linear(width, 1), nn.Linear(width, 1)
         self.consensus = Consensus(settings.state)
-        self.room_step = nn.Sequential(nn.Linear(SHARE_SIZE, 24), nn.GELU(), nn.Linear(24, 1))
+        self.room_step = nn.Sequential(nn.Linear(SHARE_SIZE, ROOM_WIDTH), nn.GELU(), nn.Linear(ROOM_WIDTH, 1))
 
     def encode(self, graph: GraphTensors) -> Encoded:
         """What a graph is on its own."""

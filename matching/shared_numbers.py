@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+LARGEST = 4096  # no width, number of layers, ... of a network is larger
+HEADS = 4  # of the encoder's attention
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -15,9 +18,16 @@ class Settings:
     rounds: int = 2  # of each cycle
     state: int = 32
 
+    def __post_init__(self) -> None:
+        """Raises ValueError for sizes that no network has."""
+        sizes = vars(self).values()
+        if not all(type(size) is int and 0 < size <= LARGEST for size in sizes) or self.width % HEADS:
+            raise ValueError(f"a network cannot be of such sizes: {self}")
+
 
 NOTHING = -1e4  # a logit that is as good as minus infinity
 SHARE_SIZE = 6  # of what is told of an S room and an A room
+ROOM_WIDTH = 24  # of the step that makes log odds of it
 LEAST_ODDS = -12.0  # log odds of rooms that have a say on walls
 STRANGE_ROOM = -3.0  # log odds of the rooms where one of two walls has none
 
@@ -33,6 +43,7 @@ OFFSET_M = 2.5  # pairs whose distance differs by more are not looked at,
 LEFT_M = 1.2  # nor those whose offsets differ by more where walls may slide
 LEAST_COS = 0.9  # of the angle by which two pairs differ
 SCALES_M = (0.12, 0.35, 1.0)
+COMPATIBLE_WIDTHS, REASONS = (32, 24), 12  # of the steps that make reasons of it, and how many these are
 COMPARED_SIZE = 4 * len(SCALES_M) + 2 * len(SCALES_M) + 9
 
 # How much of the map agrees with a candidate.

@@ -29,6 +29,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     import torch  # slow to import, as is what follows
 
+    from matching.learned_file import SUFFIX
     from matching.networks import settings_of
     from matching.trainer import Limits, Row, Training, train
     from matching.training_data import Drawing, held_out, seeds_of
@@ -42,6 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     out.mkdir(parents=True, exist_ok=True)
     drawing = Drawing(tuple(own), seeds_of("train", GENERATED))
     training = Training.begin(settings, options.seed, device)
+    weights = f"learned{SUFFIX}" if options.network == "learned" else f"{options.network}.pt"
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         training.load(checkpoint)
@@ -49,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     def looked(row: Row) -> None:
         training.save(checkpoint)
-        save_network(out / f"{options.network}.pt", training.best_network())
+        save_network(out / weights, training.best_network())
         write_curve(out, training.curve)
         shown = "  ".join(f"{k} {row[k]:.3f}" for k in ("loss", "surprise", "walls", "rooms", "none", "first"))
         print(f"step {int(row['step'])}  {row['minutes']:.1f} min  {shown}", flush=True)
@@ -81,7 +83,7 @@ def _parser() -> Parser:
     parser = Parser(
         prog="python -m matching.train",
         description="Trains the matching network on generated plans and on the plans given. Goes on where it was "
-        "stopped when --out holds a run. Writes NETWORK.pt, curve.csv, curve.png, model_card.json.",
+        "stopped when --out holds a run. Writes learned.npz (or NETWORK.pt), curve.csv, curve.png, model_card.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
     parser.add_argument(

@@ -1,4 +1,7 @@
-"""A network's file: its settings and its weights in half precision, nothing that runs code when it is read."""
+"""A network's file: its settings and its weights in half precision, nothing that runs code when it is read.
+
+Its name says its form: torch's own, or the learned network's `.npz` (`learned_file`).
+"""
 
 import io
 from collections.abc import Mapping
@@ -10,16 +13,23 @@ from torch import Tensor
 
 from data.errors import UserError
 from data.files import write_atomically
+from matching.learned_file import SUFFIX, read_learned, write_learned
+from matching.network import MatchingNetwork
 from matching.networks import Network, kind_of, network_of, settings_of
+from matching.shared_numbers import LARGEST
 
 VERSION = 1
-LARGEST = 4096  # no width, number of layers, ... of a network is larger
 
 
 def save_network(path: Path, network: Network) -> None:
-    """Writes the network atomically."""
-    state = {k: v.half() for k, v in network.state_dict().items()}
-    write_weights(path, _version(kind_of(network)), network.to_dict(), state)
+    """Writes the network atomically; raises ValueError where a relative shall be an `.npz`."""
+    state = {k: v.detach().cpu().half() for k, v in network.state_dict().items()}
+    if path.suffix != SUFFIX:
+        write_weights(path, _version(kind_of(network)), network.to_dict(), state)
+    elif isinstance(network, MatchingNetwork):
+        write_learned(path, network.to_dict(), {k: v.numpy() for k, v in state.items()})
+    else:
+        raise ValueError(f"{path}: this form is the learned network's alone")
 
 
 def load_network(path: Path, kind: str = "learned") -> Network:
@@ -27,7 +37,7 @@ def load_network(path: Path, kind: str = "learned") -> Network:
 
     Raises UserError where the file is missing or is not a network of this kind and version.
     """
-    settings, state = read_weights(path, _version(kind), "python -m matching.train")
+    settings, state = _read(path, kind)
     try:
         if not all(type(value) in (int, float) and 0 <= value <= LARGEST for value in settings.values()):
             raise TypeError("a setting is out of all bounds")
@@ -35,11 +45,20 @@ def load_network(path: Path, kind: str = "learned") -> Network:
             wanted = {k: v.shape for k, v in network_of(settings_of(kind, settings)).state_dict().items()}
         if wanted != {k: v.shape for k, v in state.items()}:
             raise TypeError("the weights are of another network")
+        if not all(v.isfinite().all() for v in state.values()):
+            raise ValueError("weights are not finite")
         network = network_of(settings_of(kind, settings))
         network.load_state_dict({k: v.float() for k, v in state.items()}, strict=True)
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError):
         raise UserError(f"{path}: its network does not fit this program; train it again") from None
     return network.eval().requires_grad_(False)
+
+
+def _read(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    if path.suffix != SUFFIX:
+        return read_weights(path, _version(kind), "python -m matching.train")
+    settings, state = read_learned(path)
+    return {**settings}, {k: torch.from_numpy(v) for k, v in state.items()}
 
 
 def _version(kind: str) -> int | str:
