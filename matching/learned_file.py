@@ -72,7 +72,10 @@ def _arrays(path: Path) -> Arrays:
             sizes = [len(packed), sum(entry.file_size for entry in held.zip.infolist())]
             if max(sizes) > MOST_BYTES or held.zip.testzip():
                 raise ValueError("too large, or damaged")
-            return dict(held)
+            arrays = dict(held)
+            if not all(isinstance(value, np.ndarray) for value in arrays.values()):  # others come as bytes
+                raise ValueError("not arrays")
+            return arrays
     except Exception:  # numpy's reader, which runs no code of the file's, raises whatever it stumbles on
         raise UserError(f"{path}: not a network's file; 'python -m matching.train' writes one") from None
 

@@ -107,6 +107,7 @@ FOREIGN: dict[str, Callable[[bytes], bytes]] = {
     "an array": lambda whole: header("(2,)") + bytes(4),
     "another archive": lambda whole: packed({"readme.txt": b"hello"}),
     "an archive of nothing": lambda whole: packed({}),
+    "no array": lambda whole: packed({"tag.npy": b"hello"}),
     "claims": lambda whole: packed({"tag.npy": header("(1099511627776,)")}),
     "packed": lambda whole: packed({"tag.npy": header("(9,)") + bytes(MOST_BYTES)}),
     "no tag": changed(lambda a: a.pop("tag")),

@@ -136,6 +136,14 @@ def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
     assert "0.1 s apart" in done.stderr  # the stamps are a guess, and the user is told
 
 
+@pytest.mark.parametrize("planned", [False, True])
+def test_a_run_takes_no_torch(scans: Path, building: Path, tmp_path: Path, planned: bool) -> None:
+    code = "import sys; from sgslam.run import main; assert main(sys.argv[1:]) == 0 and 'torch' not in sys.modules"
+    given = ["--scan-dir", scans, "--out", tmp_path / "out", *(["--bim", building] if planned else [])]
+    done = subprocess.run([sys.executable, "-c", code, *map(str, given)], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+
+
 def test_one_bad_scan_is_skipped_and_counted(scans: Path, tmp_path: Path) -> None:
     folder = copied(scans, tmp_path)
     np.save(folder / "5.npy", np.full((100, 3), np.nan))
