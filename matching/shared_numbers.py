@@ -10,13 +10,13 @@ HEADS = 4  # of the encoder's attention
 class Settings:
     """The size of a network; kept in its file."""
 
-    width: int = 64
-    layers: int = 3
-    candidates: int = 12  # by their vectors
+    width: int = 32
+    layers: int = 2
+    candidates: int = 8  # by their vectors
     more: int = 4  # in each later cycle, by where the neighbours are
-    cycles: int = 3
+    cycles: int = 2
     rounds: int = 2  # of each cycle
-    state: int = 32
+    state: int = 16
 
     def __post_init__(self) -> None:
         """Raises ValueError for sizes that no network has."""
