@@ -41,13 +41,14 @@ MOST_STEPS = 30  # of growth; larger maps grow by several rooms a step
 
 @dataclass(frozen=True)
 class Bent:
-    """K distinct hypotheses, best first: fields with (K, Ns, P) partners, `score` in nats, the rigid motion (K, 3)
-    that is nearest to each, between own frames."""
+    """K distinct hypotheses, best first: fields with (K, Ns, P) partners, `score` in nats, the same with `wary` ends,
+    and the rigid motion (K, 3) that is nearest to each, between own frames."""
 
     scene: Scene
     fields: Fields
     table: Index
     score: Array
+    wary: Array
     rigid: Array
 
     def __len__(self) -> int:
@@ -76,7 +77,7 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     fields, sure = seeds(scene, local_motions(scene, proposals), fewest, most)
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
-        return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros((0, 3)))
+        return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
     grown = grow(scene, fields, sure)
     chance = Chance.of(scene, grown.fields, grown.table)
     found = _scored(scene, grown, chance)
@@ -140,15 +141,16 @@ def polished(scene: Scene, begin: Led, sigmas: Array) -> Led:
 
 def _scored(scene: Scene, grown: Led, chance: Chance) -> Bent:
     fields, table = grown.fields, grown.table
-    score = evidence(scene, fields, table, chance)
+    score, wary = evidence(scene, fields, table, chance)
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.argsort(-score, kind="stable")
-    found = Bent(scene, fields[order], table[order], score[order], near[order])
+    found = Bent(scene, fields[order], table[order], score[order], wary[order], near[order])
     return _chosen(found, distinct(found.fields.storey, found.rigid))
 
 
 def _chosen(found: Bent, chosen: Index) -> Bent:
-    return Bent(found.scene, found.fields[chosen], found.table[chosen], found.score[chosen], found.rigid[chosen])
+    scores = found.score[chosen], found.wary[chosen]
+    return Bent(found.scene, found.fields[chosen], found.table[chosen], *scores, found.rigid[chosen])
 
 
 def _merged(one: Bent, other: Bent) -> Bent:
@@ -158,6 +160,6 @@ def _merged(one: Bent, other: Bent) -> Bent:
     order = np.argsort(-score, kind="stable")
     both = Bent(
         one.scene, Fields(storey, state)[order], np.concatenate((one.table, other.table))[order], score[order],
-        np.concatenate((one.rigid, other.rigid))[order],
+        np.concatenate((one.wary, other.wary))[order], np.concatenate((one.rigid, other.rigid))[order],
     )  # fmt: skip
     return _chosen(both, distinct(both.fields.storey, both.rigid))

@@ -70,21 +70,21 @@ class Chance:
         return Chance(storey, int(explained.argmax()))
 
 
-def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance, ends: Array = ENDS) -> Array:
-    """(K,) nats, comparable between fields of one scene, in whatever storey.
+def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> tuple[Array, Array]:
+    """(K,) nats, comparable between fields of one scene, in whatever storey; and the same with wary ends.
 
-    `ends` are as `ENDS`, which tell places apart that are alike; `WARY_ENDS` make less of ends that agree, which they
-    do by chance too, at the best of many wrong places.
+    `ENDS` tell places apart that are alike; `WARY_ENDS` make less of ends that agree, which they do by chance too, at
+    the best of many wrong places.
     """
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
-    walls = _of_walls(scene, fields, table, now, homes, chance, ends)
+    walls, wary = _of_walls(scene, fields, table, now, homes, chance)
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
         seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
-    told = door_evidence(scene, fields, homes.first)
-    return np.asarray(walls + np.array(seen) + told - 0.5 * bending(scene, fields))
+    rest = np.array(seen) + door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
+    return walls + rest, wary + rest
 
 
 def bending(scene: Scene, fields: Fields) -> Array:
@@ -123,16 +123,18 @@ def _homes_of(
 
 
 def _of_walls(
-    scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance, ends: Array
-) -> Array:
-    """(K,) nats of all S walls, precisions marginalised over."""
+    scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance
+) -> tuple[Array, Array]:
+    """(K,) nats of all S walls with `ENDS`, and with `WARY_ENDS`, precisions marginalised over."""
     s, plan = scene.s, scene.plan
     met = _met(scene, fields, chance)
     nats = _nats(
         s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
-        now.turned, met, homes.first, homes.second, ends,
-    )  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(nats, axis=1) - np.log(nats.shape[1]))
+        now.turned, met, homes.first, homes.second, np.concatenate((ENDS, WARY_ENDS)),
+    ).reshape(len(table), len(SIGMAS), -1)  # fmt: skip
+    each = nats[:, :, : len(ENDS)], nats[:, :, len(ENDS) :]
+    told, wary = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
+    return told, wary
 
 
 @compiled

@@ -9,11 +9,9 @@ their own plans and into others'.
 import numpy as np
 
 from matching.bent import Bent
-from matching.bent_evidence import WARY_ENDS, Chance, evidence
 from matching.complete import Pairs
 from matching.field import judge
 from matching.scoring import SIGMA_SCORE
-from matching.se2 import Array
 from matching.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict
 
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
@@ -33,10 +31,7 @@ def verify(found: Bent, pairs: Pairs) -> Verdict:
     told = f"{len(pairs.surfaces)} of {len(s)} wall surfaces and {len(pairs.rooms)} rooms matched"
     now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
     fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
-    wary = evidence(
-        found.scene, found.fields, found.table, Chance.of(found.scene, found.fields, found.table), WARY_ENDS
-    )
-    log_odds = odds(found, wary, fraction)
+    log_odds = odds(found, fraction)
     missed = (1 - fraction) * len(s)
     margin = LEAST_MARGIN + DOUBT * missed
     behind = (found.score - found.score[0]) * LEAST_MARGIN / margin
@@ -45,7 +40,7 @@ def verify(found: Bent, pairs: Pairs) -> Verdict:
         share = f"{100 * fraction:.0f} % of its walls' length"
         return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
     near = np.flatnonzero(found.score > found.score[0] - margin)
-    rough = wary[0] + OF_MISSED * missed < (len(s) - missed) * np.interp(len(s), WALLS, PER_WALL)
+    rough = found.wary[0] + OF_MISSED * missed < (len(s) - missed) * np.interp(len(s), WALLS, PER_WALL)
     if log_odds < LEAST_ODDS or len(pairs.surfaces) < LEAST_SURFACES or rough:
         return Verdict("none", f"too little evidence at the best place ({told}): see more rooms", probability)
     if len(near) > 1:
@@ -55,14 +50,13 @@ def verify(found: Bent, pairs: Pairs) -> Verdict:
     return Verdict("unique", f"{told}; no other place explains the map nearly as well", probability)
 
 
-def odds(found: Bent, wary: Array, fraction: float) -> float:
-    """Log odds that the map is in the plan, which explains a fraction of its walls; `wary` (K,) is the evidence that
-    makes less of the walls' ends.
+def odds(found: Bent, fraction: float) -> float:
+    """Log odds that the map is in the plan, which explains a fraction of its walls.
 
-    For it speak this evidence and the margin over wrong places (those that are as good as the best one say nothing);
-    against it walls that are not explained, and the number of places.
+    For it speak the evidence with wary ends and the margin over wrong places (those that are as good as the best one
+    say nothing); against it walls that are not explained, and the number of places.
     """
-    walls = len(found.scene.s)
+    walls, wary = len(found.scene.s), found.wary
     places = np.log(PLACES_PER_M2 * sum(a.area for a in found.scene.plan.storeys))
     margin = min(walls, *(wary[0] - wary[wary <= wary[0] - LEAST_MARGIN]), np.inf)
     missed = min((1 - fraction) * walls, MOST_MISSED)
