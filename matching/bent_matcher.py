@@ -16,7 +16,7 @@ from matching.result import Hypothesis, MatchResult
 from matching.start import Start, near_start
 
 LISTED = 10  # hypotheses in the answer
-FEW = 16  # walls of a map
+FEW = 32  # walls of a map
 
 
 class BentMatcher:
