@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from threading import Timer
 from time import perf_counter, process_time
 from typing import Any
 
@@ -38,6 +39,7 @@ from sgslam.storey_hypotheses import check_storey
 
 _log = logging.getLogger("sgslam")
 Start = tuple[float, float, float]
+_SILENT = 5.0  # s that a user waits without a word
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +71,6 @@ class Job:
 def read_job(options: argparse.Namespace) -> Job:
     """Reads all that the options name, and fills in what they leave to the run that goes on, the known map or the demo.
     Raises UserError."""
-    from matching.small_work import make_ready
-
     before = None if options.resume is None else take_up(options)
     if before is None or options.config is not None or options.set:
         config = load_config(options.config, options.set)
@@ -92,7 +92,7 @@ def read_job(options: argparse.Namespace) -> Job:
     if given is not None and known is not None:
         given.check(known)
     if options.bim is not None or earlier is not None:  # mistakes are told before that, at once
-        make_ready(matcher)
+        _made_ready(matcher)
     if start is not None:
         matcher = _StartedMatcher(matcher, start)
     began, used = perf_counter(), process_time()
@@ -101,6 +101,17 @@ def read_job(options: argparse.Namespace) -> Job:
     if bim is not None:
         check_storey(bim.graph, options.storey)
     return Job(options, before, config, given, start, matcher, earlier, scans, truth, bim, began, used, seconds)
+
+
+def _made_ready(matcher: Any) -> None:
+    from matching.small_work import make_ready
+
+    told = Timer(_SILENT, print, ["compiling, once for an installation: a minute or two"], {"file": sys.stderr})
+    told.start()
+    try:
+        make_ready(matcher)
+    finally:
+        told.cancel()
 
 
 def out_folder(options: argparse.Namespace) -> Path:
