@@ -43,7 +43,7 @@ def test_a_drive_is_run_with_every_plan_but_its_own(folder: Path, tmp_path: Path
     first, last = found
     assert (first.sequence, first.plan, first.anchored_scans) == ("own", "other", 0)
     assert first.answers and "unique" not in first.answers
-    assert first.reason.startswith("the plan does not explain the map")
+    assert first.reason.startswith(("the plan does not explain the map", "too little evidence at the best place"))
     # the same drive, said to be of another building: there the table must tell
     assert (last.sequence, last.plan) == ("other", "own") and last.anchored_scans > 10
     text = other_buildings.table(found)
