@@ -37,7 +37,7 @@ def _parser() -> Parser:
     parser = Parser(prog="python -m evaluation.matching", description="Matchers measured on maps of known truth.")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for rows.jsonl, tables and plots")
     parser.add_argument("--plans", type=Path, nargs="+", default=[], metavar="PATH", help="plans of any kind we read")
-    parser.add_argument("--generated", nargs="+", default=[], metavar="KIND:COUNT", help="generated plans")
+    parser.add_argument("--generated", nargs="+", default=[], metavar="KIND:COUNT[:SKIPPED]", help="generated plans")
     parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.slam_graphs")
     parser.add_argument(
         "--methods", nargs="+", default=["learned", "voting", "oracle"], metavar="NAME",

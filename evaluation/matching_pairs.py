@@ -149,7 +149,8 @@ class SlamPair:
 
 
 def read_candidates(paths: Sequence[Path], generated: Sequence[str]) -> list[Candidate]:
-    """The plans of files and folders, and generated ones (KIND:COUNT); those without a room are left out.
+    """The plans of files and folders, and generated ones (KIND:COUNT, or KIND:COUNT:SKIPPED for the COUNT plans after
+    the first SKIPPED); those without a room are left out.
 
     Raises UserError for a kind that does not exist, for two sets of one name, and where there is no plan.
     """
@@ -172,10 +173,11 @@ def read_candidates(paths: Sequence[Path], generated: Sequence[str]) -> list[Can
 def _generated(text: str) -> Iterator[Plan]:
     from data.plan_generator import KINDS, generate_plan
 
-    kind, _, count = text.partition(":")
-    if kind not in KINDS or not count.isdecimal() or int(count) == 0:
-        raise UserError(f"--generated {text}: write KIND:COUNT with one of the kinds {', '.join(KINDS)}")
-    return (generate_plan(kind, FIRST_SEED + n) for n in range(int(count)))
+    kind, *numbers = text.split(":")
+    if kind not in KINDS or len(numbers) not in (1, 2) or not all(map(str.isdecimal, numbers)) or int(numbers[0]) == 0:
+        raise UserError(f"--generated {text}: write KIND:COUNT or KIND:COUNT:SKIPPED; kinds are {', '.join(KINDS)}")
+    count, skipped = [*map(int, numbers), 0][:2]
+    return (generate_plan(kind, FIRST_SEED + skipped + n) for n in range(count))
 
 
 def _add(sets: dict[str, Iterator[Plan]], name: str, plans: Iterator[Plan]) -> None:
