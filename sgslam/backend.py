@@ -129,6 +129,11 @@ class Backend:
         return np.stack([k.T_map_sensor for k in self.keyframes])
 
     @property
+    def loose(self) -> bool:
+        """Whether a step between keyframes was held by nothing in some direction: the map may have slipped there."""
+        return any(keyframe.slack is not None for keyframe in self.keyframes)
+
+    @property
     def due(self) -> bool:
         """Whether the graph has grown enough since the last optimisation; a share of it, so that the cost of
         all optimisations stays in proportion to the length of the run."""

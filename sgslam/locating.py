@@ -26,6 +26,9 @@ _LONGEST_SWEEP = 1.5  # intervals between scans; what takes longer is of another
 _LEAP = 5.0, 10.0  # rad/s and m/s by which a step is uncertain where a given odometry leaps
 _FAST, _TURNING = 5.0, 3.0  # m/s and rad/s, the most that anything carries a sensor at indoors
 _CLEARLY = 0.05  # of a scan's points by which one pose explains more than another
+_PACE = 0.3  # of a step goes into the mean of the last ones
+_LURCH = 0.05, 5.0  # m and m/s2 by which a step may differ from the one before it where no walls hold it
+_LONGEST_LURCH = 10**9  # ns; what lasts is no slip: the robot was stopped or pushed
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,10 @@ class Locator(Stateful):
     see much of a wall. A scan that was foretold, and that the walls then hold firmly and close by, needs no odometry.
     """
 
-    _STATE = ("_last", "_step", "_stamp_ns", "_interval_ns", "_leapt", "_external", "_T_odom_source")
+    _STATE = (
+        "_last", "_step", "_stamp_ns", "_interval_ns", "_leapt", "_external", "_T_odom_source", "_pace", "_before",
+        "_lurches_ns",
+    )  # fmt: skip
 
     def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, floors: Floors) -> None:
         self._config, self._odometry, self._front_end, self._floors = config, odometry, front_end, floors
@@ -68,6 +74,9 @@ class Locator(Stateful):
         self._step: Floats | None = None  # T_last_sensor as it was found
         self._stamp_ns, self._interval_ns = 0, 0
         self._leapt = False  # a given odometry, at some time
+        self._pace = np.zeros(3)  # m in the last steps, their mean, sensor frame
+        self._before: Located | None = None  # the last scan before the own one had steps that no robot makes
+        self._lurches_ns = 0  # for so long it has had them
         self._external: bool | None = None  # whether the last T_odom_sensor was given
         self._T_odom_source: Floats | None = None  # the frame of those who give it now; None where it is their own
         self.slack = Slack(config.odometry, config.tracking)
@@ -162,6 +171,7 @@ class Locator(Stateful):
             else:
                 self._last = self._by_given(scan, last_map, given, foretold, leap)
         self._step = inverse(last_map) @ self._last.T_map_sensor
+        self._pace = self._pace + _PACE * (self._step[:3, 3] - self._pace)
         if self._config.tracking.correct:
             self._follow(scan)
         return self._last
@@ -209,11 +219,50 @@ class Locator(Stateful):
             return Located(self._shown(followed, False), tracked.T_map_sensor)
         T_odom_sensor, guess = self._ask(scan, last_map, None)
         best = self._align(scan, guess)
-        if tracked is not None and tracked.better_than(best):
-            best = tracked
+        if tracked is not None:
+            best = self._without_lurch(scan, best, tracked, T_odom_sensor, last_map)
         registered = turned(surfaces_of(scan.points[scan.upright]), self._walls.T_level_map @ best.T_map_sensor)
         self._loosen(best.information + registered, settings.unheld_turn, settings.unheld_speed)
         return Located(T_odom_sensor, best.T_map_sensor)
+
+    def _without_lurch(
+        self, scan: ColumnScan, best: _Guessed, foretold: _Guessed, T_odom_sensor: Floats, last_map: Floats
+    ) -> _Guessed:
+        """What the odometry says, or what was `foretold` where that is better, or a steady step where it lurches.
+
+        A scan later it may be back where it should be, or it slipped and goes on from there: either is believed.
+        """
+        assert self._last is not None and self._step is not None
+        up = self._walls.T_level_map[2, :3]
+        if self._before is not None:
+            moved = last_map @ inverse(self._last.T_map_sensor)
+            before = self._before = replace(self._before, T_map_sensor=moved @ self._before.T_map_sensor)
+            guess = predict(before.T_map_sensor, before.T_odom_sensor, T_odom_sensor)
+            back = self._align(scan, upright_step(guess, last_map, up))
+            best = min((best, back), key=lambda g: _between(g, foretold))
+        if _between(best, foretold) > self._lurch:
+            step = self._step.copy()
+            step[:3, 3] = self._pace
+            steady = self._align(scan, upright_step(last_map @ step, last_map, up))
+            if self._lurches(best, steady) and self._lurches_ns < _LONGEST_LURCH:
+                self._before = self._before or Located(self._last.T_odom_sensor, last_map)
+                self._lurches_ns += self._interval_ns
+                return steady
+        self._before, self._lurches_ns = None, 0
+        return foretold if foretold.better_than(best) else best
+
+    @property
+    def _lurch(self) -> float:
+        """Metres by which no robot's step differs from the one before."""
+        return _LURCH[0] + _LURCH[1] * (self._interval_ns / 1e9) ** 2
+
+    def _lurches(self, best: _Guessed, steady: _Guessed) -> bool:
+        """Whether a step differs from a steady one as no robot's does, where walls do not hold it, though the steady
+        one explains the scan as well."""
+        apart = (best.T_map_sensor - steady.T_map_sensor)[:2, 3]
+        off = _between(best, steady)
+        loose = float(apart @ best.information[1:, 1:] @ apart) < self._config.tracking.firm_points * off**2
+        return off > self._lurch and loose and steady.share > best.share - _CLEARLY
 
     def _by_given(
         self, scan: ColumnScan, last_map: Floats, given: Floats, foretold: Floats | None, leap: bool
@@ -297,3 +346,8 @@ class Locator(Stateful):
     def _is_regular(self, interval_ns: int) -> bool:
         """Whether a scan comes after the last one as that one after the one before it."""
         return 2 * self._interval_ns < 3 * interval_ns < 4.5 * self._interval_ns
+
+
+def _between(one: _Guessed, other: _Guessed) -> float:
+    """Metres in plan view."""
+    return float(np.linalg.norm((one.T_map_sensor - other.T_map_sensor)[:2, 3]))

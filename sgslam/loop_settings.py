@@ -8,7 +8,7 @@ class LoopSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    enabled: bool = Field(True, description="close loops where the map is not anchored")
+    enabled: bool = Field(True, description="close loops where the map is not anchored, or may have slipped")
     gap: float = Field(15.0, gt=0, description="m driven between two passes of a place")
     drift_base: float = Field(0.3, ge=0, description="m by which two passes may be apart, and")
     drift: float = Field(0.03, gt=0, description="m more for each metre driven between them")

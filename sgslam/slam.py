@@ -340,7 +340,7 @@ class SceneGraphSlam:
         """Optimises, joins walls, cuts rooms, matches and anchors."""
         self._estimate(anchors := self._anchors(last), last)
         for _ in range(_LOOP_ROUNDS):
-            if self._backend.T_map_bim is not None or not self._close_loops():
+            if (self._backend.T_map_bim is not None and not self._backend.loose) or not self._close_loops():
                 break
             self._estimate(anchors, last=True)
         if last:

@@ -120,6 +120,7 @@ def test_in_an_open_hall_it_grows_in_all_directions() -> None:
 def test_in_a_furnished_room_no_step_is_widened() -> None:
     slam, _, _ = driven("room")
     assert all(keyframe.slack is None for keyframe in slam._backend.keyframes)
+    assert not slam._backend.loose and driven("corridor")[0]._backend.loose
 
 
 def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam, Array, Array]:
@@ -176,3 +177,41 @@ def test_where_nothing_holds_a_leap_widens_its_step() -> None:
         slam.add_scan(i * 10**8, scan(scene, pose(0.08 * i, 0.0), SENSOR, i), T_odom_sensor=T)
     sigmas = [0.0 if k.slack is None else float(np.sqrt(k.slack[3, 3])) for k in slam._backend.keyframes]
     assert max(sigmas) > 0.9 and sorted(sigmas)[-2] < 0.1
+
+
+class Slipping:
+    """An odometry that tells what it was made with, whatever it is shown."""
+
+    upright_only = True
+
+    def __init__(self, poses: list[Array]) -> None:
+        self._poses = iter(poses)
+
+    def register(self, points: Array, expected_step: Array | None = None) -> Array:
+        return next(self._poses)
+
+
+@pytest.mark.parametrize("slips", [{30: -0.2, 31: -0.2, 32: -0.15}, {30: -0.25, 31: 0.25}, {30: 0.4}])
+def test_where_walls_do_not_hold_it_a_slip_of_the_odometry_is_not_believed(
+    slips: dict[int, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For good, or for one scan."""
+    xs = np.cumsum([min(0.08, 0.01 * i) for i in range(50)])
+    slipped = xs + np.cumsum([slips.get(i, 0.0) for i in range(50)])
+    monkeypatch.setattr("sgslam.slam.make_odometry", lambda _: Slipping([pose(x, 0.0) for x in slipped]))
+    slam, scene = SceneGraphSlam(), scene_of(CORRIDOR)
+    for i, x in enumerate(xs):
+        live = slam.add_scan(i * 10**8, scan(scene, pose(x, 0.1, 0.8, 0.0), SENSOR, i)).T_map_sensor
+        assert abs(live[0, 3] - x) < 0.06
+
+
+def test_where_walls_do_not_hold_it_a_robot_may_stop_and_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within half a second, as robots do; and at once, as none does, which is believed after a second."""
+    speeds = [0.08] * 20 + [0.06, 0.03, 0.0, 0.0, 0.03, 0.06] + [0.08] * 20 + [0.3] * 20
+    xs = np.cumsum(speeds)
+    monkeypatch.setattr("sgslam.slam.make_odometry", lambda _: Slipping([pose(x, 0.0) for x in xs]))
+    slam, scene, steps = SceneGraphSlam(), scene_of(CORRIDOR), []
+    for i, x in enumerate(xs):
+        steps.append(slam.add_scan(i * 10**8, scan(scene, pose(x, 0.1, 0.8, 0.0), SENSOR, i)).T_map_sensor[0, 3])
+        assert i > 45 or abs(steps[i] - (x - xs[0])) < 0.06
+    assert np.diff(steps)[-8:].mean() == pytest.approx(0.3, abs=0.02)
