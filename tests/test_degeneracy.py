@@ -215,3 +215,13 @@ def test_where_walls_do_not_hold_it_a_robot_may_stop_and_start(monkeypatch: pyte
         steps.append(slam.add_scan(i * 10**8, scan(scene, pose(x, 0.1, 0.8, 0.0), SENSOR, i)).T_map_sensor[0, 3])
         assert i > 45 or abs(steps[i] - (x - xs[0])) < 0.06
     assert np.diff(steps)[-8:].mean() == pytest.approx(0.3, abs=0.02)
+
+
+def test_scans_far_apart_are_where_the_odometry_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of all lengths, as of scans picked out of a drive: none is more of a lurch than the others."""
+    xs = np.cumsum(np.random.default_rng(0).uniform(0.2, 1.0, 25))
+    monkeypatch.setattr("sgslam.slam.make_odometry", lambda _: Slipping([pose(x, 0.0) for x in xs]))
+    slam, scene = SceneGraphSlam(), scene_of(CORRIDOR)
+    for i, x in enumerate(xs):
+        live = slam.add_scan(i * 10**8, scan(scene, pose(x, 0.1, 0.8, 0.0), SENSOR, i)).T_map_sensor
+        assert abs(live[0, 3] - (x - xs[0])) < 0.06
