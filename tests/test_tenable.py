@@ -26,10 +26,15 @@ def judged(match: MatchResult, s: SceneGraph = SEEN) -> MatchResult:
     return tenable(match, s, lambda _: KNOWN, AnchorSettings())
 
 
-def test_a_place_that_the_known_map_contradicts_is_struck_out_though_it_explains_more() -> None:
-    found = judged(answer((70.0, IN_THE_LAB), (60.0, HERE)))
+def test_a_place_that_the_known_map_contradicts_is_struck_out() -> None:
+    found = judged(answer((30.0, IN_THE_LAB), (60.0, HERE)))
     assert found.status == "unique" and found.T_a_s == HERE
     assert {(s, a) for s, a, _ in found.wall_surfaces} == {(w.id, w.id) for w in SEEN.wall_surfaces}
+
+
+@pytest.mark.parametrize("nats", [40.0, 70.0])
+def test_a_building_that_repeats_itself_may_do_so_where_it_is_not_known(nats: float) -> None:
+    assert judged(answer((nats, IN_THE_LAB), (60.0, HERE))).status == "ambiguous"
 
 
 def test_a_map_of_one_office_stays_ambiguous_where_there_are_two() -> None:
