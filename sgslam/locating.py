@@ -27,7 +27,8 @@ _LEAP = 5.0, 10.0  # rad/s and m/s by which a step is uncertain where a given od
 _FAST, _TURNING = 5.0, 3.0  # m/s and rad/s, the most that anything carries a sensor at indoors
 _CLEARLY = 0.05  # of a scan's points by which one pose explains more than another
 _PACE = 0.3  # of a step goes into the mean of the last ones
-_LURCH = 0.05, 5.0, 4.0  # m, m/s2, and times what is usual, by which a step may differ where no walls hold it
+_LURCH = 0.05, 5.0  # m and m/s2 by which a step may differ from a steady one where no walls hold it
+_BRISK = 2.5  # m/s; scans that seem to come faster are some of a drive, or their stamps are not theirs
 _LONGEST_LURCH = 10**9  # ns; what lasts is no slip: the robot was stopped or pushed
 
 
@@ -64,8 +65,8 @@ class Locator(Stateful):
     """
 
     _STATE = (
-        "_last", "_step", "_stamp_ns", "_interval_ns", "_leapt", "_external", "_T_odom_source", "_pace", "_unsteady",
-        "_before", "_lurches_ns",
+        "_last", "_step", "_stamp_ns", "_interval_ns", "_leapt", "_external", "_T_odom_source", "_pace", "_before",
+        "_lurches_ns",
     )  # fmt: skip
 
     def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, floors: Floors) -> None:
@@ -75,7 +76,6 @@ class Locator(Stateful):
         self._stamp_ns, self._interval_ns = 0, 0
         self._leapt = False  # a given odometry, at some time
         self._pace = np.zeros(3)  # m in the last steps, their mean, sensor frame
-        self._unsteady = 0.0  # m by which they differed from it
         self._before: Located | None = None  # the last scan before the own one had steps that no robot makes
         self._lurches_ns = 0  # for so long it has had them
         self._external: bool | None = None  # whether the last T_odom_sensor was given
@@ -171,10 +171,8 @@ class Locator(Stateful):
                 self._last = self._best(scan, last_map, foretold)
             else:
                 self._last = self._by_given(scan, last_map, given, foretold, leap)
-        self._step = inverse(last_map) @ self._last.T_map_sensor
-        change = self._step[:3, 3] - self._pace
-        self._pace = self._pace + _PACE * change
-        self._unsteady += _PACE * (float(np.linalg.norm(change)) - self._unsteady)
+        started, self._step = self._step is not None, inverse(last_map) @ self._last.T_map_sensor
+        self._pace = self._pace + (_PACE if started else 1.0) * (self._step[:3, 3] - self._pace)
         if self._config.tracking.correct:
             self._follow(scan)
         return self._last
@@ -256,8 +254,11 @@ class Locator(Stateful):
 
     @property
     def _lurch(self) -> float:
-        """Metres by which no robot's step differs from a steady one; scans far apart tell of no pace."""
-        return max(_LURCH[0] + _LURCH[1] * (self._interval_ns / 1e9) ** 2, _LURCH[2] * self._unsteady)
+        """Metres by which no robot's step differs from a steady one."""
+        seconds = self._interval_ns / 1e9
+        if np.linalg.norm(self._pace) > _BRISK * seconds:
+            return np.inf
+        return _LURCH[0] + _LURCH[1] * seconds**2
 
     def _lurches(self, best: _Guessed, steady: _Guessed) -> bool:
         """Whether a step differs from a steady one as no robot's does, where walls do not hold it, though the steady
