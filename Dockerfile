@@ -10,7 +10,7 @@ RUN --mount=type=bind,from=wheel,source=/wheel,target=/wheel \
     pip install --no-cache-dir --index-url https://download.pytorch.org/whl/cpu "torch>=2.5,<2.14" \
     && pip install --no-cache-dir /wheel/*.whl
 ENV SGSLAM_CACHE_DIR=/tmp/sgslam MPLCONFIGDIR=/tmp/matplotlib NUMBA_CACHE_DIR=/var/cache/sgslam
-# the demo: the image works, and what is compiled at a first run (20 s) is in it, for any user
+# the demo: the image works, and what is compiled at a first run is in it, for any user
 RUN sgslam run --demo --out /tmp/demo && rm -r /tmp/* && chmod -R a+rwX /var/cache/sgslam
 # results belong to whoever owns the mounted folder: docker run --user "$(id -u):$(id -g)"
 WORKDIR /work

@@ -38,7 +38,7 @@ NOTE = (
     "from tensors to the soft assignment, `published, whole` its graphs and its assignment as well; `match` is all of "
     "`learned`: features, network, search, verification. The plan's part is worked out when a plan is first met; it is "
     "kept. Compiled loops are loaded before: the first match of a process takes 0.2 s longer, the first of an "
-    "installation, which compiles them, over a minute."
+    "installation, which compiles them, about a minute."
 )
 LARGE_HEADER = ("wall surfaces of plan and map", "match (s)", "first match, the plan's part as well (s)",
                 "memory at most (MB)", "of it for the matching (MB)", "answer")  # fmt: skip

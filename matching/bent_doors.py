@@ -39,7 +39,7 @@ def _placed(scene: Scene, fields: Fields) -> Array:
     known = (group >= 0).astype(float)
     known /= np.maximum(known.sum(axis=1, keepdims=True), 1.0)
     moved = apply(motions(scene, fields.state)[:, group], scene.doors.place[:, None])
-    return np.einsum("kdrc,dr->kdc", moved, known)
+    return np.ascontiguousarray(np.einsum("kdrc,dr->kdc", moved, known))
 
 
 @compiled
@@ -47,7 +47,8 @@ def _of_one(placed: Array, doors: Index, home: Index, plan: Array, plan_rooms: I
     """Nats of the map's doors, which lie at `placed` (D, 2) between its rooms `doors` (D, 2), in a storey with doors at
     `plan` (M, 2) between its rooms (M, 2)."""
     seen, is_home, total = np.zeros(len(plan), dtype=np.bool_), np.zeros(rooms + 1, dtype=np.bool_), 0.0
-    is_home[home[home >= 0]] = True
+    for room in home:
+        is_home[room] |= room >= 0
     for d in range(len(doors)):
         here = home[doors[d, 0]] if doors[d, 0] >= 0 else -1
         there = home[doors[d, 1]] if doors[d, 1] >= 0 else -1

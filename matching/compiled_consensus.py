@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from data.compiled import compiled
+from data.compiled import compiled, compiled_within
 from matching.arithmetic import Linear, Norm, linear, linear_gelu, normed, sigmoid, softmax, tanh
 from matching.compiled_candidates import Choice, agreement, expanded, log_softmax
 from matching.features import Array32
@@ -85,7 +85,7 @@ def settled(
     return choice.column, likely, softmax(rooms)
 
 
-@compiled
+@compiled_within
 def consensus(
     s: WallRows, a: WallRows, c: Choice, likely: Array32, first: Array32, rooms: Array32, rounds: int,
     w: ConsensusWeights,

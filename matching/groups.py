@@ -116,18 +116,36 @@ def _edges(apart: Array, doors: Index) -> tuple[Index, NDArray[np.bool_]]:
     count = len(apart)
     by_door, kept = np.zeros((count, count), dtype=np.bool_), np.zeros((count, count), dtype=np.bool_)
     for d in range(len(doors)):
-        g, h = doors[d]
+        g, h = doors[d, 0], doors[d, 1]
         if g != h:
             by_door[g, h] = by_door[h, g] = True
             apart[g, h] = apart[h, g] = 1e-6
+    nearest, total = np.empty(MOST_NEIGHBOURS, dtype=np.int64), 0
     for g in range(count):
-        apart[g, g] = np.inf
-        for h in np.argsort(apart[g], kind="mergesort")[:MOST_NEIGHBOURS]:
-            if apart[g, h] < 10:
-                kept[g, h] = kept[h, g] = True
+        apart[g, g], known = np.inf, 0
+        for h in range(count):
+            if apart[g, h] >= 10:
+                continue
+            at = known
+            while at > 0 and apart[g, h] < apart[g, nearest[at - 1]]:
+                if at < MOST_NEIGHBOURS:
+                    nearest[at] = nearest[at - 1]
+                at -= 1
+            if at < MOST_NEIGHBOURS:
+                nearest[at], known = h, min(known + 1, MOST_NEIGHBOURS)
+        for n in range(known):
+            kept[g, nearest[n]] = kept[nearest[n], g] = True
     _join_all(apart, kept)
-    edges = np.argwhere(np.triu(kept, 1))
-    return edges, np.array([by_door[g, h] for g, h in edges], dtype=np.bool_)
+    for g in range(count):
+        for h in range(g):
+            total += kept[g, h]
+    edges, through, e = np.empty((total, 2), dtype=np.int64), np.empty(total, dtype=np.bool_), 0
+    for g in range(count):
+        for h in range(g + 1, count):
+            if kept[g, h]:
+                edges[e, 0], edges[e, 1], through[e] = g, h, by_door[g, h]
+                e += 1
+    return edges, through
 
 
 @compiled
@@ -136,12 +154,13 @@ def _join_all(apart: Array, kept: NDArray[np.bool_]) -> None:
     """
     count = len(apart)
     far, link = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
-    new, apart = 0, np.where(kept, (1 - 1e-9) * apart, apart)
+    new = 0
     for _ in range(count - 1):
         far[new], nearest = -1.0, -1  # it is in the tree
         for g in range(count):
-            if apart[new, g] < far[g]:
-                far[g], link[g] = apart[new, g], new
+            there = (1 - 1e-9) * apart[new, g] if kept[new, g] else apart[new, g]
+            if there < far[g]:
+                far[g], link[g] = there, new
             if far[g] >= 0 and (nearest < 0 or far[g] < far[nearest]):
                 nearest = g
         new = nearest
@@ -152,11 +171,12 @@ def _join_all(apart: Array, kept: NDArray[np.bool_]) -> None:
 def _hops(edges: Index, steps: Index, count: int) -> Index:
     """(G, G) steps on the shortest ways; one of an edge is 1 or 2."""
     first, beside = np.zeros(count + 1, dtype=np.int64), np.empty((2 * len(edges), 2), dtype=np.int64)
-    for g, h in edges:
-        first[g + 1] += 1
-        first[h + 1] += 1
-    first = np.cumsum(first)
-    at = first[:-1].copy()
+    for e in range(len(edges)):
+        first[edges[e, 0] + 1] += 1
+        first[edges[e, 1] + 1] += 1
+    for g in range(count):
+        first[g + 1] += first[g]
+    at = first.copy()
     for e in range(len(edges)):
         for g, h in ((edges[e, 0], edges[e, 1]), (edges[e, 1], edges[e, 0])):
             beside[at[g], 0], beside[at[g], 1] = h, steps[e]

@@ -4,7 +4,6 @@ Each library is loaded in a process of its own and does a small piece of its wor
 built for another machine does not raise but takes its process with it.
 """
 
-import os
 import platform
 import signal
 import subprocess
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from data.cli import Parser, run_command
+from data.processes import cores, environment
 
 LIMIT_S = 120.0  # for a library to load and do its small piece
 LEAST_MEMORY_GB, ENOUGH_MEMORY_GB = 1.0, 2.0  # a run with the learned matcher takes 1 GB in its process
@@ -66,7 +66,7 @@ def examine() -> Iterator[Finding]:
         yield _judged(name, told)
     yield from _machine()
     yield _cache()
-    with ThreadPoolExecutor(min(4, _cores())) as pool:
+    with ThreadPoolExecutor(min(4, cores())) as pool:
         for name, told in zip(SMALL_WORKS, pool.map(tried, SMALL_WORKS), strict=True):
             yield _judged(f"{name} at work", told)
     for name, missing in extras():
@@ -81,12 +81,9 @@ def _judged(what: str, told: tuple[bool, str]) -> Finding:
 
 def tried(name: str) -> tuple[bool, str]:
     """One of the small works, in a process of its own."""
-    code = f"from sgslam.small_works import SMALL_WORKS; SMALL_WORKS[{name!r}]()"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)}
+    line = [sys.executable, "-c", f"from sgslam.small_works import SMALL_WORKS; SMALL_WORKS[{name!r}]()"]
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, timeout=LIMIT_S, env=environment, check=False
-        )
+        done = subprocess.run(line, env=environment(), capture_output=True, text=True, timeout=LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
         return False, f"does not come to an end within {LIMIT_S:g} s"
     if done.returncode < 0:
@@ -97,7 +94,7 @@ def tried(name: str) -> tuple[bool, str]:
 
 
 def _machine() -> Iterator[Finding]:
-    yield Finding("ok", "processor", f"{_cores()} cores for us, {platform.machine()}")
+    yield Finding("ok", "processor", f"{cores()} cores for us, {platform.machine()}")
     free = _memory_gb()
     if free is None:
         yield Finding("note", "memory", "not known")
@@ -105,10 +102,6 @@ def _machine() -> Iterator[Finding]:
         state: State = "FAIL" if free < LEAST_MEMORY_GB else "note" if free < ENOUGH_MEMORY_GB else "ok"
         told = f"{free:.1f} GB to be had"
         yield Finding(state, "memory", told if state == "ok" else f"{told}; a run needs {ENOUGH_MEMORY_GB:g} GB")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _memory_gb() -> float | None:

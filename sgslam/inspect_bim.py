@@ -4,7 +4,6 @@ Its A-graph drawn, what it lacks, where it is its own twin, and how many rooms a
 before it can know where it is.
 """
 
-import os
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from pathlib import Path
 
 from data.cli import Parser, run_command
 from data.errors import UserError
+from data.processes import cores
 
 PAGE, VALUES = "inspection.html", "inspection.json"
 
@@ -57,12 +57,8 @@ def _parser() -> Parser:
     add("--method", default="learned", metavar="NAME", help="the matcher that is asked (default: learned)")
     add("--maps", type=int, default=21, metavar="N", help="maps of the same rooms, at most (default 21)")
     add("--seed", type=int, default=0, metavar="N", help="of the maps")
-    add("--jobs", type=int, default=_cores(), metavar="N", help="processes (default: one a core)")
+    add("--jobs", type=int, default=cores(), metavar="N", help="processes (default: one a core)")
     return parser
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _asked(options: Namespace) -> dict[str, str | int]:

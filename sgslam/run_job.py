@@ -92,7 +92,7 @@ def read_job(options: argparse.Namespace) -> Job:
     if given is not None and known is not None:
         given.check(known)
     if options.bim is not None or earlier is not None:  # mistakes are told before that, at once
-        _made_ready(matcher)
+        _made_ready(matcher, config.matching.method)
     if start is not None:
         matcher = _StartedMatcher(matcher, start)
     began, used = perf_counter(), process_time()
@@ -103,13 +103,13 @@ def read_job(options: argparse.Namespace) -> Job:
     return Job(options, before, config, given, start, matcher, earlier, scans, truth, bim, began, used, seconds)
 
 
-def _made_ready(matcher: Any) -> None:
+def _made_ready(matcher: Any, method: str) -> None:
     from matching.small_work import make_ready
 
-    told = Timer(_SILENT, print, ["compiling, once for an installation: a minute or two"], {"file": sys.stderr})
+    told = Timer(_SILENT, print, ["compiling, once for an installation: half a minute or more"], {"file": sys.stderr})
     told.start()
     try:
-        make_ready(matcher)
+        make_ready(matcher, method)
     finally:
         told.cancel()
 
