@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from sgslam.contradictions import contradicted
 from sgslam.frames import inverse, se2_to_se3, transform_points
 from sgslam.holding import Holding, find_place, hold, in_plan_view
 from sgslam.matcher_protocol import AnyMatcher, Match
+from sgslam.room_by_room import room_by_room
 from sgslam.said import Growth, Said
 from sgslam.scene import Scene
 from sgslam.state_tree import Stateful
@@ -221,10 +223,13 @@ class Anchoring(Stateful):
         An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
         """
         self.doubt = ""
-        match = self._matcher.match(scene.graph, self._plan(self.asked))
+        s, by_room, ask = scene.graph, None, partial(self._matcher.match, a=self._plan(self.asked))
+        match = ask(s)
         if self._partial:
-            match = tenable(match, scene.graph, self._plan, self._config.anchors)
-        self.match = match
+            match = tenable(match, s, self._plan, self._config.anchors)
+            if match.status != "unique" and self.committed is None:
+                by_room = room_by_room(s, ask, self._plan, self._config.anchors)
+        self.match = match = by_room or match
         self._matched = scene
         self._matches += 1
         rooms = len(scene.graph.rooms)
@@ -238,8 +243,9 @@ class Anchoring(Stateful):
         )
         if replaced and self.follows:
             return
-        again = self._again(match, place, scene)
-        sure = is_plenty(match) and last if self._partial else is_clear(match) or last
+        again = self._again(match, place, scene, by_room is not None)
+        told = is_enough if by_room is not None else is_plenty
+        sure = told(match) and last if self._partial else is_clear(match) or last
         if self.committed is None and not (again or sure):
             return
         if replaced:
@@ -248,7 +254,7 @@ class Anchoring(Stateful):
         self.committed, self._place, self.follows = match, place, False
         self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
 
-    def _again(self, match: Match, place: Floats, scene: Scene) -> bool:
+    def _again(self, match: Match, place: Floats, scene: Scene, by_room: bool) -> bool:
         """Whether a smaller map said the same; takes note of it for the next time."""
         now = Said(match.floor, place, evidence(match), Growth.of(scene.graph), len(scene.graph.keyframes))
         said = self._said
@@ -256,6 +262,8 @@ class Anchoring(Stateful):
         several = len(match.wall_surfaces) >= min(_SEVERAL, len(self._plan(match.floor).wall_surfaces))
         first = replace(said, place=place) if said is not None and same else now
         self._said = first if several else None
+        if by_room:  # which has no more evidence for it when others are added
+            return same and now.growth.enough_since(first.growth)
         borne_out = is_enough(match) and now.is_more(first) if self._partial else first.is_late(now.keyframes)
         return same and borne_out
 

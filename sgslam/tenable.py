@@ -5,7 +5,7 @@ seen. The matcher weighs what it finds; here also counts what ought to be there:
 other map saw free are struck out, and what is left is judged anew.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from sgslam.position import WallArrays, pair_by_position
 
 Floats = NDArray[np.float64]
 CONTRADICTED = 0.04  # of the walls where both maps looked, by which a place is given up that was committed to,
-_STRUCK_OUT = 0.01  # and by which none is taken: in offices of equal rooms wrong places with 80 nats have .015 to .019
+STRUCK_OUT = 0.01  # and by which none is taken: in offices of equal rooms wrong places with 80 nats have .015 to .019
 OTHERWISE = "walls stand where the known map saw none, or lack where it has them"
 _LEAST = 40.0  # nats of an answer; wrong places that contradict nothing reach it now and then,
 _ENOUGH = 50.0  # of one that a larger map bears out; none of those did with the evidence risen,
@@ -73,9 +73,9 @@ def tenable(
     `plan` gives a storey of that map, the whole for None. The scores have to be nats, as `Hypothesis` has them.
     """
     places = listed(match)
-    left = [p for p in places if contradicted(s, plan(p.floor), p.T_a_s) <= _STRUCK_OUT]
+    left = [p for p in places if contradicted(s, plan(p.floor), p.T_a_s) <= STRUCK_OUT]
     left.sort(key=lambda p: -p.score)
-    hypotheses = tuple(Hypothesis(p.score, _triple(p.T_a_s), p.floor) for p in left)
+    hypotheses = _hypotheses(left)
     if not left:
         return MatchResult("none", OTHERWISE if places else match.reason)
     best = left[0]
@@ -88,10 +88,21 @@ def tenable(
     if rival > _RIVAL * best.score:
         told = f"{told}, but one that is contradicted {rival:.0f}: the building repeats itself"
         return MatchResult("ambiguous", told, hypotheses=hypotheses)
-    pairs = _pairs(s, plan(best.floor), best.T_a_s, settings)
+    return placed_at(best, left, told, s, plan(best.floor), settings)
+
+
+def placed_at(
+    best: Listed, places: Sequence[Listed], told: str, s: SceneGraph, a: SceneGraph, settings: AnchorSettings
+) -> MatchResult:
+    """The unique answer that the S-graph lies at the `best` of some places, its walls paired as they stand there."""
+    pairs, hypotheses = _pairs(s, a, best.T_a_s, settings), _hypotheses(places)
     return MatchResult(
         "unique", told, (), pairs, T_a_s=_triple(best.T_a_s), floor=best.floor, hypotheses=hypotheses
     )  # fmt: skip
+
+
+def _hypotheses(places: Sequence[Listed]) -> tuple[Hypothesis, ...]:
+    return tuple(Hypothesis(p.score, _triple(p.T_a_s), p.floor) for p in places)
 
 
 def _pairs(

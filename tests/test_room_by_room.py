@@ -1,0 +1,75 @@
+"""Single rooms of a map, asked after alone in a known one that lacks the others."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from test_contradictions import a_room, graph
+
+from data import Keyframe, Room, SceneGraph, WallSurface, se2
+from matching import Matcher, MatchResult
+from sgslam.config import AnchorSettings
+from sgslam.room_by_room import MOST_ASKED, room_by_room
+
+Corners = list[tuple[float, float]]
+LAB: Corners = [(0, 0), (6, 0), (6, 2.2), (7.5, 2.2), (7.5, 5), (3.1, 5), (3.1, 4.2), (0, 4.2)]
+STORE: Corners = [(0, 5.2), (2.9, 5.2), (2.9, 9), (1.3, 9), (1.3, 8.1), (0, 8.1)]
+BEYOND = [a_room("b", 7.7, 0, 4, 4.5), a_room("c", 7.7, 4.7, 6, 3), a_room("d", 11.9, 0, 3, 4.5)]
+PLACE = (0.7, 12.0, -5.0)  # of the known map in the seen one
+
+
+def walled(name: str, corners: Corners) -> tuple[Room, list[WallSurface]]:
+    """A room with a wall surface between any two of its corners, which go round to the left."""
+    walls = []
+    for k, (p, q) in enumerate(zip(np.array(corners), np.roll(corners, -1, axis=0), strict=True)):
+        along = (q - p) / np.linalg.norm(q - p)
+        (x, y), (nx, ny) = ((p + q) / 2).tolist(), (-along[1], along[0])
+        walls.append(WallSurface(f"{name}/{k}", name, (x, y), (float(nx), float(ny)), float(np.linalg.norm(q - p))))
+    return Room(name, tuple(np.mean(corners, axis=0).tolist()), polygon=tuple(corners)), walls
+
+
+KNOWN = graph(walled("lab", LAB), walled("store", STORE), a_room("a", -6.2, 0, 6, 4.2), a_room("e", -6.2, 4.4, 6, 3))
+
+
+def asked(*seen: tuple[Room, list[WallSurface]], known: SceneGraph = KNOWN) -> MatchResult | None:
+    s, matcher = graph(*seen, T=PLACE), Matcher.load("learned")
+    return room_by_room(s, partial(matcher.match, a=known), lambda _: known, AnchorSettings())
+
+
+def test_one_room_that_is_known_tells_the_place_of_a_map_of_which_the_rest_is_not() -> None:
+    found = asked(walled("lab", LAB), *BEYOND)
+    assert found is not None and found.status == "unique" and found.T_a_s is not None
+    assert np.allclose(se2.compose(np.array(found.T_a_s), np.array(PLACE)), 0.0, atol=0.02)
+    assert {(s, a) for s, a, _ in found.wall_surfaces} == {(f"lab/{k}", f"lab/{k}") for k in range(len(LAB))}
+    assert asked(*BEYOND) is None
+
+
+def moved(corners: Corners, x: float, y: float) -> Corners:
+    return [(u + x, v + y) for u, v in corners]
+
+
+@pytest.mark.parametrize(
+    "other", [walled("store", moved(STORE, 0.0, 6.0)), a_room("hall", -4.5, 1.0, 3.0, 2.5)],
+    ids=["a room that says otherwise", "walls in the midst of a known room"],
+)  # fmt: skip
+def test_what_speaks_against_a_room_leaves_no_answer(other: tuple[Room, list[WallSurface]]) -> None:
+    assert asked(walled("lab", LAB), walled("store", STORE)) is not None
+    assert asked(walled("lab", LAB), other) is None
+
+
+def test_a_room_that_the_known_map_has_twice_tells_nothing() -> None:
+    twice = graph(walled("lab", LAB), walled("copy", moved(LAB, 20.0, 3.0)), a_room("a", -6.2, 0, 6, 4.2))
+    assert asked(walled("lab", LAB), *BEYOND, known=twice) is None
+
+
+def test_the_rooms_near_the_robot_are_asked_after() -> None:
+    far = [walled(f"far{k}", moved([(0, 0), (2 + k / 3, 0), (2 + k / 3, 2), (9, 2), (9, 6), (0, 6)], 30 + 10 * k, 0))
+           for k in range(MOST_ASKED)]  # fmt: skip
+    s, matcher = graph(walled("lab", LAB), *far), Matcher.load("learned")
+
+    def asked_from(x: float) -> MatchResult | None:
+        seen = replace(s, keyframes=(Keyframe("k", 0, (x, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0)),))
+        return room_by_room(seen, partial(matcher.match, a=KNOWN), lambda _: KNOWN, AnchorSettings())
+
+    assert asked_from(3.0) is not None and asked_from(60.0) is None
