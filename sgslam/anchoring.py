@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -223,12 +222,12 @@ class Anchoring(Stateful):
         An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
         """
         self.doubt = ""
-        s, by_room, ask = scene.graph, None, partial(self._matcher.match, a=self._plan(self.asked))
-        match = ask(s)
+        s, plan, settings, by_room = scene.graph, self._plan(self.asked), self._config.anchors, None
+        match = self._matcher.match(s, plan)
         if self._partial:
-            match = tenable(match, s, self._plan, self._config.anchors)
+            match = tenable(match, s, self._plan, settings)
             if match.status != "unique" and self.committed is None:
-                by_room = room_by_room(s, ask, self._plan, self._config.anchors)
+                by_room = room_by_room(s, lambda part: self._matcher.match(part, plan), self._plan, settings)
         self.match = match = by_room or match
         self._matched = scene
         self._matches += 1

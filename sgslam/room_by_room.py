@@ -16,7 +16,7 @@ from matching.result import MatchResult
 from sgslam.config import AnchorSettings
 from sgslam.contradictions import contradicted
 from sgslam.matcher_protocol import Match
-from sgslam.tenable import STRUCK_OUT, Listed, is_clear, listed, placed_at
+from sgslam.tenable import STRUCK_OUT, Listed, is_clear, is_outdone, listed, placed_at
 
 MOST_ASKED = 5  # rooms, the nearest to where the robot is
 LEAST_WALLS = 6  # surfaces of a room: with four it is like any other
@@ -35,10 +35,12 @@ def room_by_room(
     places: list[Listed] = []
     for room in _nearest(s):
         answer = ask(_alone(s, room))
-        if is_clear(answer):
-            place = listed(answer)[0]
-            if contradicted(s, plan(place.floor), place.T_a_s) <= STRUCK_OUT:
-                places.append(place)
+        if not is_clear(answer):
+            continue
+        named = listed(answer)
+        share = contradicted(s, plan(named[0].floor), named[0].T_a_s)
+        if share <= STRUCK_OUT and not is_outdone(named[0], named, share):
+            places.append(named[0])
     if not places:
         return None
     best, middle = max(places, key=lambda place: place.score), np.array(s.centroid())

@@ -20,13 +20,15 @@ from sgslam.position import WallArrays, pair_by_position
 
 Floats = NDArray[np.float64]
 CONTRADICTED = 0.04  # of the walls where both maps looked, by which a place is given up that was committed to,
-STRUCK_OUT = 0.01  # and by which none is taken: in offices of equal rooms wrong places with 80 nats have .015 to .019
+STRUCK_OUT = 0.02  # and by which none is taken: a wing that is another one's twin, to the centimetre, had .032
+_DOUBTFUL = 0.01  # and by which none is that another comes near: in offices of equal rooms wrong ones had .015
 OTHERWISE = "walls stand where the known map saw none, or lack where it has them"
 _LEAST = 40.0  # nats of an answer; wrong places that contradict nothing reach it now and then,
 _ENOUGH = 50.0  # of one that a larger map bears out; none of those did with the evidence risen,
 _PLENTY = 80.0  # and of one that is the last
 _ANOTHER = 25.0  # of another place that contradicts nothing: it has less only because less of it was mapped
 _RIVAL = 0.6  # of an answer's evidence; where another place has more, the building repeats itself
+_NEAR = 0.4  # likewise, of an answer that is contradicted somewhat
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ def tenable(
     `plan` gives a storey of that map, the whole for None. The scores have to be nats, as `Hypothesis` has them.
     """
     places = listed(match)
-    left = [p for p in places if contradicted(s, plan(p.floor), p.T_a_s) <= STRUCK_OUT]
-    left.sort(key=lambda p: -p.score)
+    judged = [(contradicted(s, plan(p.floor), p.T_a_s), p) for p in sorted(places, key=lambda p: -p.score)]
+    left = [p for share, p in judged if share <= STRUCK_OUT]
     hypotheses = _hypotheses(left)
     if not left:
         return MatchResult("none", OTHERWISE if places else match.reason)
@@ -84,11 +86,17 @@ def tenable(
         return MatchResult("none", f"{told}: too little where the known map may lack rooms", hypotheses=hypotheses)
     if len(left) > 1 and left[1].score > _ANOTHER:
         return MatchResult("ambiguous", told, hypotheses=hypotheses)
-    rival = max((p.score for p in places if p is not best), default=0.0)
-    if rival > _RIVAL * best.score:
-        told = f"{told}, but one that is contradicted {rival:.0f}: the building repeats itself"
+    if is_outdone(best, places, next(share for share, p in judged if p is best)):
+        told = f"{told}; others come near it: the building repeats itself"
         return MatchResult("ambiguous", told, hypotheses=hypotheses)
     return placed_at(best, left, told, s, plan(best.floor), settings)
+
+
+def is_outdone(best: Listed, places: Sequence[Listed], contradiction: float) -> bool:
+    """Whether another of the places comes near the best one, the other contradicted or not; `contradiction` is the
+    best one's own."""
+    rival = max((p.score for p in places if p is not best), default=0.0)
+    return rival > (_RIVAL if contradiction <= _DOUBTFUL else _NEAR) * best.score
 
 
 def placed_at(

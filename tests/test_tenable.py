@@ -9,7 +9,7 @@ from matching import MatchResult
 from matching.result import Hypothesis
 from sgslam.config import AnchorSettings
 from sgslam.said import Growth, Said
-from sgslam.tenable import is_clear, is_enough, is_plenty, tenable
+from sgslam.tenable import Listed, is_clear, is_enough, is_outdone, is_plenty, tenable
 
 OFFICE, HALL, LAB = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3), a_room("lab", 30, 0, 4, 3)
 AULA = a_room("aula", 34.1, 0, 7, 5)  # beside the lab, as the hall is beside the office, but wider
@@ -35,6 +35,12 @@ def test_a_place_that_the_known_map_contradicts_is_struck_out() -> None:
 @pytest.mark.parametrize("nats", [40.0, 70.0])
 def test_a_building_that_repeats_itself_may_do_so_where_it_is_not_known(nats: float) -> None:
     assert judged(answer((nats, IN_THE_LAB), (60.0, HERE))).status == "ambiguous"
+
+
+def test_a_place_that_is_contradicted_somewhat_must_be_further_ahead() -> None:
+    best, other = (Listed(score, np.zeros(3), None) for score in (60.0, 30.0))
+    assert not is_outdone(best, [other, best], 0.0) and is_outdone(best, [other, best], 0.015)
+    assert not is_outdone(best, [best], 0.015)
 
 
 def test_a_map_of_one_office_stays_ambiguous_where_there_are_two() -> None:
