@@ -8,10 +8,12 @@ is scored by its evidence (`bent_evidence`). The plan's own likenesses of the be
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from data.scene_graph import SceneGraph
+from matching import se2
 from matching.bent_evidence import Chance, evidence
 from matching.doors import doors
 from matching.field import Fields, Scene, explained, motions
@@ -54,9 +56,20 @@ class Bent:
     def __len__(self) -> int:
         return len(self.score)
 
-    def motion(self, k: int) -> Array:
-        """(3,) rigid motion of one hypothesis between the graphs' frames."""
-        return between_graphs(self.scene.s, self.scene.plan.storeys[int(self.fields.storey[k])], self.rigid[k])
+    @cached_property
+    def T_a_s(self) -> Array:
+        """(K, 3) the rigid motions, between the graphs' frames."""
+        storeys = self.scene.plan.storeys
+        own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 3)
+        return se2.compose(se2.compose(own, self.rigid), se2.inverse(self.scene.s.T_graph_own))
+
+    @cached_property
+    def rooms_placed(self) -> Array:
+        """(K, R, 2) where the hypotheses lay the centroids of the map's rooms, in the plan's frame."""
+        s, storeys = self.scene.s, self.scene.plan.storeys
+        own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 1, 3)
+        moved = motions(self.scene, self.fields.state)[:, self.scene.group_of_room]
+        return se2.apply(own, se2.apply(moved, se2.apply(se2.inverse(s.T_graph_own), s.room_centroids)))
 
 
 def scene_of(s: SceneGraph, plan: PlanWalls) -> Scene:
@@ -73,7 +86,7 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     T_a_s (3,).
     """
     s = scene.s
-    fewest, most = (int(np.clip(w / len(s), least, SEEDS)) for w, least in ((DOUBTFUL, 2), (WALLS, 4)))
+    fewest, most = (min(max(w // len(s), least), SEEDS) for w, least in ((DOUBTFUL, 2), (WALLS, 4)))
     fields, sure = seeds(scene, local_motions(scene, proposals), fewest, most)
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
@@ -84,8 +97,9 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
     more = rivals(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
     if len(more):
         found = _merged(found, _scored(scene, polished(scene, begun(scene, more), LAST_SIGMAS), chance))
-    kept = [k for k in range(len(found)) if allowed is None or allowed(found.motion(k))]
-    return _chosen(found, np.array(kept, dtype=np.int64))
+    if allowed is None:
+        return found
+    return _chosen(found, np.array([k for k, T_a_s in enumerate(found.T_a_s) if allowed(T_a_s)], dtype=np.int64))
 
 
 def _allowed(
@@ -121,7 +135,7 @@ def _followed(scene: Scene, grown: Led) -> Led:
     best = best[distinct(grown.fields.storey[best], rigid(scene, grown.fields, quality)[best])]
     hopeful = worth[best] >= HOPEFUL * worth[best[0]]
     hopeful[:RIVALS] = True
-    return grown[best[hopeful][: int(np.clip(WALLS / len(scene.s), 3, FOLLOWED))]]
+    return grown[best[hopeful][: min(max(WALLS // len(scene.s), 3), FOLLOWED)]]
 
 
 def _unlike(grown: Led) -> Led:

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.compiled import compiled
-from matching import se2
 from matching.bent import Bent
 from matching.complete import Pairs
 from matching.confidence import room_confidence, surface_confidence
-from matching.field import motions
-from matching.field_loops import Loops, compared, laid
+from matching.field_loops import Loops, compared, laid, turns
 from matching.se2 import Array
 from matching.walls import Index, Walls
 
@@ -34,7 +32,7 @@ Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share amon
 
 @dataclass(frozen=True)
 class _Laid:
-    """The pairs (Ns, P) of S walls with A walls of one storey, and the motion (R, 3) of each S room."""
+    """The pairs (Ns, P) of S walls with A walls of one storey, and where its rooms are."""
 
     s: Walls
     a: Walls
@@ -42,7 +40,7 @@ class _Laid:
     partner: Index  # 0 where there is none, with quality 0
     quality: Array  # in [0, 1]
     along: Array  # S's mid point from A's
-    moved: Array  # between own frames
+    placed: Array  # (R, 2) the centroids of S's rooms, in the plan's frame
 
 
 def complete(found: Bent, k: int) -> Pairs:
@@ -68,16 +66,15 @@ def _laid(found: Bent, k: int) -> _Laid:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
     quality, along = _likely(scene.loops, table, found.fields.state[k])
     partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
-    first = scene.groups.of_wall[scene.s.first_of_room]
-    moved = motions(scene, found.fields.state[k : k + 1])[0, first]
-    return _Laid(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, moved)
+    placed = found.rooms_placed[k]
+    return _Laid(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, placed)
 
 
 @compiled
 def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
     """(Ns, P) quality in [0, 1]: across, in direction, by how much lies beside, and by both ends, which slide, or stop
     short of the plan's: a short piece may slide off a short wall. And S's mid point along A's wall."""
-    quality, at, pose = np.zeros(table.shape), np.zeros(table.shape), laid(m, state)
+    quality, at, pose = np.zeros(table.shape), np.zeros(table.shape), laid(m, state, turns(state))
     for i in range(len(table)):
         for p in range(table.shape[1]):
             if table[i, p] < 0:
@@ -135,10 +132,9 @@ def _rooms(laid: _Laid, share: Array) -> Matches:
     if not share.size:
         return ()
     s, a = laid.s, laid.a
-    own = se2.apply(se2.inverse(s.T_graph_own), s.room_centroids)
-    merit = _merit(share, se2.apply(a.T_graph_own, se2.apply(laid.moved, own)), *laid.footprints)
+    merit = _merit(share, laid.placed, *laid.footprints)
     order = np.argsort(-merit.max(axis=1), kind="stable")
-    chosen = _chosen(share, merit, order, s.room, s.half, a.room[laid.partner], laid.partner, laid.quality, laid.along)
+    chosen = _chosen(share, merit, order, s.room, s.half, a.room, laid.partner, laid.quality, laid.along)
     told = zip(range(len(chosen)), chosen.tolist(), _among(merit, chosen, DOUBT_ROOM).tolist(), strict=True)
     return tuple((r, q, c) for r, q, c in told if q >= 0)
 
@@ -210,7 +206,7 @@ def _apart(
             continue
         most = LEAST_QUALITY
         for p in range(partner.shape[1]):
-            if a_room[i, p] == q and quality[i, p] > most:
+            if a_room[partner[i, p]] == q and quality[i, p] > most:
                 best[i], most = p, float(quality[i, p])
         if best[i] >= 0:
             length[int(s_room[i] == o)] += 2 * half[i]
@@ -253,18 +249,18 @@ def _among(value: Array, chosen: Index, doubt: float) -> Array:
 def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
     """The likeliest pairs first; of several S walls on one A wall those that lie beside each other are its pieces."""
     s, a = laid.s, laid.a
-    trust = np.where(share > PART_SHARE, OTHER_PART, OTHER_ROOM)
-    trust[~(share > PART_SHARE).any(axis=1)] = 1.0  # nothing is known of them
+    trust = np.ones((len(share) + 1, share.shape[1] + 1))  # the last of each: of walls without a room
+    trust[:-1, :-1] = np.where(share > PART_SHARE, OTHER_PART, OTHER_ROOM)
+    trust[:-1][~(share > PART_SHARE).any(axis=1)] = 1.0  # nothing is known of them
     for r, q, _ in rooms:
         trust[r, q] = 1.0
-    trust = np.pad(trust, ((0, 1), (0, 1)), constant_values=1.0)  # the last of each: of walls without a room
     quality = laid.quality * trust[s.room[:, None], a.room[laid.partner]]
     rows, columns = np.nonzero(quality > LEAST_QUALITY)
     order = np.argsort(-quality[rows, columns], kind="stable")
     matched = _pieces(rows[order], columns[order], laid.partner, laid.along, s.half)
-    partner = np.take_along_axis(laid.partner, np.maximum(matched, 0)[:, None], axis=1)[:, 0]
-    told = zip(matched.tolist(), partner.tolist(), _among(quality, matched, DOUBT).tolist(), strict=True)
-    return tuple((i, j, c) for i, (p, j, c) in enumerate(told) if p >= 0)
+    found = np.flatnonzero(matched >= 0)
+    partner, sure = laid.partner[found, matched[found]], _among(quality, matched, DOUBT)[found]
+    return tuple(zip(found.tolist(), partner.tolist(), sure.tolist(), strict=True))
 
 
 @compiled

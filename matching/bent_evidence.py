@@ -165,11 +165,12 @@ def _nats(
                     best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
             other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
             for n in range(precisions):
+                told = np.log((1 - other) * best[0, n] + other)
                 if room[i] >= 0:
-                    rooms[0, room[i], n] += np.log((1 - other) * best[0, n] + other)
-                    rooms[1, room[i], n] += np.log((1 - other) * best[1, n] + other)
+                    rooms[0, room[i], n] += told
+                    rooms[1, room[i], n] += told if best[1, n] == best[0, n] else np.log((1 - other) * best[1, n] + other)
                 else:
-                    total[k, n] += np.log((1 - other) * best[0, n] + other)
+                    total[k, n] += told
         for r in range(rooms.shape[1]):
             for n in range(precisions):
                 total[k, n] += either(rooms[0, r, n] + np.log(1 - TWO_IN_ONE), rooms[1, r, n] + np.log(TWO_IN_ONE))
@@ -188,14 +189,19 @@ def _measured(
         if known:
             for side in (-1, 1):
                 gap = side * along + half - a_half
-                normal = np.exp(-0.5 * (gap / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma)
-                both *= seen * normal * max(2 * a_half, 1.0) + (short if gap < 0 else beyond)
-            both = both**trust
+                both *= seen * _normal(gap, sigma) * max(2 * a_half, 1.0) + (short if gap < 0 else beyond)
+            both = both if trust == 1 else both**trust
         density[e :: len(ends)] = both
     for n in range(len(SIGMAS)):
-        normal = np.exp(-0.5 * (across / SIGMAS[n]) ** 2) / (np.sqrt(2 * np.pi) * SIGMAS[n])
+        normal = _normal(across, SIGMAS[n])
         for e in range(len(ends)):
             density[n * len(ends) + e] *= normal
+
+
+@compiled
+def _normal(off: float, sigma: float) -> float:
+    """Density; beyond ten deviations nothing is left of it beside what else a wall may be."""
+    return np.exp(-0.5 * (off / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma) if abs(off) < 10 * sigma else 0.0
 
 
 @compiled

@@ -5,6 +5,8 @@ and `messy` maps of 1 room to all of a floor, a quarter of all maps of another b
 ("Probabilistic outputs for support vector machines", 1999).
 """
 
+import math
+
 import numpy as np
 
 from matching.se2 import Array
@@ -39,4 +41,4 @@ def surface_confidence(share: float) -> float:
 
 
 def _probability(share: float, offset: float, slope: float) -> float:
-    return 1 / (1 + ((1 - share) / share) ** slope * float(np.exp(-offset)))
+    return 1 / (1 + ((1 - share) / share) ** slope * math.exp(-offset))

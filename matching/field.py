@@ -14,7 +14,7 @@ from data.compiled import compiled
 from matching import se2
 from matching.blocks import elimination
 from matching.doors import Doors
-from matching.field_loops import Loops, best_pair, compared, laid, strained, strangeness
+from matching.field_loops import Loops, best_pair, compared, laid, strained, strangeness, turns
 from matching.groups import Groups
 from matching.plan_walls import PlanWalls
 from matching.se2 import Array
@@ -114,7 +114,7 @@ def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     fields, walls, width = table.shape
     found = np.zeros((5, fields, walls, width))
     for k in range(fields):
-        pose = laid(m, state[k])
+        pose = laid(m, state[k], turns(state[k]))
         for i in range(walls):
             for p in range(width):
                 if table[k, i, p] >= 0:
@@ -134,7 +134,7 @@ def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
 def _explained(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     best, lines, half = np.zeros(table.shape[:2]), m.lines, m.half
     for k in range(len(table)):
-        pose = laid(m, state[k])
+        pose = laid(m, state[k], turns(state[k]))
         for i in range(len(pose)):
             best[k, i], _ = best_pair(lines, half[i], pose, table[k], i, sigma)
     return best
@@ -149,6 +149,7 @@ def chi2(scene: Scene, state: Array) -> Array:
 def _chi2(m: Loops, state: Array) -> Array:
     found = np.empty((len(state), len(m.edges)))
     for k in range(len(state)):
+        turn = turns(state[k])
         for e in range(len(m.edges)):
-            found[k, e], _, _, _ = strained(m, e, state[k])
+            found[k, e], _, _, _ = strained(m, e, state[k], turn)
     return found

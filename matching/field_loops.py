@@ -27,7 +27,7 @@ class Loops(NamedTuple):
     lines: Array  # (Na, 6) as those of `Walls`
     order: Index  # (Na,) as `PlanWalls.by_heading`
     ordered: Array
-    ordered_lines: Array
+    ordered_lines: Array  # (6, Na)
     first: Index  # (storeys + 1,)
 
 
@@ -46,12 +46,27 @@ def of_direction(ordered: Array, begin: int, end: int, heading: float, width: fl
 
 
 @compiled
-def laid(m: Loops, state: Array) -> Array:
-    """(Ns, 5) where a field (G, 3) lays the walls: heading, mid point, and this from its group's centre."""
-    heading, group, arm = m.heading, m.group, m.arm
-    turn, pose = np.empty((len(state), 2)), np.empty((len(heading), 5))
+def off_lines(lines: Array, first: int, last: int, x: float, y: float, off: Array) -> None:
+    """Writes how far a point is off some of lines (6, Na), either way; row by row it becomes vector code."""
+    n_x, n_y, at = lines[2, first:last], lines[3, first:last], lines[4, first:last]
+    for n in range(len(at)):
+        off[n] = abs(n_x[n] * x + n_y[n] * y - at[n])
+
+
+@compiled
+def turns(state: Array) -> Array:
+    """(G, 2) cosines and sines of a field's (G, 3) turns."""
+    found = np.empty((len(state), 2))
     for g in range(len(state)):
-        turn[g, 0], turn[g, 1] = np.cos(state[g, 0]), np.sin(state[g, 0])
+        found[g, 0], found[g, 1] = np.cos(state[g, 0]), np.sin(state[g, 0])
+    return found
+
+
+@compiled
+def laid(m: Loops, state: Array, turn: Array) -> Array:
+    """(Ns, 5) where a field (G, 3), of known `turns`, lays the walls: heading, mid point, and this from its group's
+    centre."""
+    heading, group, arm, pose = m.heading, m.group, m.arm, np.empty((len(m.heading), 5))
     for i in range(len(pose)):
         g = group[i]
         cos, sin = turn[g, 0], turn[g, 1]
@@ -63,10 +78,16 @@ def laid(m: Loops, state: Array) -> Array:
 
 
 @compiled
+def off_line(lines: Array, j: int, pose: Array, i: int) -> float:
+    """How far the middle of a wall of the map, which is laid so, is off the line of a wall of the plan."""
+    return lines[j, 2] * pose[i, 1] + lines[j, 3] * pose[i, 2] - lines[j, 4]
+
+
+@compiled
 def compared(lines: Array, j: int, half: float, pose: Array, i: int) -> tuple[float, float, float, float]:
     """How far a wall of the map, which is laid so, is off a wall of the plan across, along and in direction, and the
     share of it that lies beside."""
-    across = lines[j, 2] * pose[i, 1] + lines[j, 3] * pose[i, 2] - lines[j, 4]
+    across = off_line(lines, j, pose, i)
     along = lines[j, 2] * pose[i, 2] - lines[j, 3] * pose[i, 1] - lines[j, 5]
     turned = wrapped(pose[i, 0] - lines[j, 1])
     span = 1.6 * min(half, 4.0)  # a fifth of a wall may stand out: its ends slide
@@ -89,9 +110,11 @@ def best_pair(lines: Array, half: float, pose: Array, table: Index, i: int, sigm
         j = table[i, p]
         if j < 0:
             break
+        if best * (1 + strangeness(off_line(lines, j, pose, i), 0.0, sigma)) >= 1:
+            continue  # it cannot be better: exp(-x) is at most 1 / (1 + x)
         across, _, turned, beside = compared(lines, j, half, pose, i)
         strange = strangeness(across, turned, sigma)
-        if beside > best * (1 + strange):  # the others cannot be better: exp(-x) is at most 1 / (1 + x)
+        if beside > best * (1 + strange):
             quality = beside * np.exp(-strange)
             if quality > best:
                 best, at = quality, j
@@ -100,17 +123,17 @@ def best_pair(lines: Array, half: float, pose: Array, table: Index, i: int, sigm
 
 @compiled
 def strained(
-    m: Loops, e: int, state: Array
+    m: Loops, e: int, state: Array, turn: Array
 ) -> tuple[float, tuple[float, float, float], tuple[float, float], tuple[float, float]]:
-    """How a field (G, 3) moves the neighbours of an edge otherwise, at the point between them: the squares in their
+    """How a field (G, 3), of known `turns`, moves the neighbours of an edge otherwise, at the point between them: the squares in their
     deviations; radians, metres, metres; and from either end's centre to that point."""
     g, h, centre, slack = m.edges[e, 0], m.edges[e, 1], m.centre, m.slack
     half_x, half_y = (centre[h, 0] - centre[g, 0]) / 2, (centre[h, 1] - centre[g, 1]) / 2
-    cos, sin = np.cos(state[g, 0]), np.sin(state[g, 0])
+    cos, sin = turn[g, 0], turn[g, 1]
     x, y = cos * half_x - sin * half_y, sin * half_x + cos * half_y
-    cos, sin = -np.cos(state[h, 0]), -np.sin(state[h, 0])
+    cos, sin = -turn[h, 0], -turn[h, 1]
     u, v = cos * half_x - sin * half_y, sin * half_x + cos * half_y
-    turn = wrapped(state[h, 0] - state[g, 0])
+    turned = wrapped(state[h, 0] - state[g, 0])
     off_x, off_y = state[h, 1] - state[g, 1] + u - x, state[h, 2] - state[g, 2] + v - y
-    square = (turn / slack[e, 0]) ** 2 + (off_x / slack[e, 1]) ** 2 + (off_y / slack[e, 2]) ** 2
-    return square, (turn, off_x, off_y), (x, y), (u, v)
+    square = (turned / slack[e, 0]) ** 2 + (off_x / slack[e, 1]) ** 2 + (off_y / slack[e, 2]) ** 2
+    return square, (turned, off_x, off_y), (x, y), (u, v)

@@ -5,7 +5,7 @@ import numpy as np
 from data.compiled import compiled
 from data.se2_loops import wrapped
 from matching.field import Fields, Scene
-from matching.field_loops import Loops, laid, of_direction
+from matching.field_loops import Loops, laid, of_direction, off_lines, turns
 from matching.se2 import Array
 from matching.walls import Index
 
@@ -30,20 +30,22 @@ def _partners(m: Loops, storey: Index, state: Array) -> Index:
 @compiled
 def nearest(m: Loops, storey: int, state: Array, table: Index) -> None:
     """Writes the partners (Ns, PARTNERS) of one field; of the A walls only those of a direction are looked at."""
-    least_cos, cost, pose = np.cos(GATE_RAD), np.empty(PARTNERS), laid(m, state)
+    least_cos, cost, pose = np.cos(GATE_RAD), np.empty(PARTNERS), laid(m, state, turns(state))
     half, lines, order = m.half, m.ordered_lines, m.order
     begin, end = m.first[storey], m.first[storey + 1]
+    across = np.empty(end - begin)
     table[:] = -1
     for i in range(len(pose)):
         x, y, turned, count = pose[i, 1], pose[i, 2], wrapped(pose[i, 0]), 0
         cos, sin = np.cos(turned), np.sin(turned)
         stretch = of_direction(m.ordered, begin, end, turned, GATE_RAD + 1e-9)
         for first, last in (stretch[:2], stretch[2:]):
+            off_lines(lines, first, last, x, y, across)
             for n in range(first, last):
-                off = abs(lines[n, 2] * x + lines[n, 3] * y - lines[n, 4])
-                if off > GATE_M or cos * lines[n, 2] + sin * lines[n, 3] < least_cos:
+                off = across[n - first]
+                if off > GATE_M or cos * lines[2, n] + sin * lines[3, n] < least_cos:
                     continue
-                off += max(abs(lines[n, 2] * y - lines[n, 3] * x - lines[n, 5]) - lines[n, 0] - half[i], 0.0)
+                off += max(abs(lines[2, n] * y - lines[3, n] * x - lines[5, n]) - lines[0, n] - half[i], 0.0)
                 if off <= GATE_M:
                     count = _inserted(table, i, cost, count, order[n], off)
 

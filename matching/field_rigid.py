@@ -5,7 +5,7 @@ import numpy as np
 from data.compiled import compiled
 from data.se2_loops import wrapped
 from matching.field import Fields, Scene
-from matching.field_loops import Loops, laid
+from matching.field_loops import Loops, laid, turns
 from matching.hypotheses import DISTINCT_M, DISTINCT_RAD
 from matching.se2 import Array
 from matching.walls import Index
@@ -22,7 +22,7 @@ def rigid(scene: Scene, fields: Fields, quality: Array) -> Array:
 def _rigid(m: Loops, centre: Array, state: Array, quality: Array) -> Array:
     found, heading, half = np.empty((len(state), 3)), m.heading, m.half
     for k in range(len(state)):
-        pose, weight = laid(m, state[k]), m.weight * quality[k] + LEAST_WEIGHT
+        pose, weight = laid(m, state[k], turns(state[k])), m.weight * quality[k] + LEAST_WEIGHT
         weight /= weight.sum()
         p_x, p_y = (weight * centre[:, 0]).sum(), (weight * centre[:, 1]).sum()
         q_x, q_y = (weight * pose[:, 1]).sum(), (weight * pose[:, 2]).sum()

@@ -11,7 +11,7 @@ from data.compiled import compiled
 from data.se2_loops import wrapped
 from matching.blocks import solve
 from matching.field import Scene
-from matching.field_loops import Loops, best_pair, compared, laid, strained
+from matching.field_loops import Loops, best_pair, compared, laid, strained, turns
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
 from matching.walls import Index
@@ -45,8 +45,9 @@ def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
     right = np.zeros(state.shape)
     for d in range(3):
         own[:, d, d] = 1 / HELD[d] ** 2
-    _pull_of_walls(m, table, state, sigma, own, right)
-    _pull_of_neighbours(m, state, own, between, right)
+    turn = turns(state)
+    _pull_of_walls(m, table, state, turn, sigma, own, right)
+    _pull_of_neighbours(m, state, turn, own, between, right)
     solve(m.elimination, own, between, right)
     for g in range(len(state)):
         for d in range(3):
@@ -55,10 +56,12 @@ def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
 
 
 @compiled
-def _pull_of_walls(m: Loops, table: Index, state: Array, sigma: Array, own: Array, right: Array) -> None:
+def _pull_of_walls(
+    m: Loops, table: Index, state: Array, turn: Array, sigma: Array, own: Array, right: Array
+) -> None:
     """Adds information to `own` (G, 3, 3), its lower triangle, and the gradient to `right` (G, 3): of each wall against
     its best partner."""
-    lines, half, group, pose = m.lines, m.half, m.group, laid(m, state)
+    lines, half, group, pose = m.lines, m.half, m.group, laid(m, state, turn)
     for i in range(len(table)):
         g, wide = group[i], sigma[group[i]]
         if wide >= SILENT:
@@ -73,29 +76,31 @@ def _pull_of_walls(m: Loops, table: Index, state: Array, sigma: Array, own: Arra
         facing = pull * (SHARPEST**2 / (SIGMA_TILT**2 + (OFF_LINE / half[i]) ** 2))
         slip = slid * np.sign(along) * max(abs(along) - abs(lines[j, 0] - half[i]), 0.0)
         # How a residual along the normal, or the tangent, grows with the turn of the group.
-        turn, turn_along = n_y * lever_x - n_x * lever_y, n_x * lever_x + n_y * lever_y
-        own[g, 0, 0] += pull * turn**2 + slid * turn_along**2 + facing
-        own[g, 1, 0] += pull * turn * n_x - slid * turn_along * n_y
-        own[g, 2, 0] += pull * turn * n_y + slid * turn_along * n_x
+        lever, lever_along = n_y * lever_x - n_x * lever_y, n_x * lever_x + n_y * lever_y
+        own[g, 0, 0] += pull * lever**2 + slid * lever_along**2 + facing
+        own[g, 1, 0] += pull * lever * n_x - slid * lever_along * n_y
+        own[g, 2, 0] += pull * lever * n_y + slid * lever_along * n_x
         own[g, 1, 1] += pull * n_x**2 + slid * n_y**2
         own[g, 2, 1] += (pull - slid) * n_x * n_y
         own[g, 2, 2] += pull * n_y**2 + slid * n_x**2
-        right[g, 0] -= pull * across * turn + slip * turn_along + facing * turned
+        right[g, 0] -= pull * across * lever + slip * lever_along + facing * turned
         right[g, 1] -= pull * across * n_x - slip * n_y
         right[g, 2] -= pull * across * n_y + slip * n_x
 
 
 @compiled
-def _pull_of_neighbours(m: Loops, state: Array, own: Array, between: Array, right: Array) -> None:
+def _pull_of_neighbours(
+    m: Loops, state: Array, turn: Array, own: Array, between: Array, right: Array
+) -> None:
     """Adds as the walls do, and writes the information of the two ends of each edge with each other.
 
     The residual's derivative by an end's motion is +-(1 0 0, -y 1 0, x 0 1) with the end's arm (x, y).
     """
     for e in range(len(m.edges)):
-        square, (turn, off_x, off_y), arm_g, arm_h = strained(m, e, state)
+        square, (turned, off_x, off_y), arm_g, arm_h = strained(m, e, state, turn)
         less = 1 + square / ROBUST**2
         u, v, w = 1 / (m.slack[e, 0] * less) ** 2, 1 / (m.slack[e, 1] * less) ** 2, 1 / (m.slack[e, 2] * less) ** 2
-        pull, push, press = u * turn, v * off_x, w * off_y
+        pull, push, press = u * turned, v * off_x, w * off_y
         for sign, g, (x, y) in ((1.0, m.edges[e, 0], arm_g), (-1.0, m.edges[e, 1], arm_h)):
             own[g, 0, 0] += u + v * y**2 + w * x**2
             own[g, 1, 0] -= v * y

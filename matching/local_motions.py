@@ -8,14 +8,15 @@ one another their motions differ little, however far the map as a whole has drif
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.compiled import compiled
 from data.se2_loops import wrapped
-from matching import se2
 from matching.field import Fields, Scene, rigid_state
 from matching.proposals import TopK
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
+from matching.voting import ascending, most_of
 from matching.walls import Index
 
 OPENING = float(np.radians(10))  # the angles between two S walls and their A walls differ by less
@@ -24,6 +25,7 @@ YAW_BIN, PLACE_BIN = np.radians(8), 0.8
 SIGMA = 0.3  # metres across: neighbours' motions differ
 SIGMA_TURN = float(np.radians(6))
 SIGMA_BEYOND = 0.8  # metres beyond the ends
+FAR = 9.0  # deviations; nothing is left of what is further off
 MOST_PLACES = 40  # of one part
 MOST_PARTS = 8
 LEAST_SCORE = 1e-3  # of a proposal
@@ -45,22 +47,21 @@ class LocalMotions:
 class _Votes:
     group: Index
     storey: Index
-    yaw: Array
-    weight: Array
-    shift: Array  # (V, 2) the motion's translation
+    told: Array  # (V, 4) the motion's yaw, its weight, and its translation
 
 
 def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
     """The motions most voted for, of several parts of the map and of all of it, best first."""
     votes = _votes(scene, proposals)
-    if not len(votes.yaw):
+    if not len(votes.told):
         return LocalMotions(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 3)), np.zeros(0))
     parts, member = _parts(scene, proposals)
     heard = [n for n in range(len(parts)) if member[n][votes.group].any()]
-    found = [_gathered(scene, votes, int(parts[n]), member[n]) for n in heard]
-    group, storey = (np.concatenate([f[k] for f in found]) for k in (0, 1))
-    motion = np.concatenate([f[2] for f in found])
-    worth = np.concatenate([_worth(scene, proposals, f[1], f[2], member[n]) for n, f in zip(heard, found, strict=True)])
+    centre = scene.groups.centre
+    found = [_gathered(votes.group, votes.storey, votes.told, member[n], *centre[parts[n]]) for n in heard]
+    storey, motion = (np.concatenate([f[k] for f in found]) for k in (0, 1))
+    group = np.repeat(parts[heard], [len(f[0]) for f in found])
+    worth = np.concatenate([_worth(scene, proposals, *f, member[n]) for n, f in zip(heard, found, strict=True)])
     order = np.argsort(-worth, kind="stable")
     return LocalMotions(group[order], storey[order], motion[order], worth[order])
 
@@ -71,7 +72,7 @@ def _votes(scene: Scene, proposals: TopK) -> _Votes:
         s.heading, s.half, s.centre, s.normal, s.weight, scene.groups.of_wall, plan.lines, plan.centre, plan.storey,
         proposals.partner, proposals.score,
     )  # fmt: skip
-    return _Votes(scene.groups.of_wall[pair[:, 0]], plan.storey[pair[:, 1]], told[:, 0], told[:, 1], told[:, 2:])
+    return _Votes(scene.groups.of_wall[pair[:, 0]], plan.storey[pair[:, 1]], told)
 
 
 @compiled
@@ -149,23 +150,35 @@ def _parts(scene: Scene, proposals: TopK) -> tuple[Index, Array]:
     return np.array([*parts, middle]), np.concatenate((near[parts], np.ones((1, len(groups)), dtype=bool)))
 
 
-def _gathered(scene: Scene, votes: _Votes, part: int, member: Array) -> tuple[Index, Index, Array]:
-    """(group, storey, motion) of the fullest bins of the members' votes."""
-    of = np.nonzero(member[votes.group])[0]
-    yaw, storey, weight = votes.yaw[of], votes.storey[of], votes.weight[of]
-    motion = np.column_stack((yaw, votes.shift[of]))
-    place = se2.apply(motion, scene.groups.centre[part])
-    cell = np.column_stack((storey, np.floor((yaw + np.pi) / YAW_BIN), *np.floor(place / PLACE_BIN).T)).astype(np.int64)
-    cell -= cell.min(axis=0)
-    key = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1))
-    unique, inverse = np.unique(key, return_inverse=True)
-    total = np.bincount(inverse, weight)
-    best = np.argsort(-total, kind="stable")[:MOST_PLACES]
-    mean = np.stack([np.bincount(inverse, weight * x)[best] / total[best] for x in (yaw, *place.T)], axis=-1)
-    first = np.zeros(len(unique), dtype=np.int64)
-    first[inverse] = np.arange(len(inverse))
-    shift = mean[:, 1:] - se2.rotate(mean[:, 0], np.broadcast_to(scene.groups.centre[part], (len(best), 2)))
-    return np.full(len(best), part), storey[first[best]], np.column_stack((mean[:, 0], shift))
+@compiled
+def _gathered(
+    group: Index, storey: Index, told: Array, member: NDArray[np.bool_], x: float, y: float
+) -> tuple[Index, Array]:
+    """(K,) storeys and (K, 3) motions, the means of the fullest bins of the members' votes at a point."""
+    of = np.flatnonzero(member[group])
+    value, cell, key = np.empty((len(of), 4)), np.empty((len(of), 4), dtype=np.int64), np.zeros(len(of), dtype=np.int64)
+    for n in range(len(of)):
+        yaw, weight, shift_x, shift_y = told[of[n]]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        value[n] = 1.0, yaw, cos * x - sin * y + shift_x, sin * x + cos * y + shift_y
+        cell[n, 0], cell[n, 1] = storey[of[n]], np.floor((yaw + np.pi) / YAW_BIN)
+        cell[n, 2], cell[n, 3] = np.floor(value[n, 2] / PLACE_BIN), np.floor(value[n, 3] / PLACE_BIN)
+        value[n] *= weight
+    for d in range(4):
+        low = cell[:, d].min()
+        key = key * (cell[:, d].max() - low + 1) + cell[:, d] - low
+    total, floor, bins, last = np.zeros((len(of), 4)), np.empty(len(of), dtype=np.int64), 0, -1
+    for n in ascending(key):
+        bins += key[n] != last
+        total[bins - 1] += value[n]
+        floor[bins - 1], last = cell[n, 0], key[n]
+    best = most_of(total[:bins, 0], np.arange(bins), MOST_PLACES)
+    motion = np.empty((len(best), 3))
+    for n in range(len(best)):
+        _, yaw, u, v = total[best[n]] / total[best[n], 0]
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        motion[n] = yaw, u - (cos * x - sin * y), v - (sin * x + cos * y)
+    return floor[best], motion
 
 
 def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, member: Array) -> Array:
@@ -196,6 +209,8 @@ def _upon(
                 if j < 0 or score[i, p] < LEAST_SCORE or a_storey[j] != storey[n]:
                     continue
                 across = x * lines[j, 2] + y * lines[j, 3] - lines[j, 4]
+                if abs(across) > FAR * SIGMA:
+                    continue
                 along = abs(y * lines[j, 2] - x * lines[j, 3] - lines[j, 5])
                 turned, beyond = wrapped(heading[i] - lines[j, 1] + motion[n, 0]), _beyond(along, half[i], lines[j, 0])
                 off = across**2 / SIGMA**2 + turned**2 / SIGMA_TURN**2 + beyond**2 / SIGMA_BEYOND**2

@@ -41,9 +41,9 @@ class PlanWalls:
 
     @cached_property
     def by_heading(self) -> tuple[Index, Array, Array]:
-        """(N,) the walls, storey by storey in the order of their headings, these headings, and their lines."""
+        """(N,) the walls, storey by storey in the order of their headings, these headings, and (6, N) their lines."""
         order = np.lexsort((self.heading, self.storey))
-        return order, self.heading[order], self.lines[order]
+        return order, self.heading[order], np.ascontiguousarray(self.lines[order].T)
 
     @cached_property
     def footprints(self) -> tuple[tuple[Array, Index], ...]:

@@ -12,7 +12,7 @@ from matching import se2
 from matching.corners import corners
 from matching.evidence import SEEN
 from matching.field import Fields, Scene, judge
-from matching.field_loops import of_direction
+from matching.field_loops import of_direction, off_lines
 from matching.plan_walls import PlanWalls
 from matching.scoring import FAR, SAME_DIRECTION, SIGMA_HEADING, SIGMA_SCORE
 from matching.se2 import Array
@@ -63,8 +63,8 @@ def _likenesses(plan: PlanWalls, home: int, used: Index, own: Marks, storey: int
     some = used[:: -(-len(used) // MOST_ASKED)]
     _, headings, lines = plan.by_heading
     own_lines, own_centre, weight = a.lines[some], a.centre[some], a.weight[some]
-    of_storey = slice(plan.first[storey], plan.first[storey + 1])
-    worth = _explained(own_lines, own_centre, weight, headings[of_storey], lines[of_storey], motions) / weight.sum()
+    stretch = int(plan.first[storey]), int(plan.first[storey + 1])
+    worth = _explained(own_lines, own_centre, weight, headings, lines, stretch, motions) / weight.sum()
     alike = worth > LEAST
     if storey == home:
         middle = a.centre[used].mean(axis=0)
@@ -74,10 +74,12 @@ def _likenesses(plan: PlanWalls, home: int, used: Index, own: Marks, storey: int
 
 
 @compiled
-def _explained(own: Array, centre: Array, weight: Array, headings: Array, lines: Array, motions: Array) -> Array:
-    """(K,) the weight of walls, their lines and centres given, that motions (K, 3) lay on lines, whose headings ascend:
-    as `scoring.explained` judges; 0 where it is less than is asked for."""
-    total, whole = np.zeros(len(motions)), weight.sum()
+def _explained(
+    own: Array, centre: Array, weight: Array, headings: Array, lines: Array, storey: tuple[int, int], motions: Array
+) -> Array:
+    """(K,) the weight of walls, their lines and centres given, that motions (K, 3) lay on lines (6, N), those of a
+    storey, whose headings ascend: as `scoring.explained` judges; 0 where it is less than is asked for."""
+    total, whole, off = np.zeros(len(motions)), weight.sum(), np.empty(storey[1] - storey[0])
     for k in range(len(motions)):
         yaw, shift_x, shift_y = motions[k]
         cos, sin, left = np.cos(yaw), np.sin(yaw), whole
@@ -87,19 +89,20 @@ def _explained(own: Array, centre: Array, weight: Array, headings: Array, lines:
                 break
             half, heading, best, span = own[i, 0], wrapped(own[i, 1] + yaw), 0.0, 1.6 * min(own[i, 0], 4.0)
             x, y = cos * centre[i, 0] - sin * centre[i, 1] + shift_x, sin * centre[i, 0] + cos * centre[i, 1] + shift_y
-            stretch = of_direction(headings, 0, len(headings), heading, SAME_DIRECTION)
+            stretch = of_direction(headings, storey[0], storey[1], heading, SAME_DIRECTION)
             for first, last in (stretch[:2], stretch[2:]):
+                off_lines(lines, first, last, x, y, off)
                 for n in range(first, last):
-                    across = lines[n, 2] * x + lines[n, 3] * y - lines[n, 4]
-                    if abs(across) >= FAR * SIGMA:
+                    across = off[n - first]
+                    if across >= FAR * SIGMA:
                         continue
-                    along = abs(lines[n, 2] * y - lines[n, 3] * x - lines[n, 5])
-                    common = min(half + lines[n, 0] - along, 2 * min(half, lines[n, 0]))
+                    along = abs(lines[2, n] * y - lines[3, n] * x - lines[5, n])
+                    common = min(half + lines[0, n] - along, 2 * min(half, lines[0, n]))
                     beside = min(common / span, 1.0)
                     if beside > best:
-                        turned = wrapped(heading - lines[n, 1])
-                        off = (0.5 / SIGMA**2) * across**2 + (0.5 / SIGMA_HEADING**2) * turned**2
-                        best = max(best, beside * np.exp(-off))
+                        turned = wrapped(heading - lines[1, n])
+                        strange = (0.5 / SIGMA**2) * across**2 + (0.5 / SIGMA_HEADING**2) * turned**2
+                        best = max(best, beside * np.exp(-strange))
             total[k] += weight[i] * best
             left -= weight[i]
     return total
