@@ -13,6 +13,7 @@ import numpy as np
 from data import SceneGraph
 from matching import Matcher
 from matching.proposals import Proposals, TopK
+from matching.walls import Walls
 
 
 def load_method(name: str) -> Matcher:
@@ -37,8 +38,8 @@ def _shuffled() -> Matcher:
 
     network = LearnedProposer.load()
 
-    def propose(s: SceneGraph, a: SceneGraph) -> Proposals:
-        proposals = network.propose(s, a)
+    def propose(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
+        proposals = network.propose(s, a, known)
         rng = np.random.default_rng(len(s.wall_surfaces))
         return Proposals(_mixed(proposals.walls, rng), _mixed(proposals.rooms, rng))
 

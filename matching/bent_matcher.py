@@ -42,7 +42,7 @@ class BentMatcher:
         allowed = None if start is None else partial(near_start, start)
 
         def proposed(proposer: Proposer) -> TopK:
-            return among(proposer(s, a).walls, plan)
+            return among(proposer(s, a, scene.s).walls, plan)
 
         proposals = proposed(self._propose)
         found = bent.search(scene, proposals, allowed)

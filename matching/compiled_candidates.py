@@ -90,6 +90,8 @@ def first_choice(dense: Array32, most: int) -> tuple[Choice, Array32]:
     column, value = np.full((n, size), -1), np.full((n, size + 1), _NOTHING)
     for i in range(n):
         for j in range(plan):
+            if size == 0 or dense[i, j] <= value[i, size - 1]:
+                continue
             at = size
             while at > 0 and dense[i, j] > value[i, at - 1]:
                 at -= 1

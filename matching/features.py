@@ -67,10 +67,11 @@ def plan_features(a: SceneGraph) -> GraphFeatures:
     return joined([_features(w, f) for f, w in enumerate(storeys(a))])
 
 
-def map_features(s: SceneGraph) -> GraphFeatures:
-    """Features of an S-graph, all taken as one storey."""
-    surfaces = list(s.wall_surfaces)
-    return joined([_features(arrays(s, None, surfaces), 0)] if surfaces else [])
+def map_features(s: SceneGraph, known: Walls | None = None) -> GraphFeatures:
+    """Features of an S-graph, all taken as one storey; `known` are its surfaces where they were worked out already."""
+    if not s.wall_surfaces:
+        return joined([])
+    return joined([_features(known or arrays(s, None, list(s.wall_surfaces)), 0)])
 
 
 def _features(walls: Walls, floor: int) -> GraphFeatures:

@@ -12,7 +12,7 @@ from matching.features import Array32, GraphFeatures, map_features, plan_feature
 from matching.kept import Kept
 from matching.learned_file import SUFFIX, load_learned
 from matching.proposals import MOST, Proposals, TopK
-from matching.walls import Index
+from matching.walls import Index, Walls
 
 SHIPPED = Path(__file__).parent / "weights" / "learned.npz"
 ENOUGH = 0.93  # mean probability of the walls' best answers; further cycles would change little
@@ -40,19 +40,19 @@ class LearnedProposer:
             raise UserError("the learned matcher's weights are not installed; give a file that matching.train wrote")
         return LearnedProposer(_network(Path(path or SHIPPED)))
 
-    def propose(self, s: SceneGraph, a: SceneGraph) -> Proposals:
-        """The likely partners of each S wall surface and room, in the order of the graphs."""
+    def propose(self, s: SceneGraph, a: SceneGraph, known: Walls | None = None) -> Proposals:
+        """The likely partners of each S wall surface and room, in the order of the graphs; `known` are the surfaces of
+        S where they were worked out already."""
         plan = self._plan(a)
-        seen = map_features(s)
+        seen = map_features(s, known)
         walls, rooms = _none(len(s.wall_surfaces)), _none(len(s.rooms))
         if not seen.walls or not plan.features.walls:
             return Proposals(walls, rooms)
         found = self._network.ask(self._network.encode(seen), plan.encoded, self._enough)
-        own = _places(seen.walls, [w.id for w in s.wall_surfaces]), _places(seen.rooms, [r.id for r in s.rooms])
-        walls = _best(found.walls, found.column, own[0], plan.walls, len(s.wall_surfaces))
+        walls = _best(found.walls, found.column, np.arange(len(seen.walls)), plan.walls, len(s.wall_surfaces))
         if found.rooms.size:
             every = np.broadcast_to(np.arange(found.rooms.shape[1]), found.rooms.shape)
-            rooms = _best(found.rooms, every, own[1], plan.rooms, len(s.rooms))
+            rooms = _best(found.rooms, every, _places(seen.rooms, [r.id for r in s.rooms]), plan.rooms, len(s.rooms))
         return Proposals(walls, rooms)
 
     def _plan_of(self, a: SceneGraph) -> _Plan:
@@ -85,7 +85,8 @@ def _places(ids: tuple[str, ...], order: list[str]) -> Index:
 def _best(score: Array32, column: Index, rows: Index, columns: Index, count: int) -> TopK:
     """The best few of each row; rows of the graph that the network was not given have none."""
     at = np.argsort(-score, axis=1, kind="stable")[:, :MOST]
-    chosen, value = np.take_along_axis(column, at, axis=1), np.take_along_axis(score, at, axis=1)
+    row = np.arange(len(at))[:, None]
+    chosen, value = column[row, at], score[row, at]
     partner, kept = np.full((count, at.shape[1]), -1), np.zeros((count, at.shape[1]))
     partner[rows] = np.where(chosen >= 0, columns[np.maximum(chosen, 0)], -1)
     kept[rows] = np.where(chosen >= 0, value, 0.0)

@@ -7,7 +7,7 @@ from matching.se2 import Array
 from matching.walls import Index, Walls
 
 SAMPLED_M, SEARCHED = 2.0, 48  # points on walls, among the nearest of which the neighbours are looked up
-IN_CELL = 12  # points, in the mean, of a cell of the grid that they are kept in
+IN_CELL = 16  # points, in the mean, of a cell of the grid that they are kept in
 
 
 def nearest_walls(walls: Walls, size: int) -> tuple[Index, Array]:
@@ -16,25 +16,46 @@ def nearest_walls(walls: Walls, size: int) -> tuple[Index, Array]:
     The gap is from the nearer of one wall's ends and mid point to the other wall, the lesser way round. Only walls are
     ranked of which one has a point among the SEARCHED that are nearest to one of the other's.
     """
-    count = 2 + np.ceil(2 * walls.half / SAMPLED_M).astype(np.int64)
-    owner = np.repeat(np.arange(len(walls)), count)
-    step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    share = 2 * step / (count[owner] - 1) - 1
-    points = walls.centre[owner] + (share * walls.half[owner])[:, None] * walls.tangent[owner]
-    low = points.min(axis=0)
-    wide, high = points.max(axis=0) - low
+    points, owner = _points(walls.centre, walls.tangent, walls.half)
+    points -= points.min(axis=0)
+    wide, high = points.max(axis=0)
     side = max(np.sqrt(wide * high * IN_CELL / len(points)), (wide + high) * IN_CELL / len(points), 1e-3)
-    column, row = ((points - low) / side).astype(np.int64).T
-    columns, rows = column.max() + 1, row.max() + 1
-    cell = row * columns + column
-    order = np.argsort(cell, kind="stable")
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
-    first = np.searchsorted(cell[order], np.arange(columns * rows + 1))
+    point, owner, place, first, columns = _celled(points, owner, float(side))
     return _nearest(
-        np.ascontiguousarray((points - low)[order].T), owner[order], place, first, int(columns), float(side),
-        walls.centre, walls.normal, walls.tangent, walls.half, size,
-    )  # fmt: skip
+        point, owner, place, first, columns, float(side), walls.centre, walls.normal, walls.tangent, walls.half, size
+    )
+
+
+@compiled
+def _points(centre: Array, tangent: Array, half: Array) -> tuple[Array, Index]:
+    """(P, 2) points along the walls, from end to end, and (P,) the walls that they are of."""
+    count = 2 + np.ceil(2 * half / SAMPLED_M).astype(np.int64)
+    points, owner, at = np.empty((count.sum(), 2)), np.empty(count.sum(), dtype=np.int64), 0
+    for i in range(len(half)):
+        for step in range(count[i]):
+            along = (2 * step / (count[i] - 1) - 1) * half[i]
+            points[at, 0], points[at, 1] = centre[i, 0] + along * tangent[i, 0], centre[i, 1] + along * tangent[i, 1]
+            owner[at] = i
+            at += 1
+    return points, owner
+
+
+@compiled
+def _celled(points: Array, owner: Index, side: float) -> tuple[Array, Index, Index, Index, int]:
+    """(2, P) points of none below 0 in the order of their cells, row by row, and the walls that they are of; where each
+    is now, where each cell begins, and how many columns of cells there are."""
+    cell, last = np.empty(len(points), dtype=np.int64), (int(points[:, 0].max() / side), int(points[:, 1].max() / side))
+    first = np.zeros((last[0] + 1) * (last[1] + 1) + 1, dtype=np.int64)
+    for p in range(len(points)):
+        cell[p] = int(points[p, 1] / side) * (last[0] + 1) + int(points[p, 0] / side)
+        first[cell[p] + 1] += 1
+    first = np.cumsum(first)
+    ordered, walls, place, next_of = np.empty((2, len(points))), np.empty_like(owner), np.empty_like(owner), first.copy()
+    for p in range(len(points)):
+        at = next_of[cell[p]]
+        next_of[cell[p]] += 1
+        ordered[0, at], ordered[1, at], walls[at], place[p] = points[p, 0], points[p, 1], owner[p], at
+    return ordered, walls, place, first, last[0] + 1
 
 
 @compiled
@@ -55,7 +76,11 @@ def _nearest(
                 continue
             met[other] = one
             x, y = centre[other, 0] - centre[one, 0], centre[other, 1] - centre[one, 1]
-            gap = min(_gap(x, y, one, other, normal, tangent, half), _gap(-x, -y, other, one, normal, tangent, half))
+            least = 1.02 * np.sqrt(x * x + y * y) - half[one] - half[other]  # of what is worked out to rank them
+            if least > cost[one, size - 1] and least > cost[other, size - 1]:
+                continue
+            gap = np.sqrt(min(_gap(x, y, one, other, normal, tangent, half),
+                              _gap(-x, -y, other, one, normal, tangent, half)))
             _ranked(one, other, gap, x, y, normal, tangent, nearest, gaps, cost)
             _ranked(other, one, gap, -x, -y, normal, tangent, nearest, gaps, cost)
     return nearest, gaps
@@ -74,40 +99,55 @@ def _within(p: int, point: Array, first: Index, columns: int, side: float, among
         for r in range(max(row - reach, 0), min(row + reach + 1, rows)):
             begin = first[r * columns + max(column - reach, 0)]
             end = first[r * columns + min(column + reach, columns - 1) + 1]
-            for q in range(begin, end):
-                among[count + q - begin] = q
-                square[count + q - begin] = (point[0, q] - x) ** 2 + (point[1, q] - y) ** 2
+            _looked_at(point, begin, end, x, y, among[count:], square[count:])
             count += end - begin
         whole = count == point.shape[1]
         limit = np.inf if whole else (reach * side) ** 2  # points as near as that are all in the cells
-        inside = 0
-        for k in range(count):
-            inside += square[k] <= limit
+        inside = _inside(square[:count], limit)
         if inside >= SEARCHED or whole:
             break
     if count > SEARCHED:
-        limit = _limit(square, count, limit)
+        limit = _limit(square[:count], square[:count].max() if whole else limit, inside)
     kept = 0
     for k in range(count):
-        if square[k] <= limit:
-            among[kept] = among[k]
-            kept += 1
+        among[kept] = among[k]
+        kept += square[k] <= limit
     return kept
 
 
 @compiled
-def _limit(square: Array, count: int, high: float) -> float:
-    """A number that SEARCHED of the squares, at least, are not above; more only where they are alike."""
-    if not np.isfinite(high):
-        high = square[:count].max()
-    low = -1.0
-    while high - low > 1e-9 * high:
-        middle, inside = (low + high) / 2, 0
-        for k in range(count):
-            inside += square[k] <= middle
+def _looked_at(point: Array, begin: int, end: int, x: float, y: float, among: Index, square: Array) -> None:
+    """Writes which points these are, of successive ones, and the squares of how far they are; it is vector code."""
+    point_x, point_y = point[0, begin:end], point[1, begin:end]
+    for k in range(len(point_x)):
+        among[k] = begin + k
+        square[k] = (point_x[k] - x) ** 2 + (point_y[k] - y) ** 2
+
+
+@compiled
+def _inside(square: Array, limit: float) -> int:
+    """How many of the squares are not above a limit."""
+    count = 0
+    for k in range(len(square)):
+        count += square[k] <= limit
+    return count
+
+
+@compiled
+def _limit(square: Array, high: float, above: int) -> float:
+    """A number that SEARCHED of the squares, at least, are not above; more only where they are alike. `above` are not
+    above `high`."""
+    low, below = -1e-9, 0
+    while high - low > 1e-9 * max(high, 1e-9):
+        share = (SEARCHED + 0.5 - below) / (above - below)  # as if they lay evenly between the bounds
+        middle = low + min(max(share, 0.1), 0.9) * (high - low)
+        inside = _inside(square, middle)
         if inside == SEARCHED:
             return middle
-        low, high = (middle, high) if inside < SEARCHED else (low, middle)
+        if inside < SEARCHED:
+            low, below = middle, inside
+        else:
+            high, above = middle, inside
     return high
 
 
@@ -136,11 +176,12 @@ def _ranked(
 
 @compiled
 def _gap(x: float, y: float, one: int, other: int, normal: Array, tangent: Array, half: Array) -> float:
-    """Metres from the ends and the mid point of another wall, which lies at (x, y) from a wall's centre, to this."""
+    """The square of metres from the ends and the mid point of another wall, which lies at (x, y) from a wall's centre,
+    to this."""
     least = np.inf
     for end in (-1.0, 0.0, 1.0):
         u, v = x + end * half[other] * tangent[other, 0], y + end * half[other] * tangent[other, 1]
         past = max(abs(u * tangent[one, 0] + v * tangent[one, 1]) - half[one], 0.0)
         across = u * normal[one, 0] + v * normal[one, 1]
         least = min(least, across * across + past * past)
-    return np.sqrt(least)
+    return least

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data.errors import UserError
 from data.scene_graph import SceneGraph
 from matching.se2 import Array
-from matching.walls import Index
+from matching.walls import Index, Walls
 
 MOST = 8  # proposals that are kept of one S surface or room
 
@@ -64,4 +64,4 @@ class Proposals:
         return Proposals(TopK.of_dense(walls, most), TopK.of_dense(rooms, most))
 
 
-Proposer = Callable[[SceneGraph, SceneGraph], Proposals]
+Proposer = Callable[[SceneGraph, SceneGraph, Walls], Proposals]  # of a map, a plan, and the map's wall surfaces

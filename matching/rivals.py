@@ -49,8 +49,8 @@ def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
 
 def _unlike(storey: Index, motion: Array) -> Index:
     """The first of each that is there several times: a place where votes gather may be the peak of several bins."""
-    same = (np.abs(motion[:, None] - motion) < EQUAL).all(axis=2) & (storey[:, None] == storey)
-    return np.flatnonzero(~np.triu(same, 1).any(axis=0))
+    same = (np.abs(motion[:, None] - motion).max(axis=2) < EQUAL) & (storey[:, None] == storey)
+    return np.flatnonzero(~(same & np.tri(len(same), k=-1, dtype=bool)).any(axis=1))
 
 
 def _likenesses(plan: PlanWalls, home: int, used: Index, own: Marks, storey: int) -> tuple[Array, Array]:

@@ -23,14 +23,16 @@ SHARPNESS = 1.0  # of a placement's odds for each unit of weight that it explain
 SMALL_PART = 4  # walls; smaller ones have too few corners to vote
 
 
-def voting_proposals(s: SceneGraph, a: SceneGraph, by_parts: bool = True) -> Proposals:
+def voting_proposals(
+    s: SceneGraph, a: SceneGraph, known: Walls | None = None, by_parts: bool = True
+) -> Proposals:
     """Wall and room pairs from placements of the whole map, as `voting` places it, and of its parts where it is to
-    vote `by_parts` too: each a room and its neighbours."""
+    vote `by_parts` too: each a room and its neighbours. `known` are the map's surfaces where they were worked out."""
     plan = storeys(a)
     if not s.wall_surfaces or not plan:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0)))
                            for n in (len(s.wall_surfaces), len(s.rooms))))  # fmt: skip
-    walls = arrays(s, None, list(s.wall_surfaces))
+    walls = known or arrays(s, None, list(s.wall_surfaces))
     score = np.zeros((len(walls), len(a.wall_surfaces)))
     place = {w.id: n for n, w in enumerate(a.wall_surfaces)}
     column = [np.array([place[i] for i in storey.ids]) for storey in plan]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,11 +108,11 @@ def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) ->
     faced = {w.room for w in surfaces}
     rooms = [r for r in graph.rooms if r.id in faced]
     index = {r.id: k for k, r in enumerate(rooms)}
-    centre = np.array([w.centroid for w in surfaces], dtype=float)
-    normal = np.array([w.normal for w in surfaces], dtype=float)
+    centre, normal = (np.fromiter(chain.from_iterable(of), float).reshape(-1, 2) for of in (
+        [w.centroid for w in surfaces], [w.normal for w in surfaces]))  # fmt: skip
     heading = np.arctan2(normal[:, 1], normal[:, 0])
-    known = np.array([w.length is not None for w in surfaces])
-    half = np.array([(w.length or 0.0) / 2 for w in surfaces])
+    half = np.array([w.length for w in surfaces], dtype=float) / 2  # None becomes NaN
+    known = ~np.isnan(half)
     room = np.array([index[w.room] if w.room is not None else -1 for w in surfaces], dtype=np.int64)
     grid = _grid(heading, np.where(known, half, 0.5))
     T_graph_own = np.array([grid, *centre.mean(axis=0)])

@@ -19,7 +19,7 @@ from matching.plan_walls import PlanWalls
 from matching.proposals import Proposals, TopK
 from matching.voting import marks
 from matching.voting_proposals import voting_proposals
-from matching.walls import storeys
+from matching.walls import Walls, storeys
 
 MATCHER = BentMatcher(voting_proposals)
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
@@ -188,7 +188,7 @@ def test_a_twin_that_nobody_proposed_is_found_all_the_same(drifted):
     tower = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
     ground = {w.id for w in PLAN.wall_surfaces}
 
-    def only_ground(s: SceneGraph, a: SceneGraph) -> Proposals:
+    def only_ground(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         row = {w.id: n for n, w in enumerate(s.wall_surfaces)}
         walls = np.zeros((len(s.wall_surfaces), len(a.wall_surfaces)))
         for i, j in drifted.wall_surfaces.items():
@@ -277,7 +277,7 @@ def test_next_to_nothing_seen_or_planned_is_no_match(walls):
 
 
 def test_nothing_proposed_is_no_match(drifted):
-    nothing = BentMatcher(lambda s, a: Proposals.of_dense(np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))),
+    nothing = BentMatcher(lambda s, a, _: Proposals.of_dense(np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))),
                                                           np.zeros((len(s.rooms), len(a.rooms)))))  # fmt: skip
     assert nothing.match(drifted.s_graph, PLAN).status == "none"
 
@@ -319,7 +319,7 @@ def test_of_equal_rooms_those_in_an_emptier_storey_are_no_likelier():
 
 
 def test_where_one_proposes_nothing_the_others_are_asked(drifted):
-    def silent(s: SceneGraph, a: SceneGraph) -> Proposals:
+    def silent(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         return Proposals.of_dense(
             np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))), np.zeros((len(s.rooms), len(a.rooms)))
         )
@@ -334,7 +334,7 @@ def test_where_one_is_misled_by_a_map_of_few_walls_the_others_are_asked_too():
     few = truth.s_graph
     assert len(few.wall_surfaces) <= FEW
 
-    def misled(s: SceneGraph, a: SceneGraph) -> Proposals:
+    def misled(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         """Lays the walls of one room on those of the room that is furthest from it."""
         home = next(iter(truth.rooms.values()))
         there = np.array(a.room_by_id[home].centroid)
