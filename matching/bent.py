@@ -120,7 +120,7 @@ def grow(scene: Scene, fields: Fields, sure: Index) -> Led:
     pace = max(1, int(np.ceil(hops.max() / MOST_STEPS)))
     turn = -(-hops // pace)  # the step in which a group begins to speak
     age = np.arange(1, int(turn.max()) + 1)[:, None, None] - turn
-    sigmas = np.where(age >= 0, SIGMAS[np.clip(age, 0, len(SIGMAS) - 1)], np.inf)
+    sigmas = np.where(age >= 0, SIGMAS[np.minimum(np.maximum(age, 0), len(SIGMAS) - 1)], np.inf)
     grown = _followed(scene, led(scene, begun(scene, fields), sigmas, anew=4))
     grown = _unlike(polished(scene, grown, SIGMAS[1:]))
     settled_ = Led(settled(scene, grown.fields, grown.table), grown.seen, grown.table)

@@ -8,8 +8,8 @@ in a room that the map took for two. Chance is a door of the plan at a random pl
 import numpy as np
 
 from data.compiled import compiled
-from matching.field import Fields, Scene, motions
-from matching.se2 import Array, apply
+from matching.field import Fields, Scene
+from matching.se2 import Array
 from matching.walls import Index
 
 SIGMAS = np.array([0.15, 0.45])  # metres, of both axes
@@ -25,21 +25,28 @@ def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
     """(K,) nats of the doors; `homes` (K, R) are the A rooms, of the field's storey, of the S rooms, -1 for none."""
     if not len(scene.doors) and not any(len(d) for d in scene.plan.doors):
         return np.zeros(len(fields))
-    placed = _placed(scene, fields)
-    nats = []
+    nats, own = [], scene.doors
     for k, storey in enumerate(fields.storey.tolist()):
         plan, rooms = scene.plan.doors[storey], len(scene.plan.storeys[storey].rooms)
-        nats.append(_of_one(placed[k], scene.doors.rooms, homes[k], plan.place, plan.rooms, rooms))
+        placed = _placed(fields.state[k], scene.groups.centre, scene.group_of_room, own.place, own.rooms)
+        nats.append(_of_one(placed, own.rooms, homes[k], plan.place, plan.rooms, rooms))
     return np.array(nats)
 
 
-def _placed(scene: Scene, fields: Fields) -> Array:
-    """(K, D, 2) the map's doors, each where its rooms' motions lay it, in the mean."""
-    group = np.append(scene.group_of_room, -1)[scene.doors.rooms]  # (D, 2)
-    known = (group >= 0).astype(float)
-    known /= np.maximum(known.sum(axis=1, keepdims=True), 1.0)
-    moved = apply(motions(scene, fields.state)[:, group], scene.doors.place[:, None])
-    return np.ascontiguousarray(np.einsum("kdrc,dr->kdc", moved, known))
+@compiled
+def _placed(state: Array, centre: Array, group_of_room: Index, place: Array, rooms: Index) -> Array:
+    """(D, 2) the map's doors, each where a field (G, 3) lays it with its rooms (D, 2), in the mean."""
+    placed = np.zeros(place.shape)
+    for d in range(len(place)):
+        known = max((rooms[d] >= 0).sum(), 1)
+        for room in rooms[d]:
+            if room >= 0:
+                g = group_of_room[room]
+                cos, sin = np.cos(state[g, 0]), np.sin(state[g, 0])
+                x, y = place[d, 0] - centre[g, 0], place[d, 1] - centre[g, 1]
+                placed[d, 0] += (cos * x - sin * y + state[g, 1]) / known
+                placed[d, 1] += (sin * x + cos * y + state[g, 2]) / known
+    return placed
 
 
 @compiled

@@ -210,21 +210,27 @@ def either(one: float, other: float) -> float:
     return max(one, other) + np.log1p(np.exp(-abs(one - other)))
 
 
-def _yaw(fields: Fields) -> Array:
-    yaw = fields.state[..., 0]
-    return np.asarray(np.arctan2(np.sin(yaw).mean(axis=1), np.cos(yaw).mean(axis=1)))
-
-
 def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
     """(K, Ns) how many A walls of its direction an S wall meets a metre across, at a random place of the building;
     directions are taken by degrees."""
-    s, storeys = scene.s, scene.plan.storeys
+    storeys = scene.plan.storeys
     a = storeys[chance.storey]
+    turned = np.array([storeys[st].T_graph_own[0] - a.T_graph_own[0] for st in fields.storey.tolist()])
     count, half = scene.plan.met[chance.storey][:, chance.building]
-    turned = np.array([storeys[int(st)].T_graph_own[0] for st in fields.storey]) - a.T_graph_own[0]
-    own = np.round(np.degrees(s.heading + (_yaw(fields) + turned)[:, None])).astype(np.int64) % 360
-    met = 2 * (half[own] + count[own] * s.half) / a.building_areas[chance.building]
-    return np.asarray(np.maximum(met, LEAST_DENSITY))
+    met = _walls_met(scene.s.heading, scene.s.half, fields.state, turned, count, half)
+    return np.asarray(np.maximum(met / a.building_areas[chance.building], LEAST_DENSITY))
+
+
+@compiled
+def _walls_met(heading: Array, half: Array, state: Array, turned: Array, count: Array, a_half: Array) -> Array:
+    """(K, Ns) as `_met`, in the whole building; `count` and `a_half` (360,) are of its walls of each direction."""
+    found = np.empty((len(state), len(heading)))
+    for k in range(len(state)):
+        yaw = np.arctan2(np.sin(state[k, :, 0]).sum(), np.cos(state[k, :, 0]).sum()) + turned[k]
+        for i in range(len(heading)):
+            own = int(np.rint(np.degrees(heading[i] + yaw))) % 360
+            found[k, i] = 2 * (a_half[own] + count[own] * half[i])
+    return found
 
 
 @compiled

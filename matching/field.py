@@ -14,7 +14,7 @@ from data.compiled import compiled
 from matching import se2
 from matching.blocks import elimination
 from matching.doors import Doors
-from matching.field_loops import Loops, best_pair, compared, laid, strained, strangeness, turns
+from matching.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
 from matching.groups import Groups
 from matching.plan_walls import PlanWalls
 from matching.se2 import Array
@@ -112,14 +112,15 @@ def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     """(5, K, Ns, P) the fields of `Judged`, all zero where there is no pair."""
     lines, half = m.lines, m.half
     fields, walls, width = table.shape
-    found = np.zeros((5, fields, walls, width))
+    found, sharp = np.zeros((5, fields, walls, width)), sharpness(sigma)
     for k in range(fields):
         pose = laid(m, state[k], turns(state[k]))
         for i in range(walls):
             for p in range(width):
                 if table[k, i, p] >= 0:
                     across, along, turned, beside = compared(lines, table[k, i, p], half[i], pose, i)
-                    quality = beside * np.exp(-strangeness(across, turned, sigma)) if beside > 0 else 0.0
+                    strange = sharp[0] * across**2 + sharp[1] * turned**2
+                    quality = beside * np.exp(-strange) if beside > 0 else 0.0
                     found[0, k, i, p], found[1, k, i, p], found[2, k, i, p] = quality, beside, across
                     found[3, k, i, p], found[4, k, i, p] = along, turned
     return found
@@ -132,11 +133,11 @@ def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
 
 @compiled
 def _explained(m: Loops, table: Index, state: Array, sigma: float) -> Array:
-    best, lines, half = np.zeros(table.shape[:2]), m.lines, m.half
+    best, lines, half, sharp = np.zeros(table.shape[:2]), m.lines, m.half, sharpness(sigma)
     for k in range(len(table)):
         pose = laid(m, state[k], turns(state[k]))
         for i in range(len(pose)):
-            best[k, i], _ = best_pair(lines, half[i], pose, table[k], i, sigma)
+            best[k, i], _ = best_pair(lines, half[i], pose, table[k], i, sharp)
     return best
 
 

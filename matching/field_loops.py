@@ -78,42 +78,47 @@ def laid(m: Loops, state: Array, turn: Array) -> Array:
 
 
 @compiled
-def off_line(lines: Array, j: int, pose: Array, i: int) -> float:
-    """How far the middle of a wall of the map, which is laid so, is off the line of a wall of the plan."""
-    return lines[j, 2] * pose[i, 1] + lines[j, 3] * pose[i, 2] - lines[j, 4]
-
-
-@compiled
 def compared(lines: Array, j: int, half: float, pose: Array, i: int) -> tuple[float, float, float, float]:
     """How far a wall of the map, which is laid so, is off a wall of the plan across, along and in direction, and the
     share of it that lies beside."""
-    across = off_line(lines, j, pose, i)
+    across = lines[j, 2] * pose[i, 1] + lines[j, 3] * pose[i, 2] - lines[j, 4]
     along = lines[j, 2] * pose[i, 2] - lines[j, 3] * pose[i, 1] - lines[j, 5]
-    turned = wrapped(pose[i, 0] - lines[j, 1])
+    return across, along, wrapped(pose[i, 0] - lines[j, 1]), _share_beside(along, half, lines[j, 0])
+
+
+@compiled
+def _share_beside(along: float, half: float, a_half: float) -> float:
     span = 1.6 * min(half, 4.0)  # a fifth of a wall may stand out: its ends slide
-    common = min(half + lines[j, 0] - abs(along), 2 * min(half, lines[j, 0]))
-    return across, along, turned, min(max(common / span, 0.0), 1.0)
+    common = min(half + a_half - abs(along), 2 * min(half, a_half))
+    return min(common / span, 1.0) if common > 0 else 0.0
 
 
 @compiled
-def strangeness(across: float, turned: float, sigma: float) -> float:
-    """Half the squares of what a wall is off, in deviations."""
+def sharpness(sigma: float) -> tuple[float, float]:
+    """What the squares of metres across and of radians count where walls are off by a deviation across."""
     sigma_turned = SIGMA_HEADING * min(max(sigma / SIGMA_SCORE, 1.0), 2.0)
-    return (0.5 / sigma**2) * across**2 + (0.5 / sigma_turned**2) * turned**2
+    return 0.5 / sigma**2, 0.5 / sigma_turned**2
 
 
 @compiled
-def best_pair(lines: Array, half: float, pose: Array, table: Index, i: int, sigma: float) -> tuple[float, int]:
+def best_pair(
+    lines: Array, half: float, pose: Array, table: Index, i: int, sharp: tuple[float, float]
+) -> tuple[float, int]:
     """The quality of a wall's best pair with its partners, and which of the plan's walls that is, -1 for none."""
-    best, at = 0.0, -1
+    best, at, heading, x, y = 0.0, -1, pose[i, 0], pose[i, 1], pose[i, 2]
     for p in range(table.shape[1]):
         j = table[i, p]
         if j < 0:
             break
-        if best * (1 + strangeness(off_line(lines, j, pose, i), 0.0, sigma)) >= 1:
-            continue  # it cannot be better: exp(-x) is at most 1 / (1 + x)
-        across, _, turned, beside = compared(lines, j, half, pose, i)
-        strange = strangeness(across, turned, sigma)
+        # A pair that cannot be better is left as soon as that shows: exp(-x) is at most 1 / (1 + x).
+        line = lines[j]
+        strange = sharp[0] * (line[2] * x + line[3] * y - line[4]) ** 2
+        if best * (1 + strange) >= 1:
+            continue
+        beside = _share_beside(line[2] * y - line[3] * x - line[5], half, line[0])
+        if beside == 0:
+            continue
+        strange += sharp[1] * wrapped(heading - line[1]) ** 2
         if beside > best * (1 + strange):
             quality = beside * np.exp(-strange)
             if quality > best:

@@ -11,7 +11,7 @@ from data.compiled import compiled
 from data.se2_loops import wrapped
 from matching.blocks import solve
 from matching.field import Scene
-from matching.field_loops import Loops, best_pair, compared, laid, strained, turns
+from matching.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
 from matching.scoring import SIGMA_ALONG
 from matching.se2 import Array
 from matching.walls import Index
@@ -66,7 +66,7 @@ def _pull_of_walls(
         g, wide = group[i], sigma[group[i]]
         if wide >= SILENT:
             continue
-        best, j = best_pair(lines, half[i], pose, table, i, wide)
+        best, j = best_pair(lines, half[i], pose, table, i, sharpness(wide))
         if j < 0:
             continue
         across, along, turned, _ = compared(lines, j, half[i], pose, i)
