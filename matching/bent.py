@@ -57,7 +57,7 @@ class Bent:
         return len(self.score)
 
     @cached_property
-    def T_a_s(self) -> Array:
+    def between_graphs(self) -> Array:
         """(K, 3) the rigid motions, between the graphs' frames."""
         storeys = self.scene.plan.storeys
         own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 3)
@@ -99,7 +99,8 @@ def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | Non
         found = _merged(found, _scored(scene, polished(scene, begun(scene, more), LAST_SIGMAS), chance))
     if allowed is None:
         return found
-    return _chosen(found, np.array([k for k, T_a_s in enumerate(found.T_a_s) if allowed(T_a_s)], dtype=np.int64))
+    kept = [k for k, T_a_s in enumerate(found.between_graphs) if allowed(T_a_s)]
+    return _chosen(found, np.array(kept, dtype=np.int64))
 
 
 def _allowed(

@@ -165,10 +165,12 @@ def _nats(
                     best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
             other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
             for n in range(precisions):
-                told = np.log((1 - other) * best[0, n] + other)
+                told = also = np.log((1 - other) * best[0, n] + other)
+                if best[1, n] != best[0, n]:
+                    also = np.log((1 - other) * best[1, n] + other)
                 if room[i] >= 0:
                     rooms[0, room[i], n] += told
-                    rooms[1, room[i], n] += told if best[1, n] == best[0, n] else np.log((1 - other) * best[1, n] + other)
+                    rooms[1, room[i], n] += also
                 else:
                     total[k, n] += told
         for r in range(rooms.shape[1]):

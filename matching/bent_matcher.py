@@ -92,5 +92,5 @@ def answer(found: bent.Bent, began: float) -> MatchResult:
 
 
 def _triple(found: bent.Bent, k: int) -> tuple[float, float, float]:
-    yaw, x, y = found.T_a_s[k].tolist()
+    yaw, x, y = found.between_graphs[k].tolist()
     return yaw, x, y

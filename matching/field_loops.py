@@ -130,8 +130,8 @@ def best_pair(
 def strained(
     m: Loops, e: int, state: Array, turn: Array
 ) -> tuple[float, tuple[float, float, float], tuple[float, float], tuple[float, float]]:
-    """How a field (G, 3), of known `turns`, moves the neighbours of an edge otherwise, at the point between them: the squares in their
-    deviations; radians, metres, metres; and from either end's centre to that point."""
+    """How a field (G, 3), of known `turns`, moves the neighbours of an edge otherwise, at the point between them: the
+    squares in their deviations; radians, metres, metres; and from either end's centre to that point."""
     g, h, centre, slack = m.edges[e, 0], m.edges[e, 1], m.centre, m.slack
     half_x, half_y = (centre[h, 0] - centre[g, 0]) / 2, (centre[h, 1] - centre[g, 1]) / 2
     cos, sin = turn[g, 0], turn[g, 1]

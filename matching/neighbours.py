@@ -50,10 +50,10 @@ def _celled(points: Array, owner: Index, side: float) -> tuple[Array, Index, Ind
         cell[p] = int(points[p, 1] / side) * (last[0] + 1) + int(points[p, 0] / side)
         first[cell[p] + 1] += 1
     first = np.cumsum(first)
-    ordered, walls, place, next_of = np.empty((2, len(points))), np.empty_like(owner), np.empty_like(owner), first.copy()
+    ordered, walls, place, free = np.empty((2, len(points))), np.empty_like(owner), np.empty_like(owner), first.copy()
     for p in range(len(points)):
-        at = next_of[cell[p]]
-        next_of[cell[p]] += 1
+        at = free[cell[p]]
+        free[cell[p]] += 1
         ordered[0, at], ordered[1, at], walls[at], place[p] = points[p, 0], points[p, 1], owner[p], at
     return ordered, walls, place, first, last[0] + 1
 
