@@ -8,6 +8,7 @@ from data.compiling import helped
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
 from matching.matcher import Matcher
 from matching.proposals import Proposals, TopK
+from matching.walls import Walls
 
 
 def work() -> None:
@@ -38,7 +39,7 @@ def search() -> None:
     from matching.bent_matcher import BentMatcher
     from matching.voting_proposals import voting_proposals
 
-    def nothing(s: SceneGraph, a: SceneGraph) -> Proposals:
+    def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0))) for n in (len(s.wall_surfaces), 0)))
 
     BentMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
