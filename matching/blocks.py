@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from data.compiled import compiled
+from data.compiled import compiled, compiled_within
 from matching.se2 import Array
 from matching.walls import Index
 
@@ -52,7 +52,7 @@ def elimination(edges: Index, count: int) -> Elimination:
     return Elimination(order, first, later, changed, of_edge, turned)
 
 
-@compiled
+@compiled_within
 def _joined(edges: Index, count: int) -> tuple[NDArray[np.bool_], Index]:
     """(G, G) which nodes are neighbours when one of them goes, and the order."""
     joined, left = np.zeros((count, count), dtype=np.bool_), np.ones(count, dtype=np.bool_)

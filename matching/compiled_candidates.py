@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from data.compiled import compiled
+from data.compiled import compiled, compiled_within
 from matching.arithmetic import exp, softmax
 from matching.features import Array32
 from matching.shared_numbers import (
@@ -156,7 +156,7 @@ def _first_two(likely: Array32) -> Index:
     return found
 
 
-@compiled
+@compiled_within
 def _vote(
     s: WallRows, a: WallRows, column: Index, likely: Array32, tellers: Index, i: int, total: Array32, met: list[int]
 ) -> None:

@@ -111,7 +111,7 @@ def consensus(
     return likely, rooms, sure
 
 
-@compiled
+@compiled_within
 def support(s: WallRows, a: WallRows, column: Index, w: ConsensusWeights) -> Combinations:
     """All combinations of candidates that are roughly alike."""
     pair, other, feature = combinations(s, a, column)
@@ -149,7 +149,7 @@ def features(
     return found
 
 
-@compiled
+@compiled_within
 def one_round(
     state: Array32, feature: Array32, likely: Array32, c: Choice, support: Combinations, w: ConsensusWeights
 ) -> tuple[Array32, Array32]:
@@ -178,7 +178,7 @@ def one_round(
     return state, table
 
 
-@compiled
+@compiled_within
 def rooms_told(
     s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array32, rooms: Array32, w: ConsensusWeights
 ) -> Array32:

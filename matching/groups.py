@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from data.compiled import compiled
+from data.compiled import compiled, compiled_within
 from matching.doors import Doors
 from matching.hypotheses import groups_of
 from matching.se2 import Array
@@ -148,7 +148,7 @@ def _edges(apart: Array, doors: Index) -> tuple[Index, NDArray[np.bool_]]:
     return edges, through
 
 
-@compiled
+@compiled_within
 def _join_all(apart: Array, kept: NDArray[np.bool_]) -> None:
     """Adds the shortest tree (R. C. Prim: Shortest connection networks, 1957), of equals one with edges that are there.
     """

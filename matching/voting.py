@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.compiled import compiled
+from data.compiled import compiled, compiled_within
 from data.se2_loops import wrapped
 from matching.se2 import Array
 from matching.walls import Index, Walls, crossings
@@ -149,7 +149,7 @@ def _motions(mode: float, yaw: Array, i: Index, j: Index, point: Array, a_point:
     return motions
 
 
-@compiled
+@compiled_within
 def _places(votes: Array, most: int) -> Array:
     """(K, 2) places where votes (V, 2) gather, most first: means over 3 x 3 bins around local maxima.
 
@@ -184,7 +184,7 @@ def ascending(key: Index) -> Index:
     return order
 
 
-@compiled
+@compiled_within
 def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array, Index]:
     """(bins, 3) number and sum of the votes in 3 x 3 bins about each that has any, and which bins none beside them
     excels; `key` (V,) are the votes' bins, `order` sorts these."""
