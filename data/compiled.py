@@ -1,11 +1,13 @@
 """Functions compiled to machine code, for the few loops over points or pairs that numpy has no word for."""
 
 import gc
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 from numba import njit, types
 from numba.core import event
+from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 
 _F = TypeVar("_F", bound=Callable[..., object])
@@ -29,10 +31,30 @@ def compiled_within(function: _F) -> _F:
 def _compiled(function: _F, inline: str) -> _F:
     options = {"nogil": True, "error_model": "numpy", "inline": inline, "no_cfunc_wrapper": True}
     try:
-        fast: _F = njit(function, cache=True, **options)
+        fast: Any = njit(function, cache=True, **options)
     except RuntimeError:  # "cannot cache function: no locator available"
         fast = njit(function, **options)
-    return fast
+    else:
+        key = fast._cache._index_key
+        fast._cache._index_key = lambda *kind: (*key(*kind), *_made_of(function, {function}))
+    kept: _F = fast
+    return kept
+
+
+def _made_of(function: Callable[..., object], known: set[Callable[..., object]]) -> Iterator[tuple[object, ...]]:
+    """What the machine code of a function holds of other files, to be kept with it: the compiled functions that it
+    calls, as their files are now, and the numbers. By itself numba looks at a function's own file alone, and goes on
+    with the old ones of others after an update."""
+    for name in function.__code__.co_names:
+        value = function.__globals__.get(name)
+        if isinstance(value, int | float | tuple):
+            yield name, repr(value)
+        elif isinstance(value, Dispatcher) and value.py_func not in known:
+            known.add(value.py_func)
+            path = value.py_func.__code__.co_filename
+            state = os.stat(path) if os.path.exists(path) else None
+            yield name, state and (state.st_mtime_ns, state.st_size)
+            yield from _made_of(value.py_func, known)
 
 
 class _Uncollected(event.Listener):  # type: ignore[misc]

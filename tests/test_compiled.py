@@ -1,10 +1,15 @@
 """The compiled loops against numpy and scipy, which say the same more slowly."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from data.compiled import compiled
+from data.processes import environment
 from sgslam.climb import nearest_in_plan
 from sgslam.normal_equations import add_row, solved
 
@@ -40,3 +45,26 @@ def test_what_cannot_be_kept_on_disk_is_compiled_all_the_same() -> None:
     names: dict[str, object] = {}
     exec("def twice(x):\n    return 2 * x", names)  # of no file, so there is no place beside it
     assert compiled(names["twice"])(21.0) == 42.0  # type: ignore[type-var, operator]
+
+
+INNER = "from data.compiled import compiled\n\nSUM = {}\n\n@compiled\ndef inner(x):\n    return {} * x\n"
+CALLER = """
+from data.compiled import compiled
+from inner import SUM, inner
+
+@compiled
+def outer(x):
+    return inner(x) + SUM
+"""
+
+
+def test_after_an_update_nothing_old_is_loaded(tmp_path: Path) -> None:
+    """Of functions that are called, and of numbers, though the file of the caller stays as it was."""
+    (tmp_path / "caller.py").write_text(CALLER)
+    told = []
+    for number, factor in ((0.0, 2), (0.0, 30), (5.0, 30)):
+        (tmp_path / "inner.py").write_text(INNER.format(number, factor))
+        command = [sys.executable, "-B", "-c", "from caller import outer; print(outer(21.0))"]
+        done = subprocess.run(command, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=True)
+        told.append(float(done.stdout))
+    assert told == [42.0, 630.0, 635.0]
