@@ -69,7 +69,7 @@ def test_an_answer_is_clear_where_nothing_comes_near_it() -> None:
     assert is_clear(unique(60.0, 30.0)) and is_clear(unique(60.0))
     assert not is_clear(unique(60.0, 50.0)) and not is_clear(unique(20.0)) and not is_clear(unique())
     assert not is_clear(answer((60.0, HERE))) and not is_enough(unique(45.0))
-    assert is_enough(unique(60.0, 55.0)) and not is_plenty(unique(60.0)) and is_plenty(unique(90.0, 80.0))
+    assert is_enough(unique(60.0, 55.0)) and not is_plenty(unique(90.0)) and is_plenty(unique(110.0, 80.0))
 
 
 def test_an_answer_bears_another_out_when_map_and_evidence_have_grown() -> None:
