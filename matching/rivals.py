@@ -19,12 +19,12 @@ from matching.se2 import Array
 from matching.voting import Marks, vote
 from matching.walls import Index
 
-MOST_PLACES = 12  # of each yaw mode
+PLACES, MOST_PLACES = 12, 192  # of each yaw mode; more where all of those are equal
 SIGMA = 0.4  # metres across: places that are alike, not equal
 LEAST = 0.4  # of the walls' weight that a likeness explains
 ITSELF_M, ITSELF_RAD = 0.4, float(np.radians(4))  # nearer ones are the place itself
 EQUAL = 1e-9  # metres, radians
-MOST = 6
+MOST, EQUALLY, MOST_EQUAL = 6, 0.9, 120  # but all that are so alike: only doors tell equal rooms apart
 LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere,
 MOST_CORNERS, MOST_ASKED = 80, 40  # of which vote, and are asked whether they lie well there
 
@@ -42,7 +42,7 @@ def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
     found = [_likenesses(plan, storey, used, own, st) for st in range(len(plan.storeys))]
     worth, motion = (np.concatenate([f[n] for f in found]) for n in (0, 1))
     at = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
-    most = np.argsort(-worth, kind="stable")[:MOST]
+    most = np.argsort(-worth, kind="stable")[: max(MOST, min(int(np.sum(worth > EQUALLY)), MOST_EQUAL))]
     most = most[_unlike(at[most], motion[most])]
     return Fields(at[most], _moved(best.state[0], motion[most]))
 
@@ -53,10 +53,12 @@ def _unlike(storey: Index, motion: Array) -> Index:
     return np.flatnonzero(~(same & np.tri(len(same), k=-1, dtype=bool)).any(axis=1))
 
 
-def _likenesses(plan: PlanWalls, home: int, used: Index, own: Marks, storey: int) -> tuple[Array, Array]:
+def _likenesses(
+    plan: PlanWalls, home: int, used: Index, own: Marks, storey: int, places: int = PLACES
+) -> tuple[Array, Array]:
     """(K,) shares explained and (K, 3) motions of the places in a storey that are like some walls at home, which have
     these corners; their own place aside."""
-    voted = [c.motions for c in vote(own, plan.corners[storey], MOST_PLACES)]
+    voted = [c.motions for c in vote(own, plan.corners[storey], places)]
     if not voted:
         return np.zeros(0), np.zeros((0, 3))
     motions, a = np.concatenate(voted), plan.storeys[home]
@@ -65,6 +67,8 @@ def _likenesses(plan: PlanWalls, home: int, used: Index, own: Marks, storey: int
     own_lines, own_centre, weight = a.lines[some], a.centre[some], a.weight[some]
     stretch = int(plan.first[storey]), int(plan.first[storey + 1])
     worth = _explained(own_lines, own_centre, weight, headings, lines, stretch, motions) / weight.sum()
+    if np.sum(worth > EQUALLY) >= places < MOST_PLACES:  # there may be more
+        return _likenesses(plan, home, used, own, storey, 4 * places)
     alike = worth > LEAST
     if storey == home:
         middle = a.centre[used].mean(axis=0)
