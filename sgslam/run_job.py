@@ -96,7 +96,7 @@ def read_job(options: argparse.Namespace) -> Job:
     seconds = perf_counter() - began
     if bim is not None:
         check_storey(bim.graph, options.storey)
-    if bim is not None or earlier is not None:  # mistakes are told before that, at once; it is no part of the run's time
+    if bim is not None or earlier is not None:  # after all mistakes; no part of the run's time
         read, spent = perf_counter() - began, process_time() - used
         _made_ready(matcher, config.matching.method)
         began, used = perf_counter() - read, process_time() - spent
