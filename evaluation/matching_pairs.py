@@ -14,7 +14,7 @@ from data.plans import Plan, read_plans
 from data.s_graph_regimes import REGIMES, DrawnGraph, draw
 from evaluation.slam_graph_files import read_drives
 from evaluation.true_matches import TrueMatches
-from matching.twins import is_twin
+from matching.twins import twins
 
 ELSEWHERE, SGSLAM = "elsewhere", "sgslam"
 DRAWN = (*REGIMES, ELSEWHERE)
@@ -40,23 +40,26 @@ class Prepared:
     """An S-graph as it was drawn, the plan to be searched, and the true matches of the one in the other.
 
     `twin`: whether another place of the plan explains the S-graph as well as the true one; None where there is no
-    true one.
+    true one. `rival`: the evidence to be expected for the truth over the nearest such place, nats; None where there is
+    no such place.
     """
 
     drawn: DrawnGraph
     a_graph: SceneGraph
     truth: TrueMatches
     twin: bool | None
+    rival: float | None
 
     @staticmethod
     def of(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
         """An S-graph of this A-graph."""
-        return Prepared(drawn, a_graph, truth_of(drawn), is_twin(drawn, a_graph))
+        nats = [twin.nats for twin in twins(drawn, a_graph)]
+        return Prepared(drawn, a_graph, truth_of(drawn), bool(nats), min(nats, default=None))
 
     @staticmethod
     def elsewhere(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
         """An S-graph of another building: it has no place in this A-graph."""
-        return Prepared(drawn, a_graph, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None)
+        return Prepared(drawn, a_graph, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None, None)
 
 
 def truth_of(drawn: DrawnGraph) -> TrueMatches:

@@ -36,7 +36,8 @@ class Row:
 
     `source` is the plan that the S-graph was drawn from; `status` is the answer's, "late" where the limit of time
     stopped the method, "failed" where it raised. `twin` says whether another place explains the map as well, None
-    where that is not known. `seconds` are the matcher's alone.
+    where that is not known; `rival` is the evidence for the truth over the nearest twin that is to be expected, nats
+    (`matching.twins`), None where there is no twin. `seconds` are the matcher's alone.
     """
 
     method: str
@@ -55,6 +56,7 @@ class Row:
     reason: str
     wrong: bool
     twin: bool | None
+    rival: float | None
     seconds: float
     room_tally: Tally
     wall_tally: Tally

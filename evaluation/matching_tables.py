@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from evaluation import matching_twins
 from evaluation.bootstrap import Estimate
 from evaluation.matching_cells import LARGE, SIZES, Measures, measure, size_of
 from evaluation.matching_gains import BASE, difference, gap_closed
@@ -23,7 +24,7 @@ class Table:
 
 
 def tables(rows: Sequence[Row]) -> list[Table]:
-    """For each size of plan: wall F1 and answers against rooms seen, and all measures by regime and method."""
+    """For each size of plan: wall F1 and answers against rooms seen, and all measures by regime and method; twins."""
     found = []
     for group in SIZES:
         own = [r for r in rows if size_of(r.size) == group]
@@ -42,7 +43,8 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         for which, told_of in (("on the same pairs", to_find), ("on the same pairs without a twin", known)):
             gains = _gains(f"Wall F1 against `{BASE}`'s {which}, {about}", told_of)
             found += [gains] if gains.lines else []
-    return found
+    twins = matching_twins.lines(rows)
+    return [*found, Table("Twins", matching_twins.NOTE, matching_twins.HEADER, tuple(twins))] if twins else found
 
 
 def full_tables(rows: Sequence[Row]) -> list[Table]:

@@ -192,7 +192,8 @@ def blank_row(pair: Pair, prepared: Prepared, method: str) -> Row:
     return Row(
         method, pair.regime, pair.target.plans, pair.target.plan.name, pair.target.plan.building, pair.source_name,
         pair.rooms, pair.index, pair.seed, pair.target.size, len(prepared.drawn.s_graph.rooms),
-        len(prepared.drawn.s_graph.wall_surfaces), "late", "", False, prepared.twin, 0.0, rooms, walls,
+        len(prepared.drawn.s_graph.wall_surfaces), "late", "", False, prepared.twin, prepared.rival,
+        0.0, rooms, walls,
     )  # fmt: skip
 
 

@@ -7,15 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import se2
-from data.s_graph_noise import SIGMA_ACROSS, SIGMA_END
+from data.s_graph_noise import LONGEST_CLUTTER, SIGMA_ACROSS, SIGMA_END
 from data.s_graph_regimes import DRIFT_XY, DRIFT_YAW
 from data.se2 import Array
 from matching.hypotheses import groups_of
 from matching.walls import Index, Walls
 
 SIGMA_TURN, TURNED = float(np.radians(1)), float(np.radians(3))
-NO_WALL = 4.0  # nats
-SHORT, NO_WALL_SHORT = 0.8, 2.0  # m, nats: niches and pillars are often drawn otherwise
+# Nats of a wall of the map where the plan has none. Of 0.9 walls for each of the plan's, off across and at both ends by
+# the map's noise and turned by SIGMA_TURN, the log density is 3 in the mean (m, m, m, rad); that of clutter, 0.1 for
+# each wall of the room, somewhere before it, of any length up to the longest, -4. Longer than that no clutter is: one
+# wall in a million may be missing in the plan. Niches and pillars are often drawn otherwise.
+NO_WALL, NO_WALL_SHORT, NO_WALL_LONG = 7.0, 2.0, 14.0
+SHORT = 0.8  # m
 LOOSENED = (3.0, 2.0, 1.0, 1.0)  # by how much the gates are wider, step by step
 AT_ONCE = 200_000  # pairs of walls, of several motions
 HOLD = 1e-6  # of what the walls leave open
@@ -100,7 +104,8 @@ def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Ar
     cost = np.where((np.abs(turned) < TURNED * loosened) & beside, cost, np.inf)
     best = cost.argmin(axis=2)
     m, n = np.ogrid[: len(state), : len(walls)]
-    most = np.where(2 * walls.half < SHORT, NO_WALL_SHORT, NO_WALL)
+    length = 2 * walls.half
+    most = np.select([length < SHORT, length > LONGEST_CLUTTER], [NO_WALL_SHORT, NO_WALL_LONG], NO_WALL)
     least = cost[m, n, best]
     return np.minimum(least, most), np.where(least < most, best, -1), off[m, n, best], placed
 

@@ -6,15 +6,17 @@ that was seen short of its end by more than noise counts as far as it was seen).
 observer who knows the noise of maps (`data.s_graph_noise`: walls are off by 0.061 m across, each end by 0.346 m
 along, one wall in ten is missing; `data.s_graph_regimes`: from room to room 0.15 m and 1.5 degrees, where the map is
 bent) must expect less than ln(199) = 5.3 nats for the truth over it: in every second map such an observer would not
-be 99.5 % sure of the truth.
+be 99.5 % sure of the truth. In the others he would: only of places for which less than one nat is to be expected he is
+sure as good as never. (What is measured of a map gives an evidence that is spread about the expected one with twice
+that as its variance.)
 
 The evidence to be expected between two Gaussian hypotheses that differ by d_k in the measurements k is
 sum d_k^2 / (2 sigma_k^2), least over the motion of the map and, where it is bent, of its rooms with the drift as
-prior (the same as the drift marginalised). A wall costs 4 nats at most (2, if shorter than 0.8 m): that much speaks
-against a place where there is none, since the map's may be clutter; a door, known to 0.1 m, costs 3. To that comes,
+prior (the same as the drift marginalised). A wall costs 7 nats at most (2, if shorter than 0.8 m; 14, if longer than
+clutter is): that much speaks against a place where there is none; a door, known to 0.1 m, costs 3. To that comes,
 for better or worse, what is not in the map though it stands in the rooms that were entered, walls and doors.
-Directions count with a sigma of 1 degree and must agree
-within 3: hardly a plan is drawn, or a wall built, as true as a LiDAR measures its direction.
+Directions count with a sigma of 1 degree and must agree within 3: hardly a plan is drawn, or a wall built, as true as
+a LiDAR measures its direction.
 """
 
 from dataclasses import dataclass, replace
@@ -35,6 +37,7 @@ from matching.voting import candidates
 from matching.walls import Index, Walls, arrays, storeys
 
 SURE = float(np.log(199))  # nats
+EQUAL = 1.0  # nats to be expected: in fewer than one map of a thousand of such a place it comes to SURE
 ENTERED = 0.5  # of a room's walls, by length, are in the map
 SIGMA_SEARCH = 0.35  # metres
 HOPEFUL = 0.7  # of the weight of what was seen is explained by a rigid motion,
@@ -71,8 +74,9 @@ def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
     at_home = np.array([index[key] for key in part.walls.ids])
     entered = _entered(home, at_home, part.walls.half)
     entered_rooms = np.unique(entered[entered >= 0])
-    doors = seen_doors(drawn, a, part)
-    truth = _completeness(home, entered_rooms, at_home) + doors_at_home(doors, part, a, home, entered_rooms)
+    doors, own = seen_doors(drawn, a, part), set(drawn.rooms.values())  # of rooms that were merged no doors are known
+    apart = entered_rooms[[home.rooms[r].id in own for r in entered_rooms]]
+    truth = _completeness(home, entered_rooms, at_home) + doors_at_home(doors, part, a, home, apart)
     found = []
     for storey in floors:
         for laid in lay(part, storey, np.reshape(_elsewhere(part.walls, storey, home), (-1, 3))):

@@ -9,6 +9,7 @@ import pytest
 
 from data import SceneGraph, WallSurface
 from data.errors import UserError
+from evaluation import matching_twins
 from evaluation.bootstrap import most_of, ratio
 from evaluation.calibration import binned, calibration_error, merged
 from evaluation.matching_cells import measure
@@ -26,7 +27,7 @@ TRUTH = TrueMatches({}, {"one": "a", "two": "b"}, (0.0, 0.0, 0.0), None, (0.0, 0
 def row(**changes: Any) -> Row:
     known: dict[str, Any] = dict(
         method="voting", regime="real", plans="set", plan="p", building="b", source="set/p", rooms=2, index=0, seed=0,
-        size=10, s_rooms=2, s_walls=8, status="unique", reason="", wrong=False, twin=False, seconds=0.1,
+        size=10, s_rooms=2, s_walls=8, status="unique", reason="", wrong=False, twin=False, rival=None, seconds=0.1,
         room_tally=Tally(2, 2, 2), wall_tally=Tally(6, 8, 8),
     )  # fmt: skip
     return Row(**known | changes)
@@ -151,3 +152,25 @@ def test_tables_have_a_line_for_every_regime_and_method_and_escape_what_latex_re
         assert all(len(line) == len(table.header) for line in table.lines)
         assert "_" not in latex(table).replace("\\_", "")
     assert {t.title.split(",")[1].split()[0] for t in short if t.title.startswith("Wall")} == {"small", "large"}
+
+
+def test_twins_that_nothing_tells_apart_and_those_that_are_alike() -> None:
+    rows = [
+        row(twin=True, rival=0.2, status="ambiguous"), row(twin=True, rival=-3.0, status="none"),
+        row(twin=True, rival=5.0), row(twin=True, rival=5.0, status="ambiguous"), row(), row(twin=None),
+        row(method="oracle", twin=True, rival=0.2),
+    ]  # fmt: skip
+    equal, alike = matching_twins.lines(rows)
+    assert equal[:5] == ("voting", "equal", "2", "0", "0") and equal[6:] == ("1", "1")
+    assert alike[:5] == ("voting", "alike", "2", "1", "0") and equal[5] == "0.0"
+    assert any(t.title == "Twins" for t in tables(rows)) and all(t.title != "Twins" for t in tables([row()]))
+
+
+@pytest.mark.parametrize("nats", [0.5, 2.0, 4.0])
+def test_how_often_measurements_tell_two_places_apart(nats: float) -> None:
+    """Five walls, off by as many sigmas there as make so many nats to be expected, measured 40,000 times."""
+    there = np.full(5, np.sqrt(2 * nats / 5))
+    seen = np.random.default_rng(0).normal(size=(40_000, 5))
+    evidence = 0.5 * ((seen - there) ** 2 - seen**2).sum(axis=1)
+    told = matching_twins.to_be_sure([row(twin=True, rival=nats)])
+    assert (evidence > np.log(199)).mean() == pytest.approx(told, abs=0.01) and (told < 0.001) == (nats < 1)

@@ -79,7 +79,7 @@ def row(method: str, regime: str, rooms: tuple[int, ...], walls: tuple[int, ...]
     values = {
         "plans": "msd-edges", "plan": "p", "building": "b", "source": "msd-edges/p", "rooms": None, "index": 0,
         "seed": 0, "size": 5, "s_rooms": 4, "s_walls": 16, "status": "unique", "reason": "", "wrong": False,
-        "twin": False, "seconds": 0.25, "room_tally": Tally(*rooms), "wall_tally": Tally(*walls), **more,
+        "twin": False, "rival": None, "seconds": 0.25, "room_tally": Tally(*rooms), "wall_tally": Tally(*walls), **more,
     }  # fmt: skip
     return Row(method, regime, **values)  # type: ignore[arg-type]
 

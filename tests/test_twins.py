@@ -159,3 +159,32 @@ def test_doors_that_stand_otherwise_make_equal_offices_no_twins() -> None:
     otherwise = dataclasses.replace(row, doors=doors([-1.0, 1.0, -0.6, -1.0, -1.0, -1.0, *[1.2, 0.0] * 3]))
     assert is_twin(of_two(row), row) and is_twin(of_two(alike), alike)
     assert not is_twin(of_two(otherwise), otherwise)
+
+
+def test_no_clutter_is_as_long_as_a_corridor() -> None:
+    """Two equal offices, and one wall of the corridor from end to end: that tells which two, but for half a turn."""
+    row = a_graph(offices([3.0] * 6, [3.0] * 6))
+    corridor = max((w for w in row.surfaces_of_room["room12"]), key=lambda w: w.length or 0.0)
+
+    def moved_along(length: float) -> list[float]:
+        """Evidence over the places along the row, of a map of the two and of so much of the corridor's wall."""
+        two = seen(row, ["room1", "room2"])
+        part = dataclasses.replace(corridor, length=length, room=None)
+        graph = dataclasses.replace(two.s_graph, wall_surfaces=(*two.s_graph.wall_surfaces, part))
+        drawn = dataclasses.replace(two, s_graph=graph, wall_surfaces={**two.wall_surfaces, corridor.id: corridor.id})
+        return [t.nats for t in twins(drawn, row) if abs(t.T_a_s[0]) < 1]
+
+    assert corridor.length is not None
+    assert moved_along(corridor.length / 2) == pytest.approx([0.0, 0.0]) and not moved_along(corridor.length)
+
+
+def test_doors_within_a_room_that_was_merged_are_not_missed() -> None:
+    """Half a turn lays the corridor and two offices on each other; only at home do the offices have doors."""
+    row = a_graph(offices([3.0] * 6, [3.0] * 6))
+    doors = tuple(Door(f"d{n}", (f"room{n}", "room12"), (row.rooms[n].centroid[0], 5.06)) for n in (1, 2))
+    plan = dataclasses.replace(row, doors=doors)
+    apart = seen(plan, ["room1", "room2", "room12"])
+    merged_ = dataclasses.replace(apart, rooms={"room12": "room12"})
+    without = seen(row, ["room1", "room2", "room12"])
+    least = [min(t.nats for t in twins(d, p)) for d, p in ((apart, plan), (merged_, plan), (without, row))]
+    assert least[0] < least[1] - 4 and least[1] == pytest.approx(least[2], abs=1e-6)
