@@ -13,6 +13,7 @@ from gtsam.symbol_shorthand import B, F, L, O, P, R, W, X
 from numpy.typing import NDArray
 
 import factors
+from sgslam.askew_sights import askew
 from sgslam.config import Config
 from sgslam.factor_log import Entry, FactorLog, Key, Kind
 from sgslam.floor_extraction import FloorObservation
@@ -68,14 +69,18 @@ class GraphBuilder:
             return {}
 
     def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
-        """Walls seen from two keyframes or more; returns the keyframe that each one is kept by."""
+        """Walls seen from two keyframes or more; returns the keyframe that each one is kept by. Sights that show a wall
+        askew are left out: however robustly they are held, they pull."""
+        rotations = np.stack([k.T_map_sensor[:3, :3] for k in self._keyframes])
+        wrong = askew(seen, rotations)
         keyframes_of: dict[int, set[int]] = {}
-        for s in seen:
-            keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
+        for s, out in zip(seen, wrong, strict=True):
+            if not out:
+                keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
         before, entries = self._log.held("wall"), dict[Key, Entry]()
         for number, s in enumerate(seen):
-            if s.wall not in anchor_of:
+            if s.wall not in anchor_of or wrong[number]:
                 continue
             key = (number, s.wall, anchor_of[s.wall])
             if key in before:
@@ -83,7 +88,7 @@ class GraphBuilder:
             else:
                 why, build = f"keyframe {s.keyframe} saw wall {s.wall}", partial(self._wall, s, anchor_of[s.wall])
                 entries |= self._entry("wall", key, "wall extraction", why, build)
-        gone = "it is taken for another wall's, or the wall is kept by another keyframe"
+        gone = "it is taken for another wall's or shows it askew, or the wall is kept by another keyframe"
         self._log.hold(len(self._keyframes), "wall", entries, gone)
         return anchor_of
 

@@ -222,6 +222,7 @@ class Locator(Stateful):
         best = self._align(scan, guess)
         if tracked is not None:
             best = self._without_lurch(scan, best, tracked, T_odom_sensor, last_map)
+            best = tracked if tracked.better_than(best) else best
         registered = turned(surfaces_of(scan.points[scan.upright]), self._walls.T_level_map @ best.T_map_sensor)
         self._loosen(best.information + registered, settings.unheld_turn, settings.unheld_speed)
         return Located(T_odom_sensor, best.T_map_sensor)
@@ -229,7 +230,7 @@ class Locator(Stateful):
     def _without_lurch(
         self, scan: ColumnScan, best: _Guessed, foretold: _Guessed, T_odom_sensor: Floats, last_map: Floats
     ) -> _Guessed:
-        """What the odometry says, or what was `foretold` where that is better, or a steady step where it lurches.
+        """What the odometry says, or a steady step where that lurches away from what was `foretold`.
 
         A scan later it may be back where it should be, or it slipped and goes on from there: either is believed.
         """
@@ -250,7 +251,7 @@ class Locator(Stateful):
                 self._lurches_ns += self._interval_ns
                 return steady
         self._before, self._lurches_ns = None, 0
-        return foretold if foretold.better_than(best) else best
+        return best
 
     @property
     def _lurch(self) -> float:
@@ -271,13 +272,17 @@ class Locator(Stateful):
     def _by_given(
         self, scan: ColumnScan, last_map: Floats, given: Floats, foretold: Floats | None, leap: bool
     ) -> Located:
-        """By somebody else's odometry; where that leaps, by what was foretold, unless the walls bear the leap out."""
+        """By somebody else's odometry; where that leaps, by what was foretold, unless the walls bear the leap out;
+        where it lurches, by a steady step for a while."""
         settings = self._config.odometry
         best = self._align(scan, self._ask(scan, last_map, given)[1])
-        rates = settings.given_turn, settings.given_speed
+        rates, interval_ns = (settings.given_turn, settings.given_speed), self._interval_ns
         if leap:
             instead = self._align(scan, last_map if foretold is None else foretold)
             best, rates = best if best.better_than(instead) else instead, _LEAP
+        elif foretold is not None and (self._before is not None or _apart(best.T_map_sensor, foretold) > self._lurch):
+            told, best = best, self._without_lurch(scan, best, self._align(scan, foretold), given, last_map)
+            rates = rates[0], max(rates[1], 1e9 * _between(told, best) / interval_ns)
         self._loosen(best.information, *rates)
         return Located(given, best.T_map_sensor)
 
@@ -354,4 +359,9 @@ class Locator(Stateful):
 
 def _between(one: _Guessed, other: _Guessed) -> float:
     """Metres in plan view."""
-    return float(np.linalg.norm((one.T_map_sensor - other.T_map_sensor)[:2, 3]))
+    return _apart(one.T_map_sensor, other.T_map_sensor)
+
+
+def _apart(one: Floats, other: Floats) -> float:
+    """Metres in plan view between two poses (4, 4)."""
+    return float(np.linalg.norm((one - other)[:2, 3]))
