@@ -1,9 +1,13 @@
 """`python -m matching.match`: matches an S-graph's file with an A-graph's."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from data.cli import Parser, run_command
 from data.errors import UserError
+
+if TYPE_CHECKING:
+    from data.scene_graph import SceneGraph
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -13,6 +17,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="the plan's scene graph, JSON")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the answer is written, JSON")
     parser.add_argument("--method", default="learned", metavar="NAME", help="learned (default), voting, paper, ...")
+    parser.add_argument("--floor", metavar="ID", help="the plan's storey that is searched (default: all)")
+    parser.add_argument("--map-floor", metavar="ID", help="the map's storey that is matched, where it has several")
     options = parser.parse_args(arguments)
     # imported here so that --help is fast
     from data.files import write_json
@@ -22,10 +28,29 @@ def main(arguments: list[str] | None = None) -> int:
     matcher = Matcher.load(options.method)
     if not options.out.parent.is_dir():
         raise UserError(f"{options.out.parent}: no such folder; give --out in one that exists")
-    result = matcher.match(SceneGraph.load(options.s_graph), SceneGraph.load(options.a_graph))
+    s, a = SceneGraph.load(options.s_graph), SceneGraph.load(options.a_graph)
+    if options.floor is not None:
+        _check(options.a_graph, a, options.floor, "--floor")
+    if options.map_floor is not None or len(_floors(s)) > 1:
+        _check(options.s_graph, s, options.map_floor, "--map-floor")
+        s = s.on_floor(options.map_floor)
+    result = matcher.match(s, a, floor=options.floor)
     write_json(options.out, result.to_dict())
     print(f"{result.status}: {result.reason}")
     return 0
+
+
+def _check(path: Path, graph: "SceneGraph", floor: str | None, option: str) -> None:
+    """Raises UserError for a floor that the graph does not have, and where none was told."""
+    known = _floors(graph)
+    if floor not in known:
+        wrong = "has several storeys" if floor is None else f"has no storey '{floor}'"
+        raise UserError(f"{path}: {wrong}; give {option} with one of: {', '.join(known) or 'none'}")
+
+
+def _floors(graph: "SceneGraph") -> list[str]:
+    told = (*(f.id for f in graph.floors), *(x.floor for x in (*graph.rooms, *graph.wall_surfaces)))
+    return list(dict.fromkeys(floor for floor in told if floor is not None))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ WALLS = (0.0, np.pi / 2, np.pi, -np.pi / 2, 0.3)  # headings of normals, map fra
 
 
 def rotations(yaws: np.ndarray) -> np.ndarray:
-    return Rotation.from_euler("z", yaws).as_matrix()
+    return Rotation.from_rotvec(np.outer(yaws, [0.0, 0.0, 1.0])).as_matrix()
 
 
 def sights(true: np.ndarray, wrong: dict[tuple[int, int], float], sigma: float = 0.002) -> list[SeenWall]:

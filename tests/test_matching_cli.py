@@ -1,5 +1,6 @@
 """`python -m matching.match` as a user runs it."""
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -7,8 +8,10 @@ import sys
 import numpy as np
 import pytest
 from commands import refused
-from plans import a_graph, flat
+from plans import a_graph, flat, merged
 from s_graph_noise import draw
+
+from data import Floor, SceneGraph
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -51,6 +54,32 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(graphs, change, told):
     given = {"--s-graph": graphs / "s.json", "--a-graph": graphs / "a.json", "--out": graphs / "x.json"}
     given[change[0]] = change[1]
     assert told in refused("matching.match", *(part for pair in given.items() for part in pair))
+
+
+def test_a_storey_of_a_map_of_several_is_matched_with_a_storey_of_the_plan(graphs):
+    plan, part = (SceneGraph.load(graphs / name) for name in ("a.json", "s.json"))
+    upper = a_graph(flat(np.random.default_rng(4)), "upper", "upper")
+    merged(plan, upper).save(graphs / "storeys.json")
+    other = draw(upper, np.random.default_rng(1), 4).s
+    merged(in_floor(part, "first"), in_floor(other, "second")).save(graphs / "both.json")
+    given = ["--s-graph", graphs / "both.json", "--a-graph", graphs / "storeys.json", "--out", graphs / "one.json"]
+    assert "has several storeys; give --map-floor with one of: first, second" in refused("matching.match", *given)
+    assert "has no storey 'attic'" in refused("matching.match", *given, "--map-floor", "first", "--floor", "attic")
+    for own, there in (("first", "ground"), ("second", "upper")):
+        done = run(*given, "--map-floor", own, "--floor", there)
+        assert done.returncode == 0, done.stderr
+        answer = json.loads((graphs / "one.json").read_text())
+        assert (answer["status"], answer["floor"]) == ("unique", there)
+
+
+def in_floor(graph, name):
+    """The graph with all that it has on one floor, ids made its own."""
+    rooms = tuple(dataclasses.replace(r, id=f"{name}/{r.id}", floor=name) for r in graph.rooms)
+    walls = tuple(
+        dataclasses.replace(w, id=f"{name}/{w.id}", room=w.room and f"{name}/{w.room}", floor=name)
+        for w in graph.wall_surfaces
+    )
+    return SceneGraph("map", rooms, walls, (), (Floor(name),))
 
 
 def test_help_is_quick():
