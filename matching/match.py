@@ -49,7 +49,8 @@ def _check(path: Path, graph: "SceneGraph", floor: str | None, option: str) -> N
 
 
 def _floors(graph: "SceneGraph") -> list[str]:
-    told = (*(f.id for f in graph.floors), *(x.floor for x in (*graph.rooms, *graph.wall_surfaces)))
+    named = (*(r.floor for r in graph.rooms), *(w.floor for w in graph.wall_surfaces))
+    told = (*(f.id for f in graph.floors), *named)
     return list(dict.fromkeys(floor for floor in told if floor is not None))
 
 

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from sgslam.wall_map import SeenWall
 
-ASKEW, SIGMAS = 0.035, 3.0  # rad, and sigmas, from how most keyframes saw the wall turned
+ASKEW, SIGMAS = 0.052, 3.0  # rad, and sigmas, from how most keyframes saw the wall turned
 MOST = 0.1  # of all sights; where more seem askew, it is the map that is bent
 
 
 def askew(seen: Sequence[SeenWall], rotations: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which of the sights show their wall turned otherwise than most sights of it do, by more than two degrees and
+    """(N,) which of the sights show their wall turned otherwise than most sights of it do, by more than three degrees and
     what they may be wrong by.
 
     `rotations` (K, 3, 3), map from sensor, of the keyframes. What all that a keyframe saw is turned by is the
