@@ -6,6 +6,7 @@
 | `real` | a connected set of rooms | walls with the noise of real scans, missing, in pieces, clutter |
 | `drift` | the same | and every step from room to room adds to the rooms' motion |
 | `messy` | the same | drift, and rooms merged and cut, surfaces without a room |
+| `warped` | the same | drift with steps three times as wrong: maps without any tracking by walls |
 
 Nothing but the wall surfaces that were seen tells of the plan: an S room has no footprint, its centroid is that of
 the box of its surfaces; names, sources, heights and ids of the plan are not in the S-graph, and its order is drawn.
@@ -27,8 +28,9 @@ from data.s_graph_rooms import Housed, housed, mistaken, overlooked, true_rooms
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
 from data.se2 import Array
 
-REGIMES = ("paper", "real", "drift", "messy")
+REGIMES = ("paper", "real", "drift", "messy", "warped")
 DRIFT_YAW, DRIFT_XY = float(np.radians(1.5)), 0.15  # sigmas of each step from room to room: rad; m along each axis
+WARPED = 3.0  # times as much
 SIGMA_DOOR = 0.1  # m along each axis
 FLOOR_ID = "floor-0"
 Motion = tuple[float, float, float]
@@ -112,19 +114,22 @@ def draw_walk(storey: Storey, walked: Walk, regime: str, rng: np.random.Generato
     start = storey.somewhere_in(walked.rooms[0], rng)
     yaw = rng.uniform(-np.pi, np.pi)
     T_map_a = np.array([yaw, *se2.rotate(yaw, -start)])
-    motions = _drifted(storey, walked, T_map_a, rng) if bent else dict.fromkeys(walked.rooms, T_map_a)
+    times = WARPED if regime == "warped" else 1.0
+    motions = _drifted(storey, walked, T_map_a, times, rng) if bent else dict.fromkeys(walked.rooms, T_map_a)
     return _built(storey, map_rooms, motions, rng, bent)
 
 
-def _drifted(storey: Storey, walked: Walk, T_map_a: Array, rng: np.random.Generator) -> dict[int, Array]:
+def _drifted(
+    storey: Storey, walked: Walk, T_map_a: Array, times: float, rng: np.random.Generator
+) -> dict[int, Array]:
     """T_map_a of each room: that of the room from which it was entered, and a step more, a turn about its centroid."""
     motions: list[Array] = []
     for room, parent in zip(walked.rooms, walked.parents, strict=True):
         if parent < 0:
             motions.append(T_map_a)
             continue
-        yaw, middle = rng.normal(0, DRIFT_YAW), storey.middle[room]
-        step = np.array([yaw, *(middle - se2.rotate(yaw, middle) + rng.normal(0, DRIFT_XY, 2))])
+        yaw, middle = rng.normal(0, times * DRIFT_YAW), storey.middle[room]
+        step = np.array([yaw, *(middle - se2.rotate(yaw, middle) + rng.normal(0, times * DRIFT_XY, 2))])
         motions.append(se2.compose(motions[parent], step))
     return dict(zip(walked.rooms, motions, strict=True))
 

@@ -10,7 +10,7 @@ from evaluation.matching_gains import BASE, difference, gap_closed
 from evaluation.matching_rows import ORACLE, Row
 
 Cell = Callable[[Measures], str]
-REGIME_ORDER = ("paper", "real", "drift", "messy", "elsewhere", "sgslam")
+REGIME_ORDER = ("paper", "real", "drift", "messy", "warped", "elsewhere", "sgslam")
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,10 @@ in another row of offices, on another storey. The S-graph's own noise plays no p
 that was seen short of its end by more than noise counts as far as it was seen). Another place is a twin when even an
 observer who knows the noise of maps (`data.s_graph_noise`: walls are off by 0.061 m across, each end by 0.346 m
 along, one wall in ten is missing; `data.s_graph_regimes`: from room to room 0.15 m and 1.5 degrees, where the map is
-bent) must expect less than ln(199) = 5.3 nats for the truth over it: in every second map such an observer would not
-be 99.5 % sure of the truth. In the others he would: only of places for which less than one nat is to be expected he is
-sure as good as never. (What is measured of a map gives an evidence that is spread about the expected one with twice
-that as its variance.)
+bent, in `warped` maps too) must expect less than ln(199) = 5.3 nats for the truth over it: in every second map such
+an observer would not be 99.5 % sure of the truth. In the others he would: only of places for which less than one nat
+is to be expected he is sure as good as never. (What is measured of a map gives an evidence that is spread about the
+expected one with twice that as its variance.)
 
 The evidence to be expected between two Gaussian hypotheses that differ by d_k in the measurements k is
 sum d_k^2 / (2 sigma_k^2), least over the motion of the map and, where it is bent, of its rooms with the drift as

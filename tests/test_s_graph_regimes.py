@@ -94,7 +94,7 @@ def test_clutter_stands_in_its_room_and_short_surfaces_are_not_seen(real: list[D
 def test_the_truth_lays_surfaces_on_their_walls_and_rooms_into_their_rooms(regime: str) -> None:
     for k in range(5):
         drawn = draw(PLAN, regime, rng(k), 6)
-        assert drawn.floor == "ground" and drawn.bent == (regime in ("drift", "messy"))
+        assert drawn.floor == "ground" and drawn.bent == (regime in ("drift", "messy", "warped"))
         assert set(drawn.rooms) == set(drawn.s_graph.room_by_id) == set(drawn.T_a_s_by_room)
         if regime != "messy":  # there the walls of two rooms may be in one, which moves as the larger
             assert all(len(rows) < 3 and np.abs(rows[:, 0]).max() < 0.35 for rows in residuals(drawn, PLAN).values())
@@ -195,18 +195,19 @@ def test_the_published_perturbation() -> None:
     assert 10 < turned < 30
 
 
-def test_each_step_from_room_to_room_drifts() -> None:
+@pytest.mark.parametrize(("regime", "times"), [("drift", 1), ("warped", 3)])
+def test_each_step_from_room_to_room_drifts(regime: str, times: int) -> None:
     two = a_graph([box(0, 0, 4, 4), box(4.1, 0, 4, 4)])
     turns, shifts = [], []
     for k in range(250):
-        drawn = draw(two, "drift", rng(k), 2)
+        drawn = draw(two, regime, rng(k), 2)
         first, last = (np.array(drawn.T_a_s_by_room[r]) for r in drawn.rooms)
         turns.append(se2.wrap(last[:1] - first[:1])[0])
         r = list(drawn.rooms.values())[1]
         own = se2.apply(se2.inverse(first), np.array(two.room_by_id[r].centroid))
         shifts.append(se2.apply(last, own) - two.room_by_id[r].centroid)
-    assert np.std(turns) == pytest.approx(np.radians(1.5), rel=0.12)
-    assert np.std(shifts) == pytest.approx(0.15, rel=0.12)
+    assert np.std(turns) == pytest.approx(times * np.radians(1.5), rel=0.12)
+    assert np.std(shifts) == pytest.approx(times * 0.15, rel=0.12)
 
 
 def test_drift_adds_up_along_the_walk_and_the_motion_is_the_best_fit() -> None:
