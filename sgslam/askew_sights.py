@@ -12,8 +12,8 @@ MOST = 0.1  # of all sights; where more seem askew, it is the map that is bent
 
 
 def askew(seen: Sequence[SeenWall], rotations: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which of the sights show their wall turned otherwise than most sights of it do, by more than three degrees and
-    what they may be wrong by.
+    """(N,) which of the sights show their wall turned otherwise than most sights of it do, by more than three degrees
+    and what they may be wrong by.
 
     `rotations` (K, 3, 3), map from sensor, of the keyframes. What all that a keyframe saw is turned by is the
     keyframe's own error, and tells nothing of a sight.
