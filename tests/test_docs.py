@@ -1,5 +1,6 @@
 """The documentation says what is true: its snippets run, its pictures and links are there, its tables are today's."""
 
+import inspect
 import re
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ from packaging.version import Version
 from small_ifc import write_small_ifc
 from snippets import KNOWN, ROOT, Block, blocks, call, check_form, run
 
+import factors
 from data.demo_building import write_demo_building
 from evaluation.sequences import read_specs
 from sgslam.config import Config
@@ -101,6 +103,13 @@ def test_the_table_of_parameters_is_todays() -> None:
     page = parameters_page(Config())
     assert (DOCS / "parameters.md").read_text() == page, "sgslam dump-config --markdown --out docs/parameters.md"
     assert not re.findall(r"^\|.*\|  \|$", page, re.MULTILINE), "a setting whose description does not say what it is"
+
+
+def test_the_page_of_factors_names_every_function_as_it_is_called() -> None:
+    text = (DOCS / "factors.md").read_text()
+    for name in factors.__all__:
+        arguments = ", ".join(inspect.signature(getattr(factors, name)).parameters)
+        assert f"`{name}({arguments})`" in text.replace("\n", " ")
 
 
 def test_the_version_is_the_changelogs_newest() -> None:
