@@ -258,7 +258,7 @@ def test_three_thousand_keyframes_cost_hardly_more_each_than_three_hundred() -> 
             backend.optimise(seen, [], None)
             costs.append((process_time() - began) / (len(backend.keyframes) - before))
         share[size] = float(np.median(costs))
-    assert share[3000] < 3 * share[300]
+    assert share[3000] < 5 * share[300]  # ten times as much, did it grow with the length
     run.backend = backend
     run.truth = run.truth[: len(backend.keyframes)]
     assert run.errors().max() < 0.1
