@@ -55,6 +55,13 @@ class Trajectory:
         """The same motion in another frame; `T_new_old` is (4, 4)."""
         return Trajectory(self.stamps_ns, T_new_old @ self.poses)
 
+    def between(self, other: "Trajectory") -> "Trajectory":
+        """The poses from the other's first stamp to its last; none where that has none."""
+        if not len(other):
+            return Trajectory(self.stamps_ns[:0], self.poses[:0])
+        kept = (self.stamps_ns >= other.stamps_ns[0]) & (self.stamps_ns <= other.stamps_ns[-1])
+        return Trajectory(self.stamps_ns[kept], self.poses[kept])
+
     def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """(M, 4, 4) the poses at other stamps (M,) int64: between two poses the way is straight and the turn even, and
         before the first and after the last it goes on as between the two next to it. Raises ValueError for less than

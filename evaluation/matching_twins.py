@@ -11,8 +11,9 @@ from matching.twins import EQUAL, SURE
 HEADER = ("method", "twins", "pairs", "unique", "wrong", "one who knows the noise", "ambiguous", "none")
 NOTE = (
     "Equal: the evidence to be expected for the truth over the nearest other place is less than a nat; alike: up to "
-    f"{SURE:.1f} nats, of which what is seen may tell them apart. `one who knows the noise`: how many of the pairs an "
-    f"observer must expect to tell apart, at {SURE:.1f} nats, who knows the noise that maps are drawn with"
+    f"{SURE:.1f} nats (odds of 199 to 1), of which what is seen may tell them apart. `one who knows the noise`: how "
+    "many of the pairs an observer must expect to tell apart, by such odds, who knows the noise that maps are drawn "
+    "with. Small and large plans and all regimes together"
 )
 
 

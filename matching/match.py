@@ -17,8 +17,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="the plan's scene graph, JSON")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the answer is written, JSON")
     parser.add_argument("--method", default="learned", metavar="NAME", help="learned (default), voting, paper, ...")
-    parser.add_argument("--floor", metavar="ID", help="the plan's storey that is searched (default: all)")
-    parser.add_argument("--map-floor", metavar="ID", help="the map's storey that is matched, where it has several")
+    parser.add_argument("--floor", metavar="NAME", help="the plan's storey that is searched (default: all)")
+    parser.add_argument("--map-floor", metavar="NAME", help="the map's storey that is matched, where it has several")
     options = parser.parse_args(arguments)
     # imported here so that --help is fast
     from data.files import write_json
@@ -29,29 +29,33 @@ def main(arguments: list[str] | None = None) -> int:
     if not options.out.parent.is_dir():
         raise UserError(f"{options.out.parent}: no such folder; give --out in one that exists")
     s, a = SceneGraph.load(options.s_graph), SceneGraph.load(options.a_graph)
-    if options.floor is not None:
-        _check(options.a_graph, a, options.floor, "--floor")
+    floor = None if options.floor is None else _floor(options.a_graph, a, options.floor, "--floor")
     if options.map_floor is not None or len(_floors(s)) > 1:
-        _check(options.s_graph, s, options.map_floor, "--map-floor")
-        s = s.on_floor(options.map_floor)
-    result = matcher.match(s, a, floor=options.floor)
+        s = s.on_floor(_floor(options.s_graph, s, options.map_floor, "--map-floor"))
+    result = matcher.match(s, a, floor=floor)
     write_json(options.out, result.to_dict())
     print(f"{result.status}: {result.reason}")
     return 0
 
 
-def _check(path: Path, graph: "SceneGraph", floor: str | None, option: str) -> None:
-    """Raises UserError for a floor that the graph does not have, and where none was told."""
+def _floor(path: Path, graph: "SceneGraph", told: str | None, option: str) -> str:
+    """The id of the floor that is told by its id or name. Raises UserError where there is none of the kind."""
     known = _floors(graph)
-    if floor not in known:
-        wrong = "has several storeys" if floor is None else f"has no storey '{floor}'"
-        raise UserError(f"{path}: {wrong}; give {option} with one of: {', '.join(known) or 'none'}")
+    found = [floor for floor, name in known.items() if told is not None and told in (floor, name)]
+    if len(found) == 1:
+        return found[0]
+    wrong = "has several storeys" if told is None else f"has no storey '{told}'"
+    listed = ", ".join(f"{floor} ({name})" if name else floor for floor, name in known.items())
+    raise UserError(f"{path}: {wrong}; give {option} with one of: {listed or 'none'}")
 
 
-def _floors(graph: "SceneGraph") -> list[str]:
-    named = (*(r.floor for r in graph.rooms), *(w.floor for w in graph.wall_surfaces))
-    told = (*(f.id for f in graph.floors), *named)
-    return list(dict.fromkeys(floor for floor in told if floor is not None))
+def _floors(graph: "SceneGraph") -> dict[str, str]:
+    """Ids and names, of those too that only rooms or surfaces name."""
+    found = {f.id: f.name for f in graph.floors}
+    for floor in (*(r.floor for r in graph.rooms), *(w.floor for w in graph.wall_surfaces)):
+        if floor is not None:
+            found.setdefault(floor, "")
+    return found
 
 
 if __name__ == "__main__":

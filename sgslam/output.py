@@ -91,6 +91,8 @@ def _write_report(
     from sgslam.plan_view import write_plan_png
     from sgslam.report import write_report
 
+    if truth is not None:  # it may go on after the run, to other storeys
+        truth = truth.between(result.trajectory_map)
     data = ReportData(
         a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
         result.matches, metrics, result.deviations,

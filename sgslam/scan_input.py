@@ -20,9 +20,10 @@ def checked_scan(stamp_ns: int, points: Floats, T_odom_sensor: Floats | None, ne
         points = np.ascontiguousarray(points, dtype=np.float64)
     except (TypeError, ValueError):
         raise UserError(f"{where}: points must be an array (N, 3) of numbers") from None
-    # the sum is finite only where every number is
-    if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not np.isfinite(points.sum()):
-        raise UserError(f"{where}: points must be (N, 3), at least one, and finite")
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise UserError(f"{where}: points must be (N, 3), at least one, and finite; they are {points.shape}")
+    if not np.isfinite(points.sum()):  # only where every number is
+        raise UserError(f"{where}: points must be finite; drop the others: points[np.isfinite(points).all(axis=1)]")
     if not isinstance(stamp_ns, (int, np.integer)):
         raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")
     if newest_ns is not None and stamp_ns <= newest_ns:

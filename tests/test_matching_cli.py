@@ -63,9 +63,10 @@ def test_a_storey_of_a_map_of_several_is_matched_with_a_storey_of_the_plan(graph
     other = draw(upper, np.random.default_rng(1), 4).s
     merged(in_floor(part, "first"), in_floor(other, "second")).save(graphs / "both.json")
     given = ["--s-graph", graphs / "both.json", "--a-graph", graphs / "storeys.json", "--out", graphs / "one.json"]
-    assert "has several storeys; give --map-floor with one of: first, second" in refused("matching.match", *given)
+    listed = "first (storey first), second (storey second)"
+    assert f"has several storeys; give --map-floor with one of: {listed}" in refused("matching.match", *given)
     assert "has no storey 'attic'" in refused("matching.match", *given, "--map-floor", "first", "--floor", "attic")
-    for own, there in (("first", "ground"), ("second", "upper")):
+    for own, there in (("storey first", "ground"), ("second", "upper")):
         done = run(*given, "--map-floor", own, "--floor", there)
         assert done.returncode == 0, done.stderr
         answer = json.loads((graphs / "one.json").read_text())
@@ -79,7 +80,7 @@ def in_floor(graph, name):
         dataclasses.replace(w, id=f"{name}/{w.id}", room=w.room and f"{name}/{w.room}", floor=name)
         for w in graph.wall_surfaces
     )
-    return SceneGraph("map", rooms, walls, (), (Floor(name),))
+    return SceneGraph("map", rooms, walls, (), (Floor(name, f"storey {name}"),))
 
 
 def test_help_is_quick():

@@ -132,3 +132,11 @@ def test_seven_numbers_there_and_back() -> None:
     turned = xyzquat_to_poses([0, 0, 0, 0, 0, np.sin(np.pi / 8), np.cos(np.pi / 8)])
     assert np.allclose(turned[:3, :3] @ [1, 0, 0], [np.cos(np.pi / 4), np.sin(np.pi / 4), 0])
     assert poses_to_xyzquat(np.empty((0, 4, 4))).shape == (0, 7)
+
+
+def test_what_lies_between_anothers_first_and_last_stamp() -> None:
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    truth = Trajectory(np.array([0, 10, 20, 30, 40]), poses)
+    run = Trajectory(np.array([9, 31]), poses[:2])
+    assert truth.between(run).stamps_ns.tolist() == [10, 20, 30]
+    assert len(truth.between(Trajectory(np.empty(0, np.int64), poses[:0]))) == 0
