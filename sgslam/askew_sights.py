@@ -16,7 +16,8 @@ def askew(seen: Sequence[SeenWall], rotations: NDArray[np.float64]) -> NDArray[n
     and what they may be wrong by.
 
     `rotations` (K, 3, 3), map from sensor, of the keyframes. What all that a keyframe saw is turned by is the
-    keyframe's own error, and tells nothing of a sight.
+    keyframe's own error, and tells nothing of a sight; nor do several sights of one keyframe that are turned: then it
+    is the keyframe, or the map, that came round turned.
     """
     if not seen:
         return np.zeros(0, dtype=bool)
@@ -28,7 +29,8 @@ def askew(seen: Sequence[SeenWall], rotations: NDArray[np.float64]) -> NDArray[n
         middle[:, 0] * normal[:, 1] - middle[:, 1] * normal[:, 0], np.einsum("nk,nk->n", middle, normal)
     )
     found = np.abs(turned - _median(keyframe, turned)) > ASKEW + SIGMAS * told[:, 2]
-    return found if found.mean() < MOST else np.zeros(len(seen), dtype=bool)
+    alone = np.bincount(keyframe, found)[keyframe] == 1
+    return np.asarray(found & alone & (found.mean() < MOST))
 
 
 def _median(of: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:

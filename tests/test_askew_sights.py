@@ -39,6 +39,12 @@ def test_what_was_seen_badly_may_be_off() -> None:
     assert not askew(seen, rotations(np.zeros(20))).any()
 
 
+def test_several_sights_of_a_keyframe_that_are_turned_tell_of_the_keyframe() -> None:
+    """It sees two walls again that were mapped long ago, turned by the drift since, and three that are new."""
+    seen = sights(np.zeros(20), {(7, 3): np.radians(5), (7, 4): np.radians(5)})
+    assert not askew(seen, rotations(np.zeros(20))).any()
+
+
 def test_of_a_map_that_is_bent_nobody_knows() -> None:
     """Where the estimates turn as an odometry drifts that nothing corrected yet."""
     true, rng = np.zeros(40), np.random.default_rng(0)
