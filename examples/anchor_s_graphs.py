@@ -11,13 +11,13 @@ import sys
 import numpy as np
 
 from data import SceneGraph
-from data.cli import run_command
-from data.errors import UserError
-from data.g2o import plane_of, read_g2o
-from data.poses import poses_to_xyzquat
+from data.common.cli import run_command
+from data.common.errors import UserError
+from data.geometry.poses import poses_to_xyzquat
+from data.scene_graph.g2o import plane_of, read_g2o
 from matching import Matcher
-from sgslam.frames import se2_to_se3
-from sgslam.plane_graph import anchor_plane_graph
+from sgslam.anchoring.plane_graph import anchor_plane_graph
+from sgslam.geometry.frames import se2_to_se3
 
 
 def main() -> None:

@@ -7,8 +7,8 @@
 
 import sys
 
-from data.cli import run_command
-from data.errors import UserError
+from data.common.cli import run_command
+from data.common.errors import UserError
 from data.scans import ScanFolder
 from sgslam import SceneGraphSlam, load_bim
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from data.cli import Parser, run_command
-from data.errors import UserError
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
 
 if TYPE_CHECKING:
     from data.scene_graph import SceneGraph
@@ -21,7 +21,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--map-floor", metavar="NAME", help="the map's storey that is matched, where it has several")
     options = parser.parse_args(arguments)
     # imported here so that --help is fast
-    from data.files import write_json
+    from data.common.files import write_json
     from data.scene_graph import SceneGraph
     from matching.matcher import Matcher
 

@@ -6,16 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from data.errors import UserError
+from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from matching.combinatorial import CombinatorialMatcher
-from matching.combinatorial_settings import DEVELOP, GRID
-from matching.complete import complete
-from matching.hypotheses import Placement, search
+from matching.arrays.walls import Walls, arrays, storeys
+from matching.combinatorial.combinatorial import CombinatorialMatcher
+from matching.combinatorial.combinatorial_settings import DEVELOP, GRID
 from matching.result import Hypothesis, MatchResult
-from matching.start import Start, near_start
-from matching.verification import verify
-from matching.walls import Walls, arrays, storeys
+from matching.search.complete import complete
+from matching.search.hypotheses import Placement, search
+from matching.search.start import Start, near_start
+from matching.search.verification import verify
 
 LISTED = 10  # hypotheses in the answer
 RELATIVES = ("pca-gm", "superglue")
@@ -96,21 +96,21 @@ class Matcher:
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.bent_matcher import BentMatcher  # compiled loops are slow to import
-    from matching.learned import LearnedProposer
-    from matching.voting_proposals import voting_proposals
+    from matching.deformation.bent_matcher import BentMatcher  # compiled loops are slow to import
+    from matching.learned.learned import LearnedProposer
+    from matching.search.voting_proposals import voting_proposals
 
     return BentMatcher(LearnedProposer.load(weights).propose, voting_proposals)
 
 
 def _paper(weights: Path | str | None) -> Method:
-    from matching.paper_matcher import PaperMatcher
+    from matching.published.paper_matcher import PaperMatcher
 
     return PaperMatcher.load(weights)
 
 
 def _relative(kind: str, weights: Path | str | None) -> Method:
-    from matching.relatives_matcher import RelativeMatcher
+    from matching.baselines.relatives_matcher import RelativeMatcher
 
     return RelativeMatcher.load(kind, weights)
 

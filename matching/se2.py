@@ -1,5 +1,5 @@
-"""Proper motions of the plane; their home is `data.se2`."""
+"""Proper motions of the plane; their home is `data.geometry.se2`."""
 
-from data.se2 import Array, apply, compose, inverse, rotate, wrap
+from data.geometry.se2 import Array, apply, compose, inverse, rotate, wrap
 
 __all__ = ["Array", "apply", "compose", "inverse", "rotate", "wrap"]

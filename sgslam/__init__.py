@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 _HOMES = {
-    "Config": "sgslam.config", "KissOdometry": "sgslam.odometry_kiss", "Result": "sgslam.result",
-    "SceneGraph": "data.scene_graph", "SceneGraphSlam": "sgslam.slam", "Update": "sgslam.result",
-    "load_bim": "data.bim",
+    "Config": "sgslam.config", "KissOdometry": "sgslam.odometry.odometry_kiss", "Result": "sgslam.session.result",
+    "SceneGraph": "data.scene_graph", "SceneGraphSlam": "sgslam.slam", "Update": "sgslam.session.result",
+    "load_bim": "data.plans.bim",
 }  # fmt: skip
 __all__ = [*_HOMES]
 

@@ -10,28 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from data.bim import Bim
-from sgslam.anchor_log import AnchorRecord
-from sgslam.backend import Backend
-from sgslam.building_anchoring import BuildingAnchoring
+from data.plans.bim import Bim
+from sgslam.anchoring.anchor_log import AnchorRecord
+from sgslam.anchoring.building_anchoring import BuildingAnchoring
+from sgslam.anchoring.matcher_protocol import AnyMatcher, default_matcher
+from sgslam.anchoring.storey_hypotheses import floor_named
+from sgslam.backend.backend import Backend
 from sgslam.config import Config
-from sgslam.deskew import checked_times
-from sgslam.floors import Floors
-from sgslam.frames import inverse, level_map, transform_planes
-from sgslam.front_end import FrontEnd, level_to_sensor
-from sgslam.graph_nodes import Anchors
-from sgslam.keyframe_clouds import KeyframeClouds
-from sgslam.keyframes import KeyframeNode, KeyframeRule
-from sgslam.known_map import KnownMap, plan_of
-from sgslam.leaps import Doubted, LeapWatch, all_fit
-from sgslam.locating import Locator
-from sgslam.loops import LoopCloser
-from sgslam.matcher_protocol import AnyMatcher, default_matcher
+from sgslam.geometry.frames import inverse, level_map, transform_planes
+from sgslam.loops.loops import LoopCloser
+from sgslam.mapping.floors import Floors
+from sgslam.mapping.graph_nodes import Anchors
+from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.mapping.keyframes import KeyframeNode, KeyframeRule
 from sgslam.odometry import Odometry, make_odometry
-from sgslam.result import Result, Returned, ScanPose, Update, finished
-from sgslam.scan_input import checked_scan
-from sgslam.snapshot import Snapshot, taken
-from sgslam.storey_hypotheses import floor_named
+from sgslam.perception.deskew import checked_times
+from sgslam.perception.scan_input import checked_scan
+from sgslam.session.known_map import KnownMap, plan_of
+from sgslam.session.result import Result, Returned, ScanPose, Update, finished
+from sgslam.session.snapshot import Snapshot, taken
+from sgslam.tracking.front_end import FrontEnd, level_to_sensor
+from sgslam.tracking.leaps import Doubted, LeapWatch, all_fit
+from sgslam.tracking.locating import Locator
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

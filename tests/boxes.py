@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from data.raycast import TriangleScene
-from data.sensor import SpinningSensor
+from data.geometry.raycast import TriangleScene
+from data.simulation.sensor import SpinningSensor
 
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float, float, float]  # lowest x y z, highest x y z

@@ -9,7 +9,7 @@ from io import StringIO
 from subprocess import CompletedProcess
 from unittest.mock import patch
 
-from data.cli import run_command
+from data.common.cli import run_command
 
 
 def called(module: str, *arguments: object) -> CompletedProcess[str]:

@@ -10,13 +10,13 @@ import numpy as np
 from boxes import Array
 from small_ifc import write_small_ifc
 
-from data.bim import Bim, load_bim
-from data.drive import Robot
+from data.plans.bim import Bim, load_bim
 from data.scans import ScanFolder
-from data.sensor import SpinningSensor
-from data.simulate import simulate
+from data.simulation.drive import Robot
+from data.simulation.sensor import SpinningSensor
+from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from sgslam.result import Result
+from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
 ROBOT = Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0)

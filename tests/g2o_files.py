@@ -8,7 +8,7 @@ import numpy as np
 from boxes import Array, pose
 
 from data import Room, SceneGraph, WallSurface
-from data.poses import poses_to_xyzquat
+from data.geometry.poses import poses_to_xyzquat
 
 ROOMS = {"a": (0.0, 0.0, 4.0, 3.0), "b": (4.2, 0.0, 9.2, 4.0), "c": (0.0, 3.2, 4.0, 7.7)}
 T_BIM_MAP = pose(2.0, -1.0, 0.0, 0.3)

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from PIL import Image
 
-from sgslam.finished_view import FinishedRun, FinishedView, told_truth
-from sgslam.inspect_bim import main as inspect_bim
+from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.run import main as run
-from sgslam.view_page import Page
+from sgslam.viewer.finished_view import FinishedRun, FinishedView, told_truth
+from sgslam.viewer.view_page import Page
 from tests.chromium import Chromium
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"

@@ -21,8 +21,8 @@ from typing import Any
 import pytest
 from commands import called
 
-from data.build import PACKAGES
-from data.cli import Parser
+from data.common.build import PACKAGES
+from data.common.cli import Parser
 
 ROOT = Path(__file__).resolve().parents[1]
 SHELL, PYTHON = ("bash", "sh"), ("python",)
@@ -129,7 +129,7 @@ def _ours(words: list[str]) -> list[str] | None:
 
 def _called(words: list[str]) -> CompletedProcess[str]:
     if Path(words[0]).name == "sgslam":
-        return called("sgslam.command", *words[1:])
+        return called("sgslam.cli.command", *words[1:])
     if words[0] == "-m":
         return called(words[1], *words[2:])
     line = [sys.executable, str(ROOT / words[0]), *words[1:]]
@@ -158,5 +158,5 @@ def _parsed(words: list[str]) -> None:
     with pytest.MonkeyPatch.context() as patch, pytest.raises(_ParsedError):
         patch.setattr(Parser, "parse_args", parse)
         patch.setattr(Parser, "parse_known_args", parse_known)
-        patch.setattr("data.cluster.reached", str)  # the page's machines are nobody's
+        patch.setattr("data.common.cluster.reached", str)  # the page's machines are nobody's
         _called(words)

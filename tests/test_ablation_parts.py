@@ -8,16 +8,16 @@ import pytest
 from small_ifc import STOREY, SmallBuilding, write_small_ifc
 
 from data import Room, SceneGraph, WallSurface
-from data.bim import load_bim
-from data.errors import UserError
+from data.common.errors import UserError
+from data.plans.bim import load_bim
 from data.scans import ScanFolder
-from data.simulate import SimulatedRun, simulate
+from data.simulation.simulate import SimulatedRun, simulate
 from data.trajectory import Trajectory
-from evaluation.growth import STAGES, measure, picture, table
-from evaluation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
-from evaluation.stand_in_matchers import OracleMatcher, WrongMatches
-from evaluation.trajectory import ape, error_in_bim
-from evaluation.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
+from evaluation.harness.stand_in_matchers import OracleMatcher, WrongMatches
+from evaluation.harness.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
+from evaluation.metrics.trajectory import ape, error_in_bim
+from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
+from evaluation.studies.growth import STAGES, measure, picture, table
 from matching import MatchResult
 
 

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from sgslam.anchor_log import AnchorLog, Hold
+from sgslam.anchoring.anchor_log import AnchorLog, Hold
 
 TIGHT = Hold("tight", "match 1", "as planned within 30 mm")
 LOOSE = Hold("loose", "position", "+120 mm off the plan")

@@ -9,21 +9,21 @@ from drives import fed, small_drive, small_run
 from small_ifc import STOREY, write_small_ifc
 
 from data import WallSurface
-from data.bim import load_bim
-from data.changes import Changes, write_plan_without
-from data.errors import UserError
-from data.ifc_writer import IfcWriter, box
-from data.simulate import simulate
+from data.common.errors import UserError
+from data.ifc.ifc_writer import IfcWriter, box
+from data.plans.bim import load_bim
+from data.simulation.changes import Changes, write_plan_without
+from data.simulation.simulate import simulate
+from sgslam.anchoring.holding import Held
+from sgslam.anchoring.position import WallArrays, pair_by_position
+from sgslam.as_built.deviations import Piece
+from sgslam.as_built.presence import has_other_side
+from sgslam.as_built.sights import Sight
+from sgslam.as_built.verdicts import Verdict, verdicts
+from sgslam.as_built.wall_bodies import Body, bodies_of, sides_of
 from sgslam.config import Config
-from sgslam.deviations import Piece
-from sgslam.holding import Held
-from sgslam.position import WallArrays, pair_by_position
-from sgslam.presence import has_other_side
-from sgslam.report_data import ReportData, entered_unmatched
-from sgslam.sights import Sight
+from sgslam.report.report_data import ReportData, entered_unmatched
 from sgslam.slam import SceneGraphSlam
-from sgslam.verdicts import Verdict, verdicts
-from sgslam.wall_bodies import Body, bodies_of, sides_of
 
 CONFIG = Config()
 

@@ -8,13 +8,13 @@ import pytest
 from boxes import Array, pose
 from scipy.spatial.transform import Rotation
 
-from sgslam.accuracy import align_se3
-from sgslam.backend import Anchors, Backend, PlannedWall, RoomNode
+from sgslam.backend.backend import Anchors, Backend, PlannedWall, RoomNode
 from sgslam.config import Config, OdometrySettings
-from sgslam.floor_extraction import FloorObservation
-from sgslam.frames import inverse, transform_planes, transform_points
-from sgslam.keyframes import KeyframeNode
-from sgslam.wall_map import SeenWall
+from sgslam.geometry.frames import inverse, transform_planes, transform_points
+from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping.wall_map import SeenWall
+from sgslam.perception.floor_extraction import FloorObservation
+from sgslam.report.accuracy import align_se3
 
 # two rooms side by side, x 0 to 6 and 6.2 to 12; inward normals, in a frame whose floor is z = 0
 WALLS = np.array([

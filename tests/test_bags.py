@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from bag_files import NS, START, cloud, lidar_bag, livox, scan_points, store, write_bag
 
-from data.errors import UserError
-from data.scan_sources import open_scans
+from data.common.errors import UserError
 from data.scans import ScanFolder
+from data.scans.scan_sources import open_scans
 
 KINDS = ["ros1", "ros1-bz2", "ros1-lz4", "sqlite3", "sqlite3-zstd", "mcap"]
 SECONDS = np.linspace(0, 0.099, 40)

@@ -2,8 +2,8 @@
 
 import pytest
 
-from data.errors import UserError
-from evaluation.benchmark_page import made_by, write_section
+from data.common.errors import UserError
+from evaluation.harness.benchmark_page import made_by, write_section
 
 
 def test_a_section_is_replaced_and_the_rest_stays(tmp_path):

@@ -7,19 +7,20 @@ import pytest
 from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError, WallSurface
-from data.s_graph_regimes import DrawnGraph, draw
-from matching import MatchResult, bent, se2
-from matching.bent_matcher import FEW, BentMatcher, among
-from matching.blocks import elimination, solve
-from matching.corners import corners
-from matching.field import motions
-from matching.hypotheses import between_graphs
-from matching.kept import PLANS_KEPT, Kept
-from matching.plan_walls import PlanWalls
-from matching.proposals import Proposals, TopK
-from matching.voting import marks
-from matching.voting_proposals import voting_proposals
-from matching.walls import Walls, storeys
+from data.synthetic_maps.s_graph_regimes import DrawnGraph, draw
+from matching import MatchResult, se2
+from matching.arrays.blocks import elimination, solve
+from matching.arrays.kept import PLANS_KEPT, Kept
+from matching.arrays.walls import Walls, storeys
+from matching.deformation import bent
+from matching.deformation.bent_matcher import FEW, BentMatcher, among
+from matching.deformation.field import motions
+from matching.search.corners import corners
+from matching.search.hypotheses import between_graphs
+from matching.search.plan_walls import PlanWalls
+from matching.search.proposals import Proposals, TopK
+from matching.search.voting import marks
+from matching.search.voting_proposals import voting_proposals
 
 MATCHER = BentMatcher(voting_proposals)
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")

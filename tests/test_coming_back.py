@@ -8,14 +8,14 @@ import pytest
 from boxes import Array, pose, room, scan, scene_of
 from drives import fed, small_drive, small_run
 
-from data.errors import UserError
+from data.common.errors import UserError
 from data.trajectory import Trajectory
 from matching import Matcher
-from sgslam.checkpoints import Checkpoints, load
 from sgslam.config import Config
-from sgslam.keyframe_clouds import FILE as CLOUDS
-from sgslam.known_map import KnownMap
-from sgslam.result import Result
+from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
+from sgslam.session.checkpoints import Checkpoints, load
+from sgslam.session.known_map import KnownMap
+from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
 

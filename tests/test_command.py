@@ -11,12 +11,12 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
-from sgslam import installed
-from sgslam.command import COMMANDS, measurements
+from sgslam.cli import installed
+from sgslam.cli.command import COMMANDS, measurements
+from sgslam.cli.doctor import tried
 from sgslam.config import Config
-from sgslam.doctor import tried
-from sgslam.dump_config import explained
-from sgslam.settings import load_config
+from sgslam.config.dump_config import explained
+from sgslam.config.settings import load_config
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -43,8 +43,8 @@ def test_every_name_is_a_module_with_a_line_of_its_own() -> None:
     ("names", "module"),
     [
         (["run"], "sgslam.run"),
-        (["simulate"], "data.simulate"),
-        (["evaluate", "matching-time"], "evaluation.matching_time"),
+        (["simulate"], "data.simulation.simulate"),
+        (["evaluate", "matching-time"], "evaluation.matching_benchmark.matching_time"),
     ],
 )  # fmt: skip
 def test_help_and_mistakes_are_those_of_the_module_under_the_commands_name(names: list[str], module: str) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from data.compiled import compiled
-from data.processes import environment
-from sgslam.climb import nearest_in_plan
-from sgslam.normal_equations import add_row, solved
+from data.common.compiled import compiled
+from data.common.processes import environment
+from sgslam.geometry.normal_equations import add_row, solved
+from sgslam.tracking.climb import nearest_in_plan
 
 RNG = np.random.default_rng(4)
 
@@ -47,9 +47,9 @@ def test_what_cannot_be_kept_on_disk_is_compiled_all_the_same() -> None:
     assert compiled(names["twice"])(21.0) == 42.0  # type: ignore[type-var, operator]
 
 
-INNER = "from data.compiled import compiled\n\nSUM = {}\n\n@compiled\ndef inner(x):\n    return {} * x\n"
+INNER = "from data.common.compiled import compiled\n\nSUM = {}\n\n@compiled\ndef inner(x):\n    return {} * x\n"
 CALLER = """
-from data.compiled import compiled
+from data.common.compiled import compiled
 from inner import SUM, inner
 
 @compiled

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from data import compiling
-from data.processes import environment
+from data.common import compiling
+from data.common.processes import environment
 
 SMALL = '''
 from pathlib import Path
 
-from data.compiled import compiled
+from data.common.compiled import compiled
 
 HERE = Path(__file__).parent
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from data import Room, SceneGraph, WallSurface, se2
-from sgslam.contradictions import contradicted
+from data import Room, SceneGraph, WallSurface
+from data.geometry import se2
+from sgslam.anchoring.contradictions import contradicted
 
 
 def a_room(

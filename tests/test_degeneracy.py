@@ -8,13 +8,13 @@ import pytest
 from boxes import Array, Box, pose, room, scan, scene_of
 from drives import small_drive
 
-from data.sensor import SpinningSensor
+from data.simulation.sensor import SpinningSensor
 from sgslam.config import OdometrySettings, TrackingSettings
-from sgslam.degeneracy import Slack, surfaces_of, turned
-from sgslam.frames import inverse
-from sgslam.result import Result
+from sgslam.geometry.frames import inverse
+from sgslam.perception.virtual_scan import sort_into_columns
+from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.virtual_scan import sort_into_columns
+from sgslam.tracking.degeneracy import Slack, surfaces_of, turned
 
 SENSOR = SpinningSensor(azimuths=450, max_range=30.0)
 FURNISHED: list[Box] = [*room(-6.0, -4.0, 14.0, 5.0), (2.0, -4.0, 0.0, 2.2, 0.0, 2.6), (6.0, 3.0, 0.0, 7.0, 5.0, 2.6)]

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 import shapely
 
-from data.bim import Bim, load_bim
-from data.demo_building import DEMO_STOREY, write_demo_building
-from data.errors import UserError
-from data.ifc_graph import read_ifc
-from data.ifc_products import open_ifc, products
-from data.occupancy import build_grid
-from data.raycast import TriangleScene
-from data.route import plan_tour
+from data.common.errors import UserError
+from data.generation.demo_building import DEMO_STOREY, write_demo_building
+from data.geometry.raycast import TriangleScene
+from data.ifc.ifc_graph import read_ifc
+from data.ifc.ifc_products import open_ifc, products
+from data.plans.bim import Bim, load_bim
 from data.scene_graph import Room, SceneGraph
-from data.storey_model import StoreyModel, load_storey
+from data.simulation.occupancy import build_grid
+from data.simulation.route import plan_tour
+from data.simulation.storey_model import StoreyModel, load_storey
 from matching import Matcher
 
 STOREYS = ("Ground floor", "Upper floor")
@@ -202,7 +202,7 @@ def test_four_rooms_tell_where_one_is(bim: Bim, name: str, seen: tuple[str, ...]
 
 
 def test_the_command_writes_the_same_bytes_whatever_the_path(ifc: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "data.demo_building", "--out", "other.ifc"]
+    command = [sys.executable, "-m", "data.generation.demo_building", "--out", "other.ifc"]
     environment = {**os.environ, "PYTHONHASHSEED": "7"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

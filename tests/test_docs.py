@@ -18,10 +18,10 @@ from small_ifc import write_small_ifc
 from snippets import KNOWN, ROOT, Block, blocks, call, check_form, run
 
 import factors
-from data.demo_building import write_demo_building
-from evaluation.sequences import read_specs
+from data.generation.demo_building import write_demo_building
+from evaluation.harness.sequences import read_specs
 from sgslam.config import Config
-from sgslam.parameters_page import parameters_page
+from sgslam.config.parameters_page import parameters_page
 
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md"])

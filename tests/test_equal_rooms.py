@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data import se2
+from data.geometry import se2
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
 from matching import Matcher
 

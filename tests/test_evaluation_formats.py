@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from data.errors import UserError
+from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.formats import read_euroc, read_kitti, write_euroc, write_kitti
+from evaluation.harness.formats import read_euroc, read_kitti, write_euroc, write_kitti
 
 STAMPS = 1_403_636_580_838_555_648 + np.cumsum(np.random.default_rng(1).integers(1, 10**9, 40))
 IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0"

@@ -10,12 +10,12 @@ from s_graph_noise import REAL, Noise, draw
 from scipy.spatial.transform import Rotation
 
 from data import Room, SceneGraph, WallSurface
-from data.errors import UserError
-from evaluation.map_metrics import room_scores, wall_scores
-from evaluation.surface_overlap import Limits, best_rigid_fit, plan_motion
-from evaluation.true_matches import bearers, true_matches
+from data.common.errors import UserError
+from evaluation.metrics.map_metrics import room_scores, wall_scores
+from evaluation.metrics.surface_overlap import Limits, best_rigid_fit, plan_motion
+from evaluation.metrics.true_matches import bearers, true_matches
 from matching import se2
-from sgslam.frames import se2_to_se3
+from sgslam.geometry.frames import se2_to_se3
 
 PLAN = a_graph(offices([3.0, 4.0, 3.5], [5.0, 5.6]), "ground")
 T_MAP_BIM = (0.7, 12.0, -5.0)

@@ -9,13 +9,13 @@ from plans import a_graph, flat
 from s_graph_noise import draw
 
 from data import Room, SceneGraph, WallSurface
-from data.errors import UserError
-from evaluation.matching_metrics import matching_scores, unique_is_wrong
-from evaluation.statistics import Score
-from evaluation.true_matches import TrueMatches, true_matches
+from data.common.errors import UserError
+from evaluation.metrics.matching_metrics import matching_scores, unique_is_wrong
+from evaluation.metrics.statistics import Score
+from evaluation.metrics.true_matches import TrueMatches, true_matches
 from matching import Matcher
 from matching.result import MatchResult
-from sgslam.frames import se2_to_se3
+from sgslam.geometry.frames import se2_to_se3
 
 
 def wall(name: str, length: float | None) -> WallSurface:

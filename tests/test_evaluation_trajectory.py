@@ -7,13 +7,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from data.errors import UserError
+from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.alignment import align_yaw
-from evaluation.consistency import nees
-from evaluation.statistics import Statistics
-from evaluation.trajectory import ape, drift, drift_reduction, error_in_bim, rpe
-from sgslam.accuracy import accuracy, rmse_aligned
+from evaluation.metrics.alignment import align_yaw
+from evaluation.metrics.consistency import nees
+from evaluation.metrics.statistics import Statistics
+from evaluation.metrics.trajectory import ape, drift, drift_reduction, error_in_bim, rpe
+from sgslam.report.accuracy import accuracy, rmse_aligned
 
 MS = 1_000_000
 T0 = 1_700_000_000_000_000_000

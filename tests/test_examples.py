@@ -12,7 +12,7 @@ from g2o_files import drawn_graph
 from small_ifc import write_small_ifc
 
 from data import UserError
-from data.poses import xyzquat_to_poses
+from data.geometry.poses import xyzquat_to_poses
 from sgslam.slam import SceneGraphSlam
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -16,10 +16,10 @@ from commands import called
 from small_ifc import STOREY, write_small_ifc
 
 from data import Floor, SceneGraph, WallSurface
-from data.bim import load_bim
-from data.errors import UserError
-from data.ifc_deviations import WallFinding, write_as_built
-from sgslam.export import BCF, IFC, export
+from data.common.errors import UserError
+from data.ifc.ifc_deviations import WallFinding, write_as_built
+from data.plans.bim import load_bim
+from sgslam.cli.export import BCF, IFC, export
 
 SHARED_2X3 = Path(__file__).resolve().parents[2] / "shared/data/ifc/AC90R1-niedriha-V2-2x3.ifc"
 YAW = 0.4
@@ -54,7 +54,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     pose = [3000.0, -2000.0, 41.0, 0.0, 0.0, np.sin(YAW / 2), np.cos(YAW / 2)]
     (out / "metrics.json").write_text(json.dumps({"T_bim_map": pose}))
     (out / "matches.json").write_text(json.dumps({"floor": moved.floor}))
-    done = called("sgslam.export", "--out", out, "--bim", building.path)
+    done = called("sgslam.cli.export", "--out", out, "--bim", building.path)
     assert done.returncode == 0, done.stderr
     assert "3 walls" in done.stdout and "3 topics" in done.stdout
     return out, building.path

@@ -11,9 +11,9 @@ from gtsam.symbol_shorthand import X
 from test_backend import CONFIG, Run, anchors_of
 
 import factors
-from sgslam.backend import Backend, PlannedWall, RoomNode
-from sgslam.factor_log import Entry, FactorLog, Kind
-from sgslam.frames import inverse, transform_planes
+from sgslam.backend.backend import Backend, PlannedWall, RoomNode
+from sgslam.backend.factor_log import Entry, FactorLog, Kind
+from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.slam import SceneGraphSlam
 
 T_BIM_BUILDING = pose(3.0, -8.0, 12.5, 2.5)

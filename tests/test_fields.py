@@ -8,23 +8,25 @@ import shapely
 import torch
 from plans import a_graph, flat
 
-from data.s_graph_regimes import draw
-from matching import bent, consensus, field_step, se2
-from matching.bent_complete import _merit
-from matching.doors import Doors
-from matching.encoder import GraphTensors
-from matching.features import map_features, plan_features
-from matching.field import STEP, Fields, Scene, judge, motions, rigid_state
-from matching.field_partners import GATE_M, GATE_RAD, PARTNERS, partners
-from matching.groups import BESIDE, POINTS, groups
-from matching.local_motions import local_motions
-from matching.plan_walls import PlanWalls
-from matching.proposals import TopK
-from matching.scoring import Pairing, explained, fit
+from data.synthetic_maps.s_graph_regimes import draw
+from matching import se2
+from matching.arrays.doors import Doors
+from matching.arrays.walls import arrays
+from matching.deformation import bent, field_step
+from matching.deformation.bent_complete import _merit
+from matching.deformation.field import STEP, Fields, Scene, judge, motions, rigid_state
+from matching.deformation.field_partners import GATE_M, GATE_RAD, PARTNERS, partners
+from matching.deformation.local_motions import local_motions
+from matching.network import consensus
+from matching.network.encoder import GraphTensors
+from matching.network.features import map_features, plan_features
+from matching.network.support_loops import combinations
 from matching.se2 import Array
-from matching.support_loops import combinations
-from matching.voting import vote
-from matching.walls import arrays
+from matching.search.groups import BESIDE, POINTS, groups
+from matching.search.plan_walls import PlanWalls
+from matching.search.proposals import TopK
+from matching.search.scoring import Pairing, explained, fit
+from matching.search.voting import vote
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 DRAWN = draw(PLAN, "real", np.random.default_rng(1), 5)

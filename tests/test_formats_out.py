@@ -16,18 +16,18 @@ from commands import refused
 from drives import Drive, fed, small_drive, small_run
 
 from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
-from data.errors import UserError
-from data.poses import xyzquat_to_poses
+from data.common.errors import UserError
+from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
-from data.trajectory_formats import write_euroc, write_kitti
-from sgslam.cloud_map import VoxelMap
-from sgslam.dsg import dsg
-from sgslam.export import export, main
-from sgslam.factor_log import Entry, FactorLog
-from sgslam.graphml import graphml
-from sgslam.keyframe_clouds import FILE as CLOUDS
-from sgslam.pose_graph import write_pose_graph
-from sgslam.run_folder import RunFolder
+from data.trajectory.trajectory_formats import write_euroc, write_kitti
+from sgslam.backend.factor_log import Entry, FactorLog
+from sgslam.backend.pose_graph import write_pose_graph
+from sgslam.cli.export import export, main
+from sgslam.export.cloud_map import VoxelMap
+from sgslam.export.dsg import dsg
+from sgslam.export.graphml import graphml
+from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
+from sgslam.report.run_folder import RunFolder
 from sgslam.slam import SceneGraphSlam
 
 NAMES = [
@@ -37,7 +37,7 @@ NAMES = [
 
 
 def command(*words: object) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "sgslam.export", *map(str, words)]
+    line = [sys.executable, "-m", "sgslam.cli.export", *map(str, words)]
     return subprocess.run(line, capture_output=True, text=True, check=False)
 
 
@@ -100,7 +100,7 @@ def test_a_coarser_map_has_fewer_points_and_other_settings_are_refused(out: Path
     for words, message in (("ply --voxel nan", "--voxel nan"), ("ifc", "--bim")):
         with pytest.raises(UserError, match=message):
             main(["--out", str(out), "--format", *words.split()])
-    assert "'obj'" in refused("sgslam.export", "--out", out, "--format", "obj")
+    assert "'obj'" in refused("sgslam.cli.export", "--out", out, "--format", "obj")
 
 
 def test_points_of_a_voxel_become_their_mean() -> None:

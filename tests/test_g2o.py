@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from g2o_files import T_BIM_MAP, Drawn, drawn_graph
 
-from data.errors import UserError
-from data.g2o import PlaneGraph, plane_of, read_g2o
+from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from evaluation.one_wall_out import one_wall_out
+from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
+from evaluation.published.one_wall_out import one_wall_out
 from matching import Matcher
-from sgslam.plane_graph import anchor_plane_graph
+from sgslam.anchoring.plane_graph import anchor_plane_graph
 
 SE2 = Path(__file__).parents[2] / "shared/data/slam_graphs"
 needs_se2 = pytest.mark.skipif(not (SE2 / "SE2_s_graph.g2o").exists(), reason=f"{SE2}/SE2_s_graph.g2o is not there")
@@ -179,7 +179,7 @@ def test_the_published_graph_is_read_as_it_is() -> None:
 @needs_se2
 def test_the_published_graph_comes_closer_to_its_plan() -> None:
     files = [str(SE2 / "SE2_s_graph.g2o"), str(SE2 / "SE2.json")]
-    command = [sys.executable, "-m", "evaluation.one_wall_out", *files, "--method", "voting"]
+    command = [sys.executable, "-m", "evaluation.published.one_wall_out", *files, "--method", "voting"]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
     laid, _, anchored = (float(cell) for cell in told.split("|")[3:6])
     assert anchored < 0.5 * laid

@@ -13,8 +13,8 @@ import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError, WallSurface
-from data.bim import load_bim
-from data.ifc_graph import read_ifc
+from data.ifc.ifc_graph import read_ifc
+from data.plans.bim import load_bim
 from tests.ifc_models import IfcModel, box
 
 SHARED = Path(__file__).parents[2] / "shared"
@@ -284,7 +284,7 @@ def test_zip_json_and_cache_give_the_same_graph(tmp_path: Path, monkeypatch: pyt
         assert load_bim(ifc) == bim
         assert json.loads(entry.read_text())["graph"] == json.loads((tmp_path / "a.json").read_text())
 
-    script = "import sys, data.bim as b; b.load_bim(sys.argv[1]); sys.exit('ifcopenshell' in sys.modules)"
+    script = "import sys, data.plans.bim as b; b.load_bim(sys.argv[1]); sys.exit('ifcopenshell' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script, str(ifc)], check=False).returncode == 0
 
 

@@ -12,17 +12,17 @@ from commands import refused
 from plans import a_graph, box, merged, moved, offices
 
 from data import Door, Floor, Room, SceneGraph, UserError
-from data.s_graph_exploration import storeys_of
-from data.s_graph_regimes import draw_walk
-from data.s_graph_walks import nearest_first, seen_in
-from evaluation.rooms_needed import Side, Start, sides_of, table
+from data.synthetic_maps.s_graph_exploration import storeys_of
+from data.synthetic_maps.s_graph_regimes import draw_walk
+from data.synthetic_maps.s_graph_walks import nearest_first, seen_in
+from evaluation.studies.rooms_needed import Side, Start, sides_of, table
 from matching import Matcher
-from sgslam.asked_maps import Answers, AskedMaps
-from sgslam.inspection import Ask, Inspection, inspect
-from sgslam.inspection_page import inspection_html
-from sgslam.own_twins import OwnTwins
-from sgslam.plan_gaps import gaps
-from sgslam.rooms_needed import dividing
+from sgslam.inspection.asked_maps import Answers, AskedMaps
+from sgslam.inspection.inspection import Ask, Inspection, inspect
+from sgslam.inspection.inspection_page import inspection_html
+from sgslam.inspection.own_twins import OwnTwins
+from sgslam.inspection.plan_gaps import gaps
+from sgslam.inspection.rooms_needed import dividing
 
 VOTING = Ask("voting", maps=1)
 
@@ -222,7 +222,7 @@ def test_the_command_writes_page_and_values(tmp_path: Path, house: Inspection) -
 def test_a_users_mistake_is_one_line(tmp_path: Path, arguments: list[str], told: str) -> None:
     corridor_house().save(tmp_path / "house.json")
     file = [] if arguments[0] == "nowhere.ifc" else [tmp_path / "house.json"]
-    assert told in refused("sgslam.inspect_bim", *file, *arguments, "--out", tmp_path / "out")
+    assert told in refused("sgslam.cli.inspect_bim", *file, *arguments, "--out", tmp_path / "out")
 
 
 def test_the_check_asks_the_benchmark_on_both_sides_of_what_was_foretold() -> None:

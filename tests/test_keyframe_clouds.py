@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data.errors import UserError
-from data.files import write_atomically
-from sgslam.keyframe_clouds import KeyframeClouds
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from sgslam.mapping.keyframe_clouds import KeyframeClouds
 
 
 def some_points(seed: int, count: int = 500) -> np.ndarray:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from small_ifc import write_small_ifc
 
-from data.errors import UserError
+from data.common.errors import UserError
 from data.scans import ScanFolder
-from evaluation import endless_drive
-from evaluation.endless_drive import EndlessDrive, Way
+from evaluation.harness import endless_drive
+from evaluation.harness.endless_drive import EndlessDrive, Way
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def test_a_storey_that_is_not_there_is_told(bim: Path) -> None:
 
 def test_the_command_measures_and_writes_its_section(bim: Path, tmp_path: Path) -> None:
     words = ["--out", "out", "--bim", str(bim), "--storey", "Ground", "--scans", "60", "--standing"]
-    command = [sys.executable, "-m", "evaluation.long_run", *words, "--benchmarks", "page.md"]
+    command = [sys.executable, "-m", "evaluation.studies.long_run", *words, "--benchmarks", "page.md"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     told = json.loads((tmp_path / "out/samples.json").read_text())

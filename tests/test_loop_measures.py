@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from boxes import pose
 
-from data.errors import UserError
+from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.loop_buildings import DEPTH, PITCH, long_corridor, ring
-from evaluation.loop_drives import ROUTES, drive_along
-from evaluation.loops import COLUMNS, FALSE_M, FALSE_RAD, errors_of, measure, table
-from sgslam.graph_nodes import Closure
+from evaluation.harness.loop_buildings import DEPTH, PITCH, long_corridor, ring
+from evaluation.harness.loop_drives import ROUTES, drive_along
+from evaluation.studies.loops import COLUMNS, FALSE_M, FALSE_RAD, errors_of, measure, table
+from sgslam.mapping.graph_nodes import Closure
 
 
 def test_an_office_looks_as_its_neighbour_does() -> None:
-    from data.raycast import TriangleScene
+    from data.geometry.raycast import TriangleScene
 
     building = long_corridor(6)
     scene, angle = TriangleScene(building.triangles), np.linspace(-np.pi, np.pi, 90, endpoint=False)
@@ -87,6 +87,6 @@ def test_what_is_measured_already_is_not_run_again(tmp_path: Path) -> None:
 
 
 def test_the_command_line_refuses_an_unknown_route(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "evaluation.loops", "--out", str(tmp_path), "--routes", "up"]
+    command = [sys.executable, "-m", "evaluation.studies.loops", "--out", str(tmp_path), "--routes", "up"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and "up" in done.stderr and "Traceback" not in done.stderr

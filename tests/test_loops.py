@@ -10,22 +10,22 @@ import pytest
 from boxes import Array, pose
 
 import factors
-from data.raycast import TriangleScene
-from data.sensor import SpinningSensor
-from evaluation.loop_buildings import Drawn, long_corridor, ring
-from sgslam.backend import Backend
+from data.geometry.raycast import TriangleScene
+from data.simulation.sensor import SpinningSensor
+from evaluation.harness.loop_buildings import Drawn, long_corridor, ring
+from sgslam.backend.backend import Backend
 from sgslam.config import Config, SurfaceSettings
-from sgslam.frames import inverse, transform_points
-from sgslam.front_end import FrontEnd
-from sgslam.graph_nodes import Closure
-from sgslam.keyframes import KeyframeNode
-from sgslam.loop_candidates import Ties, passes_near, tied_by_walls, way_driven
-from sgslam.loop_likeness import Widths, alike
-from sgslam.loop_registration import register
-from sgslam.loop_search import SeenSpace, agreement, search
-from sgslam.loop_settings import LoopSettings
-from sgslam.loops import LoopCloser
-from sgslam.wall_map import SeenWall, WallMap
+from sgslam.config.loop_settings import LoopSettings
+from sgslam.geometry.frames import inverse, transform_points
+from sgslam.loops.loop_candidates import Ties, passes_near, tied_by_walls, way_driven
+from sgslam.loops.loop_likeness import Widths, alike
+from sgslam.loops.loop_registration import register
+from sgslam.loops.loop_search import SeenSpace, agreement, search
+from sgslam.loops.loops import LoopCloser
+from sgslam.mapping.graph_nodes import Closure
+from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping.wall_map import SeenWall, WallMap
+from sgslam.tracking.front_end import FrontEnd
 
 SETTINGS = LoopSettings()
 SENSOR = SpinningSensor(azimuths=450)

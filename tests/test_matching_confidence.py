@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from plans import a_graph, flat
 
-from data.s_graph_regimes import draw
-from evaluation.calibration import binned, calibration_error
+from data.synthetic_maps.s_graph_regimes import draw
+from evaluation.metrics.calibration import binned, calibration_error
 from matching import Matcher
-from matching.confidence import place_probability, room_confidence, surface_confidence
+from matching.search.confidence import place_probability, room_confidence, surface_confidence
 
 MATCHER = Matcher.load()
 PLANS = [a_graph(flat(np.random.default_rng(seed))) for seed in range(20, 25)]

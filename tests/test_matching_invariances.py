@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from plans import a_graph, flat, merged, moved, offices
 
-from data import SceneGraph, se2
-from data.s_graph_regimes import DrawnGraph, draw
+from data import SceneGraph
+from data.geometry import se2
+from data.synthetic_maps.s_graph_regimes import DrawnGraph, draw
 from matching import Matcher, MatchResult
-from matching.walls import storeys
+from matching.arrays.walls import storeys
 
 MATCHER = Matcher.load()
 PLANS = {

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from data import SceneGraph, WallSurface
-from data.errors import UserError
-from evaluation import matching_twins
-from evaluation.bootstrap import most_of, ratio
-from evaluation.calibration import binned, calibration_error, merged
-from evaluation.matching_cells import measure
-from evaluation.matching_judge import is_wrong, tallies
-from evaluation.matching_rows import Row, Tally, appending, read_rows
-from evaluation.matching_tables import full_tables, latex, tables
-from evaluation.true_matches import TrueMatches
+from data.common.errors import UserError
+from evaluation.matching_benchmark import matching_twins
+from evaluation.matching_benchmark.matching_cells import measure
+from evaluation.matching_benchmark.matching_judge import is_wrong, tallies
+from evaluation.matching_benchmark.matching_rows import Row, Tally, appending, read_rows
+from evaluation.matching_benchmark.matching_tables import full_tables, latex, tables
+from evaluation.metrics.bootstrap import most_of, ratio
+from evaluation.metrics.calibration import binned, calibration_error, merged
+from evaluation.metrics.true_matches import TrueMatches
 from matching.result import MatchResult
 
 WALLS = tuple(WallSurface(name, None, (0.0, 0.0), (1.0, 0.0), 1.0) for name in ("one", "two", "cupboard", "shelf"))

@@ -3,7 +3,16 @@
 import subprocess
 import sys
 
-from evaluation.matching_time import CASES, Case, Large, Times, in_new_process, measured, measured_large, page_of
+from evaluation.matching_benchmark.matching_time import (
+    CASES,
+    Case,
+    Large,
+    Times,
+    in_new_process,
+    measured,
+    measured_large,
+    page_of,
+)
 
 SMALL = Case("apartment", 3, None, 3)
 
@@ -31,6 +40,6 @@ def test_the_page_tells_the_ratio():
 
 
 def test_a_number_of_runs_below_one_is_refused():
-    command = [sys.executable, "-m", "evaluation.matching_time", "--repeat", "0"]
+    command = [sys.executable, "-m", "evaluation.matching_benchmark.matching_time", "--repeat", "0"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2 and "must be at least 1" in done.stderr

@@ -10,14 +10,14 @@ import shapely
 import trimesh
 from numpy.typing import NDArray
 
-from data.changes import Changes
-from data.errors import UserError
-from data.mesh_files import read_triangles
-from data.mesh_plan import read_mesh
-from data.mesh_sections import mesh_solid, winding_numbers
+from data.common.errors import UserError
+from data.plans.mesh_files import read_triangles
+from data.plans.mesh_plan import read_mesh
+from data.plans.mesh_sections import mesh_solid, winding_numbers
 from data.scene_graph import SceneGraph
-from data.sensor import SpinningSensor
-from data.simulate import simulate
+from data.simulation.changes import Changes
+from data.simulation.sensor import SpinningSensor
+from data.simulation.simulate import simulate
 
 MESHES = Path(__file__).parents[1] / "../shared/data/meshes"
 BOXES = (  # two rooms of 4 x 4 m side by side and a doorway between them, under a lintel; a hole at the floor's edge
@@ -127,7 +127,7 @@ def test_files_that_are_no_buildings_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_command_writes_an_a_graph(stl: Path, tmp_path: Path) -> None:
-    words = [sys.executable, "-m", "data.mesh_plan", "--mesh", str(stl), "--out", str(tmp_path / "a.json")]
+    words = [sys.executable, "-m", "data.plans.mesh_plan", "--mesh", str(stl), "--out", str(tmp_path / "a.json")]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "2 rooms" in done.stdout and len(SceneGraph.load(tmp_path / "a.json").rooms) == 2

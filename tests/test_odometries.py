@@ -8,11 +8,11 @@ import pytest
 from drives import small_drive
 
 from data import UserError
-from data.scan_writers import SCAN_WRITERS
-from data.stamps import ns_to_seconds
-from evaluation import moving_scans, odometries
-from evaluation.record_file import RecordFile
-from evaluation.sequences import SequenceSpec, odometry_of_run
+from data.scans.scan_writers import SCAN_WRITERS
+from data.trajectory.stamps import ns_to_seconds
+from evaluation.harness.record_file import RecordFile
+from evaluation.harness.sequences import SequenceSpec, odometry_of_run
+from evaluation.studies import moving_scans, odometries
 from sgslam.config import Config, OdometrySettings
 
 

@@ -11,12 +11,12 @@ from odometry_contract import OdometryContract, RegistrationContract, bow, off
 
 from data import UserError
 from data.trajectory import Trajectory
-from sgslam.checkpoints import Checkpoints, load
 from sgslam.config import Config, OdometrySettings
-from sgslam.frames import inverse, is_rigid
+from sgslam.geometry.frames import inverse, is_rigid
 from sgslam.odometry import METHODS, Odometry, make_odometry
-from sgslam.odometry_choice import choose
-from sgslam.odometry_given import GivenOdometry
+from sgslam.odometry.odometry_choice import choose
+from sgslam.odometry.odometry_given import GivenOdometry
+from sgslam.session.checkpoints import Checkpoints, load
 from sgslam.slam import SceneGraphSlam
 
 NS = 1_000_000_000

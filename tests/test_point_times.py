@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data.errors import UserError
-from data.point_times import seconds_after, time_field
+from data.common.errors import UserError
 from data.scans import ScanFolder
-from data.stamps import NS
+from data.scans.point_times import seconds_after, time_field
+from data.trajectory.stamps import NS
 
 STAMP = 1_700_000_000 * NS + 123_456_789
 TURN = np.linspace(0.0, 0.0997, 500)

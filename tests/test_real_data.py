@@ -9,8 +9,8 @@ import shapely
 from commands import called
 
 from data.scene_graph import SceneGraph, WallSurface
-from data.sensor import SpinningSensor
-from data.simulate import simulate
+from data.simulation.sensor import SpinningSensor
+from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 
 SHARED = Path(__file__).resolve().parent.parent.parent / "shared" / "data"

@@ -13,11 +13,11 @@ import pytest
 from commands import called
 from drives import fed, small_drive, small_run
 
-from data.errors import UserError
+from data.common.errors import UserError
 from data.trajectory import Trajectory
-from sgslam.checkpoints import FILE, Checkpoints, about_run, load
-from sgslam.result import Result
 from sgslam.run import main
+from sgslam.session.checkpoints import FILE, Checkpoints, about_run, load
+from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
 PART = 150  # scans
@@ -67,7 +67,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(*arguments: str | Path) -> list[str]:
     """`sgslam.run`, which writes its state after every scan."""
-    often = "import sgslam.checkpoints as c; c.SHARE = 1e9; from sgslam.run import *; run_command(main)"
+    often = "import sgslam.session.checkpoints as c; c.SHARE = 1e9; from sgslam.run import *; run_command(main)"
     return [sys.executable, "-c", often, *map(str, arguments)]
 
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from test_contradictions import a_room, graph
 
-from data import Keyframe, Room, SceneGraph, WallSurface, se2
+from data import Keyframe, Room, SceneGraph, WallSurface
+from data.geometry import se2
 from matching import Matcher, MatchResult
+from sgslam.anchoring.room_by_room import MOST_ASKED, room_by_room
 from sgslam.config import AnchorSettings
-from sgslam.room_by_room import MOST_ASKED, room_by_room
 
 Corners = list[tuple[float, float]]
 LAB: Corners = [(0, 0), (6, 0), (6, 2.2), (7.5, 2.2), (7.5, 5), (3.1, 5), (3.1, 4.2), (0, 4.2)]

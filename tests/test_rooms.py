@@ -8,8 +8,8 @@ from boxes import Array, Box, scene_of
 from numpy.typing import NDArray
 
 from sgslam.config import RoomSettings
-from sgslam.free_space import Grid, free_space
-from sgslam.rooms import Segmentation, segment
+from sgslam.mapping.free_space import Grid, free_space
+from sgslam.mapping.rooms import Segmentation, segment
 
 SETTINGS = RoomSettings()
 OUTER: list[Box] = [

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pypcd4 import Encoding, PointCloud
 
-from data.errors import UserError
-from data.scan_formats import UnreadableScanError, read_points
+from data.common.errors import UserError
 from data.scans import ScanFolder, natural_key
-from data.stamps import ns_to_seconds, seconds_to_ns
+from data.scans.scan_formats import UnreadableScanError, read_points
+from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
 REAL_SCANS = Path(__file__).parents[1] / "../shared/data/scans/vlp16_room_corridor"
 POINTS = np.random.default_rng(0).normal(size=(60, 3)).astype(np.float32) * 5

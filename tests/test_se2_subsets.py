@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from plans import a_graph, flat
 
-from data import se2
-from data.errors import UserError
-from data.s_graph_regimes import draw
-from data.scene_motion import moved
-from evaluation.se2_subsets import Known, outcomes, parts
+from data.common.errors import UserError
+from data.geometry import se2
+from data.scene_graph.scene_motion import moved
+from data.synthetic_maps.s_graph_regimes import draw
+from evaluation.published.se2_subsets import Known, outcomes, parts
 from matching import Matcher
 
 PLAN = a_graph(flat(np.random.default_rng(5)), "ground")
@@ -49,10 +49,10 @@ def test_a_moved_part_is_the_same_part() -> None:
 
 def test_the_command_prints_its_table_and_writes_the_page(file: Path, tmp_path: Path) -> None:
     page = tmp_path / "PAGE.md"
-    line = [sys.executable, "-m", "evaluation.se2_subsets", str(file), "--motions", "1", "--page", str(page)]
+    line = [sys.executable, "-m", "evaluation.published.se2_subsets", str(file), "--motions", "1", "--page", str(page)]
     done = subprocess.run(line, capture_output=True, text=True, check=True)
     assert [text.split("|")[1].strip() for text in done.stdout.splitlines()[2:]] == ["2", "3", "4", "all"]
-    assert "| all | 11 |" in page.read_text() and "`python -m evaluation.se2_subsets" in page.read_text()
+    assert "| all | 11 |" in page.read_text() and "`python -m evaluation.published.se2_subsets" in page.read_text()
     (tmp_path / "bad.json").write_text('{"s_graph": 1}')
     with pytest.raises(UserError, match=r"bad\.json"):
         Known.load(tmp_path / "bad.json")

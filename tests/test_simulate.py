@@ -12,18 +12,18 @@ from commands import refused
 from numpy.typing import NDArray
 from small_ifc import CUPBOARD, DOORS, PANE, PIT, ROOMS, WALLS, Box, SmallBuilding, write_small_ifc
 
-from data.changes import Changes
-from data.drive import Robot, drive
-from data.errors import UserError
-from data.occupancy import build_grid
-from data.raycast import TriangleScene
-from data.route import curve_length, plan_tour
-from data.scan_formats import read_points
-from data.scan_writers import SCAN_WRITERS
+from data.common.errors import UserError
+from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
-from data.sensor import SpinningSensor
-from data.simulate import ROBOT, SimulatedRun, simulate
-from data.storey_model import load_storey
+from data.scans.scan_formats import read_points
+from data.scans.scan_writers import SCAN_WRITERS
+from data.simulation.changes import Changes
+from data.simulation.drive import Robot, drive
+from data.simulation.occupancy import build_grid
+from data.simulation.route import curve_length, plan_tour
+from data.simulation.sensor import SpinningSensor
+from data.simulation.simulate import ROBOT, SimulatedRun, simulate
+from data.simulation.storey_model import load_storey
 from data.trajectory import Trajectory
 
 SENSOR = SpinningSensor(azimuths=120, rate=5.0)
@@ -312,7 +312,7 @@ def test_the_window_goes_with_its_wall_and_an_absent_wall_is_open(building: Smal
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "data.simulate", *arguments], capture_output=True, text=True)
+    return subprocess.run([sys.executable, "-m", "data.simulation.simulate", *arguments], capture_output=True, text=True)
 
 
 def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
     done = command(*asked, *sizes, "--out", str(out))
     assert done.returncode == 0, done.stderr
     assert len(list((out / "scans").glob("*.ply"))) == len(Trajectory.read_tum(out / "truth.tum"))
-    assert "not an empty" in refused("data.simulate", *asked, "--out", out)
+    assert "not an empty" in refused("data.simulation.simulate", *asked, "--out", out)
 
 
 @pytest.mark.skipif(not INSTITUTE.exists(), reason=f"{INSTITUTE} is absent")

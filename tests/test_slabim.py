@@ -12,13 +12,13 @@ import trimesh
 from commands import called, refused
 from drives import ROBOT, SENSOR
 
-from data.bim import load_bim
-from data.errors import UserError
+from data.common.errors import UserError
+from data.datasets.slabim import SlabimSession
+from data.plans.bim import load_bim
 from data.scans import ScanFolder
-from data.simulate import simulate
-from data.slabim import SlabimSession
-from data.stamps import ns_to_seconds
+from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
+from data.trajectory.stamps import ns_to_seconds
 
 SITE = np.array([220.0, 25.0, 0.0])
 FLOOR = (-0.2, -0.2, -0.2, 10.4, 7.4, 0.0)
@@ -53,7 +53,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_one_command_lays_a_session_out_and_anchors_it(dataset: Path, tmp_path: Path):
-    command = [sys.executable, "-m", "evaluation.slabim", "--dataset", str(dataset), "--session", SESSION]
+    command = [sys.executable, "-m", "evaluation.studies.slabim", "--dataset", str(dataset), "--session", SESSION]
     done = subprocess.run(
         [*command, "--out", str(tmp_path / "out"), "--set", "matching.method=voting"],
         capture_output=True, text=True, timeout=300,
@@ -93,4 +93,4 @@ def test_what_does_not_fit_is_told(dataset: Path, tmp_path: Path):
     (copy / "BIM/3F/mesh/walls.ply").unlink()
     with pytest.raises(UserError, match=r"no walls\.ply"):
         SlabimSession.open(copy, SESSION)
-    refused("evaluation.slabim", "--dataset", "x", "--session", "y", "--out", "z", "--bim", "b")
+    refused("evaluation.studies.slabim", "--dataset", "x", "--session", "y", "--out", "z", "--bim", "b")

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from data.errors import UserError
-from sgslam.state_file import read_about, read_state, write_state
+from data.common.errors import UserError
+from sgslam.serialization.state_file import read_about, read_state, write_state
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +80,7 @@ def test_what_it_is_about_is_told_without_reading_the_rest(tmp_path: Path) -> No
 
 
 def test_another_version_and_another_file_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sgslam.state_file.VERSION", 99)
+    monkeypatch.setattr("sgslam.serialization.state_file.VERSION", 99)
     write_state(tmp_path / "a.npz", {}, 1, KNOWN)
     monkeypatch.undo()
     with pytest.raises(UserError, match="version 99"):

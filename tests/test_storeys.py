@@ -11,21 +11,21 @@ from boxes import Box, pose, room, scan, scene_of
 from commands import refused
 
 from data import Floor, Room, SceneGraph, UserError, WallSurface
-from data.bim import Bim, load_bim
-from data.demo_building import DEMO_STOREYS, write_demo_building
-from data.drive import Robot
+from data.generation.demo_building import DEMO_STOREYS, write_demo_building
+from data.plans.bim import Bim, load_bim
 from data.scans import ScanFolder
-from data.sensor import SpinningSensor
-from data.simulate import SimulatedRun, simulate
+from data.simulation.drive import Robot
+from data.simulation.sensor import SpinningSensor
+from data.simulation.simulate import SimulatedRun, simulate
 from matching import Hypothesis, MatchResult
-from sgslam.checkpoints import Checkpoints
-from sgslam.climb import Climb
+from sgslam.anchoring.storey_hypotheses import assignments, floor_named, joint
 from sgslam.config import Config
-from sgslam.keyframe_clouds import FILE as CLOUDS
-from sgslam.known_map import KnownMap
-from sgslam.result import Result
+from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
+from sgslam.session.checkpoints import Checkpoints
+from sgslam.session.known_map import KnownMap
+from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.storey_hypotheses import assignments, floor_named, joint
+from sgslam.tracking.climb import Climb
 
 GROUND, UPPER = DEMO_STOREYS
 PLANNED = tuple(Floor(name, name, z) for name, z in (("cellar", -3.0), ("ground", 0.0), ("first", 3.0), ("top", 6.5)))
@@ -221,7 +221,7 @@ def test_a_storey_that_there_is_not_is_refused(bim: Bim) -> None:
 def test_mistakes_with_several_storeys(building: Path, tmp_path: Path) -> None:
     def simulated(*storeys: str) -> str:
         told = [word for storey in storeys for word in ("--storey", storey)]
-        said = refused("data.simulate", "--bim", building, *told, "--out", tmp_path / "o")
+        said = refused("data.simulation.simulate", "--bim", building, *told, "--out", tmp_path / "o")
         assert not (tmp_path / "o").exists()
         return said
 

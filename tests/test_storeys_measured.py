@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from evaluation.storeys import Row, table
+from evaluation.studies.storeys import Row, table
 
 CLIMB = Row(
     building="house", storeys=("ground", "first"), seed=1, status="unique", length_m=80.0, entered=7,

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data.bim import load_bim
-from data.errors import UserError
-from data.scan_formats import UnreadableScanError, read_points
-from data.scan_sources import open_scans
+from data.common.errors import UserError
+from data.plans.bim import load_bim
 from data.scans import ScanFolder
+from data.scans.scan_formats import UnreadableScanError, read_points
+from data.scans.scan_sources import open_scans
 
 laspy, pye57 = pytest.importorskip("laspy"), pytest.importorskip("pye57")
 POINTS = np.random.default_rng(0).normal(size=(300, 3)) * 5

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from test_contradictions import a_room, graph
 
-from data import SceneGraph, se2
+from data import SceneGraph
+from data.geometry import se2
 from matching import MatchResult
 from matching.result import Hypothesis
+from sgslam.anchoring.said import Growth, Said
+from sgslam.anchoring.tenable import Listed, is_clear, is_enough, is_outdone, is_plenty, tenable
 from sgslam.config import AnchorSettings
-from sgslam.said import Growth, Said
-from sgslam.tenable import Listed, is_clear, is_enough, is_outdone, is_plenty, tenable
 
 OFFICE, HALL, LAB = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3), a_room("lab", 30, 0, 4, 3)
 AULA = a_room("aula", 34.1, 0, 7, 5)  # beside the lab, as the hall is beside the office, but wider

@@ -5,11 +5,11 @@ import pytest
 from boxes import Array, pose, room, scan, scene_of
 from scipy.spatial.transform import Rotation
 
-from data.sensor import SpinningSensor
+from data.simulation.sensor import SpinningSensor
 from sgslam.config import TrackingSettings
-from sgslam.tracking import Carried, Tracked, track
-from sgslam.virtual_scan import sort_into_columns
-from sgslam.wall_map import Lines
+from sgslam.mapping.wall_map import Lines
+from sgslam.perception.virtual_scan import sort_into_columns
+from sgslam.tracking.tracking import Carried, Tracked, track
 
 SETTINGS = TrackingSettings()
 CARRIED = Carried(0.8, np.array([0.0, 0.0, 1.0]))

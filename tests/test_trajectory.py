@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from data.errors import UserError
-from data.poses import poses_to_xyzquat, xyzquat_to_poses
+from data.common.errors import UserError
+from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory import Trajectory
 
 

@@ -7,9 +7,9 @@ import pytest
 from drives import Drive, small_drive
 
 from data import UserError
-from data.plan_generator import generate_plan
-from evaluation import other_buildings, wrong_matches
-from evaluation.sequences import SequenceSpec
+from data.generation.plan_generator import generate_plan
+from evaluation.harness.sequences import SequenceSpec
+from evaluation.studies import other_buildings, wrong_matches
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,11 @@ from gtsam.symbol_shorthand import B, X
 from test_backend import CONFIG, Run, anchors_of, built_otherwise
 
 from data import Room, SceneGraph, WallSurface
-from evaluation.consistency import nees
+from evaluation.metrics.consistency import nees
 from matching import Matcher, MatchResult
-from sgslam.backend import Anchors, PlannedWall
-from sgslam.frames import inverse, local_coordinates
-from sgslam.result import Result
+from sgslam.backend.backend import Anchors, PlannedWall
+from sgslam.geometry.frames import inverse, local_coordinates
+from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
 T_BIM_BUILDING = pose(0.0, 0.0, 0.0, 2.5) @ pose(-6.0, -4.0, 0.0)  # the BIM frame lies amid the building

@@ -23,14 +23,14 @@ from drives import small_drive, small_run
 from PIL import Image
 from report_samples import sample
 
-from sgslam import live_view
-from sgslam.finished_view import FinishedRun, FinishedView
-from sgslam.frames import transform_points
-from sgslam.live_view import LiveView
-from sgslam.result import Result
+from sgslam.geometry.frames import transform_points
+from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.view_page import Page, address
-from sgslam.view_panel import hypothesis_table
+from sgslam.viewer import live_view
+from sgslam.viewer.finished_view import FinishedRun, FinishedView
+from sgslam.viewer.live_view import LiveView
+from sgslam.viewer.view_page import Page, address
+from sgslam.viewer.view_panel import hypothesis_table
 
 pytestmark = pytest.mark.skipif(find_spec("viser") is None, reason="viser is not installed (extra view)")
 ANY = ("127.0.0.1", 0)
@@ -224,7 +224,7 @@ def sampled(tmp_path: Path) -> Path:
 
 @pytest.mark.skipif(chromium.COMMAND is None, reason="chromium is not installed")
 def test_the_page_in_a_browser(out: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "sgslam.view", str(out), "--ground-truth", str(out / "truth.tum"), "--at", "0"]
+    command = [sys.executable, "-m", "sgslam.cli.view", str(out), "--ground-truth", str(out / "truth.tum"), "--at", "0"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -248,14 +248,14 @@ def colours(png: bytes) -> int:
 
 
 def test_mistakes_are_told_in_one_line(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert "no run's folder" in refused("sgslam.view", tmp_path)
-    assert "is no port" in refused("sgslam.view", out, "--at", "here")
+    assert "no run's folder" in refused("sgslam.cli.view", tmp_path)
+    assert "is no port" in refused("sgslam.cli.view", out, "--at", "here")
     with socket.socket() as taken:
         taken.bind(ANY)
         taken.listen()
         port = taken.getsockname()[1]
-        assert "cannot be listened on" in refused("sgslam.view", out, "--at", port)
+        assert "cannot be listened on" in refused("sgslam.cli.view", out, "--at", port)
         assert "cannot be listened on" in refused("sgslam.run", "--demo", "--out", tmp_path, "--view", port)
     monkeypatch.setitem(sys.modules, "viser", None)
-    assert "pip install 'sgslam[view]'" in refused("sgslam.view", out)
+    assert "pip install 'sgslam[view]'" in refused("sgslam.cli.view", out)
     assert address("0.0.0.0:80") == ("0.0.0.0", 80)

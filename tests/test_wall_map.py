@@ -5,9 +5,9 @@ import pytest
 from boxes import Array, pose
 
 from sgslam.config import SurfaceSettings
-from sgslam.frames import inverse, transform_planes, transform_points
-from sgslam.wall_extraction import WallObservation
-from sgslam.wall_map import WallMap
+from sgslam.geometry.frames import inverse, transform_planes, transform_points
+from sgslam.mapping.wall_map import WallMap
+from sgslam.perception.wall_extraction import WallObservation
 
 SETTINGS = SurfaceSettings()
 Piece = tuple[WallObservation, Array, Array]

@@ -1,0 +1,49 @@
+"""What all command lines share: a user's mistake is one line on standard error and exit code 2."""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any, NoReturn
+
+from data.common.errors import UserError
+
+_called: ContextVar[str | None] = ContextVar("the name under which a command was called", default=None)
+
+
+@contextmanager
+def called_as(name: str) -> Iterator[None]:
+    """Within it a command's help and errors speak of it by this name, whatever it calls itself."""
+    before = _called.set(name)
+    try:
+        yield
+    finally:
+        _called.reset(before)
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line. `prog` is what the command calls itself; see `called_as`."""
+
+    def __init__(self, prog: str | None = None, **options: Any) -> None:
+        super().__init__(_called.get() or prog, **options)
+
+    def error(self, message: str) -> NoReturn:
+        """Prints the error alone, without the usage, and exits with 2."""
+        self.exit(2, f"error: {message}; see '{self.prog} --help'\n")
+
+
+def run_command(command: Callable[[], int | None]) -> NoReturn:
+    """Runs a command and exits with what it returns; a UserError is told in one line, exit code 2."""
+    try:
+        code = command() or 0
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        code = 2
+    except OSError as error:
+        print(f"error: {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
+        code = 2
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        code = 130
+    sys.exit(code)

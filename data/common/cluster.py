@@ -1,0 +1,255 @@
+"""Tasks done by the workers of a Dask cluster, each answered once, whatever becomes of the workers.
+
+Tasks are pure: what they need goes with them, what they find comes back, and only who asks writes files. So a task
+whose worker dies is simply done again elsewhere (Dask does that), and the answers are those of one machine.
+"""
+
+import argparse
+import logging
+import re
+import socket
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import islice
+from pathlib import Path
+from typing import Any, TypeVar
+
+from data.common.build import build
+from data.common.cluster_worker import Refused, Work, do, itself
+from data.common.errors import UserError
+
+CONNECTING_S = 5.0
+WORKERLESS_S = 30.0  # without any worker, until a run gives up
+LOOK_EVERY_S = 2.0
+AHEAD = 2  # tasks given out for each thread of the cluster
+MOST_ASIDE = 10  # tasks that fail, until something is taken to be wrong with all
+
+T = TypeVar("T")
+R = TypeVar("R")
+Name = Callable[[T], str]
+Files = Iterable[Path | str]
+
+
+@dataclass(frozen=True)
+class _Failed:
+    why: str
+
+
+def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) -> None:
+    """`--scheduler`, and the option `local` for so many processes of this machine: one or the other."""
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
+    either.add_argument(
+        "--scheduler", type=reached, metavar="tcp://HOST:PORT",
+        help="of a Dask cluster whose workers do it instead; they need the same sgslam, and files that are named must "
+        "lie at the same paths there: see docs/cluster.md",
+    )  # fmt: skip
+
+
+@contextmanager
+def connected(scheduler: str) -> Iterator["Cluster"]:
+    """The cluster of a scheduler (`tcp://HOST:PORT`); on leaving, what was asked for and is not done is released.
+
+    Raises UserError where `reached` does, where no worker comes, and for a worker with another build of sgslam.
+    """
+    reached(scheduler)
+    from distributed import Client
+
+    for name in ("distributed", "distributed.client"):  # what goes wrong we tell ourselves, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        client = Client(scheduler, timeout=CONNECTING_S)
+    except (OSError, ValueError, TypeError) as error:
+        raise UserError(f"--scheduler {scheduler}: no Dask scheduler answers there ({_line(error)})") from None
+    with client:
+        cluster = Cluster(client, scheduler)
+        cluster.check()
+        yield cluster
+
+
+def reached(scheduler: str) -> str:
+    """The address itself, where dask.distributed is installed and a scheduler is there; else raises UserError, soon,
+    where Dask would try for long, or, of a stranger who does not answer, for ever."""
+    try:
+        there = find_spec("distributed")
+    except ValueError:
+        there = None
+    if there is None:
+        raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'")
+    found = re.fullmatch(r"(tcp|tls)://(.+):(\d+)", scheduler)
+    if not found:
+        raise UserError(f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` tells it")
+    try:
+        with socket.create_connection((found[2].strip("[]"), int(found[3])), CONNECTING_S) as line:
+            # it greets first, with a message that begins with its length in 8 bytes
+            greets = found[1] == "tls" or int.from_bytes(line.recv(8), "little") in range(1, 1 << 20)
+    except (OSError, OverflowError) as error:
+        raise UserError(f"--scheduler {scheduler}: cannot be reached ({_line(error)}); is it running?") from None
+    if not greets:
+        raise UserError(f"--scheduler {scheduler}: what answers there is no Dask scheduler")
+    return scheduler
+
+
+class Cluster:
+    """A scheduler and its workers, which may come and go while tasks are done."""
+
+    def __init__(self, client: Any, address: str) -> None:
+        self._client, self._address = client, address
+        self._name = f"sgslam-{uuid.uuid4().hex[:8]}"
+        self._given = self._threads = 0
+        self._looked = self._peopled = time.monotonic()
+
+    def check(self) -> None:
+        """Waits for a first worker. Raises UserError where none comes, and for a worker of another build."""
+        try:
+            self._client.wait_for_workers(1, timeout=CONNECTING_S)
+        except TimeoutError:
+            raise UserError(
+                f"--scheduler {self._address}: it has no worker; start some with `dask worker {self._address}`"
+            ) from None
+        ask = "__import__('data.common.build', fromlist=['build']).build()"  # a function of ours could not be asked for
+        for worker, told in self._client.run(eval, ask, on_error="return").items():
+            if told != build():
+                has = f"sgslam {told}" if isinstance(told, str) else f"no sgslam that it can use ({_line(told)})"
+                raise UserError(f"the worker {worker} has {has}, and here it is {build()}; install the same on all")
+        self._look()
+        print(f"{self._threads} threads of workers at {self._address}", flush=True)
+
+    def over(
+        self, tasks: Iterable[T], function: Callable[[T], R], name: Name[T], files: Files = ()
+    ) -> Iterator[tuple[T, R]]:
+        """Every task with its answer, once, in the order in which the answers come.
+
+        `function` is a module's own, or a partial of one; `files` are those that it reads. A task that raises, or whose
+        workers die one after the other, is tried again alone when all others are done. Raises UserError for what one
+        raises, at once; and at the end for tasks that still fail, by `name`.
+        """
+        work, aside = self._sent(function, files), []
+        for task, answer in self._stream(iter(tasks), work, name):
+            if not isinstance(answer, _Failed):
+                yield task, answer
+                continue
+            aside.append((task, answer.why))
+            if len(aside) > MOST_ASIDE:
+                raise UserError(f"{len(aside)} tasks have failed, the first: {name(aside[0][0])}: {aside[0][1]}")
+        failed = []
+        for task, why in aside:
+            print(f"{name(task)}: {why}; once more, alone", flush=True)
+            answer = self._answer(self._give(work, task), [name(task)])
+            if isinstance(answer, _Failed):
+                failed.append(f"{name(task)}: {answer.why}")
+            else:
+                yield task, answer
+        if failed:
+            raise UserError(f"all others are done, but {len(failed)} failed twice: {'; '.join(failed)}")
+
+    def in_order(self, tasks: Iterable[T], function: Callable[[T], R], name: Name[T]) -> Iterator[R]:
+        """The answers in the order of the tasks, of which there may be no end; as many are worked on ahead as the
+        cluster can. One that fails is tried once more; raises UserError where that fails too."""
+        work = self._sent(function)
+        ahead: deque[tuple[T, Any]] = deque()
+        waiting = iter(tasks)
+        while True:
+            self._look()
+            ahead.extend((task, self._give(work, task)) for task in islice(waiting, self._room(len(ahead))))
+            if not ahead:
+                return
+            task, future = ahead.popleft()
+            answer = self._answer(future, [name(task)])
+            if isinstance(answer, _Failed):
+                answer = self._answer(self._give(work, task), [name(task)])
+            if isinstance(answer, _Failed):
+                raise UserError(f"{name(task)} failed twice: {answer.why}")
+            yield answer
+
+    def _stream(self, waiting: Iterator[T], work: Any, name: Name[T]) -> Iterator[tuple[T, Any]]:
+        from distributed import CancelledError, wait
+
+        running: dict[Any, T] = {}
+        while True:
+            self._look(map(name, running.values()))
+            running.update((self._give(work, task), task) for task in islice(waiting, self._room(len(running))))
+            if not running:
+                return
+            try:
+                done = wait(list(running), LOOK_EVERY_S, "FIRST_COMPLETED").done
+            except TimeoutError:
+                continue
+            except CancelledError:
+                raise self._lost() from None
+            for future in done:
+                task = running[future]
+                answer = self._answer(future, [name(task)])
+                del running[future]
+                yield task, answer
+
+    def _sent(self, function: Callable[[Any], Any], files: Files = ()) -> Any:
+        return self._submit(itself, Work.of(function, files))
+
+    def _give(self, work: Any, task: Any) -> Any:
+        return self._submit(do, work, task)
+
+    def _submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        self._given += 1
+        return self._client.submit(function, *arguments, key=f"{self._name}-{self._given}", pure=False)
+
+    def _room(self, running: int) -> int:
+        return max(0, AHEAD * max(1, self._threads) - running)
+
+    def _answer(self, future: Any, names: Iterable[str]) -> Any:
+        """Of one that is done, or will be. Raises UserError for a refusal and where the cluster is gone."""
+        from distributed import CancelledError, KilledWorker
+
+        while True:
+            try:
+                answer = future.result(LOOK_EVERY_S)
+            except KilledWorker as error:
+                return _Failed(f"its worker died, {error.allowed_failures + 1} times")
+            except CancelledError:
+                raise self._lost() from None
+            except Exception as error:
+                if future.status == "error":
+                    return _Failed(_line(error))
+                if not isinstance(error, TimeoutError):
+                    raise self._lost() from error
+                self._look(names)
+                continue
+            if isinstance(answer, Refused):
+                raise UserError(answer.why)
+            return answer
+
+    def _look(self, running: Iterable[str] = ()) -> None:
+        """Now and then: how many threads there are. Raises UserError where there has been none for long."""
+        now = time.monotonic()
+        if self._threads and now - self._looked < LOOK_EVERY_S:
+            return
+        try:
+            self._threads = sum(self._client.nthreads().values())
+        except Exception:  # whatever a connection that broke makes of it
+            raise self._lost() from None
+        self._looked = now
+        if self._threads:
+            self._peopled = now
+        elif now - self._peopled > WORKERLESS_S:
+            raise UserError(
+                f"--scheduler {self._address}: all workers are gone, at work on: {', '.join(running)}; what is done "
+                "is kept: start workers and give the same command again"
+            )
+
+    def _lost(self) -> UserError:
+        return UserError(
+            f"--scheduler {self._address}: the connection is lost; what is done is kept: give the same command again"
+        )
+
+
+def _line(error: object) -> str:
+    """The last line of what an error says, which in a traceback is the reason."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    lines = str(error).strip().splitlines()
+    return lines[-1] if lines else type(error).__name__

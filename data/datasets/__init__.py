@@ -1,0 +1,1 @@
+"""Public data sets, laid out as `sgslam.run` takes them."""

@@ -1,0 +1,106 @@
+"""SLABIM, public scans of a university building with its BIM, laid out as what `sgslam.run` takes.
+
+H. Huang, Z. Qiao, Z. Yu, C. Liu, S. Shen, F. Zhang, H. Yin: SLABIM: A SLAM-BIM Coupled Dataset in HKUST Main Building.
+ICRA 2025. What is read of it:
+
+    BIM/<storey>/mesh/walls.ply, floors.ply, columns.ply          metres, z up
+    sensor_data/<storey>_<region>/points/data/<frame>.pcd         sensor frame, metres
+    sensor_data/<storey>_<region>/points/timestamps.txt           a line for each scan, seconds
+    sensor_data/<storey>_<region>/points/pose_frame_to_bim.txt    `t x y z qx qy qz qw`, T_bim_sensor
+"""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from data.plans.mesh_plan import read_mesh
+from data.scans import natural_key
+from data.scans.scan_formats import READERS
+from data.trajectory import Trajectory
+from data.trajectory.stamps import NS, ns_to_seconds, seconds_to_ns
+
+PARTS, MORE_PARTS = ("walls.ply", "floors.ply"), ("columns.ply",)  # doors are left out: they stand open
+LEAST_MOTION_M = 0.01
+
+
+@dataclass(frozen=True)
+class SlabimSession:
+    """A session of the data set, checked: what is needed is there."""
+
+    name: str
+    scans: tuple[Path, ...]  # in order
+    stamps_ns: tuple[int, ...]
+    truth: Trajectory  # T_bim_sensor
+    meshes: tuple[Path, ...]
+
+    @staticmethod
+    def open(root: Path, name: str) -> "SlabimSession":
+        """A session such as `3F_Region1`. Raises UserError for what is missing or does not fit together."""
+        sessions = root / "sensor_data"
+        points = sessions / name / "points"
+        if not (points / "data").is_dir():
+            there = sorted(p.name for p in sessions.iterdir() if p.is_dir()) if sessions.is_dir() else []
+            told = f"there are: {', '.join(there)}" if there else "give the folder with BIM and sensor_data"
+            raise UserError(f"{points / 'data'}: no such folder; {told}")
+        mesh = root / "BIM" / name.partition("_")[0] / "mesh"
+        if missing := [part for part in PARTS if not (mesh / part).is_file()]:
+            raise UserError(f"{mesh}: has no {missing[0]}; unpack the data set's BIM there")
+        scans = [p for p in (points / "data").iterdir() if p.suffix.lower() in READERS and not p.name.startswith(".")]
+        scans.sort(key=lambda p: natural_key(p.name))
+        stamps = _stamps(points / "timestamps.txt")
+        if len(stamps) != len(scans):
+            raise UserError(f"{points / 'timestamps.txt'}: {len(stamps)} stamps for {len(scans)} scans")
+        truth = _truth(points / "pose_frame_to_bim.txt")
+        meshes = (mesh / part for part in (*PARTS, *MORE_PARTS))
+        return SlabimSession(name, tuple(scans), tuple(stamps), truth, tuple(m for m in meshes if m.is_file()))
+
+    def lay_out(self, out: Path) -> None:
+        """Writes `scans` (links and times.txt), `a_graph.json`, `truth.tum`, and `sequence.yaml` for the ablation.
+
+        What is there already is replaced. Raises UserError where the meshes are no building's.
+        """
+        graph = read_mesh(*self.meshes).graph
+        folder = out / "scans"
+        folder.mkdir(parents=True, exist_ok=True)
+        for old in folder.iterdir():
+            if old.is_symlink():
+                old.unlink()
+        for scan in self.scans:
+            os.symlink(scan.resolve(), folder / scan.name)
+        write_atomically(folder / "times.txt", "".join(f"{ns_to_seconds(t)}\n" for t in self.stamps_ns))
+        self.truth.write_tum(out / "truth.tum")
+        graph.save(out / "a_graph.json")
+        files = {"bim": "a_graph.json", "scans": "scans", "truth": "truth.tum"}
+        lines = "".join(f"  {key}: {(out / file).resolve()}\n" for key, file in files.items())
+        write_atomically(out / "sequence.yaml", f"- name: {self.name}\n{lines}")
+
+
+def _stamps(path: Path) -> list[int]:
+    """The last number of each line, seconds or whole nanoseconds."""
+    stamps = []
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError):
+        raise UserError(f"{path}: cannot be read; a stamp for each scan is needed") from None
+    for number, line in enumerate(lines, 1):
+        fields = line.partition("#")[0].replace(",", " ").split()
+        if not fields:
+            continue
+        try:
+            whole = fields[-1].isdecimal() and int(fields[-1]) >= 1_000_000 * NS
+            stamps.append(int(fields[-1]) if whole else seconds_to_ns(fields[-1]))
+        except ValueError as error:
+            raise UserError(f"{path}, line {number}: {error}") from None
+    return stamps
+
+
+def _truth(path: Path) -> Trajectory:
+    """The poses, which an early release gave as one and the same, its scans being in the building's frame."""
+    truth = Trajectory.read_tum(path)
+    if len(truth) > 1 and np.ptp(truth.positions, axis=0).max() < LEAST_MOTION_M:
+        raise UserError(f"{path}: all poses are the same; take the data set's later release, with scans as seen")
+    return truth

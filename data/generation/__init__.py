@@ -1,0 +1,1 @@
+"""Buildings drawn by a random generator, and the demo's."""

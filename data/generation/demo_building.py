@@ -1,0 +1,144 @@
+"""The demo's building: two storeys of our own design, written as an IFC4 file.
+
+    python -m data.generation.demo_building --out FILE.ifc
+
+It has what a real model has and a robot meets: windows over parapets, doors, a stair, and furniture of which
+the A-graph knows nothing; tall cupboards stand at walls and look like walls.
+"""
+
+from math import atan2, hypot, radians
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+from data.generation.demo_plan import (
+    CLEAR_HEIGHT,
+    GROUND,
+    SIZE,
+    STAIRWELL,
+    STOREY_HEIGHT,
+    UPPER,
+    Furniture,
+    PlanWall,
+    StoreyPlan,
+)
+from data.ifc.ifc_writer import IfcWriter, Prism, box, placed
+
+DEMO_STOREY = GROUND.name  # the one to drive, where it is to be one
+DEMO_STOREYS = (GROUND.name, UPPER.name)  # in the order of the demo's drive, by the stair
+SLAB = 0.3  # m
+DOOR_HEIGHT = 2.1
+LEAF = 0.04  # m thick
+SILL, LINTEL = 0.9, 2.2  # m: a window's lower and upper edge
+REVEAL, PANE = 0.12, 0.06  # m: the pane stands so far behind the wall's inner face, and is so thick
+RISERS = 9  # of each of the stair's two flights
+GOING, LANDING, FLIGHT = 0.255, 1.2, 1.25  # m: depth of a step and of the landing, width of a flight
+
+
+def write_demo_building(path: Path | str) -> None:
+    """Writes the building, the same bytes each time; raises UserError where `path` cannot be written."""
+    path = Path(path)
+    if path.suffix.lower() != ".ifc":
+        raise UserError(f"{path}: the name of an IFC file ends in .ifc; give such a name")
+    if not path.parent.is_dir():
+        raise UserError(f"{path}: no such folder; make it first")
+    writer = IfcWriter("Demo building", {s.name: s.elevation for s in (GROUND, UPPER)})
+    _slabs(writer)
+    _stair(writer)
+    for storey in (GROUND, UPPER):
+        for number, (wall, area) in enumerate(zip(storey.walls, storey.wall_areas(), strict=True), 1):
+            _wall(writer, storey, f"Wall {number}", wall, area)
+        for number, (name, area) in enumerate(storey.room_areas().items(), 1):
+            prism = Prism(_outline(area), 0.0, CLEAR_HEIGHT)
+            writer.space(f"{storey.name[0]}{number:02d}", storey.name, prism, name)
+        for piece in storey.furniture:
+            T_storey_piece = placed(piece.x, piece.y, yaw=radians(piece.yaw))
+            writer.element("IfcFurniture", piece.kind, storey.name, _furniture(piece), T_storey_piece)
+    writer.save(path)
+
+
+def _outline(area: shapely.Polygon) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in area.exterior.coords[:-1])
+
+
+def _slabs(writer: IfcWriter) -> None:
+    under = box(0.0, 0.0, -SLAB, *SIZE, 0.0)
+    writer.element("IfcSlab", "Ground slab", GROUND.name, [under], kind="BASESLAB")
+    floor = writer.element("IfcSlab", "Upper floor slab", UPPER.name, [under], kind="FLOOR")
+    writer.cut(floor, UPPER.name, box(*STAIRWELL[:2], -SLAB, *STAIRWELL[2:], 0.0))
+    roof = box(0.0, 0.0, CLEAR_HEIGHT, *SIZE, CLEAR_HEIGHT + SLAB)
+    writer.element("IfcSlab", "Roof", UPPER.name, [roof], kind="ROOF")
+
+
+def _stair(writer: IfcWriter) -> None:
+    """Two flights beside each other with a landing between them; the first goes up northward in the west."""
+    x0, y0, x1, y1 = STAIRWELL
+    rise, middle = STOREY_HEIGHT / 2 / RISERS, STOREY_HEIGHT / 2
+    body = [box(x0, y1 - LANDING, middle - SLAB, x1, y1, middle)]
+    for k in range(RISERS - 1):
+        north, south, top = y0 + k * GOING, y1 - LANDING - k * GOING, (k + 1) * rise
+        body.append(box(x0, north, max(0.0, top - 2 * rise), x0 + FLIGHT, north + GOING, top))
+        body.append(box(x1 - FLIGHT, south - GOING, middle + top - 2 * rise, x1, south, middle + top))
+    writer.element("IfcStair", "Stair", GROUND.name, body, kind="HALF_TURN_STAIR")
+
+
+def _wall(writer: IfcWriter, storey: StoreyPlan, name: str, wall: PlanWall, area: shapely.Polygon) -> None:
+    """The wall's frame: x along it from its start, y to its left."""
+    (x0, y0), (x1, y1) = wall.start, wall.end
+    T_storey_wall = placed(x0, y0, yaw=atan2(y1 - y0, x1 - x0))
+    along = np.array([x1 - x0, y1 - y0]) / hypot(x1 - x0, y1 - y0)
+    relative = np.array(_outline(area)) - wall.start
+    outline = np.column_stack([relative @ along, relative @ [-along[1], along[0]]]).round(4).tolist()
+    prism = Prism(tuple((u, v) for u, v in outline), 0.0, CLEAR_HEIGHT)
+    host = writer.element("IfcWall", name, storey.name, [prism], T_storey_wall, "SOLIDWALL")
+    half = wall.thickness / 2
+    for ifc_class, openings, (z0, z1), (y0, y1) in (
+        ("IfcDoor", wall.doors, (0.0, DOOR_HEIGHT), (-LEAF / 2, LEAF / 2)),
+        ("IfcWindow", wall.windows, (SILL, LINTEL), (half - REVEAL - PANE, half - REVEAL)),
+    ):
+        for opening in openings:
+            T_storey_hole = T_storey_wall @ placed(wall.along(opening), 0.0)
+            body = [box(0.0, y0, z0, opening.width, y1, z1)]
+            kind = ifc_class.removeprefix("Ifc")
+            label = f"{kind} in {name}"
+            filling = writer.element(ifc_class, label, storey.name, body, T_storey_hole, kind.upper())
+            filling.OverallWidth, filling.OverallHeight = opening.width, z1 - z0
+            hole = box(0.0, -half, z0, opening.width, half, z1)
+            writer.cut(host, storey.name, hole, T_storey_hole, filling)
+
+
+def _furniture(piece: Furniture) -> list[Prism]:
+    """Its body in its own frame: origin in the middle of its footprint on the floor, y to where it looks."""
+    if piece.kind == "cupboard":
+        return [box(-piece.width / 2, -0.225, 0.0, piece.width / 2, 0.225, 1.9)]
+    if piece.kind == "chair":
+        seat, back = box(-0.24, -0.24, 0.42, 0.24, 0.24, 0.47), box(-0.24, -0.24, 0.47, 0.24, -0.2, 0.88)
+        return [seat, back, *_legs(0.48, 0.48, 0.42, 0.04)]
+    if piece.kind == "sofa":
+        return [box(-0.9, -0.45, 0.05, 0.9, 0.45, 0.42), box(-0.9, -0.45, 0.42, 0.9, -0.25, 0.8)]
+    width, depth = piece.width or 1.6, {"desk": 0.8, "table": 1.0}[piece.kind]
+    top = box(-width / 2, -depth / 2, 0.71, width / 2, depth / 2, 0.75)
+    return [top, *_legs(width, depth, 0.71, 0.06)]
+
+
+def _legs(width: float, depth: float, height: float, size: float) -> list[Prism]:
+    x, y = width / 2 - size, depth / 2 - size
+    return [box(u, v, 0.0, u + size, v + size, height) for u in (-width / 2, x) for v in (-depth / 2, y)]
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; raises UserError."""
+    about = "Writes the demo's building as an IFC4 file."
+    parser = Parser(prog="python -m data.generation.demo_building", description=about)
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="where it goes (.ifc)")
+    path = parser.parse_args(arguments).out
+    write_demo_building(path)
+    print(f"{path}: two storeys; '{DEMO_STOREY}' is the one to drive")
+    return 0
+
+
+if __name__ == "__main__":
+    run_command(main)

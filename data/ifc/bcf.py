@@ -1,0 +1,125 @@
+"""Topics for BIM viewers: BIM Collaboration Format 2.1 (buildingSMART), a zip of XML files."""
+
+import io
+import uuid
+import zipfile
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.files import write_atomically
+
+Xyz = tuple[float, float, float]
+AUTHOR = "sgslam"
+_BACK, _UP = 5.0, 3.0  # m from what is shown to the camera
+_STAMP = (1980, 1, 1, 0, 0, 0)  # of the files in the zip: the same topics give the same bytes
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One finding. `global_ids` are the products that it is about, drawn in `color` (AARRGGBB); `segment` is where it
+    is (two points, metres, the model's world coordinates), `towards` (x y) the side that it is looked at from."""
+
+    title: str
+    description: str
+    label: str
+    global_ids: tuple[str, ...]
+    color: str
+    segment: tuple[Xyz, Xyz]
+    towards: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Model:
+    """The IFC file that the topics are about; `project` is the GlobalId of its IfcProject, empty where not known."""
+
+    filename: str
+    project: str = ""
+
+
+def write_bcf(path: Path | str, topics: list[Topic], model: Model, created: datetime) -> None:
+    """Writes the topics atomically; `created` with its time zone. Lines are drawn where a topic has no product."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        version = Element("Version", VersionId="2.1")
+        SubElement(version, "DetailedVersion").text = "2.1"
+        _add(archive, "bcf.version", version)
+        for number, topic in enumerate(topics, 1):
+            guid = _guid(f"{number}/{topic.title}/{topic.global_ids}/{topic.segment}")
+            _add(archive, f"{guid}/markup.bcf", _markup(guid, number, topic, model, created))
+            _add(archive, f"{guid}/viewpoint.bcfv", _viewpoint(guid, topic))
+    write_atomically(path, packed.getvalue())
+
+
+def _add(archive: zipfile.ZipFile, name: str, root: Element) -> None:
+    indent(root)
+    text = tostring(root, encoding="UTF-8", xml_declaration=True)
+    entry = zipfile.ZipInfo(name, _STAMP)
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    archive.writestr(entry, text)
+
+
+def _guid(name: str) -> str:
+    return str(uuid.uuid5(uuid.NAMESPACE_OID, name))
+
+
+def _markup(guid: str, number: int, topic: Topic, model: Model, created: datetime) -> Element:
+    """The elements in the schema's order."""
+    root = Element("Markup")
+    file = SubElement(SubElement(root, "Header"), "File", isExternal="true")
+    if model.project:
+        file.set("IfcProject", model.project)
+    SubElement(file, "Filename").text = model.filename
+    about = SubElement(root, "Topic", Guid=guid, TopicType="Deviation", TopicStatus="Open")
+    SubElement(about, "Title").text = topic.title
+    SubElement(about, "Index").text = str(number)
+    SubElement(about, "Labels").text = topic.label
+    SubElement(about, "CreationDate").text = created.isoformat(timespec="seconds")
+    SubElement(about, "CreationAuthor").text = AUTHOR
+    SubElement(about, "Description").text = topic.description
+    view = SubElement(root, "Viewpoints", Guid=_guid(f"{guid}/view"))
+    SubElement(view, "Viewpoint").text = "viewpoint.bcfv"
+    return root
+
+
+def _viewpoint(guid: str, topic: Topic) -> Element:
+    root = Element("VisualizationInfo", Guid=_guid(f"{guid}/view"))
+    components = SubElement(root, "Components")
+    if topic.global_ids:
+        selection = SubElement(components, "Selection")
+        for global_id in topic.global_ids:
+            SubElement(selection, "Component", IfcGuid=global_id)
+    SubElement(components, "Visibility", DefaultVisibility="true")
+    if topic.global_ids:
+        color = SubElement(SubElement(components, "Coloring"), "Color", Color=topic.color)
+        for global_id in topic.global_ids:
+            SubElement(color, "Component", IfcGuid=global_id)
+    _camera(root, topic)
+    if not topic.global_ids:
+        line = SubElement(SubElement(root, "Lines"), "Line")
+        for name, point in zip(("StartPoint", "EndPoint"), topic.segment, strict=True):
+            _vector(line, name, np.array(point))
+    return root
+
+
+def _camera(root: Element, topic: Topic) -> None:
+    """From the free side, from above, at the middle."""
+    middle = np.mean(np.array(topic.segment), axis=0)
+    place = middle + np.array([_BACK * topic.towards[0], _BACK * topic.towards[1], _UP])
+    ahead = (middle - place) / np.linalg.norm(middle - place)
+    up = np.array([0.0, 0.0, 1.0]) - ahead[2] * ahead
+    camera = SubElement(root, "PerspectiveCamera")
+    _vector(camera, "CameraViewPoint", place)
+    _vector(camera, "CameraDirection", ahead)
+    _vector(camera, "CameraUpVector", up / np.linalg.norm(up))
+    SubElement(camera, "FieldOfView").text = "60"
+
+
+def _vector(parent: Element, name: str, xyz: NDArray[np.float64]) -> None:
+    element = SubElement(parent, name)
+    for axis, value in zip("XYZ", xyz.tolist(), strict=True):
+        SubElement(element, axis).text = f"{value:.6f}"

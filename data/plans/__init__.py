@@ -1,0 +1,1 @@
+"""Any plan (IFC, drawing, GeoJSON, mesh, floor plan data set) as an A-graph."""

@@ -1,0 +1,103 @@
+"""The building's plan, an IFC file, a drawing, GeoJSON or an A-graph, as a scene graph in the BIM frame."""
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from data.common.errors import UserError
+from data.common.files import write_json
+from data.common.json_files import read_json
+from data.ifc.ifc_guard import read_guarded
+from data.scene_graph import SceneGraph
+
+EXTRACTOR_VERSION = 5  # to be raised whenever the A-graph of the same file changes
+IFC_SUFFIXES = (".ifc", ".ifczip")
+PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or an A-graph (.json)"
+
+
+@dataclass(frozen=True)
+class Bim:
+    """The A-graph, and what the user should know about it, in one line each."""
+
+    graph: SceneGraph
+    notices: tuple[str, ...] = ()
+
+
+def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequence[str] = ()) -> Bim:
+    """Reads `.ifc` or `.ifczip`, `.dxf` (`layers`: those with the walls), `.geojson`, or, as `.json`, an A-graph,
+    GeoJSON or a floor plan (`data.plans.plans_json`).
+
+    What was made of an IFC file is kept in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's
+    cache directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind,
+    cannot be read, or has no walls.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise UserError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give {PLANS}")
+    if suffix == ".dxf":
+        from data.plans.plan_dxf import read_dxf
+
+        return Bim(*read_dxf(path, layers))
+    if layers:
+        raise UserError(f"--layer {layers[0]}: {path} is no DXF drawing and has no layers")
+    if suffix in (".json", ".geojson"):
+        return _of_json(path)
+    if suffix not in IFC_SUFFIXES:
+        raise UserError(f"{path}: not a building; give {PLANS}")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    entry = (Path(cache_dir) if cache_dir else user_cache()) / f"a_graph-{digest}-{EXTRACTOR_VERSION}.json"
+    bim = _cached(entry)
+    if bim is None:
+        made = read_guarded(path)
+        bim = Bim(SceneGraph.from_dict(made["graph"]), tuple(made["notices"]))
+        _keep(entry, bim)
+    return bim
+
+
+def _of_json(path: Path) -> Bim:
+    value = read_json(path, PLANS)
+    known = value if isinstance(value, dict) else {}
+    if path.suffix.lower() == ".geojson" or known.get("type") in ("FeatureCollection", "Feature"):
+        from data.plans.plan_geojson import plan_of
+
+        return Bim(*plan_of(value, str(path)))
+    if "rooms" in known and "schema_version" not in known:
+        from data.plans.plans_json import read_json_plan
+
+        return Bim(read_json_plan(path.read_bytes(), str(path)).graph)
+    return Bim(_with_walls(SceneGraph.load(path), path))
+
+
+def _with_walls(graph: SceneGraph, path: Path) -> SceneGraph:
+    if not graph.wall_surfaces:
+        raise UserError(f"{path}: has no wall surfaces; give an A-graph with walls")
+    return graph
+
+
+def user_cache() -> Path:
+    """The folder where A-graphs are kept: $SGSLAM_CACHE_DIR, else `sgslam` in the user's cache directory."""
+    if own := os.environ.get("SGSLAM_CACHE_DIR"):
+        return Path(own)
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"
+
+
+def _cached(entry: Path) -> Bim | None:
+    """The kept result; None where there is none, or none that can be read."""
+    try:
+        kept = json.loads(entry.read_text())
+        return Bim(SceneGraph.from_dict(kept["graph"]), tuple(map(str, kept["notices"])))
+    except (OSError, ValueError, KeyError, TypeError, UserError):
+        return None
+
+
+def _keep(entry: Path, bim: Bim) -> None:
+    """A cache that cannot be written costs time at the next run, no more."""
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        write_json(entry, {"graph": bim.graph.to_dict(), "notices": list(bim.notices)})
+    except OSError:
+        return

@@ -1,0 +1,159 @@
+"""A plan without heights (rooms as polygons, or walls alone) as an A-graph, storey by storey."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.areas import Area, closed, enclosed, opened, polygons_of, united
+from data.ifc.ifc_edges import ends_of, straightened
+from data.ifc.ifc_enclosed import GAP, HALF_WIDTH, MIN_AREA, open_rest
+from data.ifc.ifc_products import IfcProduct
+from data.ifc.ifc_rooms import Level, RoomVolume, finished
+from data.ifc.ifc_sections import Solid
+from data.ifc.ifc_surfaces import surfaces_at
+from data.plans.plan_graph import Drawing, DrawnRoom, scene_graph_of
+from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
+
+Array = NDArray[np.float64]
+JAMB = 0.7  # m: no wall's end is wider
+DOORWAY = 1.6  # m: a wider gap between walls joins what lies on its sides
+PASSABLE = 0.5  # m: a narrower gap between walls is no door
+REACH = 0.1  # m: a doorway's rooms begin this close to it
+HEIGHT = 2.6  # m: of a storey whose height is not known; it is not told on
+PARTING = 0.01  # m: rooms that share an edge in a plan without walls have one this thin between them
+
+
+@dataclass(frozen=True, eq=False)
+class FlatStorey:
+    """What is drawn of one storey: `walls` the area of walls and windows, `rooms` id, name and area, `doors` areas.
+
+    `elevation` is the z of its floor and `height` that of its rooms, where they are known. Metres.
+    """
+
+    name: str
+    walls: Area = field(default_factory=shapely.Polygon)
+    rooms: Sequence[tuple[str, str, Area]] = ()
+    doors: Sequence[Area] = ()
+    elevation: float | None = None
+    height: float | None = None
+
+
+def graph_of_storeys(storeys: Sequence[FlatStorey], where: str) -> tuple[SceneGraph, tuple[str, ...]]:
+    """The A-graph (frame "bim") and notices. A storey with rooms has these, another the closed faces between its walls,
+    gaps between walls' ends up to 1.6 m taken for doors.
+
+    Raises UserError where there are no walls.
+    """
+    graphs, notices = [], []
+    for number, storey in enumerate(storeys, 1):
+        floor = Floor(f"storey-{number}", storey.name, storey.elevation if storey.elevation is not None else 0.0)
+        graph = _with_rooms(storey, floor) if storey.rooms else _between_walls(storey, floor)
+        graphs.append(graph)
+        if not storey.rooms:
+            made = len(graph.rooms)
+            notices.append(f"{storey.name or floor.id}: {made} rooms were made of the closed faces between walls")
+    surfaces = tuple(w for g in graphs for w in g.wall_surfaces)
+    if not surfaces:
+        raise UserError(f"{where}: no walls were found in it; give a plan with walls or rooms")
+    rooms, doors = tuple(r for g in graphs for r in g.rooms), tuple(d for g in graphs for d in g.doors)
+    return SceneGraph("bim", rooms, surfaces, doors, tuple(f for g in graphs for f in g.floors)), tuple(notices)
+
+
+def _with_rooms(storey: FlatStorey, floor: Floor) -> SceneGraph:
+    key = floor.id
+    walls = storey.walls
+    if walls.is_empty:  # rooms that touch have a wall between them, which nobody drew
+        walls = united(area.boundary.buffer(PARTING) for _, _, area in storey.rooms)
+    height = None if storey.height is None else (floor.elevation or 0.0, (floor.elevation or 0.0) + storey.height)
+    rooms = [
+        DrawnRoom(f"{key}/{id}" + (f".{n}" if n else ""), part, name, key, height)
+        for id, name, area in storey.rooms for n, part in enumerate(shapely.get_parts(polygons_of(area)))
+    ]  # fmt: skip
+    doors = [(f"{key}/door-{k}", area, key) for k, area in enumerate(storey.doors, 1)]
+    graph = scene_graph_of(Drawing(rooms, doors, walls, (floor,)))
+    passages = tuple(replace(d, id=f"{key}/{d.id}") if d.id.startswith("passage") else d for d in graph.doors)
+    return replace(graph, doors=passages)
+
+
+@dataclass(frozen=True, eq=False)
+class _Prism(Solid):
+    """Walls that are alike at every height."""
+
+    area: Area
+
+    def section(self, z: float) -> Area:
+        """The walls."""
+        return self.area if self.bottom < z < self.top else shapely.Polygon()
+
+    def shadow(self) -> Area:
+        """The walls."""
+        return self.area
+
+
+def _prism(area: Area, bottom: float, top: float) -> _Prism:
+    triangles, none = _upright(area, bottom, top), np.zeros((0, 3), np.int32)
+    product = IfcProduct("walls", "IfcWall", "", None, np.zeros((0, 3)), none)
+    return _Prism(product, ((triangles, none),), bottom, top, area)
+
+
+def _upright(area: Area, bottom: float, top: float) -> Array:
+    """(M, 3, 3) the sides."""
+    rings = [np.asarray(r.coords) for p in shapely.get_parts(area) for r in (p.exterior, *p.interiors)]
+    a, b = np.concatenate([r[:-1] for r in rings]), np.concatenate([r[1:] for r in rings])
+    low, high = np.full((len(a), 1), bottom), np.full((len(a), 1), top)
+    corners = [np.hstack([a, low]), np.hstack([b, low]), np.hstack([b, high]), np.hstack([a, high])]
+    return np.concatenate([np.stack([corners[i] for i in order], axis=1) for order in ((0, 1, 2), (0, 2, 3))])
+
+
+def _between_walls(storey: FlatStorey, floor: Floor) -> SceneGraph:
+    if storey.walls.is_empty:
+        return SceneGraph("bim", floors=(floor,))
+    walls = straightened(polygons_of(storey.walls))
+    bottom = floor.elevation or 0.0
+    top = bottom + (storey.height or HEIGHT)
+    doorways = list(_doorways(walls))
+    shut = closed(united([walls, *doorways, *storey.doors]), GAP)
+    faces = [f for f in enclosed(shut) if f.area >= MIN_AREA and opened(f, HALF_WIDTH).area >= MIN_AREA]
+    faces.sort(key=lambda f: (round(f.centroid.x, 2), round(f.centroid.y, 2)))
+    volumes = tuple(
+        finished(RoomVolume(Room(f"{floor.id}/room-{k}", (0.0, 0.0), floor.id, f"Room {k}"), face, bottom, top))
+        for k, face in enumerate(faces, 1)
+    )
+    level = Level(floor.id, bottom, top, volumes, open_rest(shut, faces))
+    found = surfaces_at(level, [_prism(walls, bottom, top)])
+    surfaces = tuple(_named(s, f"{floor.id}/surface-{k}", storey) for k, s in enumerate(found, 1))
+    doors = tuple(_doors(floor.id, [*storey.doors, *shapely.get_parts(united(doorways))], volumes))
+    return SceneGraph("bim", tuple(v.room for v in volumes), surfaces, doors, (floor,))
+
+
+def _named(surface: WallSurface, id: str, storey: FlatStorey) -> WallSurface:
+    known = storey.height is not None
+    return replace(surface, id=id, source="", height=surface.height if known else None)
+
+
+def _doorways(walls: Area) -> Iterable[Area]:
+    """The gaps before walls' ends that another wall closes within a doorway's width."""
+    edges = ends_of(walls, JAMB)
+    if not edges:
+        return
+    middles = np.array([e.point(e.length / 2) for e in edges])
+    normals = np.array([e.normal for e in edges])
+    sights = shapely.linestrings(np.stack([middles + 0.01 * normals, middles + DOORWAY * normals], axis=1))
+    met = shapely.intersection(sights, walls)
+    gaps = shapely.distance(shapely.points(middles), met)
+    for edge, gap in zip(edges, gaps.tolist(), strict=True):
+        if PASSABLE <= gap <= DOORWAY:
+            a, b = edge.start, edge.point(edge.length)
+            yield shapely.Polygon([a, b, b + (gap + 0.01) * edge.normal, a + (gap + 0.01) * edge.normal])
+
+
+def _doors(key: str, openings: Iterable[Area], rooms: Sequence[RoomVolume]) -> Iterable[Door]:
+    """The openings with a room on one side or two."""
+    for number, opening in enumerate(openings, 1):
+        beside = [r.room.id for r in rooms if r.area.distance(opening) < REACH]
+        if 1 <= len(beside) <= 2:
+            yield Door(f"{key}/door-{number}", tuple(beside), (float(opening.centroid.x), float(opening.centroid.y)))

@@ -1,0 +1,60 @@
+"""Meshes of buildings from files: metres, z up."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+
+MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply")
+HIGHEST = 400.0  # m: what is higher is not in metres
+
+
+def is_mesh(path: Path | str) -> bool:
+    """Whether a file's name is that of a mesh."""
+    return Path(path).suffix.lower() in MESH_SUFFIXES
+
+
+def read_triangles(path: Path | str, *more: Path | str) -> NDArray[np.float64]:
+    """(M, 3, 3) the triangles of `.stl`, `.dae`, `.obj` or `.ply`, of several files together. COLLADA's unit and up
+    axis are heeded; the others are taken to be in metres with z up, since they do not say.
+
+    Raises UserError for a file that is missing, of another kind, cannot be read, holds no triangles, and where all
+    together are plainly not in metres.
+    """
+    triangles = np.concatenate([_triangles(Path(p)) for p in (path, *more)])
+    height = float(np.ptp(triangles[:, :, 2]))
+    if not 1.0 < height < HIGHEST:
+        raise UserError(f"{path}: is {height:g} m high; a building in metres with z up is needed")
+    return triangles
+
+
+def _triangles(path: Path) -> NDArray[np.float64]:
+    import trimesh
+
+    if not path.is_file() or not is_mesh(path):
+        raise UserError(f"{path}: no mesh; give a file that ends in {', '.join(MESH_SUFFIXES)}")
+    try:
+        scene = trimesh.load_scene(path)
+        triangles = np.asarray(scene.to_mesh().triangles, dtype=float)
+    except Exception as error:  # trimesh's readers raise kinds of their own
+        missing = path.suffix.lower() == ".dae" and isinstance(error, (ImportError, NotImplementedError, ValueError))
+        hint = "; COLLADA needs pycollada: pip install 'sgslam[mesh]'" if missing else ""
+        raise UserError(f"{path}: cannot be read as a mesh ({type(error).__name__}){hint}") from None
+    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3):
+        raise UserError(f"{path}: holds faces that are no triangles in space")
+    if path.suffix.lower() == ".dae":
+        triangles = _upright(triangles, path)
+    if not len(triangles) or not np.isfinite(triangles).all():
+        raise UserError(f"{path}: holds no triangles, or some that are not finite")
+    return triangles
+
+
+def _upright(triangles: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
+    """In metres with z up, as the file's `asset` tells."""
+    import collada
+
+    asset = collada.Collada(str(path), ignore=[collada.DaeError]).assetInfo
+    axes = {"X_UP": (1, 2, 0), "Y_UP": (2, 0, 1), "Z_UP": (0, 1, 2)}[asset.upaxis or "Y_UP"]
+    return np.asarray(triangles[:, :, axes] * (asset.unitmeter or 1.0))

@@ -1,0 +1,144 @@
+"""A building's mesh as an A-graph: its floors, the closed faces between its walls as rooms, its wall surfaces, doors.
+
+    python -m data.plans.mesh_plan --mesh FILE [FILE ...] --out A_GRAPH.json
+
+The mesh is of the building: walls with two sides on a floor, with or without ceilings; what stands in it counts as
+wall where it is cut at 0.5 to 1.7 m above the floor.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+from data.geometry.areas import Area, closed, difference, opened, united
+from data.ifc.ifc_rooms import Level, RoomVolume, finished
+from data.ifc.ifc_surfaces import CUTS, surfaces_at
+from data.plans.mesh_files import read_triangles
+from data.plans.mesh_sections import MeshSolid, mesh_solid
+from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
+
+Array = NDArray[np.float64]
+LINTELS = (1.95, 2.05, 2.15, 2.3, 2.45, 2.6)  # m above the floor, where doorways have an upper end
+DOORWAY = 1.6  # m: a wider opening under a lintel joins what lies on its sides
+PASSABLE = 0.5  # m: a narrower one is no door
+GAP = 0.3  # m: walls this close to each other meet
+SAME_FLOOR = 0.1  # m
+STOREY = 2.2  # m: no storey is lower
+PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
+MIN_AREA, HALF_WIDTH = 1.5, 0.3  # m2, m: what is smaller, or nowhere twice as wide, is no room
+REACH = 0.1  # m: a doorway's rooms begin this close to it
+
+
+@dataclass(frozen=True, eq=False)
+class MeshBuilding:
+    """The A-graph of a mesh in the mesh's own frame ("bim"), its triangles (M, 3, 3), and its rooms as volumes."""
+
+    graph: SceneGraph
+    triangles: Array
+    levels: tuple[Level, ...]
+
+
+def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
+    """Reads a mesh, or the parts of one in several files (see `read_triangles`). Rooms end at walls, at doorways
+    (openings under a lintel, up to 1.6 m wide) and at the floor's edge; storeys are its level floors with walls on
+    them.
+
+    Raises UserError where the file cannot be read or has no walls standing on a floor.
+    """
+    triangles = read_triangles(path, *more)
+    solid = mesh_solid(triangles, Path(path).stem)
+    levels: list[Level] = []
+    doors: list[Door] = []
+    surfaces: list[WallSurface] = []
+    for z, floor in _floors(triangles):
+        level, openings = _level(solid, z, floor, len(levels))
+        if level.rooms:
+            levels.append(level)
+            doors += [replace(d, id=f"door-{len(doors) + k}") for k, d in enumerate(_doors(level, openings), 1)]
+    tops = [*(level.bottom for level in levels[1:]), solid.top]
+    for level, top in zip(levels, tops, strict=False):
+        surfaces += surfaces_at(replace(level, top=top), [solid])
+    if not surfaces:
+        raise UserError(f"{path}: no walls that stand on a floor; give the mesh of a building, walls with two sides")
+    # what has no source is a wall of its own: all of a mesh is one body
+    numbered = tuple(replace(s, id=f"surface-{k}", source="") for k, s in enumerate(surfaces, 1))
+    floors = tuple(Floor(str(v.floor), f"level {v.bottom:.2f}", v.bottom) for v in levels)
+    rooms = tuple(room.room for level in levels for room in level.rooms)
+    return MeshBuilding(SceneGraph("bim", rooms, numbered, tuple(doors), floors), triangles, tuple(levels))
+
+
+def _floors(triangles: Array) -> list[tuple[float, Area]]:
+    """The heights of level upward faces, lowest first, and their areas in plan."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    size = np.linalg.norm(normal, axis=1)
+    level = normal[:, 2] > 0.99 * size
+    faces, area, z = triangles[level], size[level], triangles[level, :, 2].mean(axis=1)
+    found: list[tuple[float, Area, float]] = []
+    free = np.ones(len(z), dtype=bool)
+    while free.any():
+        sums = np.array([area[free & (np.abs(z - at) < SAME_FLOOR)].sum() for at in np.where(free, z, np.inf)])
+        own = free & (np.abs(z - z[np.argmax(sums)]) < SAME_FLOOR)
+        if found and area[own].sum() < PART_OF_MOST * found[0][2]:
+            break
+        bottom = float(np.average(z[own], weights=area[own]))
+        if all(abs(bottom - other) >= STOREY for other, _, _ in found):
+            found.append((bottom, united(shapely.polygons(faces[own][:, :, :2])), float(area[own].sum())))
+        free &= ~own
+    return sorted(((bottom, floor) for bottom, floor, _ in found), key=lambda f: f[0])
+
+
+def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level, list[Area]]:
+    """A storey with its rooms by position, and its doorways."""
+    walls = united(solid.section(z + height) for height in CUTS)
+    overhead = difference(united(solid.section(z + height) for height in LINTELS), walls)
+    doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and _longer_side(p) <= DOORWAY]
+    shut = closed(united([walls, *doorways]), GAP)
+    inside = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(united([floor, walls])))
+    parts = [p for p in shapely.get_parts(opened(difference(inside, shut), HALF_WIDTH)) if p.area >= MIN_AREA]
+    parts.sort(key=lambda p: (round(p.centroid.x, 2), round(p.centroid.y, 2)))
+    if walls.is_empty:
+        parts = []
+    key = f"storey-{number + 1}"
+    volumes = (
+        RoomVolume(Room(f"{key}/room-{k}", (0.0, 0.0), key, f"Room {k}"), part, z, z + STOREY)
+        for k, part in enumerate(parts, 1)
+    )
+    return Level(key, z, solid.top, tuple(finished(v) for v in volumes)), doorways
+
+
+def _longer_side(area: Area) -> float:
+    corners = np.asarray(shapely.oriented_envelope(area).exterior.coords)
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).max())
+
+
+def _doors(level: Level, doorways: list[Area]) -> list[Door]:
+    """The doorways with a room on one side or two."""
+    doors = []
+    for opening in doorways:
+        beside = [r.room.id for r in level.rooms if r.area.distance(opening) < REACH]
+        if 1 <= len(beside) <= 2 and _longer_side(opening) >= PASSABLE:
+            doors.append(Door("", tuple(beside), (float(opening.centroid.x), float(opening.centroid.y))))
+    return doors
+
+
+def main() -> int:
+    """The command line; raises UserError."""
+    parser = Parser(prog="python -m data.plans.mesh_plan", description="Writes the A-graph of a building's mesh.")
+    about = ".stl, .dae, .obj or .ply; metres, z up; several are parts of one building"
+    parser.add_argument("--mesh", required=True, nargs="+", type=Path, metavar="FILE", help=about)
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="where the A-graph goes (.json)")
+    options = parser.parse_args()
+    graph = read_mesh(*options.mesh).graph
+    graph.save(options.out)
+    counts = f"{len(graph.floors)} storeys, {len(graph.rooms)} rooms, {len(graph.wall_surfaces)} wall surfaces"
+    print(f"{options.out}: {counts}")
+    return 0
+
+
+if __name__ == "__main__":
+    run_command(main)

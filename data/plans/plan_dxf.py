@@ -1,0 +1,217 @@
+"""Walls of a DXF drawing's model space as an A-graph: layers by their names, units by its header or its walls.
+
+x and y are the drawing's own, in metres. Needs ezdxf (the extra `dxf`).
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.plans.flat_plan import FlatStorey, graph_of_storeys
+from data.plans.wall_lines import DrawnWalls, even_odd, walls_of_lines
+from data.scene_graph import SceneGraph
+
+Array = NDArray[np.float64]
+WALLS = (
+    "wall", "mauer", "wand", "wände", "waende", "muro", "muri", "mur", "murs", "cloison", "paret", "pared", "vegg",
+    "vägg", "seinä", "ściana", "sciana", "partition", "стен", "墙", "壁", "window", "fenster", "fenêtre", "fenetre",
+    "ventana", "finestra", "glaz", "curtain", "column", "stütze", "stuetze", "poteau", "pillar",
+)  # fmt: skip
+NOT_WALLS = ("furn", "möbel", "dim", "text", "anno", "ceil", "decke", "iden", "tag", "grid")
+UNITS = {  # $INSUNITS -> metres
+    1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 10: 0.9144, 14: 0.1, 15: 10.0, 16: 100.0, 21: 0.30480061,
+}  # fmt: skip
+NAMES = {1.0: "metres", 1e-2: "centimetres", 1e-3: "millimetres", 0.0254: "inches", 0.3048: "feet"}
+DRAWN = ("LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "HATCH", "SOLID", "TRACE")
+SMALLEST, LARGEST, USUAL = 2.0, 3000.0, 40.0  # m: of a building's plan
+DEEPEST, MOST, MOST_BLOCKS = 12, 2_000_000, 50_000  # blocks within blocks; line segments; blocks wherever they lie
+CURVE = 16  # chords of a bow
+
+
+@dataclass
+class _Drawn:
+    """What one layer holds, in the drawing's units."""
+
+    segments: list[Array] = field(default_factory=list)  # each (K, 2, 2)
+    filled: list[list[Array]] = field(default_factory=list)  # rings (N, 2) of each hatch or solid
+
+    def count(self) -> int:
+        return sum(map(len, self.segments)) + len(self.filled)
+
+
+def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, tuple[str, ...]]:
+    """The A-graph of a drawing, one storey at z = 0, and notices (layers, units, rooms made).
+
+    `layers` names those with the walls; without it those are taken whose names say so. Raises UserError for a file that
+    is missing or no DXF, for unknown layers, and where no layer is known to hold walls or it holds none.
+    """
+    path = Path(path)
+    drawing = _open(path)
+    by_layer = _by_layer(drawing, path)
+    chosen, notices = _chosen(by_layer, layers, path)
+    segments = np.concatenate([np.empty((0, 2, 2)), *(s for name in chosen for s in by_layer[name].segments)])
+    filled = [rings for name in chosen for rings in by_layer[name].filled]
+    try:
+        scale, told = _scale(drawing, segments, filled, path)
+        walls = _walls(segments, filled, scale)
+        graph, made = graph_of_storeys([FlatStorey(path.stem, walls.area)], str(path))
+    except UserError:
+        raise
+    except Exception as error:  # shapely and what is built on it raise many kinds
+        raise UserError(f"{path}: its lines make no plan ({type(error).__name__}); name the walls' layers") from None
+    if not walls.is_double and not filled:
+        told.append("walls are drawn as single lines; they are taken to be 0.1 m thick")
+    return graph, (*notices, *told, *made)
+
+
+def _open(path: Path) -> Any:
+    try:
+        import ezdxf
+    except ModuleNotFoundError:
+        raise UserError(f"{path}: DXF needs ezdxf: pip install 'sgslam[dxf]'") from None
+    try:
+        return ezdxf.readfile(path)
+    except OSError:
+        raise UserError(f"{path}: cannot be read as DXF; give a DXF file (a DWG must be exported as one)") from None
+    except Exception as error:  # ezdxf raises many kinds on garbage
+        raise UserError(f"{path}: a broken DXF file ({type(error).__name__}); export it again") from None
+
+
+def _by_layer(drawing: Any, path: Path) -> dict[str, _Drawn]:
+    found: dict[str, _Drawn] = defaultdict(_Drawn)
+    try:
+        budget = _Budget(path)
+        for layer, entity in _exploded(drawing.modelspace(), "0", 0, budget):
+            budget.lines -= _add(found[layer], entity)
+            budget.check()
+    except UserError:
+        raise
+    except Exception as error:  # ezdxf raises many kinds on garbage
+        raise UserError(f"{path}: a broken DXF file ({type(error).__name__}); export it again") from None
+    return {name: drawn for name, drawn in found.items() if drawn.count()}
+
+
+@dataclass
+class _Budget:
+    """How much may still be drawn: blocks of blocks can hold more than any memory."""
+
+    path: Path
+    lines: int = MOST
+    blocks: int = MOST_BLOCKS
+
+    def check(self) -> None:
+        """Raises UserError where it is overdrawn."""
+        if self.lines < 0 or self.blocks < 0:
+            most = f"{MOST:,} lines or {MOST_BLOCKS:,} blocks"
+            raise UserError(f"{self.path}: holds over {most}; purge the drawing")
+
+
+def _exploded(entities: Any, layer: str, depth: int, budget: _Budget) -> Iterator[tuple[str, Any]]:
+    """Entities with their layers; blocks and multilines as what they are made of, layer 0 within one being its own."""
+    for entity in entities:
+        own = entity.dxf.get("layer", "0")
+        own = layer if own == "0" else own
+        kind = entity.dxftype()
+        if kind in DRAWN:
+            yield own, entity
+        elif kind in ("INSERT", "MLINE") and depth < DEEPEST:
+            several = kind == "INSERT" and entity.mcount > 1
+            budget.blocks -= entity.mcount if several else 1
+            budget.check()
+            for one in entity.multi_insert() if several else [entity]:
+                yield from _exploded(one.virtual_entities(), own, depth + 1, budget)
+
+
+def _add(drawn: _Drawn, entity: Any) -> int:
+    """Takes an entity's lines in plan; returns how many. Entities that are broken are passed over."""
+    from ezdxf import path as paths
+
+    kind = entity.dxftype()
+    try:
+        if kind == "HATCH":
+            rings = [_flat(p) for p in paths.from_hatch(entity)]
+        elif kind in ("SOLID", "TRACE"):
+            rings = [np.array([[v.x, v.y] for v in entity.wcs_vertices()])]
+        else:
+            points = _flat(paths.make_path(entity))
+            steps = np.stack([points[:-1], points[1:]], axis=1)
+            steps = steps[np.any(steps[:, 0] != steps[:, 1], axis=1)]
+            if len(steps) and np.isfinite(steps).all():
+                drawn.segments.append(steps)
+            return len(steps)
+    except (ValueError, TypeError, ZeroDivisionError, ArithmeticError, AttributeError, IndexError):
+        return 0
+    good = [ring for ring in rings if len(ring) >= 3 and np.isfinite(ring).all()]
+    drawn.filled += [good] if good else []
+    return sum(map(len, good))
+
+
+def _flat(path: Any) -> Array:
+    return np.array([[v.x, v.y] for v in path.approximate(CURVE)], dtype=float).reshape(-1, 2)
+
+
+def _chosen(by_layer: dict[str, _Drawn], layers: Sequence[str], path: Path) -> tuple[list[str], list[str]]:
+    """The layers of the walls, and what to tell of them."""
+    fullest = sorted(by_layer.items(), key=lambda item: -item[1].count())[:12]
+    listed = ", ".join(f"{name} ({drawn.count()})" for name, drawn in fullest)
+    if not by_layer:
+        raise UserError(f"{path}: no lines in its model space; give a plan with walls")
+    if layers:
+        asked = {name.casefold() for name in layers}
+        known = [name for name in by_layer if name.casefold() in asked]
+        missing = asked - {name.casefold() for name in known}
+        if missing:
+            raise UserError(f"--layer {min(missing)}: no such layer with lines in {path}; there are: {listed}")
+        return known, []
+    chosen = [name for name in by_layer if is_wall_layer(name)] or (list(by_layer) if len(by_layer) == 1 else [])
+    if not chosen:
+        raise UserError(f"{path}: no layer's name tells of walls; name theirs with --layer; there are: {listed}")
+    return chosen, [f"walls are taken from the layers {', '.join(sorted(chosen))}"]
+
+
+def is_wall_layer(name: str) -> bool:
+    """Whether a layer's name (`A-WALL-FULL`, `Aussenwände`, `plan$0$MUR`) tells of walls or what closes them."""
+    words = [w for w in re.split(r"[^\w]|_|\d", name.casefold().rpartition("$")[2]) if w]
+    if any(word.startswith(no) for word in words for no in NOT_WALLS):
+        return False
+    return any(word == known or (known in word and not _short(known)) for word in words for known in WALLS)
+
+
+def _short(word: str) -> bool:
+    """Whether other words may hold this one by chance."""
+    return word.isascii() and len(word) < 4
+
+
+def _scale(drawing: Any, segments: Array, filled: list[list[Array]], path: Path) -> tuple[float, list[str]]:
+    """Metres of the drawing's unit, and what to tell: the header's, else that in which walls are of a wall's size."""
+    corners = np.concatenate([segments.reshape(-1, 2), *(r for rings in filled for r in rings)])
+    extent = float(np.ptp(corners, axis=0).max())
+    stated = UNITS.get(_header(drawing, "$INSUNITS"))
+    if stated is not None and SMALLEST <= extent * stated <= LARGEST:
+        return stated, []
+    metric = _header(drawing, "$MEASUREMENT", 1) != 0
+    possible = [u for u in ((1.0, 1e-2, 1e-3) if metric else (0.0254, 0.3048)) if SMALLEST <= extent * u <= LARGEST]
+    if not possible:
+        raise UserError(f"{path}: its walls extend over {extent:g} units: no building's size in any unit; scale it")
+    double = {u: len(possible) == 1 or _walls(segments, filled, u).is_double for u in possible}
+    best = max(possible, key=lambda u: (double[u], -abs(float(np.log(extent * u / USUAL)))))
+    why = "its units are not set" if stated is None else f"in its stated units it were {extent * stated:g} m wide"
+    return best, [f"{why}: the drawing is taken to be in {NAMES[best]}, {extent * best:.1f} m wide"]
+
+
+def _header(drawing: Any, name: str, default: int = 0) -> int:
+    try:
+        return int(drawing.header.get(name, default))
+    except (TypeError, ValueError):
+        return default
+
+
+def _walls(segments: Array, filled: list[list[Array]], scale: float) -> DrawnWalls:
+    return walls_of_lines(segments * scale, [even_odd([ring * scale for ring in rings]) for rings in filled])

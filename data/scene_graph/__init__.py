@@ -1,0 +1,13 @@
+"""`SceneGraph`, the one type that S-graphs and A-graphs share, and the files that hold one."""
+
+from data.scene_graph.scene_graph import (
+    Door,
+    Floor,
+    Keyframe,
+    Room,
+    SceneGraph,
+    WallSurface,
+    Xy,
+)
+
+__all__ = ["Door", "Floor", "Keyframe", "Room", "SceneGraph", "WallSurface", "Xy"]

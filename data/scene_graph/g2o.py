@@ -1,0 +1,227 @@
+"""S-Graphs' factor graphs as `.g2o` files: keyframes, planes, rooms, and what joined them (github.com/snt-arg).
+
+Fixed vertices are the plan that S-Graphs held its map against, not what was seen: they are dropped with all their
+edges. Numbers that were never set (S-Graphs leaves some, such as 3e-312) are refused, not read as zero.
+"""
+
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.poses import xyzquat_to_poses
+from data.scene_graph.scene_graph import Room, SceneGraph, WallSurface
+
+Floats = NDArray[np.float64]
+_CROSSING = 0.5  # sine of the angle at which one wall of a room bounds another
+_FIELDS = {  # tag -> (ids, numbers that are read); what follows them on a line has no meaning here
+    "VERTEX_SE3:QUAT": (1, 7), "VERTEX_PLANE": (1, 4), "VERTEX_ROOM": (1, 3),
+    "EDGE_SE3:QUAT": (2, 28), "EDGE_SE3_PLANE": (2, 10), "EDGE_2PLANES": (2, 0),
+    "EDGE_ROOM_4PLANES": (5, 0),  # its measurement is never set: a room is where its planes are
+}  # fmt: skip
+_POSE, _PLANE, _ROOM = "VERTEX_SE3:QUAT", "VERTEX_PLANE", "VERTEX_ROOM"
+_JOINS = {
+    "EDGE_SE3:QUAT": (_POSE, _POSE), "EDGE_SE3_PLANE": (_POSE, _PLANE), "EDGE_2PLANES": (_PLANE, _PLANE),
+    "EDGE_ROOM_4PLANES": (_ROOM, _PLANE, _PLANE, _PLANE, _PLANE),
+}  # fmt: skip
+_UNIT = 1e-3  # by which a unit vector may be off: files are written with six digits
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The motion between two keyframes; `information` (6, 6) as in g2o: translation (m), then the vector part of the
+    unit quaternion (half an angle)."""
+
+    first: int
+    second: int
+    T_first_second: Floats
+    information: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneSeen:
+    """A plane (nx, ny, nz, d), n.x + d = 0, in a keyframe's frame; `information` (3, 3) of azimuth, elevation (rad) and
+    d (m)."""
+
+    keyframe: int
+    plane: int
+    plane_in_sensor: Floats
+    information: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneGraph:
+    """Keyframes as T_map_sensor (4, 4), planes (4,) and room centres (3,) in the map frame, by their ids in the file.
+
+    `walls` are the planes that bound each room, `same` pairs of planes that are one wall. `refused`: what was left out
+    of the file because its numbers were never set, a line for each.
+    """
+
+    keyframes: dict[int, Floats]
+    planes: dict[int, Floats]
+    rooms: dict[int, Floats]
+    walls: dict[int, tuple[int, ...]]
+    steps: tuple[Step, ...]
+    seen: tuple[PlaneSeen, ...]
+    same: tuple[tuple[int, int], ...]
+    refused: tuple[str, ...]
+
+    def scene_graph(self) -> SceneGraph:
+        """The S-graph in plan view: rooms `r<id>` and the walls that bound them, `w<plane>@r<room>`, each as long as
+        the room's other walls leave it. Walls that bound no room are left out, and rooms whose walls the file does not
+        tell: nobody could say how long their walls are."""
+        rooms = {n: centre for n, centre in self.rooms.items() if n in self.walls}
+        surfaces = [
+            surface for n, centre in rooms.items() for plane in self.walls[n]
+            if (surface := self._surface(n, centre[:2], plane)) is not None
+        ]  # fmt: skip
+        return SceneGraph("map", tuple(Room(f"r{n}", _xy(c)) for n, c in rooms.items()), tuple(surfaces))
+
+    def _surface(self, room: int, centre: Floats, plane: int) -> WallSurface | None:
+        own = self.planes[plane] / np.linalg.norm(self.planes[plane][:2])
+        own = own if own[:2] @ centre + own[3] > 0 else -own  # it is seen from within
+        others = [self.planes[p] / np.linalg.norm(self.planes[p][:2]) for p in self.walls[room] if p != plane]
+        crossing = [p for p in others if abs(own[0] * p[1] - own[1] * p[0]) > _CROSSING]
+        corners = [np.linalg.solve([own[:2], p[:2]], [-own[3], -p[3]]) for p in crossing]
+        tangent = np.array([own[1], -own[0]])
+        along = np.array(corners) @ tangent if corners else np.empty(0)
+        before, after = along[along < centre @ tangent], along[along > centre @ tangent]
+        if not len(before) or not len(after):
+            return None
+        low, high = float(before.max()), float(after.min())
+        middle = (low + high) / 2 * tangent - own[3] * own[:2]
+        return WallSurface(f"w{plane}@r{room}", f"r{room}", _xy(middle), _xy(own), high - low)
+
+
+def read_g2o(path: Path | str) -> PlaneGraph:
+    """Reads what is not fixed; vertices and edges of other kinds are passed over.
+
+    Raises UserError, naming the line, for a file that cannot be read, a line that breaks off or holds a word in place
+    of a number, a vertex whose numbers were never set, an edge to nothing, and where no keyframe or no plane is left.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text().splitlines()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); give a .g2o file") from None
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: not text; give a .g2o file") from None
+    return _Reader(path).read(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Row:
+    line: int
+    tag: str
+    ids: tuple[int, ...]
+    numbers: Floats
+
+
+class _Reader:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._refused: list[str] = []
+
+    def read(self, lines: list[str]) -> PlaneGraph:
+        """The graph of a file's lines, without what is fixed or not set. Raises UserError, naming the line."""
+        words = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
+        fixed = {self._id(number, name) for number, (tag, *names) in words if tag == "FIX" for name in names}
+        rows = [self._row(number, tag, rest) for number, (tag, *rest) in words if tag in _FIELDS]
+        rows = [row for row in rows if not fixed.intersection(row.ids) and self._is_set(row)]
+        kinds: dict[int, str] = {}
+        for row in rows:
+            if row.tag.startswith("VERTEX"):
+                if row.ids[0] in kinds:
+                    raise self._bad(row.line, f"the id {row.ids[0]} is given twice")
+                kinds[row.ids[0]] = row.tag
+        for row in rows:
+            self._check_edge(row, kinds)
+        poses = {i: self._pose(number, v) for number, (i,), v in self._of(rows, "VERTEX_SE3:QUAT")}
+        planes = {i: self._plane(number, v) for number, (i,), v in self._of(rows, "VERTEX_PLANE")}
+        rooms = {i: v for _, (i,), v in self._of(rows, "VERTEX_ROOM")}
+        for kind, found in (("keyframe", poses), ("plane", planes)):
+            if not found:
+                raise UserError(f"{self._path}: no {kind} that is not fixed; a .g2o file of S-Graphs is needed")
+        steps = [
+            Step(i, j, self._pose(n, v[:7]), _symmetric(v[7:], 6)) for n, (i, j), v in self._of(rows, "EDGE_SE3:QUAT")
+        ]
+        seen = [
+            PlaneSeen(i, j, self._plane(n, v[:4]), _symmetric(v[4:], 3))
+            for n, (i, j), v in self._of(rows, "EDGE_SE3_PLANE")
+        ]
+        walls = {ids[0]: ids[1:] for _, ids, _ in self._of(rows, "EDGE_ROOM_4PLANES")}
+        same = [(i, j) for _, (i, j), _ in self._of(rows, "EDGE_2PLANES")]
+        return PlaneGraph(poses, planes, rooms, walls, tuple(steps), tuple(seen), tuple(same), tuple(self._refused))
+
+    @staticmethod
+    def _of(rows: list[_Row], tag: str) -> Iterator[tuple[int, tuple[int, ...], Floats]]:
+        return ((row.line, row.ids, row.numbers) for row in rows if row.tag == tag)
+
+    def _row(self, line: int, tag: str, words: list[str]) -> _Row:
+        """What is read of a line. Raises UserError where it breaks off."""
+        ids, numbers = _FIELDS[tag]
+        if len(words) < ids + numbers:
+            raise self._bad(line, f"{tag} needs {ids + numbers} numbers and has {len(words)}")
+        try:
+            read = np.array([float(word) for word in words[ids : ids + numbers]])
+        except ValueError:
+            raise self._bad(line, f"{tag} holds a word in place of a number") from None
+        return _Row(line, tag, tuple(self._id(line, word) for word in words[:ids]), read)
+
+    def _id(self, line: int, word: str) -> int:
+        try:
+            return int(word)
+        except ValueError:
+            raise self._bad(line, f"'{word}' is no id") from None
+
+    def _is_set(self, row: _Row) -> bool:
+        """Whether all numbers of a row were set; if not, an edge is refused. Raises UserError for a vertex."""
+        unset = [x for x in row.numbers.tolist() if not math.isfinite(x) or 0 < abs(x) < sys.float_info.min]
+        if not unset:
+            return True
+        told = f"{row.tag} of {' and '.join(map(str, row.ids))} holds a number that was never set ({unset[0]:g})"
+        if row.tag.startswith("VERTEX"):
+            raise self._bad(row.line, told)
+        self._refused.append(f"line {row.line}: {told}")
+        return False
+
+    def _check_edge(self, row: _Row, kinds: dict[int, str]) -> None:
+        wanted = _JOINS.get(row.tag, ())
+        for i, kind in zip(row.ids, wanted, strict=False):
+            if kinds.get(i) != kind:
+                raise self._bad(row.line, f"{row.tag} names {i}, which is no {kind}")
+
+    def _pose(self, line: int, xyzquat: Floats) -> Floats:
+        if abs(np.linalg.norm(xyzquat[3:]) - 1) > _UNIT:
+            raise self._bad(line, "a rotation is no unit quaternion")
+        return xyzquat_to_poses(xyzquat)
+
+    def _plane(self, line: int, plane: Floats) -> Floats:
+        size = float(np.linalg.norm(plane[:3]))
+        if abs(size - 1) > _UNIT:
+            raise self._bad(line, "a plane's normal is no unit vector")
+        return plane / size
+
+    def _bad(self, line: int, what: str) -> UserError:
+        return UserError(f"{self._path}, line {line}: {what}")
+
+
+def _symmetric(upper: Floats, size: int) -> Floats:
+    """(size, size) from the rows of its upper triangle."""
+    matrix = np.zeros((size, size))
+    matrix[np.triu_indices(size)] = upper
+    return matrix + np.triu(matrix, 1).T
+
+
+def _xy(point: Floats) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
+def plane_of(surface: str) -> int:
+    """The id of the plane that a wall surface of `PlaneGraph.scene_graph` is a part of."""
+    return int(surface[1:].partition("@")[0])

@@ -1,0 +1,1 @@
+"""A simulated LiDAR on a robot that drives through a building."""

@@ -1,0 +1,115 @@
+"""How a robot drives curves: bounded acceleration, slower in bends, turns on the spot between them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+
+Poses = NDArray[np.float64]  # (N, 3) x y yaw, or (N, 4) with the ground's z
+STEEP = 0.1  # m a metre: what is steeper is a stair
+
+
+@dataclass(frozen=True)
+class Robot:
+    """Metres, seconds, radians. `rest` is how long it stands before the first move and after the last; `stair_speed`
+    is its speed over ground on stairs."""
+
+    radius: float = 0.25
+    speed: float = 0.8
+    acceleration: float = 0.5
+    yaw_rate: float = 0.8
+    yaw_acceleration: float = 1.0
+    rest: float = 0.5
+    stair_speed: float = 0.4
+
+    def __post_init__(self) -> None:
+        """Raises UserError for a robot that cannot move."""
+        speeds = (self.speed, self.stair_speed, self.yaw_rate)
+        if not min(self.radius, *speeds, self.acceleration, self.yaw_acceleration) > 0:
+            raise UserError("robot: radius, speeds, yaw rate and accelerations must be positive")
+        if not self.rest >= 0:
+            raise UserError("robot: rest must not be negative")
+
+
+@dataclass(frozen=True)
+class _Phase:
+    duration: float
+    at: Callable[[NDArray[np.float64]], Poses]  # seconds since the phase began (N,) to poses
+
+
+def drive(
+    legs: Sequence[NDArray[np.float64]], start_yaw: float, robot: Robot, rate: float
+) -> tuple[NDArray[np.float64], Poses]:
+    """Drives legs (N, 2), each beginning where the one before ends; the robot's x axis points along the way.
+
+    Returns stamps (M,) from 0, `rate` a second, and x y yaw (M, 3). Legs (N, 3) have the ground's z too, and the poses
+    are x y yaw z (M, 4) then; on stairs the robot is slower.
+    """
+    yaw = start_yaw
+    phases = [_stand(legs[0][0], yaw, robot.rest)]
+    for leg in legs:
+        headings = _headings(leg)
+        turn = (headings[0] - yaw + np.pi) % (2 * np.pi) - np.pi
+        headings += yaw + turn - headings[0]
+        phases += [_turn(leg[0], yaw, turn, robot), _follow(leg, headings, robot)]
+        yaw = float(headings[-1])
+    phases.append(_stand(legs[-1][-1], yaw, robot.rest))
+    ends = np.cumsum([p.duration for p in phases])
+    begins = ends - [p.duration for p in phases]
+    stamps = np.arange(int(ends[-1] * rate) + 1) / rate
+    phase = np.minimum(np.searchsorted(ends, stamps, side="right"), len(phases) - 1)
+    return stamps, np.concatenate([p.at(stamps[phase == k] - begins[k]) for k, p in enumerate(phases)])
+
+
+def _headings(leg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) the curve's direction at its points, without jumps of a whole turn."""
+    tangents = np.gradient(leg[:, :2], axis=0)
+    return np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
+
+
+def _stand(place: NDArray[np.float64], yaw: float, duration: float) -> _Phase:
+    return _Phase(duration, lambda t: np.tile([*place[:2], yaw, *place[2:]], (len(t), 1)))
+
+
+def _turn(place: NDArray[np.float64], yaw: float, angle: float, robot: Robot) -> _Phase:
+    """Turns on the spot: the yaw rate rises, stays, falls."""
+    rate = min(robot.yaw_rate, float(np.sqrt(abs(angle) * robot.yaw_acceleration)))
+    ramp = rate / robot.yaw_acceleration
+    duration = ramp + abs(angle) / rate if rate > 0 else 0.0
+
+    def at(t: NDArray[np.float64]) -> Poses:
+        rising, falling = np.minimum(t, ramp), np.maximum(t - (duration - ramp), 0)
+        turned = rate * np.maximum(t - ramp, 0) + robot.yaw_acceleration / 2 * (rising**2 - falling**2)
+        x_y_z = np.tile(place, (len(t), 1))
+        return np.column_stack([x_y_z[:, :2], yaw + np.sign(angle) * turned, x_y_z[:, 2:]])
+
+    return _Phase(duration, at)
+
+
+def _follow(leg: NDArray[np.float64], headings: NDArray[np.float64], robot: Robot) -> _Phase:
+    """From rest to rest as fast as speed, yaw rate, and the accelerations of both allow."""
+    steps = np.linalg.norm(np.diff(leg[:, :2], axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    curvature = np.gradient(headings, along)
+    bending = np.abs(np.gradient(curvature, along))
+    steep = np.zeros(len(leg)) if leg.shape[1] == 2 else np.abs(np.gradient(leg[:, 2], along))
+    v = np.where(steep > STEEP, min(robot.speed, robot.stair_speed), robot.speed)
+    v = np.minimum(v, robot.yaw_rate / np.maximum(np.abs(curvature), 1e-9))
+    v = np.minimum(v, np.sqrt(robot.yaw_acceleration / np.maximum(bending, 1e-9)))
+    v[[0, -1]] = 0.0
+    for i in range(1, len(v)):
+        v[i] = min(v[i], np.sqrt(v[i - 1] ** 2 + 2 * robot.acceleration * steps[i - 1]))
+    for i in range(len(v) - 2, -1, -1):
+        v[i] = min(v[i], np.sqrt(v[i + 1] ** 2 + 2 * robot.acceleration * steps[i]))
+    seconds = np.concatenate([[0.0], np.cumsum(2 * steps / (v[:-1] + v[1:]))])
+
+    def at(t: NDArray[np.float64]) -> Poses:
+        i = np.clip(np.searchsorted(seconds, t, side="right") - 1, 0, len(steps) - 1)
+        since = t - seconds[i]
+        s = along[i] + v[i] * since + (v[i + 1] ** 2 - v[i] ** 2) / (4 * steps[i]) * since**2
+        return np.column_stack([np.interp(s, along, c) for c in (leg[:, 0], leg[:, 1], headings, *leg[:, 2:].T)])
+
+    return _Phase(float(seconds[-1]), at)

@@ -1,0 +1,46 @@
+"""One storey of a building's mesh as a robot meets it."""
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.areas import Area
+from data.plans.mesh_plan import read_mesh
+from data.simulation.changes import Changes
+from data.simulation.storey_model import RoomLabel, Space, StoreyModel
+
+Array = NDArray[np.float64]
+
+
+def mesh_storey(path: Path | str, storey: str = "", changes: Changes | None = None) -> StoreyModel:
+    """Reads the mesh; `storey` is the id or name of a level as its A-graph has it, empty for the lowest.
+
+    Raises UserError for an unknown level, one without rooms, and changes: a mesh has no walls of their own to move.
+    """
+    if changes is not None and changes.any:
+        raise UserError(f"{path}: a mesh has no single walls that could be moved; give an IFC file")
+    building = read_mesh(path)
+    names = {f.id: f.name for f in building.graph.floors}
+    levels = [v for v in building.levels if v.floor is not None and storey in ("", v.floor, names[v.floor])]
+    if not levels:
+        raise UserError(f"{path}: no level '{storey}'; it has: {', '.join(repr(name) for name in names.values())}")
+    level = levels[0]
+    spaces = []
+    for room in level.rooms:
+        bottom = _flat(room.area, level.bottom)
+        label = RoomLabel(room.room.id, room.room.name, room.room.name)
+        spaces.append(Space(label, bottom, bottom + np.array([0.0, 0.0, level.top - level.bottom])))
+    corners = np.concatenate([s.bottom for s in spaces]).reshape(-1, 3)[:, :2]
+    extent = (corners.min(axis=0), corners.max(axis=0))
+    name = names[str(level.floor)]
+    return StoreyModel(str(level.floor), name, level.bottom, tuple(spaces), building.triangles, (), extent)
+
+
+def _flat(area: Area, z: float) -> Array:
+    """(M, 3, 3) the area as triangles at one height."""
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
+    plan = np.array([np.asarray(part.exterior.coords)[:3] for part in parts])
+    return np.dstack([plan, np.full(plan.shape[:2], z)])

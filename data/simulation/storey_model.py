@@ -1,0 +1,232 @@
+"""One storey of an IFC model as a robot meets it: what is solid, its rooms, its level; doors stand open."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import ifcopenshell
+import ifcopenshell.util.placement
+import ifcopenshell.util.unit
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.raycast import TriangleScene
+from data.ifc.ifc_products import IfcProduct, open_ifc, products
+from data.simulation.changes import Change, Changes, as_built, draw_changes
+
+Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
+Xy = NDArray[np.float64]  # (2,)
+NOT_SOLID = ("IfcFeatureElement", "IfcDoor", "IfcVirtualElement", "IfcGeographicElement")
+STAIRS = ("IfcStair", "IfcStairFlight", "IfcRamp", "IfcRampFlight")
+FLOOR_SEARCH = 0.6  # m: a floor or ceiling lies this close to the lower or upper face of its space
+
+
+@dataclass(frozen=True)
+class RoomLabel:
+    """GlobalId, Name and LongName of an IfcSpace."""
+
+    id: str
+    name: str = ""
+    long_name: str = ""
+
+
+@dataclass(frozen=True)
+class Space:
+    """A room: its lower and upper faces, in the BIM frame."""
+
+    label: RoomLabel
+    bottom: Triangles
+    top: Triangles
+
+
+@dataclass(frozen=True, eq=False)
+class StoreyModel:
+    """`solid` is the whole building's; all else is the storey's. Metres, BIM frame.
+
+    `level` is the z of the finished floor, `extent` are the lowest and the highest x y, (2,) each. `changes` tells
+    what stands otherwise than the plan has it; `walls` are the storey's IfcWalls and, as the spaces, the plan's.
+    `stairs` are the whole building's.
+    """
+
+    id: str
+    name: str
+    level: float
+    spaces: tuple[Space, ...]
+    solid: Triangles
+    doors: tuple[Triangles, ...]
+    extent: tuple[Xy, Xy]
+    changes: tuple[Change, ...] = ()
+    walls: tuple[IfcProduct, ...] = ()
+    stairs: tuple[Triangles, ...] = ()
+
+
+def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0) -> StoreyModel:
+    """Reads the model; `storey` is a name, long name or GlobalId. `changes` are made to the storey's walls, by `seed`.
+
+    Spaces that have hardly a floor or ceiling in the model lend their lower and upper faces as such. Raises
+    UserError for an unreadable file, an unknown storey, or a storey with nothing on it.
+    """
+    model = open_ifc(ifc)
+    entity = _find_storey(model, storey, ifc)
+    return _storey_model(model, entity, _Shapes.of(model), changes, seed, f"{ifc}: storey '{storey}'")
+
+
+def load_storeys(ifc: Path | str, storeys: Sequence[str]) -> list[StoreyModel]:
+    """As `load_storey`, of several storeys; what stands is as planned. One that is named twice is read once."""
+    model = open_ifc(ifc)
+    entities = {name: _find_storey(model, name, ifc) for name in storeys}
+    shapes, models = _Shapes.of(model), dict[str, StoreyModel]()
+    for name, entity in entities.items():
+        if entity.GlobalId not in models:
+            models[entity.GlobalId] = _storey_model(model, entity, shapes, None, 0, f"{ifc}: storey '{name}'")
+    return [models[entities[name].GlobalId] for name in storeys]
+
+
+@dataclass(frozen=True)
+class _Shapes:
+    """The triangulated products of a whole model: what is solid, spaces, door leaves, openings."""
+
+    solid: list[IfcProduct]
+    spaces: list[IfcProduct]
+    doors: list[IfcProduct]
+    openings: list[IfcProduct]
+
+    @staticmethod
+    def of(model: ifcopenshell.file) -> "_Shapes":
+        classes = sorted({e.is_a() for e in model.by_type("IfcElement") if not _is_any(e, NOT_SOLID)})
+        solid = [p for p in products(model, tuple(classes)) if not _is_any(model.by_guid(p.global_id), NOT_SOLID)]
+        others = (list(products(model, (c,))) for c in ("IfcSpace", "IfcDoor", "IfcOpeningElement"))
+        return _Shapes(solid, *others)
+
+
+def _storey_model(
+    model: ifcopenshell.file, entity: ifcopenshell.entity_instance, shapes: _Shapes, changes: Changes | None, seed: int,
+    what: str,
+) -> StoreyModel:  # fmt: skip
+    """`what` names the storey in messages."""
+    solid = shapes.solid
+    walls = [p for p in solid if p.storey == entity.GlobalId and model.by_guid(p.global_id).is_a("IfcWall")]
+    made = draw_changes(walls, changes, seed) if changes is not None else ()
+    solid = as_built(model, solid, made)
+    own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
+    rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
+    spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
+    if not solid or not (spaces or own):
+        raise UserError(f"{what} has no geometry to drive in; take another storey")
+    leaves = as_built(model, shapes.doors, made)
+    doors = tuple(_triangles(p) for p in leaves if p.storey == entity.GlobalId)
+    corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
+    triangles = np.concatenate([_triangles(p) for p in solid])
+    stairs = [_triangles(p) for p in solid if p.ifc_class in STAIRS]
+    level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
+    floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
+    if floors:
+        floors += [_threshold(p, level) for p in shapes.openings]
+    solid_triangles = np.concatenate([triangles, *floors, *ceilings])
+    extent = (corners.min(axis=0), corners.max(axis=0))
+    level = _measured_floor(TriangleScene(solid_triangles), level, extent)
+    return StoreyModel(
+        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent, made, tuple(walls),
+        tuple(stairs),
+    )
+
+
+def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifcopenshell.entity_instance:
+    storeys = model.by_type("IfcBuildingStorey")
+    for key in (str, str.casefold):
+        for s in storeys:
+            if key(storey) in {key(n) for n in (s.GlobalId, s.Name, s.LongName) if n}:
+                return s
+    names = ", ".join(f"'{s.Name or s.GlobalId}'" for s in storeys) or "none"
+    raise UserError(f"{ifc}: no storey '{storey}'; it has: {names}")
+
+
+def _is_any(entity: ifcopenshell.entity_instance, classes: tuple[str, ...]) -> bool:
+    return any(entity.is_a(c) for c in classes)
+
+
+def _triangles(product: IfcProduct) -> Triangles:
+    return product.vertices[product.faces]
+
+
+def _area_normals(triangles: Triangles) -> NDArray[np.float64]:
+    return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+
+
+def _space(entity: ifcopenshell.entity_instance, product: IfcProduct) -> Space:
+    triangles = _triangles(product)
+    normals = _area_normals(triangles)
+    level = np.abs(normals[:, 2]) > 0.5 * np.linalg.norm(normals, axis=1)
+    middle = (product.vertices[:, 2].min() + product.vertices[:, 2].max()) / 2
+    low = triangles[:, :, 2].mean(axis=1) < middle
+    label = RoomLabel(product.global_id, product.name, entity.LongName or "")
+    return Space(label, triangles[level & low], triangles[level & ~low])
+
+
+def _floor_of_spaces(spaces: tuple[Space, ...]) -> float:
+    """The median of the lower faces' z, weighted by area: some spaces lie deeper (shafts) or higher."""
+    faces = np.concatenate([s.bottom for s in spaces])
+    z, area = faces[:, :, 2].mean(axis=1), np.abs(_area_normals(faces)[:, 2])
+    order = np.argsort(z)
+    total = np.cumsum(area[order])
+    return float(z[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def _elevation(model: ifcopenshell.file, storey: ifcopenshell.entity_instance) -> float:
+    placement = ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)
+    return float(placement[2, 3]) * float(ifcopenshell.util.unit.calculate_unit_scale(model))
+
+
+def _measured_floor(scene: TriangleScene, level: float, extent: tuple[Xy, Xy]) -> float:
+    """The z that most rays down from FLOOR_SEARCH above the level hit; the level if hardly any hit."""
+    xy = np.random.default_rng(0).uniform(*extent, (5000, 2))
+    origins = np.column_stack([xy, np.full(len(xy), level + FLOOR_SEARCH)])
+    z = level + FLOOR_SEARCH - scene.distances(origins, np.tile([0.0, 0.0, -1.0], (len(xy), 1)))
+    z = z[np.abs(z - level) < FLOOR_SEARCH - 0.01]  # origins inside of things see these things' lower faces
+    if len(z) < 0.1 * len(xy):
+        return level
+    counts, edges = np.histogram(z, np.arange(z.min(), z.max() + 0.04, 0.02))
+    most = edges[np.argmax(counts)] + 0.01
+    return round(float(np.median(z[np.abs(z - most) <= 0.02])), 4)  # rays count in float32
+
+
+def _missing_faces(
+    solid: Triangles, spaces: tuple[Space, ...], stairs: list[Triangles], sign: float
+) -> list[Triangles]:
+    """Lower (sign -1) or upper (+1) faces of the spaces that have hardly a floor or ceiling in the model.
+
+    Where a stair leads through the face, it is left open.
+    """
+    scene = TriangleScene(solid)
+    faces = [s.bottom if sign < 0 else s.top for s in spaces]
+    return [f for f in faces if len(f) and _covered(scene, f, sign) < 0.5 and not _stair_crosses(f, stairs)]
+
+
+def _covered(scene: TriangleScene, faces: Triangles, sign: float) -> float:
+    """The share of points on the faces that have a surface within FLOOR_SEARCH behind them."""
+    area = np.abs(_area_normals(faces)[:, 2])
+    rng = np.random.default_rng(0)
+    chosen = faces[rng.choice(len(faces), 200, p=area / area.sum())]
+    weights = rng.dirichlet(np.ones(3), 200)
+    points = np.einsum("nk,nkd->nd", weights, chosen) - [0, 0, sign * 0.3]
+    return float(np.mean(scene.distances(points, np.tile([0.0, 0.0, sign], (200, 1))) < 0.3 + FLOOR_SEARCH))
+
+
+def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
+    corners = faces.reshape(-1, 3)
+    z = corners[:, 2].mean()
+    low, high = corners[:, :2].min(axis=0) + 0.1, corners[:, :2].max(axis=0) - 0.1
+    for stair in stairs:
+        points = stair.reshape(-1, 3)
+        apart = np.any(points[:, :2].max(axis=0) < low) or np.any(points[:, :2].min(axis=0) > high)
+        if not apart and points[:, 2].min() < z - 0.5 and points[:, 2].max() > z - 0.3:
+            return True
+    return False
+
+
+def _threshold(opening: IfcProduct, level: float) -> Triangles:
+    """The lower faces of an opening that stands on the floor: the floor in a doorway, between two spaces."""
+    triangles = _triangles(opening)
+    near = np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05
+    return triangles[near]

@@ -1,0 +1,1 @@
+"""S-graphs drawn from A-graphs, with the noise of real maps."""

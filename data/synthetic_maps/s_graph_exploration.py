@@ -1,0 +1,253 @@
+"""The storeys of an A-graph as a robot meets them: from which room one comes into which, and walks through them."""
+
+import weakref
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry import se2
+from data.geometry.areas import Area, polygons_of
+from data.geometry.se2 import Array
+from data.scene_graph import Room, SceneGraph
+
+Index = NDArray[np.int64]
+THICKEST = 0.35  # m, of a wall between two rooms
+SQUARE = np.radians(10)  # the two sides of a wall are antiparallel within it
+LEAST_BESIDE = 0.1  # m, of two sides of one wall
+UNKNOWN_LENGTH = 2.0  # m, where only nearness matters
+
+
+@dataclass(frozen=True, eq=False)
+class Storey:
+    """The rooms of one floor and the N wall surfaces that face them, in the A-graph's frame."""
+
+    floor: str | None
+    rooms: tuple[Room, ...]
+    ids: tuple[str, ...]
+    centre: Array  # (N, 2)
+    heading: Array  # (N,) of the inward normal
+    length: Array  # (N,) metres, NaN where not known
+    room: Index  # (N,) index into `rooms`
+    doors: tuple[tuple[int, int, Array], ...]  # two rooms and the door's place (2,)
+
+    @cached_property
+    def normal(self) -> Array:
+        """(N, 2) inward normals."""
+        return np.stack((np.cos(self.heading), np.sin(self.heading)), axis=-1)
+
+    @cached_property
+    def tangent(self) -> Array:
+        """(N, 2) the normals turned left."""
+        return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
+
+    @cached_property
+    def walls_of(self) -> list[Index]:
+        """The wall surfaces of each room, in the A-graph's order."""
+        return [np.flatnonzero(self.room == k) for k in range(len(self.rooms))]
+
+    @cached_property
+    def middle(self) -> Array:
+        """(rooms, 2) centroids."""
+        return np.array([r.centroid for r in self.rooms], dtype=float)
+
+    @cached_property
+    def areas(self) -> list[Area | None]:
+        """The rooms' footprints, None where there is none of any area."""
+        areas = [polygons_of(shapely.Polygon(r.polygon)) if len(r.polygon or ()) > 2 else None for r in self.rooms]
+        for area in areas:
+            shapely.prepare(area)
+        return [a if a is not None and a.area > 0 else None for a in areas]
+
+    def holds(self, room: int, points: Array) -> bool:
+        """Whether all of the points (M, 2) lie in a room: in its footprint, else in the box of its walls."""
+        area = self.areas[room]
+        if area is not None:
+            return bool(shapely.contains_xy(area, points[:, 0], points[:, 1]).all())
+        low, high = self._boxes[room]
+        return bool(((points >= low) & (points <= high)).all())
+
+    def somewhere_in(self, room: int, rng: np.random.Generator) -> Array:
+        """(2,) a place in a room, drawn from its box; its centroid where none is hit that the room holds."""
+        area = self.areas[room]
+        low, high = self._boxes[room] if area is None else np.reshape(area.bounds, (2, 2))
+        for place in rng.uniform(low, high, (20, 2)):
+            if self.holds(room, place[None]):
+                return np.asarray(place)
+        return self.middle[room]
+
+    @cached_property
+    def _boxes(self) -> Array:
+        """(rooms, 2, 2) lower and upper corner of the box of each room's walls; a room without walls is a point."""
+        arm = np.nan_to_num(self.length)[:, None] / 2 * self.tangent
+        ends = np.stack((self.centre - arm, self.centre + arm), axis=1)
+        boxes = np.stack((self.middle, self.middle), axis=1)
+        for k, walls in enumerate(self.walls_of):
+            if len(walls):
+                boxes[k] = ends[walls].min(axis=(0, 1)), ends[walls].max(axis=(0, 1))
+        return boxes
+
+    @cached_property
+    def by_door(self) -> list[list[int]]:
+        """To which rooms the doors of each room lead."""
+        return _neighbours([(i, j) for i, j, _ in self.doors], len(self.rooms))
+
+    @cached_property
+    def across_walls(self) -> list[list[int]]:
+        """Which rooms lie across a wall of each room: antiparallel sides, near and beside each other."""
+        half = np.where(np.isnan(self.length), UNKNOWN_LENGTH, self.length) / 2
+        arm = half[:, None] * self.tangent
+        lines = shapely.linestrings(np.stack((self.centre - arm, self.centre + arm), axis=1))
+        i, j = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=THICKEST)
+        apart = self.centre[j] - self.centre[i]
+        behind = -np.einsum("ij,ij->i", apart, self.normal[i])
+        beside = half[i] + half[j] - np.abs(np.einsum("ij,ij->i", apart, self.tangent[i]))
+        turned = np.abs(se2.wrap(self.heading[j] - self.heading[i] + np.pi))
+        wall = (turned < SQUARE) & (behind > -0.05) & (behind < THICKEST) & (beside > LEAST_BESIDE)
+        pairs = np.unique(np.column_stack((self.room[i], self.room[j]))[wall], axis=0)
+        return _neighbours([(a, b) for a, b in pairs.tolist() if a != b], len(self.rooms))
+
+    @cached_property
+    def reach(self) -> tuple[Index, Index]:
+        """(rooms,) how many rooms with walls one reaches from each: by doors; by doors and across walls."""
+        both = [a + b for a, b in zip(self.by_door, self.across_walls, strict=True)]
+        return _sizes(self.by_door, self.walls_of), _sizes(both, self.walls_of)
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Rooms in the order they were entered, and the place in it of the room from which each was entered, -1 first."""
+
+    rooms: tuple[int, ...]
+    parents: tuple[int, ...]
+
+
+_known: dict[int, tuple[weakref.ref[SceneGraph], list[Storey]]] = {}
+
+
+def storeys_of(graph: SceneGraph) -> list[Storey]:
+    """The storeys with rooms that have wall surfaces, in the order of `floors`, then of appearance.
+
+    They are kept for as long as the graph lives.
+    """
+    known = _known.get(id(graph))
+    if known is None or known[0]() is not graph:
+        key = id(graph)
+        known = (weakref.ref(graph, lambda _: _known.pop(key, None)), _storeys(graph))
+        _known[key] = known
+    return known[1]
+
+
+def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int | None = None) -> Walk:
+    """Explores so many rooms that have walls, one after the other: through doors, where none leads on across a wall.
+
+    The first one is drawn among those from where the count can be reached, by doors alone if possible; fewer rooms
+    are explored where there are no more. `count` None: all, also those that no way leads to, the nearest first. `start`
+    names the first one in place of a draw.
+    """
+    walled = np.array([len(w) > 0 for w in storey.walls_of])
+    wanted = int(walled.sum()) if count is None else count
+    if wanted < 1:
+        raise UserError(f"{count} rooms cannot be explored; ask for one at least")
+    most = max(1, min(wanted, int(storey.reach[1].max())))
+    starts = np.flatnonzero(walled & (storey.reach[0] >= most))
+    starts = starts if len(starts) else np.flatnonzero(walled & (storey.reach[1] >= most))
+    rooms, parents = [int(rng.choice(starts)) if start is None else start], [-1]
+    doors, walls = _Ways(storey.by_door), _Ways(storey.across_walls)
+    left = wanted - int(walled[rooms[0]])
+    while left:
+        for ways in (doors, walls):
+            ways.open(rooms)
+        way = doors.draw(rng) or walls.draw(rng)
+        if way is None and count is None:
+            way = _leap(storey, rooms, walled)
+        if way is None:
+            break
+        parents.append(way[0])
+        rooms.append(way[1])
+        left -= int(walled[way[1]])
+    return Walk(tuple(rooms), tuple(parents))
+
+
+class _Ways:
+    """The ways from rooms that were entered to rooms that were not."""
+
+    def __init__(self, neighbours: list[list[int]]) -> None:
+        self._neighbours = neighbours
+        self._ways: list[tuple[int, int]] = []  # place of the room in the walk, neighbour
+        self._entered: set[int] = set()
+        self._opened = 0
+
+    def open(self, rooms: list[int]) -> None:
+        """Adds the ways out of the rooms that were entered since."""
+        for place in range(self._opened, len(rooms)):
+            self._entered.add(rooms[place])
+            self._ways += [(place, k) for k in self._neighbours[rooms[place]] if k not in self._entered]
+        self._opened = len(rooms)
+
+    def draw(self, rng: np.random.Generator) -> tuple[int, int] | None:
+        """One of the ways, all alike likely; None where there is none."""
+        while self._ways:
+            n = int(rng.integers(len(self._ways)))
+            self._ways[n], self._ways[-1] = self._ways[-1], self._ways[n]
+            way = self._ways.pop()
+            if way[1] not in self._entered:
+                return way
+        return None
+
+
+def _leap(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> tuple[int, int]:
+    others = np.setdiff1d(np.flatnonzero(walled), rooms)
+    distance = np.linalg.norm(storey.middle[others, None] - storey.middle[None, rooms], axis=-1)
+    k, n = np.unravel_index(int(distance.argmin()), distance.shape)
+    return int(n), int(others[k])
+
+
+def _storeys(graph: SceneGraph) -> list[Storey]:
+    room_floor = {r.id: r.floor for r in graph.rooms}
+    for surface in graph.wall_surfaces:
+        if surface.room is not None and room_floor[surface.room] is None:
+            room_floor[surface.room] = surface.floor
+    floors = dict.fromkeys([*(f.id for f in graph.floors), *room_floor.values()])
+    found = (_storey(graph, f, tuple(r for r in graph.rooms if room_floor[r.id] == f)) for f in floors)
+    return [s for s in found if len(s.ids)]
+
+
+def _storey(graph: SceneGraph, floor: str | None, rooms: tuple[Room, ...]) -> Storey:
+    index = {r.id: k for k, r in enumerate(rooms)}
+    walls = [w for w in graph.wall_surfaces if w.room in index]
+    normal = np.array([w.normal for w in walls], dtype=float).reshape(-1, 2)
+    doors = []
+    for door in graph.doors:
+        joined = sorted({index[r] for r in door.rooms if r in index})
+        doors += [(i, j, np.array(door.centroid)) for i in joined for j in joined if i < j]
+    return Storey(
+        floor, rooms, tuple(w.id for w in walls), np.array([w.centroid for w in walls], dtype=float).reshape(-1, 2),
+        np.arctan2(normal[:, 1], normal[:, 0]), np.array([w.length or np.nan for w in walls], dtype=float),
+        np.array([index[str(w.room)] for w in walls], dtype=np.int64), tuple(doors),
+    )  # fmt: skip
+
+
+def _neighbours(pairs: list[tuple[int, int]], count: int) -> list[list[int]]:
+    near: list[set[int]] = [set() for _ in range(count)]
+    for i, j in pairs:
+        near[i].add(j)
+        near[j].add(i)
+    return [sorted(n) for n in near]
+
+
+def _sizes(neighbours: list[list[int]], walls_of: list[Index]) -> Index:
+    size = np.zeros(len(neighbours), dtype=np.int64)
+    for start in range(len(neighbours)):
+        if size[start]:
+            continue
+        component, todo = {start}, [start]
+        while todo:
+            new = [k for k in neighbours[todo.pop()] if k not in component]
+            component.update(new)
+            todo += new
+        size[list(component)] = max(1, sum(len(walls_of[k]) > 0 for k in component))
+    return size

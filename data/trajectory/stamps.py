@@ -1,0 +1,106 @@
+"""Time stamps: decimal seconds in text to int64 nanoseconds and back, without passing through floats."""
+
+import re
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+
+NS = 1_000_000_000
+SCAN_PERIOD_NS = NS // 10
+NOTE_INDICES = "the scans have no stamps; they are taken to be 0.1 s apart"
+_INT64 = np.iinfo(np.int64)
+_SECONDS_IN_NAME = re.compile(r"\D*?(-?\d+\.\d+)")
+_NANOSECONDS_IN_NAME = re.compile(r"\D*(\d{16,})")
+
+
+def seconds_to_ns(text: str) -> int:
+    """Nanoseconds of decimal seconds such as `1700000000.123456789` or `1.03e-01`, exact to the nanosecond.
+
+    Raises ValueError where the text is no finite number or the nanoseconds do not fit int64.
+    """
+    try:
+        seconds = Decimal(text)
+    except InvalidOperation:
+        raise ValueError(f"'{text}' is not a number") from None
+    if not seconds.is_finite() or seconds.adjusted() > 11:
+        raise ValueError(f"'{text}' is not a stamp in seconds")
+    nanoseconds = int((seconds * NS).to_integral_value())
+    if not _INT64.min <= nanoseconds <= _INT64.max:
+        raise ValueError(f"'{text}' is not a stamp in seconds")
+    return nanoseconds
+
+
+def ns_to_seconds(stamp_ns: int) -> str:
+    """Decimal seconds with nine places: `seconds_to_ns` of it is `stamp_ns` again."""
+    seconds, nanoseconds = divmod(abs(int(stamp_ns)), NS)
+    return f"{'-' if stamp_ns < 0 else ''}{seconds}.{nanoseconds:09d}"
+
+
+def stamp_in_name(stem: str) -> int | None:
+    """The stamp (ns) that a scan's name carries: seconds with a decimal point or at least 16 digits of ns.
+
+    A prefix without digits is allowed (`scan_1700000000.25`); None where the name carries no stamp.
+    """
+    if match := _SECONDS_IN_NAME.fullmatch(stem):
+        return seconds_to_ns(match[1].lstrip("-") if match.start(1) > 0 else match[1])
+    match = _NANOSECONDS_IN_NAME.fullmatch(stem)
+    if match and int(match[1]) > _INT64.max:
+        raise ValueError(f"'{match[1]}' is too large for a stamp in nanoseconds")
+    return int(match[1]) if match else None
+
+
+def stamps_from_names(files: Sequence[Path]) -> list[int] | None:
+    """The stamps (ns) in the files' names, or None where no name carries one.
+
+    Raises UserError where only some names do.
+    """
+    stamps: list[int | None] = []
+    for file in files:
+        try:
+            stamps.append(stamp_in_name(file.stem))
+        except ValueError as error:
+            raise UserError(f"{file}: {error}; rename it, or give times.txt") from None
+    known = [stamp for stamp in stamps if stamp is not None]
+    if known and len(known) < len(stamps):
+        with_stamp = next(f for f, stamp in zip(files, stamps, strict=True) if stamp is not None)
+        without = next(f for f, stamp in zip(files, stamps, strict=True) if stamp is None)
+        raise UserError(
+            f"{with_stamp.parent}: the name '{with_stamp.name}' carries a stamp and '{without.name}' "
+            "does not; give every scan a stamp, or write times.txt"
+        )
+    return known or None
+
+
+def read_times(path: Path) -> list[int]:
+    """Stamps (ns) from a file with one float second a line; blank lines and `#` comments are passed over."""
+    stamps = []
+    try:
+        lines = path.read_text().splitlines()
+    except (OSError, UnicodeDecodeError):
+        raise UserError(f"{path}: cannot be read; give one float second a line") from None
+    for number, line in enumerate(lines, 1):
+        text = line.partition("#")[0].strip()
+        if not text:
+            continue
+        try:
+            stamps.append(seconds_to_ns(text))
+        except ValueError as error:
+            raise UserError(f"{path}, line {number}: {error}; give one float second a line") from None
+    return stamps
+
+
+def check_increasing(stamps_ns: NDArray[np.int64], where: str, names: Sequence[str]) -> None:
+    """Raises UserError, naming the first pair, where a stamp repeats or goes backwards."""
+    bad = np.flatnonzero(stamps_ns[1:] <= stamps_ns[:-1])
+    if bad.size:
+        i = int(bad[0])
+        how = "repeats" if stamps_ns[i + 1] == stamps_ns[i] else "goes backwards"
+        raise UserError(
+            f"{where}: the stamp {how} from {names[i]} ({ns_to_seconds(stamps_ns[i])} s) to {names[i + 1]} "
+            f"({ns_to_seconds(stamps_ns[i + 1])} s); stamps must increase in the natural order of the names"
+        )

@@ -1,0 +1,136 @@
+"""A trajectory: stamped poses, and the TUM files that hold them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
+from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """`stamps_ns` (N,) int64, strictly increasing; `poses` (N, 4, 4): each maps sensor coordinates to the
+    trajectory's frame (metres). Both are read-only copies.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    poses: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for shapes that do not fit, stamps that do not increase, and improper poses."""
+        stamps, poses = np.array(self.stamps_ns), np.array(self.poses, dtype=np.float64)
+        if stamps.size == 0:
+            stamps, poses = np.empty(0, np.int64), poses.reshape(0, 4, 4)
+        if stamps.ndim != 1 or stamps.dtype.kind not in "iu" or poses.shape != (len(stamps), 4, 4):
+            kind = f"{stamps.dtype} stamps of shape {stamps.shape}"
+            raise ValueError(f"trajectory: {kind} with poses of shape {poses.shape}")
+        stamps = stamps.astype(np.int64)
+        if np.any(stamps[1:] <= stamps[:-1]):
+            raise ValueError("trajectory: the stamps do not increase strictly")
+        if not np.isfinite(poses).all():
+            raise ValueError("trajectory: a pose is not finite")
+        rotations = poses[:, :3, :3]
+        skew = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0)
+        if skew > 1e-5 or np.any(np.linalg.det(rotations) < 0) or np.any(poses[:, 3] != [0, 0, 0, 1]):
+            raise ValueError("trajectory: a pose is not a rigid transform")
+        for name, array in (("stamps_ns", stamps), ("poses", poses)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        """The number of poses."""
+        return len(self.stamps_ns)
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """(N, 3) the sensor's positions in the trajectory's frame."""
+        return self.poses[:, :3, 3]
+
+    def transformed(self, T_new_old: NDArray[np.float64]) -> "Trajectory":
+        """The same motion in another frame; `T_new_old` is (4, 4)."""
+        return Trajectory(self.stamps_ns, T_new_old @ self.poses)
+
+    def between(self, other: "Trajectory") -> "Trajectory":
+        """The poses from the other's first stamp to its last; none where that has none."""
+        if not len(other):
+            return Trajectory(self.stamps_ns[:0], self.poses[:0])
+        kept = (self.stamps_ns >= other.stamps_ns[0]) & (self.stamps_ns <= other.stamps_ns[-1])
+        return Trajectory(self.stamps_ns[kept], self.poses[kept])
+
+    def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(M, 4, 4) the poses at other stamps (M,) int64: between two poses the way is straight and the turn even, and
+        before the first and after the last it goes on as between the two next to it. Raises ValueError for less than
+        two poses."""
+        from scipy.spatial.transform import Rotation  # here, because it takes a third of a second
+
+        if len(self) < 2:
+            raise ValueError(f"trajectory: {len(self)} poses, and between two is asked for")
+        after = np.clip(np.searchsorted(self.stamps_ns, stamps_ns), 1, len(self) - 1)
+        first, second = self.poses[after - 1], self.poses[after]
+        span = self.stamps_ns[after] - self.stamps_ns[after - 1]
+        share = (np.asarray(stamps_ns) - self.stamps_ns[after - 1]) / span
+        turn = Rotation.from_matrix(first[:, :3, :3].transpose(0, 2, 1) @ second[:, :3, :3]).as_rotvec()
+        poses = first.copy()
+        poses[:, :3, :3] = first[:, :3, :3] @ Rotation.from_rotvec(share[:, None] * turn).as_matrix()
+        poses[:, :3, 3] += share[:, None] * (second[:, :3, 3] - first[:, :3, 3])
+        poses[share == 0], poses[share == 1] = first[share == 0], second[share == 1]
+        return poses
+
+    def write_tum(self, path: Path | str) -> None:
+        """Writes `t x y z qx qy qz qw` a line, atomically; stamps exact to the nanosecond."""
+        lines = [
+            " ".join([ns_to_seconds(stamp), *(f"{value:.15g}" for value in row)])
+            for stamp, row in zip(self.stamps_ns.tolist(), poses_to_xyzquat(self.poses).tolist(), strict=True)
+        ]
+        write_atomically(path, "".join(line + "\n" for line in lines))
+
+    @staticmethod
+    def read_tum(path: Path | str) -> "Trajectory":
+        """Reads a TUM file; comments (#) and blank lines are passed over, quaternions normalised.
+
+        Raises UserError, with the line's number, where the file is not a trajectory with increasing stamps.
+        """
+        try:
+            lines = Path(path).read_text().splitlines()
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read ({error.strerror}); give a TUM trajectory") from None
+        except UnicodeDecodeError:
+            raise UserError(f"{path}: not a text file; give a TUM trajectory") from None
+        stamps: list[int] = []
+        rows: list[list[float]] = []
+        for number, line in enumerate(lines, 1):
+            if not (text := line.partition("#")[0].strip()):
+                continue
+            try:
+                stamp, row = _parse_line(text)
+            except ValueError as error:
+                raise UserError(f"{path}, line {number}: {error}") from None
+            if stamps and stamp <= stamps[-1]:
+                how = "repeats" if stamp == stamps[-1] else "goes backwards"
+                raise UserError(f"{path}, line {number}: the stamp {how}; sort by time, one pose a stamp")
+            stamps.append(stamp)
+            rows.append(row)
+        if not rows:
+            raise UserError(f"{path}: no poses in it; give lines of 't x y z qx qy qz qw'")
+        return Trajectory(np.array(stamps, dtype=np.int64), xyzquat_to_poses(rows))
+
+
+def _parse_line(text: str) -> tuple[int, list[float]]:
+    fields = text.split()
+    if len(fields) != 8:
+        raise ValueError(f"{len(fields)} values, 't x y z qx qy qz qw' needed")
+    stamp = seconds_to_ns(fields[0])
+    try:
+        row = [float(field) for field in fields[1:]]
+    except ValueError:
+        raise ValueError("a value is not a number") from None
+    if not np.isfinite(row).all():
+        raise ValueError("a value is not finite")
+    if not 1e-6 < np.linalg.norm(row[3:]) < 1e6:
+        raise ValueError("the quaternion has no direction (all zero?)")
+    return stamp, row

@@ -1,0 +1,1 @@
+"""What the studies share: sequences, records, pages, stand-ins."""

@@ -1,0 +1,119 @@
+"""Drives for the measurement of loop closure: scans made as they are asked for, the truth, and the odometry given."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.raycast import TriangleScene
+from data.simulation.drive import Robot, drive
+from data.simulation.sensor import SpinningSensor
+from data.simulation.simulate import ROBOT_TOP
+from data.trajectory import Trajectory
+from evaluation.harness.loop_buildings import Drawn, long_corridor, ring
+from evaluation.harness.weakened import shortened, worsened
+
+Floats = NDArray[np.float64]
+ROUTES = {
+    "along": "once along the corridor, never back",
+    "visits": "once along the corridor, into some offices",
+    "back": "along the corridor and back",
+    "visits-back": "along the corridor and back, into other offices each way",
+    "ring": "once around the ring of corridors, and on past the start",
+}
+ONCE = ("along", "visits")  # routes that never come back: any closure is false
+SENSOR_HEIGHT, STEP = 0.8, 0.01  # m
+PAST_THE_START = 12.0  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """`truth` are sensor poses in the building's frame; with a `level` above 0 the sensor sees a few metres only and
+    `odometry` (N, 4, 4) is given, T_odom_sensor."""
+
+    scene: TriangleScene
+    truth: Trajectory
+    seed: int
+    level: int
+    odometry: Floats | None
+
+    def scans(self) -> Iterator[tuple[int, Floats, Floats | None]]:
+        """Stamp (ns), points (N, 3) in the sensor frame, and T_odom_sensor (4, 4) where it is given, of each scan."""
+        sensor = SpinningSensor()
+        for k, (stamp_ns, pose) in enumerate(zip(self.truth.stamps_ns.tolist(), self.truth.poses, strict=True)):
+            points = sensor.scan(self.scene, pose, np.random.default_rng([self.seed, k])).astype(float)
+            given = None if self.odometry is None else self.odometry[k]
+            yield stamp_ns, shortened(points) if self.level else points, given
+
+
+def drive_along(route: str, seed: int, level: int = 0) -> Drive:
+    """Drives one of `ROUTES`; the same seed gives the same scans.
+
+    With a `level` above 0 the front end is weak: see `evaluation.harness.weakened`. Raises UserError for an unknown route.
+    """
+    if route not in ROUTES:
+        raise UserError(f"no route '{route}'; there are {', '.join(ROUTES)}")
+    rng = np.random.default_rng([seed, 11])
+    building = ring() if route == "ring" else long_corridor()
+    legs = [_leg(a, b) for a, b in pairwise(_places(route, building, rng))]
+    return _driven(legs, TriangleScene(building.triangles), SENSOR_HEIGHT, rng, seed, level)
+
+
+def drive_through(bim: Path, storey: str, length: float, seed: int, level: int = 0) -> Drive:
+    """A tour of `length` metres or more through the rooms of an IFC model's storey, and back to where it began.
+
+    Raises UserError for what the simulator refuses.
+    """
+    from data.simulation.occupancy import build_grid
+    from data.simulation.route import plan_tour
+    from data.simulation.storey_model import load_storey
+
+    model = load_storey(bim, storey)
+    scene, rng = TriangleScene(model.solid), np.random.default_rng([seed, 12])
+    legs = plan_tour(build_grid(model, scene, ROBOT_TOP), Robot().radius, 8, length, rng)
+    return _driven(list(legs), scene, model.level + SENSOR_HEIGHT, rng, seed, level)
+
+
+def _driven(
+    legs: list[Floats], scene: TriangleScene, height: float, rng: np.random.Generator, seed: int, level: int
+) -> Drive:
+    stamps, poses = drive(legs, float(rng.uniform(-np.pi, np.pi)), Robot(), SpinningSensor().rate)
+    T = np.tile(np.eye(4), (len(poses), 1, 1))
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
+    T[:, :2, 3], T[:, 2, 3] = poses[:, :2], height
+    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T)
+    return Drive(scene, truth, seed, level, worsened(truth.poses, level, seed) if level else None)
+
+
+def _places(route: str, building: Drawn, rng: np.random.Generator) -> Floats:
+    """(N, 2) where the robot turns: each leg between two is straight."""
+    if route == "ring":
+        way = building.way + rng.uniform(-0.2, 0.2, building.way.shape)
+        ahead = (way[1] - way[0]) / np.linalg.norm(way[1] - way[0])
+        return np.concatenate([way[:-1], (way[0] + PAST_THE_START * ahead)[None]])
+    there = _row(building, rng, 4 if "visits" in route else 0)
+    if not route.endswith("back"):
+        return there
+    return np.concatenate([there, _row(building, rng, 4 if "visits" in route else 0)[::-1]])
+
+
+def _row(building: Drawn, rng: np.random.Generator, visits: int) -> Floats:
+    """Along the corridor, with so many offices entered on the way."""
+    chosen = rng.choice(len(building.doors), visits, replace=False)
+    chosen = chosen[np.argsort(building.doors[chosen, 0], kind="stable")]
+    places = [building.way[0] + rng.uniform(-0.2, 0.2, 2)]
+    for k in chosen:
+        before = np.array([building.doors[k, 0], rng.uniform(-0.2, 0.2)])
+        inside = building.inside[k] + np.array([0.0, rng.uniform(-0.4, 0.4)])
+        places += [before, inside, before + 0.001]
+    return np.array([*places, building.way[1] + rng.uniform(-0.2, 0.2, 2)])
+
+
+def _leg(a: Floats, b: Floats) -> Floats:
+    count = max(2, round(float(np.linalg.norm(b - a)) / STEP) + 1)
+    return a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)

@@ -1,0 +1,232 @@
+"""What is measured on: scans, building and truth; simulated by seed, or a user's own, listed in YAML."""
+
+import shutil
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.plans.bim import load_bim
+from data.plans.mesh_files import is_mesh
+from data.scans import Scan, ScanFolder
+from data.scene_graph import SceneGraph
+from data.simulation.changes import Changes
+from data.simulation.simulate import PLAN
+from data.trajectory import Trajectory
+from evaluation.harness.conditions import NORMAL, Conditions
+from evaluation.harness.weakened import WeakOdometry, weaken_odometry
+
+if TYPE_CHECKING:
+    from sgslam.config import Config
+    from sgslam.odometry import Odometry
+
+INDOOR_VOXEL = 0.5  # m, of KISS-ICP alone
+
+
+@dataclass(frozen=True)
+class SequenceSpec:
+    """A line of the list. With `scans` and `truth` it is a user's own and the same for every seed; else the storey of
+    the building is driven by the simulator. `demo` stands for the demo building's path."""
+
+    name: str
+    bim: str
+    storey: str | None = None
+    scans: str | None = None
+    truth: str | None = None
+    min_rooms: int = 8
+    min_length: float = 120.0
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it is driven by the simulator."""
+        return self.scans is None
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether the building is a mesh."""
+        return is_mesh(self.bim)
+
+    def files(self) -> set[str]:
+        """What it reads and does not make."""
+        return {path for path in (self.bim, self.scans, self.truth) if path is not None and path != "demo"}
+
+    def absolute(self) -> "SequenceSpec":
+        """The same, whatever folder it is used in."""
+
+        def whole(path: str) -> str:
+            return path if path == "demo" else str(Path(path).resolve())
+
+        scans, truth = (None if path is None else whole(path) for path in (self.scans, self.truth))
+        return replace(self, bim=whole(self.bim), scans=scans, truth=truth)
+
+
+@dataclass(frozen=True)
+class Sequence:
+    """Ready to run: the whole building's A-graph, and the truth (sensor poses in the BIM frame).
+
+    `bim` is the file that the A-graph was made from. `weak` is the odometry to be used where the conditions ask for a
+    weak one.
+    """
+
+    name: str
+    seed: int
+    scan_dir: Path
+    bim: Path
+    a_graph: SceneGraph
+    truth: Trajectory
+    conditions: Conditions = NORMAL
+    weak: WeakOdometry | None = None
+
+
+def read_specs(path: Path) -> list[SequenceSpec]:
+    """Reads a YAML list of sequences; raises UserError for what is missing or unknown.
+
+    Paths are taken from the folder that the command is run in. A user's own takes five lines (for an IFC file or an
+    A-graph; the truth in TUM format, sensor poses in the building's frame):
+
+        - name: my building
+          bim: building.ifc
+          scans: scans
+          truth: truth.tum
+          storey: Ground floor
+    """
+    try:
+        rows = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise UserError(f"{path}: cannot be read as YAML ({type(error).__name__})") from None
+    if not isinstance(rows, list) or not rows:
+        raise UserError(f"{path}: not a list of sequences")
+    try:
+        specs = [SequenceSpec(**row) for row in rows]
+    except TypeError as error:
+        raise UserError(f"{path}: {str(error).replace('SequenceSpec.__init__() ', 'a sequence ')}") from None
+    for spec in specs:
+        if (spec.scans is None) != (spec.truth is None):
+            raise UserError(f"{path}: '{spec.name}' needs both scans and truth, or neither")
+        if spec.simulated and spec.storey is None and spec.bim != "demo" and not spec.is_mesh:
+            raise UserError(f"{path}: '{spec.name}' is to be simulated and names no storey")
+    names = [spec.name for spec in specs]
+    if len(set(names)) != len(names):
+        raise UserError(f"{path}: two sequences have the same name")
+    return specs
+
+
+def chosen(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceSpec]:
+    """Those of the names of `--sequences`, all where it is not given; raises UserError for a name that there is not."""
+    if names is None:
+        return specs
+    if unknown := sorted(set(names) - {spec.name for spec in specs}):
+        there = ", ".join(spec.name for spec in specs) or "none"
+        raise UserError(f"--sequences {' '.join(unknown)}: not in the list; there are: {there}")
+    return [spec for spec in specs if spec.name in names]
+
+
+def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions = NORMAL) -> Sequence:
+    """Simulates what is not there yet, into `folder`, and loads the rest.
+
+    Raises UserError for conditions that the sequence cannot have, and for what the simulator and the readers refuse.
+    """
+    bim, storey = _building(spec, folder)
+    graph = _a_graph(bim)
+    if spec.scans is not None and spec.truth is not None:
+        if conditions.of_the_drive:
+            raise UserError(f"'{spec.name}' is not simulated: its walls cannot be moved and its way stays as it is")
+        scan_dir, truth_path, kept = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-{seed}.odometry.tum"
+    else:
+        drive = folder / f"{spec.name}-{seed}{conditions.of_the_drive}"
+        if not drive.exists():
+            _simulate(spec, bim, storey, drive, seed, conditions)
+        scan_dir, truth_path, kept = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
+        if (drive / PLAN).exists():  # the plan that lacks walls
+            bim, graph = drive / PLAN, _a_graph(drive / PLAN)
+    truth = Trajectory.read_tum(truth_path)
+    sequence = Sequence(spec.name, seed, scan_dir, bim, graph, truth, conditions)
+    if not conditions.weaken:
+        return sequence
+    if not kept.exists():
+        odometry_of_run(ScanFolder(scan_dir)).write_tum(kept)
+    return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(kept), truth, seed))
+
+
+def plan_of(spec: SequenceSpec, folder: Path) -> SceneGraph:
+    """The whole building's A-graph; the demo building is written into `folder` where it is not there."""
+    return _a_graph(_building(spec, folder)[0])
+
+
+def _building(spec: SequenceSpec, folder: Path) -> tuple[Path, str]:
+    if spec.bim != "demo":
+        return Path(spec.bim), spec.storey or ""
+    from data.generation.demo_building import DEMO_STOREY, write_demo_building
+
+    bim = folder / "demo.ifc"
+    if not bim.exists():
+        write_demo_building(bim)
+    return bim, spec.storey or DEMO_STOREY
+
+
+def _a_graph(bim: Path) -> SceneGraph:
+    if is_mesh(bim):
+        from data.plans.mesh_plan import read_mesh
+
+        return read_mesh(bim).graph
+    return load_bim(bim).graph
+
+
+def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int, conditions: Conditions) -> None:
+    from data.simulation.simulate import simulate
+
+    for unfinished in drive.parent.glob(f".{drive.name}.*"):  # of a run that was killed
+        shutil.rmtree(unfinished)
+    changes = Changes(conditions.moved_walls, conditions.absent_walls, conditions.unplanned_walls)
+    simulate(
+        bim, storey, drive, seed=seed, min_rooms=spec.min_rooms, min_length=spec.min_length,
+        changes=changes if changes.any else None, and_back=conditions.loops,
+    )  # fmt: skip
+
+
+def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
+    """KISS-ICP alone on whole scans, with a voxel for indoors: its default of 1 m is for streets; T_odom_sensor."""
+    from sgslam.config import OdometrySettings
+    from sgslam.odometry.odometry_kiss import KissOdometry
+
+    return _registered(scans, KissOdometry(OdometrySettings(voxel_size=INDOOR_VOXEL)), lambda points: points)
+
+
+def odometry_of_run(scans: Iterable[Scan], config: "Config | None" = None) -> Trajectory:
+    """The odometry on the points and with the settings that a run would give it, without walls or floor; T_odom_sensor.
+
+    `config` says which one, KISS-ICP by default. Scans are taken as they are, not deskewed.
+    """
+    from sgslam.config import Config
+    from sgslam.odometry import make_odometry
+    from sgslam.tracking.front_end import FrontEnd
+
+    config = config or Config()
+    front_end, odometry = FrontEnd(config), make_odometry(config.odometry)
+
+    def chosen(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        columns = front_end.columns(points)
+        return columns.points[columns.upright] if odometry.upright_only else columns.points
+
+    return _registered(scans, odometry, chosen)
+
+
+def _registered(
+    scans: Iterable[Scan], odometry: "Odometry", chosen: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> Trajectory:
+    stamps, poses = [], []
+    for scan in scans:
+        stamps.append(scan.stamp_ns)
+        poses.append(odometry.register(chosen(scan.points)))
+    return Trajectory(np.array(stamps, dtype=np.int64), np.stack(poses))
+
+
+def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:
+    """The storey whose floor lies next below a sensor pose (4, 4)."""
+    below = [f for f in a_graph.floors if f.elevation is not None and f.elevation <= T_bim_sensor[2, 3]]
+    return max(below, key=lambda f: f.elevation or 0.0).id if below else None

@@ -1,0 +1,85 @@
+"""S-graphs that our own pipeline built, with their truth: a file for each drive, and for each building's A-graph."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from data.common.errors import UserError
+from data.common.files import write_json
+from data.scene_graph import SceneGraph
+from data.synthetic_maps.s_graph_regimes import DrawnGraph
+
+SUFFIX = ".s_graphs.json"
+
+
+@dataclass(frozen=True)
+class SlamGraph:
+    """What the matcher was given `seconds` after the start of a drive; `whole` at its end, with all that was seen."""
+
+    seconds: float
+    whole: bool
+    drawn: DrawnGraph
+
+
+@dataclass(frozen=True)
+class SlamDrive:
+    """The S-graphs of one drive, in the order they were built, and the whole building's A-graph."""
+
+    sequence: str
+    seed: int
+    a_graph: SceneGraph
+    graphs: tuple[SlamGraph, ...]
+
+
+def write_drive(folder: Path, drive: SlamDrive, building: str) -> None:
+    """Writes `SEQUENCE-SEED.s_graphs.json`, and `BUILDING.a_graph.json` where it is not there yet."""
+    plan = folder / f"{building}.a_graph.json"
+    if not plan.exists():
+        drive.a_graph.save(plan)
+    graphs = [
+        {"seconds": g.seconds, "whole": g.whole, "s_graph": g.drawn.s_graph.to_dict(), "truth": _truth(g.drawn)}
+        for g in drive.graphs
+    ]
+    value = {"sequence": drive.sequence, "seed": drive.seed, "a_graph": plan.name, "graphs": graphs}
+    write_json(drive_file(folder, drive.sequence, drive.seed), value)
+
+
+def drive_file(folder: Path, sequence: str, seed: int) -> Path:
+    """Where a drive's S-graphs are."""
+    return folder / f"{sequence}-{seed}{SUFFIX}"
+
+
+def read_drives(folder: Path) -> Iterator[SlamDrive]:
+    """All drives of a folder, by name; raises UserError where there is none or a file cannot be read."""
+    files = sorted(folder.glob(f"*{SUFFIX}"))
+    if not files:
+        raise UserError(f"{folder}: no *{SUFFIX} in it; make some with python -m evaluation.harness.slam_graphs")
+    plans: dict[str, SceneGraph] = {}
+    for file in files:
+        try:
+            value = json.loads(file.read_text())
+            plan = value["a_graph"]
+            if plan not in plans:
+                plans[plan] = SceneGraph.load(folder / plan)
+            graphs = tuple(
+                SlamGraph(g["seconds"], g["whole"], _drawn(SceneGraph.from_dict(g["s_graph"]), g["truth"]))
+                for g in value["graphs"]
+            )
+            yield SlamDrive(value["sequence"], value["seed"], plans[plan], graphs)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{file}: not a drive's S-graphs ({type(error).__name__}); make it anew") from None
+
+
+def _truth(drawn: DrawnGraph) -> dict[str, Any]:
+    return {k: v for k, v in asdict(drawn).items() if k not in ("s_graph", "T_a_s_by_room")}
+
+
+def _drawn(s_graph: SceneGraph, truth: dict[str, Any]) -> DrawnGraph:
+    yaw, x, y = truth["T_a_s"]
+    T_a_s = (float(yaw), float(x), float(y))
+    return DrawnGraph(
+        s_graph, truth["rooms"], truth["wall_surfaces"], T_a_s, dict.fromkeys(truth["rooms"], T_a_s), truth["floor"],
+        truth["bent"],
+    )  # fmt: skip

@@ -1,0 +1,75 @@
+"""A front end made weak in a known way, so that a map without the plan drifts.
+
+The tracking corrects each scan by the walls in sight, which removes the drift of any odometry where a long-range LiDAR
+sees a whole corridor. Hence both are made worse: the scans end at a few metres, and the odometry's steps are wrong.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.trajectory import Trajectory
+from evaluation.metrics.trajectory import ape
+
+Array = NDArray[np.float64]
+RANGE_M = 6.0  # farther points are dropped; a level sensor at 0.8 m needs 3 m to see the floor at all
+SCALE, YAW_RAD = 0.01, float(np.radians(0.3))  # at level 1: share of each step; of a metre driven
+LEAST_ERROR_M = 0.5
+MOST_LEVEL = 64
+
+
+@dataclass(frozen=True, eq=False)
+class WeakOdometry:
+    """T_odom_sensor of all scans, its `level`, and its RMSE against the truth, first poses made to coincide."""
+
+    trajectory: Trajectory
+    level: int
+    rmse_m: float
+
+    def told(self) -> str:
+        """What was done, in a line for the table."""
+        return (
+            f"points beyond {RANGE_M:g} m dropped; odometry: steps {100 * SCALE * self.level:g} % too long, yaw random "
+            f"walk {np.degrees(YAW_RAD) * self.level:.1f} deg per sqrt(m); its RMSE {self.rmse_m:.2f} m"
+        )
+
+
+def weaken_odometry(odometry: Trajectory, truth: Trajectory, seed: int) -> WeakOdometry:
+    """Worsens an odometry's steps, the level doubled from 1 until its RMSE exceeds 0.5 m.
+
+    At level k each step is k % too long and its heading errs by a random walk of 0.3 k degrees per square root of a
+    metre. Raises UserError where no level is enough (a robot that hardly moves).
+    """
+    level = 1
+    while level <= MOST_LEVEL:
+        worse = Trajectory(odometry.stamps_ns, worsened(odometry.poses, level, seed))
+        rmse = ape(worse, truth, "origin").translation.rmse
+        if rmse > LEAST_ERROR_M:
+            return WeakOdometry(worse, level, rmse)
+        level *= 2
+    raise UserError(f"--weaken: the drive is too short for an odometry error of {LEAST_ERROR_M} m; take a longer one")
+
+
+def shortened(points: Array) -> Array:
+    """The points (N, 3), sensor frame, within the weak sensor's range; the nearest ones where hardly any is."""
+    ranges = np.linalg.norm(points, axis=1)
+    near = ranges < RANGE_M
+    return points[near] if near.sum() >= 50 else points[np.argsort(ranges)[:50]]
+
+
+def worsened(poses: Array, level: int, seed: int) -> Array:
+    """(N, 4, 4) the same motion with steps as wrong as `weaken_odometry` has them at a level."""
+    steps = np.linalg.inv(poses[:-1]) @ poses[1:]
+    lengths = np.linalg.norm(steps[:, :3, 3], axis=1)
+    yaw = level * YAW_RAD * np.sqrt(lengths) * np.random.default_rng([seed, 7]).standard_normal(len(lengths))
+    turn = np.tile(np.eye(4), (len(steps), 1, 1))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(yaw)
+    turn[:, 1, 0] = np.sin(yaw)
+    turn[:, 0, 1] = -turn[:, 1, 0]
+    steps[:, :3, 3] *= 1 + level * SCALE
+    worse = [poses[0]]
+    for step in steps @ turn:
+        worse.append(worse[-1] @ step)
+    return np.array(worse)

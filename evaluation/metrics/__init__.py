@@ -1,0 +1,1 @@
+"""Measures of trajectories, maps and matches: pure functions."""

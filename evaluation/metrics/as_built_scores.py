@@ -1,0 +1,88 @@
+"""What a run says of walls that stand otherwise than planned, against what became of them."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.scene_graph import SceneGraph
+from evaluation.metrics.statistics import Score
+from evaluation.metrics.true_walls import TrueWall
+
+Array = NDArray[np.float64]
+KINDS = {"moved": "moved", "absent": "absent", "extra": "unplanned"}  # as it is told, and what it is
+LEAST_VIEWS = 3
+_ON_WALL = 0.1  # m
+_ENOUGH = 1.0  # m of a long surface of which a wall is a part
+
+
+@dataclass(frozen=True)
+class Told:
+    """What was told of one kind: of IFC walls, an extra one of wall surfaces.
+
+    To be found are the walls of the kind that three keyframes or more see. `offset_errors` (m) are those of the moved
+    walls that were found. `missed` and `false` are ids.
+    """
+
+    score: Score
+    offset_errors: tuple[float, ...]
+    missed: tuple[str, ...]
+    false: tuple[str, ...]
+
+
+def told_of(
+    deviations: list[dict[str, Any]], s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array | None,
+    walls: list[TrueWall],
+) -> dict[str, Told]:  # fmt: skip
+    """By kind (`moved`, `absent`, `extra`), what the significant ones of deviations.json are worth.
+
+    `a_graph` is the plan's, `T_bim_map` (4, 4) places the map, None where the run was not anchored.
+    """
+    significant = [d for d in deviations if d["significant"]]
+    result = {}
+    for kind, is_kind in KINDS.items():
+        own = [d for d in significant if d["kind"] == kind]
+        there = {wall.id: wall for wall in walls if wall.kind == is_kind}
+        expected = {key for key, wall in there.items() if wall.views >= LEAST_VIEWS}
+        if kind == "extra":
+            lies_on = {d["s_id"]: _wall_under(s_graph, d["s_id"], T_bim_map, there) for d in own}
+            found, false = set(lies_on.values()) - {None}, [s for s, wall in lies_on.items() if wall is None]
+            answered = len(lies_on)
+        else:
+            told = {d["source"] for d in own}
+            found, false, answered = told & there.keys(), sorted(told - there.keys()), len(told)
+        score = Score(answered - len(false), answered, len(found & expected), len(expected))
+        errors = tuple(_offset_errors(own, a_graph, there)) if kind == "moved" else ()
+        result[kind] = Told(score, errors, tuple(sorted(expected - found)), tuple(false))
+    return result
+
+
+def _offset_errors(moved: list[dict[str, Any]], a_graph: SceneGraph, there: dict[str, TrueWall]) -> Iterator[float]:
+    """For each wall that was rightly told, the median over its surfaces of how wrong the offset is."""
+    by_wall = defaultdict(list)
+    for d in moved:
+        if d["source"] in there:
+            true = np.array(there[d["source"]].offset_in_bim) @ a_graph.surface_by_id[d["a_id"]].normal
+            by_wall[d["source"]].append(abs(d["offset_m"] - true))
+    for errors in by_wall.values():
+        yield float(np.median(errors))
+
+
+def _wall_under(
+    s_graph: SceneGraph, s_id: str, T_bim_map: Array | None, there: dict[str, TrueWall]
+) -> str | None:
+    """The wall on whose faces half of a surface of the map lies, or a metre of it."""
+    assert T_bim_map is not None  # without a place in the plan nothing is told
+    ends = np.array(s_graph.surface_by_id[s_id].ends())
+    line = shapely.LineString(ends @ T_bim_map[:2, :2].T + T_bim_map[:2, 3])
+    on = {key: _near(wall).intersection(line).length for key, wall in there.items()}
+    best = max(on, key=on.__getitem__, default=None)
+    return best if best is not None and on[best] > min(0.5 * line.length, _ENOUGH) else None
+
+
+def _near(wall: TrueWall) -> Any:
+    return shapely.Polygon(wall.footprint).buffer(_ON_WALL)

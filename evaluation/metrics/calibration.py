@@ -1,0 +1,60 @@
+"""Whether confidences are probabilities: answers by confidence in bins, and the expected calibration error."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.common.errors import UserError
+
+BINS = 20
+
+
+@dataclass(frozen=True)
+class Bin:
+    """The answers with a confidence in [index, index + 1) / 20 (1 is in the last): how many, how many are right, and
+    the sum of their confidences."""
+
+    index: int
+    count: int
+    right: int
+    confidence: float
+
+    @property
+    def mean(self) -> float:
+        """The mean confidence."""
+        return self.confidence / self.count
+
+    @property
+    def share(self) -> float:
+        """The share that is right."""
+        return self.right / self.count
+
+
+def binned(confidences: Sequence[float], right: Sequence[bool]) -> tuple[Bin, ...]:
+    """The bins that hold something. Raises UserError for a confidence that is no probability."""
+    value = np.asarray(confidences, dtype=float)
+    if not ((value >= 0) & (value <= 1)).all():
+        raise UserError("a confidence is not in [0, 1]")
+    at = np.minimum((value * BINS).astype(int), BINS - 1)
+    hit = np.asarray(right, dtype=float)
+    count, good, total = (np.bincount(at, w, BINS) for w in (np.ones(len(value)), hit, value))
+    return tuple(Bin(k, int(count[k]), int(good[k]), float(total[k])) for k in range(BINS) if count[k])
+
+
+def merged(every: Iterable[tuple[Bin, ...]]) -> tuple[Bin, ...]:
+    """The bins of several answers together."""
+    sums: dict[int, list[float]] = {}
+    for bins in every:
+        for b in bins:
+            total = sums.setdefault(b.index, [0, 0, 0.0])
+            for k, value in enumerate((b.count, b.right, b.confidence)):
+                total[k] += value
+    return tuple(Bin(k, int(sums[k][0]), int(sums[k][1]), sums[k][2]) for k in sorted(sums))
+
+
+def calibration_error(bins: tuple[Bin, ...]) -> float | None:
+    """The mean over all answers of |mean confidence - share that is right| of their bin (M. P. Naeini, G. F. Cooper
+    and M. Hauskrecht, AAAI 2015); None where nothing was answered."""
+    count = sum(b.count for b in bins)
+    return sum(abs(b.confidence - b.right) for b in bins) / count if count else None

@@ -1,0 +1,77 @@
+"""How many rooms a run had seen, and how many the matching benchmark says that it needs from where it began."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data import SceneGraph
+from data.synthetic_maps.s_graph_exploration import Storey, storeys_of, walk
+from data.synthetic_maps.s_graph_regimes import draw_walk
+from evaluation.metrics.map_metrics import wall_scores
+from sgslam.anchoring.matcher_protocol import AnyMatcher
+from sgslam.inspection.asked_maps import is_right
+
+Array = NDArray[np.float64]
+MOST_ASKED = 9  # rooms; the benchmark's walks go no further
+PAIRS = 5  # maps drawn for each number of rooms, of which most are to be known,
+SURE_PAIRS, MISSED = 40, 2  # and of which 95 % are: so many are drawn, and so many may be missed
+LEAST_SEEN = 0.5  # of a room's walls, by length
+
+
+def rooms_entered(floor: SceneGraph, places: Array) -> list[str]:
+    """The rooms of a storey that hold places (N, 2 or 3) of a way, in the order in which they were entered."""
+    if not len(places):
+        return []
+    inside = {
+        room.id: np.flatnonzero(shapely.contains_xy(shapely.Polygon(room.polygon), places[:, 0], places[:, 1]))
+        for room in floor.rooms if len(room.polygon or ()) > 2
+    }  # fmt: skip
+    return sorted((room for room, at in inside.items() if len(at)), key=lambda room: int(inside[room][0]))
+
+
+def rooms_seen(s_graph: SceneGraph, floor: SceneGraph, T_bim_map: Array, places: Array) -> set[str]:
+    """The rooms of a storey that were entered, and those of whose walls an S-graph at `T_bim_map` (4, 4) has most."""
+    missed = set(wall_scores(s_graph, floor, T_bim_map).missed)
+    seen = set(rooms_entered(floor, places))
+    for room, walls in floor.surfaces_of_room.items():
+        length = sum(w.length or 0.0 for w in walls)
+        if length > 0 and sum(w.length or 0.0 for w in walls if w.id not in missed) > LEAST_SEEN * length:
+            seen.add(room)
+    return seen
+
+
+@dataclass(frozen=True)
+class Needed:
+    """The fewest rooms of which most maps are known, and of which at least 95 % are; None where so many as are asked
+    after are too few."""
+
+    most: int | None = None
+    sure: int | None = None
+
+
+def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int = 0) -> Needed:
+    """The fewest rooms, from this one on, of which the matcher knows the one true place in the maps that the matching
+    benchmark draws (regime `real`, rooms entered in any order); none for a room without walls in the plan.
+    """
+    for storey in storeys_of(a_graph):
+        start = next((k for k, r in enumerate(storey.rooms) if r.id == room), None)
+        if start is not None:
+            return _needed(a_graph, storey, start, matcher, seed)
+    return Needed()
+
+
+def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher, seed: int) -> Needed:
+    most = None
+    for count in range(1, min(MOST_ASKED, len(storey.rooms)) + 1):
+        known: list[bool] = []
+        while len(known) < PAIRS or (len(known) < SURE_PAIRS and known.count(False) <= MISSED):
+            rng = np.random.default_rng((seed, start, count, len(known)))
+            drawn = draw_walk(storey, walk(storey, rng, count, start), "real", rng)
+            known.append(bool(drawn.s_graph.wall_surfaces) and is_right(matcher.match(drawn.s_graph, a_graph), drawn))
+        if most is None and 2 * sum(known[:PAIRS]) > PAIRS:
+            most = count
+        if known.count(False) <= MISSED:
+            return Needed(most, count)
+    return Needed(most)

@@ -1,0 +1,1 @@
+"""Published methods and tables, reproduced beside ours."""

@@ -1,0 +1,115 @@
+"""What many would do instead: each scan registered to the surfaces of the BIM, from a start that is given.
+
+GICP (Segal et al., RSS 2009) of small_gicp, predicted by constant velocity. No map of its own, no matching: what the
+plan says is taken for true.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.scans import Scan
+from data.scene_graph import SceneGraph
+from data.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+CLASSES = (
+    "IfcWall", "IfcCurtainWall", "IfcSlab", "IfcRoof", "IfcCovering", "IfcColumn", "IfcWindow", "IfcStair",
+    "IfcStairFlight",
+)  # fmt: skip
+DENSITY = 400.0  # points a square metre of the target: thin walls have two sides
+SOURCE_VOXEL_M = 0.2
+CORRESPONDENCE_M = 0.3  # furniture stands higher than that above the floor
+BELOW_M, ABOVE_M = 2.5, 4.0  # of the sensor, that the target reaches
+
+
+def register_to_bim(scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: Array) -> Trajectory:
+    """T_bim_sensor of all scans; `surfaces_in_bim` (M, 3, 3) triangles, `T_bim_first` (4, 4) the true first pose.
+
+    Raises UserError where small_gicp is not installed or there is no surface around the start.
+    """
+    try:
+        import small_gicp
+    except ImportError:
+        raise UserError("arm icp-to-bim: small_gicp is not installed; pip install 'sgslam[bench]'") from None
+    z = surfaces_in_bim[:, :, 2] - T_bim_first[2, 3]
+    near = surfaces_in_bim[(z.max(axis=1) > -BELOW_M) & (z.min(axis=1) < ABOVE_M)]
+    if not len(near):
+        raise UserError("arm icp-to-bim: the BIM has no surface around the start")
+    origin = T_bim_first[:3, 3].copy()  # a site may lie kilometres from zero
+    target, tree = small_gicp.preprocess_points(_sampled(near) - origin, downsampling_resolution=0.05)
+    T = T_bim_first.copy()
+    T[:3, 3] -= origin
+    step = np.eye(4)
+    stamps: list[int] = []
+    poses: list[Array] = []
+    for scan in scans:
+        source, _ = small_gicp.preprocess_points(scan.points, downsampling_resolution=SOURCE_VOXEL_M)
+        guess = T @ step if poses else T
+        found = small_gicp.align(
+            target, source, tree, guess, registration_type="GICP", max_correspondence_distance=CORRESPONDENCE_M
+        ).T_target_source
+        if poses:
+            step = np.linalg.inv(T) @ found
+        T = found
+        stamps.append(scan.stamp_ns)
+        poses.append(found)
+    in_bim = np.array(poses)
+    in_bim[:, :3, 3] += origin
+    return Trajectory(np.array(stamps, dtype=np.int64), in_bim)
+
+
+def surfaces_of_ifc(path: Path) -> Array:
+    """(M, 3, 3) triangles of what a building is made of: walls, slabs, columns, windows; no doors, no furniture.
+
+    The spaces lend their lower and upper faces, since many models have no floors and ceilings of their own.
+    """
+    from data.ifc.ifc_products import open_ifc, products
+
+    model = open_ifc(path)
+    parts = [p.vertices[p.faces] for p in products(model, CLASSES)]
+    if not parts:
+        raise UserError(f"{path}: no walls and slabs to register to")
+    return np.concatenate([*parts, *(_level(p.vertices[p.faces]) for p in products(model, ("IfcSpace",)))])
+
+
+def surfaces_of_graph(a_graph: SceneGraph) -> Array:
+    """(M, 3, 3) triangles of an A-graph's wall surfaces and of the floors of its rooms."""
+    elevation = {f.id: f.elevation or 0.0 for f in a_graph.floors}
+    triangles = []
+    for w in a_graph.wall_surfaces:
+        level = elevation.get(w.floor or "", 0.0)
+        low, high = w.height or (level, level + 2.5)
+        (x0, y0), (x1, y1) = w.ends()
+        a, b, c, d = ([x0, y0, low], [x1, y1, low], [x1, y1, high], [x0, y0, high])
+        triangles += [[a, b, c], [a, c, d]]
+    for room in a_graph.rooms:
+        if room.polygon is not None:
+            triangles += _fan(np.array(room.polygon), elevation.get(room.floor or "", 0.0))
+    return np.array(triangles)
+
+
+def _level(triangles: Array) -> Array:
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    return triangles[np.abs(normal[:, 2]) > 0.99 * np.linalg.norm(normal, axis=1)]
+
+
+def _fan(polygon: Array, z: float) -> list[list[list[float]]]:
+    import shapely
+
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(polygon)))
+    return [[[x, y, z] for x, y in part.exterior.coords[:3]] for part in parts]
+
+
+def _sampled(triangles: Array) -> Array:
+    """Points (N, 3) spread evenly over the triangles, the same each time."""
+    u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    area = np.linalg.norm(np.cross(u, v), axis=1) / 2
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(triangles), int(DENSITY * area.sum()) + 1, p=area / area.sum())
+    weights = rng.random((len(chosen), 2))
+    weights[weights.sum(axis=1) > 1] = 1 - weights[weights.sum(axis=1) > 1]
+    return np.asarray(triangles[chosen, 0] + weights[:, :1] * u[chosen] + weights[:, 1:] * v[chosen])

@@ -1,0 +1,130 @@
+"""`python -m evaluation.studies.resume SCANS BIM --out DIR`: is a run that was killed and resumed what it would have been?
+
+The command is run once to its end; then it is begun, killed (SIGKILL: nothing can be tidied up) at a random moment, and
+resumed, as often as is asked for. What is compared are the files that it leaves.
+"""
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from time import sleep
+
+import numpy as np
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from data.trajectory import Trajectory
+from evaluation.harness.benchmark_page import made_by, write_section
+from sgslam.session.checkpoints import FILE, about_run
+
+_LATEST = 0.9  # of the whole run's time; after that it may be done before it can be killed
+
+
+@dataclass(frozen=True)
+class Kill:
+    """A run killed `after_s` after its first scan, gone on from a state of so many `keyframes`; `metres` and `degrees`
+    are what its poses differ by at most; `same` are the files that say the same."""
+
+    after_s: float
+    keyframes: int
+    metres: float
+    degrees: float
+    same: tuple[str, ...]
+
+
+COMPARED = ("matches.json", "deviations.json", "s_graph.json", "pose_graph.g2o")
+
+
+def measure(scans: Path, bim: Path | None, out: Path, kills: int, seed: int) -> list[Kill]:
+    """Runs, kills and resumes; the folders are left in `out`. Raises UserError where a run fails."""
+    out.mkdir(parents=True, exist_ok=True)
+    told = ["--scan-dir", str(scans), *([] if bim is None else ["--bim", str(bim)])]
+    whole = out / "whole"
+    _run([*told, "--out", str(whole)])
+    took = float(json.loads((whole / "metrics.json").read_text())["seconds"]["total"])
+    rng, found = np.random.default_rng(seed), list[Kill]()
+    while len(found) < kills:
+        folder = out / f"killed-{len(found)}"
+        shutil.rmtree(folder, ignore_errors=True)
+        process = subprocess.Popen(_command([*told, "--out", str(folder)]), stdout=subprocess.DEVNULL)
+        while not (folder / FILE).is_file() and process.poll() is None:
+            sleep(0.02)
+        after_s = float(rng.uniform(0.0, _LATEST * took))
+        sleep(after_s)
+        process.send_signal(signal.SIGKILL)
+        if process.wait() != -signal.SIGKILL:
+            continue  # it was done already
+        keyframes = int(about_run(folder)["keyframes"])
+        _run(["--resume", str(folder)])
+        found.append(_compared(whole, folder, after_s, keyframes))
+        print(table(found[-1:]).splitlines()[-1], flush=True)
+    return found
+
+
+def _command(arguments: list[str]) -> list[str]:
+    return [sys.executable, "-m", "sgslam.run", *arguments]
+
+
+def _run(arguments: list[str]) -> None:
+    done = subprocess.run(_command(arguments), capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise UserError(f"a run failed: {(done.stderr.strip() or 'it does not say why').splitlines()[-1]}")
+
+
+def _compared(whole: Path, resumed: Path, after_s: float, keyframes: int) -> Kill:
+    a, b = (Trajectory.read_tum(folder / "trajectory.tum") for folder in (whole, resumed))
+    if not np.array_equal(a.stamps_ns, b.stamps_ns):
+        return Kill(after_s, keyframes, np.inf, np.inf, ())
+    chord = np.linalg.norm(a.poses[:, :3, :3] - b.poses[:, :3, :3], axis=(1, 2)).max() / np.sqrt(8)
+    degrees = 2 * float(np.degrees(np.arcsin(min(float(chord), 1.0))))
+    same = tuple(name for name in COMPARED if _told(whole / name) == _told(resumed / name))
+    return Kill(after_s, keyframes, float(np.abs(a.positions - b.positions).max()), degrees, same)
+
+
+def _told(path: Path) -> object:
+    """What a file tells, but for how long the matcher took."""
+    if path.suffix != ".json":
+        return path.read_text()
+    told = json.loads(path.read_text())
+    return {name: value for name, value in told.items() if name != "seconds"} if isinstance(told, dict) else told
+
+
+def table(kills: list[Kill]) -> str:
+    """Markdown: a line for each run that was killed."""
+    head = ("killed after", "keyframes in the state", "poses differ by at most", "files that say the same")
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    for k in kills:
+        apart = "nothing" if k.metres == k.degrees == 0 else f"{k.metres:.1e} m, {k.degrees:.1e} deg"
+        lines.append(f"| {k.after_s:.1f} s | {k.keyframes} | {apart} | {', '.join(k.same)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    """The command line; exit code 1 where a resumed run is not the one that it would have been, to a millimetre."""
+    parser = Parser(prog="python -m evaluation.studies.resume", description="Runs that are killed and resumed, compared.")
+    parser.add_argument("scans", type=Path, metavar="SCANS", help="folder of a drive's scans")
+    parser.add_argument("bim", type=Path, nargs="?", metavar="BIM", help="the building")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for the runs and resume.md")
+    parser.add_argument("--kills", type=int, default=5, metavar="N", help="default %(default)s")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the moments")
+    parser.add_argument("--benchmarks", type=Path, metavar="FILE", help="page of results to write a section of")
+    options = parser.parse_args()
+    kills = measure(options.scans, options.bim, options.out, options.kills, options.seed)
+    text = table(kills)
+    write_atomically(options.out / "resume.md", f"# Killed and resumed\n\n{text}")
+    if options.benchmarks is not None:
+        command = f"python -m evaluation.studies.resume {options.scans} {options.bim or ''} --out {options.out.name}"
+        about = "A run killed (SIGKILL) at random moments and gone on with by `--resume`, beside one that never was."
+        section = f"## Killed and resumed\n\n{about}\n\n{text}\nBy {made_by(command)}."
+        write_section(options.benchmarks, "resume", section)
+    print(text, end="")
+    return 0 if all(k.metres < 1e-3 and "matches.json" in k.same for k in kills) else 1
+
+
+if __name__ == "__main__":
+    run_command(main)

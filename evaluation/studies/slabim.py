@@ -1,0 +1,40 @@
+"""`python -m evaluation.studies.slabim --dataset DIR --session NAME --out DIR`: our system on real scans with a real plan.
+
+Lays a session of SLABIM (see `data.datasets.slabim`) out in DIR/sequence and runs `sgslam.run` on it, results in DIR. Options
+that are not its own are those of `sgslam.run`, as `--set A.B=C`.
+"""
+
+from pathlib import Path
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+
+OWN = ("--scan-dir", "--bim", "--ground-truth", "--demo")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line. Raises UserError."""
+    parser = Parser(prog="python -m evaluation.studies.slabim", description="A session of SLABIM, laid out and run.")
+    parser.add_argument("--dataset", type=Path, required=True, metavar="DIR", help="with BIM and sensor_data")
+    parser.add_argument("--session", required=True, metavar="NAME", help="such as 3F_Region1")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the results go")
+    parser.add_argument("--lay-out-only", action="store_true", help="do not run")
+    options, more = parser.parse_known_args(arguments)
+    if told := [x for x in more if x.partition("=")[0] in OWN]:
+        raise UserError(f"{told[0]}: the session tells; leave it out")
+    from data.datasets.slabim import SlabimSession
+
+    sequence = options.out / "sequence"
+    SlabimSession.open(options.dataset, options.session).lay_out(sequence)
+    print(f"{sequence}: scans, a_graph.json, truth.tum, sequence.yaml")
+    if options.lay_out_only:
+        return 0
+    from sgslam.run import main as run
+
+    parts = {"--scan-dir": "scans", "--bim": "a_graph.json", "--ground-truth": "truth.tum"}
+    files = [text for option, name in parts.items() for text in (option, str(sequence / name))]
+    return run([*files, "--out", str(options.out), *more])
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,1 @@
+"""Where a plan repeats itself: symmetries that no matcher can tell apart."""

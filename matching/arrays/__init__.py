@@ -1,0 +1,1 @@
+"""Scene graphs as numpy arrays: walls, doors, neighbours."""

@@ -1,0 +1,130 @@
+"""Symmetric systems of 3 x 3 blocks, one for each node of a graph and each of its edges, solved node by node.
+
+A node that goes joins those of its neighbours that are left; the one with the fewest goes first (W. F. Tinney and
+J. W. Walker: Direct solutions of sparse network equations by optimally ordered triangular factorization, 1967).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled, compiled_within
+from matching.arrays.walls import Index
+from matching.se2 import Array
+
+
+class Elimination(NamedTuple):
+    """In which order G nodes go, and the B blocks of each with the neighbours that are left when it goes."""
+
+    order: Index  # (G,)
+    first: Index  # (G + 1,) where the blocks begin of the node that goes first, second, ...
+    later: Index  # (B,) the neighbour, whose row of blocks it is
+    changed: Index  # the block that is changed by each two of the blocks of a node, -1 for the neighbour's own
+    of_edge: Index  # (E,) the block of each edge
+    turned: NDArray[np.bool_]  # (E,) whether it is the row of the edge's second node
+
+
+@compiled
+def elimination(edges: Index, count: int) -> Elimination:
+    """For edges (E, 2) between `count` nodes, none of them twice."""
+    joined, order = _joined(edges, count)
+    first, block = np.zeros(count + 1, dtype=np.int64), np.full((count, count), -1)
+    later, changes = np.empty(joined.sum() // 2, dtype=np.int64), 0
+    for n in range(count):
+        first[n + 1] = first[n]
+        for m in range(n + 1, count):
+            if joined[order[n], order[m]]:
+                later[first[n + 1]] = order[m]
+                block[order[n], order[m]] = block[order[m], order[n]] = first[n + 1]
+                first[n + 1] += 1
+        changes += (first[n + 1] - first[n]) * (first[n + 1] - first[n] + 1) // 2
+    changed, at = np.empty(changes, dtype=np.int64), 0
+    for n in range(count):
+        for k in range(first[n], first[n + 1]):
+            for j in range(first[n], k + 1):
+                changed[at] = block[later[k], later[j]]
+                at += 1
+    of_edge, turned = np.empty(len(edges), dtype=np.int64), np.zeros(len(edges), dtype=np.bool_)
+    for e in range(len(edges)):
+        of_edge[e] = block[edges[e, 0], edges[e, 1]]
+        turned[e] = later[of_edge[e]] == edges[e, 1]
+    return Elimination(order, first, later, changed, of_edge, turned)
+
+
+@compiled_within
+def _joined(edges: Index, count: int) -> tuple[NDArray[np.bool_], Index]:
+    """(G, G) which nodes are neighbours when one of them goes, and the order."""
+    joined, left = np.zeros((count, count), dtype=np.bool_), np.ones(count, dtype=np.bool_)
+    order = np.empty(count, dtype=np.int64)
+    for e in range(len(edges)):
+        joined[edges[e, 0], edges[e, 1]] = joined[edges[e, 1], edges[e, 0]] = True
+    degree = joined.sum(axis=1)
+    for n in range(count):
+        g = -1
+        for h in range(count):
+            if left[h] and (g < 0 or degree[h] < degree[g]):
+                g = h
+        order[n], left[g] = g, False
+        near = np.flatnonzero(joined[g] & left)
+        for k in near:
+            degree[k] -= 1
+            for j in near:
+                if j < k and not joined[k, j]:
+                    joined[k, j] = joined[j, k] = True
+                    degree[k] += 1
+                    degree[j] += 1
+    return joined, order
+
+
+@compiled
+def solve(e: Elimination, own: Array, between: Array, x: Array) -> None:
+    """Writes the solution of a positive definite system into its right side (G, 3).
+
+    `own` (G, 3, 3) are the blocks on the diagonal, of which the lower triangle is read, `between` (B, 3, 3) the others;
+    both are lost.
+    """
+    order, first, later, at = e.order, e.first, e.later, 0
+    for n in range(len(order)):
+        g = order[n]
+        _factored(own, g)
+        _lowered(own, g, x, g)
+        for k in range(first[n], first[n + 1]):
+            h, block = later[k], between[k]
+            for r in range(3):
+                _lowered(own, g, block, r)
+                x[h, r] -= block[r, 0] * x[g, 0] + block[r, 1] * x[g, 1] + block[r, 2] * x[g, 2]
+            for j in range(first[n], k + 1):
+                into, other = own[h] if j == k else between[e.changed[at]], between[j]
+                for r in range(3):
+                    for c in range(3):
+                        into[r, c] -= block[r, 0] * other[c, 0] + block[r, 1] * other[c, 1] + block[r, 2] * other[c, 2]
+                at += 1
+    for n in range(len(order) - 1, -1, -1):
+        g = order[n]
+        for k in range(first[n], first[n + 1]):
+            h = later[k]
+            for c in range(3):
+                x[g, c] -= between[k, 0, c] * x[h, 0] + between[k, 1, c] * x[h, 1] + between[k, 2, c] * x[h, 2]
+        x[g, 2] /= own[g, 2, 2]
+        x[g, 1] = (x[g, 1] - own[g, 2, 1] * x[g, 2]) / own[g, 1, 1]
+        x[g, 0] = (x[g, 0] - own[g, 1, 0] * x[g, 1] - own[g, 2, 0] * x[g, 2]) / own[g, 0, 0]
+
+
+@compiled
+def _factored(A: Array, g: int) -> None:
+    """Writes Cholesky's lower factor into the lower triangle of one of (G, 3, 3)."""
+    A[g, 0, 0] = np.sqrt(A[g, 0, 0])
+    A[g, 1, 0] /= A[g, 0, 0]
+    A[g, 2, 0] /= A[g, 0, 0]
+    A[g, 1, 1] = np.sqrt(A[g, 1, 1] - A[g, 1, 0] ** 2)
+    A[g, 2, 1] = (A[g, 2, 1] - A[g, 2, 0] * A[g, 1, 0]) / A[g, 1, 1]
+    A[g, 2, 2] = np.sqrt(A[g, 2, 2] - A[g, 2, 0] ** 2 - A[g, 2, 1] ** 2)
+
+
+@compiled
+def _lowered(L: Array, g: int, b: Array, r: int) -> None:
+    """Writes the solution of a lower triangular system, one of (G, 3, 3), into a row of right sides (R, 3)."""
+    b[r, 0] /= L[g, 0, 0]
+    b[r, 1] = (b[r, 1] - L[g, 1, 0] * b[r, 0]) / L[g, 1, 1]
+    b[r, 2] = (b[r, 2] - L[g, 2, 0] * b[r, 0] - L[g, 2, 1] * b[r, 1]) / L[g, 2, 2]

@@ -1,0 +1,1 @@
+"""Published networks on our features, and the registry of all networks."""

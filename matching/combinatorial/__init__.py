@@ -1,0 +1,1 @@
+"""The combinatorial search of iS-Graphs."""

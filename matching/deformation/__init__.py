@@ -1,0 +1,1 @@
+"""Placements of a map that drifts: a field of motions, one a room, with its evidence and verification."""

@@ -1,0 +1,80 @@
+"""Doors as evidence: a door of the map should be one of the plan's, and doors between rooms seen should be in the map.
+
+Walls alone are often alike, from office to office and from flat to mirrored flat; where their doors are is not. As
+with walls, a door of the map is either one of the plan, off by what is marginalised over, or something else: a neck
+in a room that the map took for two. Chance is a door of the plan at a random place.
+"""
+
+import numpy as np
+
+from data.common.compiled import compiled
+from matching.arrays.walls import Index
+from matching.deformation.field import Fields, Scene
+from matching.se2 import Array
+
+SIGMAS = np.array([0.15, 0.45])  # metres, of both axes
+SHARES = np.array([0.75, 0.25])  # of the doors that are off by so much
+NO_DOOR = 0.25  # of the map's doors are none of the plan's
+OTHER_ROOMS = 0.3  # what a door counts that joins other rooms than the map's does
+DENSITY = 0.06  # doors a square metre, that are met by chance
+FAR_M = 4.5  # doors of the plan beyond the map's are not looked at: ten deviations, nothing is left of them
+OPEN = 0.7  # of the plan's doors between two rooms that were seen
+
+
+def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
+    """(K,) nats of the doors; `homes` (K, R) are the A rooms, of the field's storey, of the S rooms, -1 for none."""
+    if not len(scene.doors) and not any(len(d) for d in scene.plan.doors):
+        return np.zeros(len(fields))
+    nats, own = [], scene.doors
+    for k, storey in enumerate(fields.storey.tolist()):
+        plan, rooms = scene.plan.doors[storey], len(scene.plan.storeys[storey].rooms)
+        placed = _placed(fields.state[k], scene.groups.centre, scene.group_of_room, own.place, own.rooms)
+        nats.append(_of_one(placed, own.rooms, homes[k], plan.place, plan.rooms, rooms))
+    return np.array(nats)
+
+
+@compiled
+def _placed(state: Array, centre: Array, group_of_room: Index, place: Array, rooms: Index) -> Array:
+    """(D, 2) the map's doors, each where a field (G, 3) lays it with its rooms (D, 2), in the mean."""
+    placed = np.zeros(place.shape)
+    for d in range(len(place)):
+        known = max((rooms[d] >= 0).sum(), 1)
+        for room in rooms[d]:
+            if room >= 0:
+                g = group_of_room[room]
+                cos, sin = np.cos(state[g, 0]), np.sin(state[g, 0])
+                x, y = place[d, 0] - centre[g, 0], place[d, 1] - centre[g, 1]
+                placed[d, 0] += (cos * x - sin * y + state[g, 1]) / known
+                placed[d, 1] += (sin * x + cos * y + state[g, 2]) / known
+    return placed
+
+
+@compiled
+def _of_one(placed: Array, doors: Index, home: Index, plan: Array, plan_rooms: Index, rooms: int) -> float:
+    """Nats of the map's doors, which lie at `placed` (D, 2) between its rooms `doors` (D, 2), in a storey with doors at
+    `plan` (M, 2) between its rooms (M, 2)."""
+    seen, is_home, total = np.zeros(len(plan), dtype=np.bool_), np.zeros(rooms + 1, dtype=np.bool_), 0.0
+    for room in home:
+        is_home[room] |= room >= 0
+    for d in range(len(doors)):
+        here = home[doors[d, 0]] if doors[d, 0] >= 0 else -1
+        there = home[doors[d, 1]] if doors[d, 1] >= 0 else -1
+        most, best = 0.0, -1
+        for m in range(len(plan)):
+            square = (placed[d, 0] - plan[m, 0]) ** 2 + (placed[d, 1] - plan[m, 1]) ** 2
+            if square < FAR_M**2:
+                density = 0.0
+                for n in range(len(SIGMAS)):
+                    density += SHARES[n] * np.exp(-0.5 * square / SIGMAS[n] ** 2) / (2 * np.pi * SIGMAS[n] ** 2)
+                one, other = plan_rooms[m, 0], plan_rooms[m, 1]
+                same = (here == one and there == other) or (here == other and there == one)
+                density *= 1.0 if same else OTHER_ROOMS
+                if density > most:
+                    most, best = density, m
+        total += np.log(NO_DOOR + (1 - NO_DOOR) * most / DENSITY)
+        if most > DENSITY:
+            seen[best] = True
+    for m in range(len(plan)):
+        if is_home[plan_rooms[m, 0]] and is_home[plan_rooms[m, 1]]:
+            total += np.log((OPEN if seen[m] else 1 - OPEN) / 0.5)
+    return total

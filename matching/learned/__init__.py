@@ -1,0 +1,1 @@
+"""The trained network without PyTorch: compiled loops over the same weights."""

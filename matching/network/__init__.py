@@ -1,0 +1,1 @@
+"""The graph network that proposes matches, in PyTorch, and its input features."""

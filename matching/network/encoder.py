@@ -1,0 +1,99 @@
+"""A graph's nodes as vectors: attention over neighbours with edge features (the form of GATv2).
+
+S. Brody, U. Alon, E. Yahav: How Attentive are Graph Attention Networks? ICLR 2022. Neighbours are a table of
+fixed width, so that a layer is a gather and a softmax.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from torch import Tensor, nn
+
+from matching.network.features import EDGE_SIZE, NODE_SIZE, GraphFeatures
+from matching.network.shared_numbers import HEADS
+
+
+@dataclass(frozen=True)
+class GraphTensors:
+    """`GraphFeatures` on a device; shapes as there."""
+
+    wall_node: Tensor
+    room_node: Tensor
+    centre: Tensor
+    heading: Tensor
+    half: Tensor
+    home: Tensor
+    floor: Tensor
+    node: Tensor
+    neighbour: Tensor
+    edge: Tensor
+
+    @staticmethod
+    def of(f: GraphFeatures, device: torch.device | str = "cpu") -> "GraphTensors":
+        """The arrays of one graph, or of a batch that was joined into one."""
+        names = GraphTensors.__dataclass_fields__
+        return GraphTensors(**{name: torch.as_tensor(getattr(f, name)).to(device) for name in names})
+
+    @cached_property
+    def pose(self) -> Tensor:
+        """(V, 4) centre, and cosine and sine of the heading."""
+        return torch.stack((*self.centre.unbind(-1), self.heading.cos(), self.heading.sin()), dim=-1)
+
+    @cached_property
+    def many_floors(self) -> bool:
+        """Whether there is more than one storey."""
+        return bool(len(self.floor) and (self.floor != self.floor[0]).any())
+
+    def numbers(self, nodes: Tensor) -> Tensor:
+        """(V,) the place of each node in `nodes`, -1 for those that are not there."""
+        table = torch.full((len(self.node),), -1, dtype=torch.long, device=nodes.device)
+        table[nodes] = torch.arange(len(nodes), device=nodes.device)
+        return table
+
+
+class NeighbourAttention(nn.Module):
+    """One layer: each node asks its neighbours, then thinks; both steps are residual."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.before = nn.LayerNorm(width)
+        self.receiver = nn.Linear(width, width)
+        self.sender = nn.Linear(width, width, bias=False)
+        self.edge = nn.Linear(width, width, bias=False)
+        self.attention = nn.Parameter(torch.empty(HEADS, width // HEADS))
+        if not self.attention.is_meta:  # to draw numbers there, torch loads its compiler, which takes a second
+            nn.init.normal_(self.attention, std=(width // HEADS) ** -0.5)
+        self.told = nn.Linear(width, width)
+        self.think = nn.Sequential(
+            nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
+        )
+
+    def forward(self, h: Tensor, edge: Tensor, neighbour: Tensor) -> Tensor:
+        """(V, width) from (V, width), edges (V, k, width) and neighbours (V, k), -1 where there is none."""
+        x = self.before(h)
+        seen = nn.functional.silu(self.sender(x)[neighbour.clamp(min=0)] + self.edge(edge) + self.receiver(x)[:, None])
+        split = seen.unflatten(-1, (HEADS, -1))  # (V, k, heads, width / heads)
+        score = (split * self.attention).sum(-1)
+        score = score.masked_fill((neighbour < 0)[..., None], -1e4).softmax(dim=1)
+        score = score * (neighbour >= 0)[..., None]  # a node without neighbours hears nothing
+        h = h + self.told((score[..., None] * split).sum(dim=1).flatten(1))
+        return torch.as_tensor(h + self.think(h))
+
+
+class Encoder(nn.Module):
+    """Vectors of all nodes of a graph; the other graph plays no part, so a plan's may be kept."""
+
+    def __init__(self, width: int, layers: int) -> None:
+        super().__init__()
+        self.node = nn.Sequential(nn.Linear(NODE_SIZE, width), nn.GELU(), nn.Linear(width, width))
+        self.edge = nn.Sequential(nn.Linear(EDGE_SIZE, width), nn.GELU(), nn.Linear(width, width), nn.GELU())
+        self.layers = nn.ModuleList(NeighbourAttention(width) for _ in range(layers))
+        self.after = nn.LayerNorm(width)
+
+    def forward(self, g: GraphTensors) -> Tensor:
+        """(V, width)."""
+        h, edge = self.node(g.node), self.edge(g.edge)
+        for layer in self.layers:
+            h = layer(h, edge, g.neighbour)
+        return torch.as_tensor(self.after(h))

@@ -1,0 +1,1 @@
+"""The published matcher: GATv2 encoder, Sinkhorn, Hungarian algorithm; its data and training."""

@@ -1,0 +1,76 @@
+"""The corners that vote, as `voting.marks` finds them, of storeys of thousands of walls: room by room."""
+
+import numpy as np
+
+from data.common.compiled import compiled
+from data.geometry.se2_loops import wrapped
+from matching.arrays.walls import Index, Walls
+from matching.se2 import Array
+from matching.search.voting import REACH, Marks
+
+LEAST_SINE = float(np.sin(np.radians(30)))
+
+
+def corners(walls: Walls, chosen: Index | None = None) -> Marks:
+    """Where two of the walls (all, unless some are chosen) meet that are of one room, or of which one has no room; each
+    corner has one heading."""
+    chosen = np.arange(len(walls)) if chosen is None else chosen
+    room = walls.room[chosen]
+    order = np.argsort(room, kind="stable")
+    stray = int(np.count_nonzero(room < 0))
+    begins = np.searchsorted(room[order], np.unique(room[order[stray:]]))
+    ends = np.append(begins[1:], len(order))
+    pairs = _near(walls.centre, walls.half, chosen, order, begins, ends, stray)
+    return Marks(*_met(walls.centre, walls.normal, walls.heading, walls.half, pairs))
+
+
+@compiled
+def _near(
+    centre: Array, half: Array, chosen: Index, order: Index, begins: Index, ends: Index, stray: int
+) -> Index:
+    """(E, 2) pairs of walls that may meet; the first `stray` in the order have no room."""
+    found = [(0, 0) for _ in range(0)]
+    for n in range(len(begins)):
+        for i in range(begins[n], ends[n]):
+            for k in range(i + 1, ends[n]):
+                found.append((chosen[order[i]], chosen[order[k]]))
+    lone = np.zeros(len(order), dtype=np.bool_)
+    lone[order[:stray]] = True
+    for n in order[:stray]:
+        for m in range(len(order)):
+            if m != n and (m > n or not lone[m]):
+                i, k = chosen[n], chosen[m]
+                x, y = centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]
+                if np.hypot(x, y) < half[i] + half[k] + 2 * REACH:
+                    found.append((i, k))
+    pairs = np.empty((len(found), 2), dtype=np.int64)
+    for n in range(len(found)):
+        pairs[n, 0], pairs[n, 1] = found[n]
+    return pairs
+
+
+@compiled
+def _met(
+    centre: Array, normal: Array, heading: Array, half: Array, pairs: Index
+) -> tuple[Array, Array, Array, Index]:
+    """Points, headings, openings and kinds of the corners of the pairs that meet."""
+    point, told, kind = np.empty((len(pairs), 2)), np.empty((2, len(pairs))), np.empty(len(pairs), dtype=np.int64)
+    count = 0
+    for n in range(len(pairs)):
+        i, k = pairs[n]
+        turn = wrapped(heading[k] - heading[i])
+        if turn <= 0:
+            i, k, turn = k, i, -turn
+        sine = np.sin(turn)
+        if sine <= LEAST_SINE:
+            continue
+        x, y = centre[k, 0] - centre[i, 0], centre[k, 1] - centre[i, 1]
+        along = (x * normal[k, 0] + y * normal[k, 1]) / sine
+        back = (x * normal[i, 0] + y * normal[i, 1]) / sine
+        if abs(abs(along) - half[i]) < REACH and abs(abs(back) - half[k]) < REACH:
+            point[count, 0] = centre[i, 0] - along * normal[i, 1]
+            point[count, 1] = centre[i, 1] + along * normal[i, 0]
+            told[0, count], told[1, count] = heading[i] + turn / 2, turn
+            kind[count] = 2 * (along > 0) + (back > 0)
+            count += 1
+    return point[:count].copy(), told[0, :count].copy(), told[1, :count].copy(), kind[:count].copy()

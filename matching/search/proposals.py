@@ -1,0 +1,67 @@
+"""What a proposer says of single pairs: how likely an S surface is an A surface, and an S room an A room."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.scene_graph import SceneGraph
+from matching.arrays.walls import Index, Walls
+from matching.se2 import Array
+
+MOST = 8  # proposals that are kept of one S surface or room
+
+
+@dataclass(frozen=True)
+class TopK:
+    """For each of N things of S its K likeliest of A, best first; small whatever the size of the plan.
+
+    `partner` (N, K) are indices into A, -1 where there are fewer than K; `score` (N, K) probabilities in
+    [0, 1], 0 where there is none. Rows may sum to less than 1: the rest is "nothing of the plan".
+    """
+
+    partner: Index
+    score: Array
+
+    @staticmethod
+    def of_dense(score: NDArray[np.floating[Any]], most: int = MOST) -> "TopK":
+        """The best `most` of each row of (N, M) scores; raises UserError for scores outside [0, 1]."""
+        score = np.asarray(score, dtype=float)
+        if score.ndim != 2 or not ((score >= -1e-6) & (score <= 1 + 1e-6)).all():
+            raise UserError("proposals: scores must be a table of probabilities in [0, 1]")
+        most = min(most, score.shape[1])
+        best = np.argsort(-score, axis=1, kind="stable")[:, :most]
+        value = np.clip(np.take_along_axis(score, best, axis=1), 0.0, 1.0)
+        return TopK(np.where(value > 0, best, -1), value)
+
+    @staticmethod
+    def of_pairs(rows: Index, columns: Index, score: Array, count: int, most: int = MOST) -> "TopK":
+        """The best `most` of each of `count` rows, from pairs (E,), none given twice."""
+        order = np.lexsort((columns, -score, rows))
+        rows, columns, score = rows[order], columns[order], score[order]
+        rank = np.arange(len(rows)) - np.searchsorted(rows, rows)
+        kept = (rank < most) & (score > 0)
+        wide = int(rank[kept].max(initial=-1)) + 1
+        partner, value = np.full((count, wide), -1), np.zeros((count, wide))
+        partner[rows[kept], rank[kept]] = columns[kept]
+        value[rows[kept], rank[kept]] = np.clip(score[kept], 0.0, 1.0)
+        return TopK(partner, value)
+
+
+@dataclass(frozen=True)
+class Proposals:
+    """Of wall surfaces and of rooms; indices follow the order of the two graphs' `wall_surfaces` and `rooms`."""
+
+    walls: TopK
+    rooms: TopK
+
+    @staticmethod
+    def of_dense(walls: NDArray[np.floating[Any]], rooms: NDArray[np.floating[Any]], most: int = MOST) -> "Proposals":
+        """From tables (surfaces of S, surfaces of A) and (rooms of S, rooms of A) of probabilities."""
+        return Proposals(TopK.of_dense(walls, most), TopK.of_dense(rooms, most))
+
+
+Proposer = Callable[[SceneGraph, SceneGraph, Walls], Proposals]  # of a map, a plan, and the map's wall surfaces

@@ -1,0 +1,234 @@
+"""Wall corners vote for the motion that lays one storey's walls on another's (generalised Hough transform).
+
+A corner is two walls that meet: their crossing, the direction between their normals, the angle between them
+and which way they extend. A pair of like corners determines a proper SE(2) motion. Votes are gathered yaw
+first, then in the plane, after D. H. Ballard, "Generalizing the Hough transform to detect arbitrary shapes",
+Pattern Recognition 13 (1981).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.common.compiled import compiled, compiled_within
+from data.geometry.se2_loops import wrapped
+from matching.arrays.walls import Index, Walls, crossings
+from matching.se2 import Array
+
+REACH = 1.0  # metres from a wall's end to the crossing
+OPENING = float(np.radians(12))  # like corners differ by less
+YAW_BIN = float(np.radians(2))
+YAW_MODES = 16
+PLACE_BIN = 0.3  # metres
+FEW_CORNERS = 4
+DIGIT_BITS, DIGIT = 9, 512
+
+
+@dataclass(frozen=True)
+class Marks:
+    """What votes: (M, 2) points, (M,) headings, openings and kinds. Marks of different kinds never match."""
+
+    point: Array
+    heading: Array
+    opening: Array
+    kind: Index
+
+    def __len__(self) -> int:
+        return len(self.point)
+
+    def __getitem__(self, chosen: slice) -> "Marks":
+        return Marks(self.point[chosen], self.heading[chosen], self.opening[chosen], self.kind[chosen])
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """(K, 3) motions T_a_s between own frames that share one yaw mode, best voted first."""
+
+    yaw: float
+    motions: Array
+
+
+def candidates(s: Walls, a: Walls) -> list[Candidates]:
+    """Motions that lay S's corners on A's, by yaw modes; empty where nothing is alike."""
+    s_marks, a_marks = marks(s), marks(a)
+    if len(s_marks.point) < FEW_CORNERS or not len(a_marks.point):
+        s_marks, a_marks = marks(s, scarce=True), marks(a, scarce=True)
+    # Small maps are cheap to try, and their true place stands out less.
+    return vote(s_marks, a_marks, int(np.clip(1600 / len(s), 15, 150)))
+
+
+def marks(walls: Walls, scarce: bool = False) -> Marks:
+    """The corners of a storey; where they are `scarce` also distant crossings and the ends of walls."""
+    along, turn = crossings(walls.centre, walls.heading)
+    gap = np.abs(np.abs(along) - walls.half[:, None])
+    one_room = walls.room[:, None] == walls.room[None, :]
+    unknown = (walls.room < 0)[:, None] | (walls.room < 0)[None, :]
+    near = (gap < (8 * REACH if scarce else REACH)) & (one_room | unknown)
+    i, j = np.nonzero(near & near.T & (turn > 0))  # ordered, so that a corner has one heading
+    point = walls.centre[i] + along[i, j, None] * walls.tangent[i]
+    # Which way the two walls extend from the crossing tells a room's corner from a pillar's.
+    kind = 2 * (along[i, j] > 0) + (along[j, i] > 0)
+    corners = Marks(point, walls.heading[i] + turn[i, j] / 2, turn[i, j], kind.astype(np.int64))
+    return _with_ends(corners, walls) if scarce else corners
+
+
+def _with_ends(corners: Marks, walls: Walls) -> Marks:
+    arm = walls.half[:, None] * walls.tangent
+    n = len(walls)
+    return Marks(
+        np.concatenate((corners.point, walls.centre + arm, walls.centre - arm)),
+        np.concatenate((corners.heading, walls.heading, walls.heading)),
+        np.concatenate((corners.opening, np.zeros(2 * n))),
+        np.concatenate((corners.kind, np.full(n, 4), np.full(n, 5))),
+    )
+
+
+def vote(s: Marks, a: Marks, most: int) -> list[Candidates]:
+    """Candidate motions from S to A, at most `most` for each yaw mode; empty where nothing is alike."""
+    i, j, yaw = _alike(s.kind, s.opening, s.heading, a.kind, a.opening, a.heading)
+    if not len(i):
+        return []
+    return [Candidates(mode, _motions(mode, yaw, i, j, s.point, a.point, most)) for mode in _yaw_modes(yaw)]
+
+
+@compiled
+def _alike(
+    kind: Index, opening: Array, heading: Array, a_kind: Index, a_opening: Array, a_heading: Array
+) -> tuple[Index, Index, Array]:
+    """Pairs of marks that are alike, and the yaw that turns one as the other."""
+    most = len(kind) * len(a_kind)
+    i, j, yaw, count = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty(most), 0
+    for m in range(len(kind)):
+        for n in range(len(a_kind)):
+            if kind[m] == a_kind[n] and abs(opening[m] - a_opening[n]) < OPENING:
+                i[count], j[count], yaw[count] = m, n, wrapped(a_heading[n] - heading[m])
+                count += 1
+    return i[:count].copy(), j[:count].copy(), yaw[:count].copy()
+
+
+@compiled
+def _yaw_modes(yaw: Array) -> Array:
+    """(M,) where most of the yaws are, bin by bin, each the mean of those that are near."""
+    bins = round(2 * np.pi / YAW_BIN)
+    count, smooth = np.zeros(bins), np.zeros(bins)
+    for turn in yaw:
+        count[int(np.floor((turn + np.pi) / YAW_BIN)) % bins] += 1
+    for n in range(bins):
+        for k in range(-2, 3):
+            smooth[n] += (3 - abs(k)) * count[(n + k) % bins]
+    angle = -np.pi + (np.arange(bins) + 0.5) * YAW_BIN
+    least, modes, found = 0.1 * smooth.max(), np.empty(YAW_MODES), 0
+    while found < YAW_MODES and smooth.max() >= least:
+        peak, total, near = angle[smooth.argmax()], 0.0, 0
+        for turn in yaw:
+            off = wrapped(turn - peak)
+            if abs(off) < 2.5 * YAW_BIN:
+                total += off
+                near += 1
+        modes[found] = peak + total / near
+        for n in range(bins):
+            if angle[n] == peak or abs(wrapped(angle[n] - modes[found])) <= 4 * YAW_BIN:
+                smooth[n] = -1.0
+        found += 1
+    return modes[:found]
+
+
+@compiled
+def _motions(mode: float, yaw: Array, i: Index, j: Index, point: Array, a_point: Array, most: int) -> Array:
+    """(K, 3) motions of the mode's yaw to the places that pairs of marks vote for whose yaw is near it."""
+    votes, count, cos, sin = np.empty((len(yaw), 2)), 0, np.cos(mode), np.sin(mode)
+    for n in range(len(yaw)):
+        if abs(wrapped(yaw[n] - mode)) < 3 * YAW_BIN:
+            x, y = point[i[n], 0], point[i[n], 1]
+            votes[count, 0] = a_point[j[n], 0] - (cos * x - sin * y)
+            votes[count, 1] = a_point[j[n], 1] - (sin * x + cos * y)
+            count += 1
+    places = _places(votes[:count], most)
+    motions = np.empty((len(places), 3))
+    motions[:, 0], motions[:, 1:] = mode, places
+    return motions
+
+
+@compiled_within
+def _places(votes: Array, most: int) -> Array:
+    """(K, 2) places where votes (V, 2) gather, most first: means over 3 x 3 bins around local maxima.
+
+    The bins are sparse: plans may lie kilometres apart.
+    """
+    cell = np.floor(votes / PLACE_BIN).astype(np.int64)
+    low_x, low_y, stride = cell[:, 0].min() - 1, cell[:, 1].min() - 1, cell[:, 1].max() - cell[:, 1].min() + 3
+    key = (cell[:, 0] - low_x) * stride + cell[:, 1] - low_y
+    total, peak = _around(votes, key, ascending(key), stride)
+    best = most_of(total[:, 0], peak, most)
+    places = np.empty((len(best), 2))
+    for n in range(len(best)):
+        for d in range(2):
+            places[n, d] = total[best[n], 1 + d] / total[best[n], 0]
+    return places
+
+
+@compiled
+def ascending(key: Index) -> Index:
+    """(V,) the order of numbers that are not below 0, digit by digit (H. Hollerith's radix sort)."""
+    order, other, shift = np.arange(len(key)), np.empty(len(key), dtype=np.int64), 0
+    while key.max() >> shift:
+        begins = np.zeros(DIGIT + 1, dtype=np.int64)
+        for k in key:
+            begins[((k >> shift) % DIGIT) + 1] += 1
+        begins = np.cumsum(begins)
+        for n in order:
+            digit = (key[n] >> shift) % DIGIT
+            other[begins[digit]] = n
+            begins[digit] += 1
+        order, other, shift = other, order, shift + DIGIT_BITS
+    return order
+
+
+@compiled_within
+def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array, Index]:
+    """(bins, 3) number and sum of the votes in 3 x 3 bins about each that has any, and which bins none beside them
+    excels; `key` (V,) are the votes' bins, `order` sorts these."""
+    bin_of, keys, bins = np.empty(len(key), dtype=np.int64), np.empty(len(key), dtype=np.int64), 0
+    for n in order:
+        if bins == 0 or key[n] != keys[bins - 1]:
+            keys[bins] = key[n]
+            bins += 1
+        bin_of[n] = bins - 1
+    own = np.zeros((bins, 3))
+    for n in range(len(key)):
+        own[bin_of[n], 0] += 1
+        own[bin_of[n], 1] += votes[n, 0]
+        own[bin_of[n], 2] += votes[n, 1]
+    total, ahead = own.copy(), np.full((bins, 4), -1)  # of the bins around each, those that come later
+    shifts, at, peak = (1, stride - 1, stride, stride + 1), np.zeros(4, dtype=np.int64), np.ones(bins, dtype=np.bool_)
+    for n in range(bins):
+        for side in range(4):
+            while at[side] < bins and keys[at[side]] < keys[n] + shifts[side]:
+                at[side] += 1
+            m = at[side]
+            if m < bins and keys[m] == keys[n] + shifts[side]:
+                ahead[n, side] = m
+                for d in range(3):
+                    total[n, d] += own[m, d]
+                    total[m, d] += own[n, d]
+    for n in range(bins):
+        for side in range(4):
+            m = ahead[n, side]
+            if m >= 0 and total[m, 0] != total[n, 0]:
+                peak[n if total[m, 0] > total[n, 0] else m] = False
+    return total, np.flatnonzero(peak)
+
+
+@compiled
+def most_of(total: Array, peak: Index, most: int) -> Index:
+    """The peaks of most votes, of equal ones the first ones first."""
+    best, count = np.empty(min(most, len(peak)), dtype=np.int64), 0
+    for n in peak:
+        if count < len(best) or total[n] > total[best[count - 1]]:
+            count = min(count + 1, len(best))
+            at = count - 1
+            while at > 0 and total[n] > total[best[at - 1]]:
+                best[at] = best[at - 1]
+                at -= 1
+            best[at] = n
+    return best

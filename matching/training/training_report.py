@@ -1,0 +1,55 @@
+"""What a training leaves: its curve as CSV and as a picture, and the card of the network."""
+
+import csv
+import io
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from data.common.files import write_atomically, write_json
+
+Row = dict[str, float]
+
+
+def write_curve(folder: Path, curve: list[Row]) -> None:
+    """`curve.csv`: a row for each look at the held-out buildings."""
+    names = list(dict.fromkeys(name for row in curve for name in row))
+    text = io.StringIO()
+    table = csv.DictWriter(text, names, lineterminator="\n")
+    table.writeheader()
+    table.writerows({k: f"{v:.6g}" for k, v in row.items()} for row in curve)
+    write_atomically(folder / "curve.csv", text.getvalue())
+
+
+def draw_curve(folder: Path, curve: list[Row]) -> None:
+    """`curve.png`: the loss, and the accuracies of walls and rooms over the steps."""
+    from matplotlib.figure import Figure  # slow to import
+
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    steps = [row["step"] for row in curve]
+    left.plot(steps, [row["loss"] for row in curve])
+    left.set(xlabel="step", ylabel="loss in training")
+    for name in ("walls", "rooms", "none", "first"):
+        right.plot(steps, [row[name] for row in curve], label=name)
+    right.set(xlabel="step", ylabel="share that is right, held-out buildings", ylim=(0, 1))
+    right.legend()
+    raw = io.BytesIO()
+    figure.savefig(raw, format="png", dpi=110)
+    write_atomically(folder / "curve.png", raw.getvalue())
+
+
+def write_card(folder: Path, card: dict[str, Any]) -> None:
+    """`model_card.json`: data, seed, command, commit, and how good the network is."""
+    write_json(folder / "model_card.json", {**card, "commit": _commit()})
+
+
+def _commit() -> str | None:
+    """The commit of this program, with `-dirty` where it was changed; None outside a repository."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
+    try:
+        here = Path(__file__).parent
+        done = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

@@ -1,0 +1,99 @@
+"""What anchors the map, and why: every anchor with who added it and when, what became of it and why."""
+
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from sgslam.serialization.state_tree import Stateful
+
+State = Literal["tight", "loose", "withdrawn"]
+Key = tuple[int, str]  # wall, A surface
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class AnchorEvent:
+    """At the stamp (ns) of the newest keyframe an anchor took on a state, for a reason."""
+
+    stamp_ns: int
+    state: State
+    why: str
+
+
+@dataclass(frozen=True)
+class AnchorRecord:
+    """One wall held to one planned surface. `by` is what paired them: a match, or their position."""
+
+    wall: int
+    a_id: str
+    by: str
+    events: tuple[AnchorEvent, ...]
+
+    @property
+    def state(self) -> State:
+        """As it is now."""
+        return self.events[-1].state
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values; the wall is named as in the S-graph's ids."""
+        return {
+            "wall": f"w{self.wall}", "a_id": self.a_id, "by": self.by, "state": self.state,
+            "events": [{"stamp_ns": e.stamp_ns, "state": e.state, "why": e.why} for e in self.events],
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Hold:
+    """How an anchor is to be held now."""
+
+    state: State
+    by: str
+    why: str
+
+
+class AnchorLog(Stateful):
+    """The records of a run, in the order in which the anchors came."""
+
+    _STATE = ("_records",)
+
+    def __init__(self) -> None:
+        self._records: dict[Key, AnchorRecord] = {}
+
+    @property
+    def records(self) -> tuple[AnchorRecord, ...]:
+        """All, those withdrawn too."""
+        return tuple(self._records.values())
+
+    def rename(self, current: Callable[[int], int]) -> None:
+        """After walls were joined; `current` gives what a wall is called now. Of two records the older one stays."""
+        renamed: dict[Key, AnchorRecord] = {}
+        for (wall, a_id), record in self._records.items():
+            renamed.setdefault((current(wall), a_id), replace(record, wall=current(wall)))
+        self._records = renamed
+
+    def hold(self, stamp_ns: int, holdings: dict[Key, Hold]) -> None:
+        """Takes note of all anchors that hold now; those that no longer do are withdrawn."""
+        for key, now in sorted(holdings.items()):
+            self._note(stamp_ns, key, now)
+        gone = [key for key, r in self._records.items() if key not in holdings and r.state != "withdrawn"]
+        self._withdraw(stamp_ns, gone, "the wall is no longer seen at the planned one")
+
+    def withdraw_all(self, stamp_ns: int, why: str) -> None:
+        """Withdraws every anchor that holds."""
+        self._withdraw(stamp_ns, [key for key, r in self._records.items() if r.state != "withdrawn"], why)
+
+    def _withdraw(self, stamp_ns: int, keys: Iterable[Key], why: str) -> None:
+        for key in keys:
+            self._note(stamp_ns, key, Hold("withdrawn", self._records[key].by, why))
+
+    def _note(self, stamp_ns: int, key: Key, now: Hold) -> None:
+        record = self._records.get(key)
+        if record is not None and record.state == now.state:
+            return
+        event = AnchorEvent(stamp_ns, now.state, now.why)
+        if record is None:
+            self._records[key] = AnchorRecord(*key, now.by, (event,))
+        else:
+            self._records[key] = replace(record, events=(*record.events, event))
+        _log.info("anchor w%d to %s, by %s: %s, %s", *key, now.by, now.state, now.why)

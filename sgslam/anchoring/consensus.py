@@ -1,0 +1,183 @@
+"""Where most walls say that the map lies in the plan, and which of them say so.
+
+Walls that stand otherwise than planned, and wrong matches, each say something of their own; those that are right
+agree. So the place is the mode of what the walls say, not their mean: a third of them, or half, may be off.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from sgslam.geometry.normal_equations import add_row, solved
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+_LISTED = 60  # walls that are asked for a place, the longest first
+_SEARCHED = 0.6  # m around the first guess
+_SCALES = (0.05, 0.035, 0.025)  # m, of the Geman-McClure loss, ever tighter
+_REFINED = 5  # places
+_DISTINCT = 0.03  # m
+_MOST_TURNED = np.radians(6.0)
+_GATES = (0.025, 0.06)  # m; where the walls agree closely, the gate is close
+_LEAST_UNITS = 3
+_LEAST_SPREAD = 0.5  # of the normals' second singular value
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """N seen walls and their planned ones, in plan view: middles and inward normals (N, 2), lengths (N,) of the seen.
+
+    Those of one `unit` (N,) are one wall of the building and have one vote together.
+    """
+
+    seen: Floats
+    seen_normal: Floats
+    planned: Floats
+    planned_normal: Floats
+    length: Floats
+    unit: NDArray[np.int64]
+
+    def only(self, which: NDArray[np.int64]) -> "Pairs":
+        """These of the pairs, by their numbers."""
+        _, unit = np.unique(self.unit[which], return_inverse=True)
+        return Pairs(
+            self.seen[which], self.seen_normal[which], self.planned[which], self.planned_normal[which],
+            self.length[which], unit.astype(np.int64),
+        )  # fmt: skip
+
+    def offsets(self, T_plan_map: Floats) -> Floats:
+        """(N,) or (K, N) how far the seen walls stand before their planned ones, under motions (..., 3), yaw x y."""
+        yaw = T_plan_map[..., 0, None, None]
+        x, y = self.seen[:, :1], self.seen[:, 1:]
+        turned = np.concatenate([np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y], axis=-1)
+        away = turned + T_plan_map[..., None, 1:] - self.planned
+        return np.asarray(np.sum(away * self.planned_normal, axis=-1))
+
+    def turns(self, T_plan_map: Floats) -> Floats:
+        """(N,) rad by which the seen normals are turned against the planned ones, under a motion (3,)."""
+        heading = np.arctan2(self.seen_normal[:, 1], self.seen_normal[:, 0]) + T_plan_map[0]
+        turn = heading - np.arctan2(self.planned_normal[:, 1], self.planned_normal[:, 0])
+        return np.asarray((turn + np.pi) % (2 * np.pi) - np.pi)
+
+    def votes(self) -> Floats:
+        """(N,) a unit's vote grows with its length, slowly, and is shared out over its pieces."""
+        total = np.bincount(self.unit, self.length)
+        return np.asarray(np.sqrt(np.minimum(total, 6.0) / np.maximum(total, 1e-9) ** 2)[self.unit] * self.length)
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """`T_plan_map` (3,) yaw x y; `agree` (N,): within `gate` (m) of it; `share` of the votes that agree."""
+
+    T_plan_map: Floats
+    agree: Flags
+    gate: float
+    share: float
+
+
+def find_consensus(pairs: Pairs, T_plan_map: Floats, most_turned: float) -> Consensus | None:
+    """The place near a rough one, within half a metre, that most walls agree on; `most_turned` is in radians.
+
+    Two walls that are not parallel tell a place; the places that all such pairs tell are judged by the votes of all
+    walls under a Geman-McClure loss, the best are refined by reweighted least squares. None where fewer than three
+    units agree, or their normals leave a direction free.
+    """
+    turns = pairs.turns(T_plan_map)
+    usable = np.abs(turns) < _MOST_TURNED
+    votes = np.where(usable, pairs.votes(), 0.0)
+    if not usable.any():
+        return None
+    start = T_plan_map.copy()
+    start[0] -= _weighted_median(turns[usable], votes[usable])
+    found = [_refined(pairs, votes, place) for place in _places(pairs, votes, start)]
+    if not found:
+        return None
+    best = max(found, key=lambda T: _support(pairs, votes, T[None], _SCALES[-1])[0])
+    off = np.abs(pairs.offsets(best))
+    near = usable & (off < _GATES[1])
+    if not near.any():
+        return None
+    scatter = 1.48 * _weighted_median(off[near], votes[near])
+    gate = float(np.clip(3.5 * scatter, *_GATES))
+    agree = near & (off < gate) & (np.abs(pairs.turns(best)) < most_turned)
+    if not determined(pairs.planned_normal[agree]) or len(np.unique(pairs.unit[agree])) < _LEAST_UNITS:
+        return None
+    return Consensus(best, agree, gate, float(votes[agree].sum() / votes.sum()))
+
+
+def determined(normals: Floats) -> bool:
+    """Whether walls with these normals (N, 2) leave no direction free, so that a place follows from their offsets."""
+    return len(normals) >= 2 and bool(np.linalg.svd(normals, compute_uv=False)[1] >= _LEAST_SPREAD)
+
+
+def _places(pairs: Pairs, votes: Floats, start: Floats) -> list[Floats]:
+    """The best-supported of the places that two walls tell, with the heading of `start`."""
+    asked = np.argsort(-votes, kind="stable")[:_LISTED]
+    asked = asked[votes[asked] > 0]
+    i, j = (asked[part] for part in np.triu_indices(len(asked), 1))
+    n, m = pairs.planned_normal[i], pairs.planned_normal[j]
+    sine = n[:, 0] * m[:, 1] - n[:, 1] * m[:, 0]
+    apart = np.abs(sine) > 0.5
+    if not apart.any():
+        return []
+    i, j, n, m, sine = i[apart], j[apart], n[apart], m[apart], sine[apart]
+    off = pairs.offsets(start)
+    # n.t = -off_i and m.t = -off_j
+    step = np.column_stack([off[j] * n[:, 1] - off[i] * m[:, 1], off[i] * m[:, 0] - off[j] * n[:, 0]]) / sine[:, None]
+    step = step[np.hypot(step[:, 0], step[:, 1]) < _SEARCHED]
+    places = start + np.column_stack([np.zeros(len(step)), step])
+    places = np.concatenate([start[None], places])
+    order = np.argsort(-_support(pairs, votes, places, _SCALES[0]), kind="stable")
+    kept: list[Floats] = []
+    for k in order.tolist():
+        if all(np.hypot(*(places[k] - other)[1:]) > _DISTINCT for other in kept):
+            kept.append(places[k])
+        if len(kept) == _REFINED:
+            break
+    return kept
+
+
+def _support(pairs: Pairs, votes: Floats, places: Floats, scale: float) -> Floats:
+    """(K,) votes for the places (K, 3), less where the walls are off (Geman and McClure 1987)."""
+    return np.asarray((votes * scale**2 / (scale**2 + pairs.offsets(places) ** 2)).sum(axis=1))
+
+
+def _refined(pairs: Pairs, votes: Floats, place: Floats) -> Floats:
+    middle = np.average(pairs.seen, axis=0, weights=votes)
+    return _stepped(pairs.seen, pairs.planned, pairs.planned_normal, votes, middle, place, np.repeat(_SCALES, 4))
+
+
+@compiled
+def _stepped(
+    seen: Floats, planned: Floats, planned_normal: Floats, votes: Floats, middle: Floats, place: Floats, scales: Floats
+) -> Floats:
+    """A step of reweighted least squares by each of the scales; turns are about the `middle` (2,)."""
+    yaw, x, y = place
+    J = np.empty(3)
+    for scale in scales:
+        H, g = np.zeros((3, 3)), np.zeros(3)
+        H[0, 0], H[1, 1], H[2, 2] = 1e-2, 1e-3, 1e-3  # a place that hardly any wall speaks for shall not run away
+        c, s = math.cos(yaw), math.sin(yaw)
+        at_x, at_y = c * middle[0] - s * middle[1] + x, s * middle[0] + c * middle[1] + y
+        for i in range(len(seen)):
+            arm_x, arm_y = seen[i, 0] - middle[0], seen[i, 1] - middle[1]
+            turned_x, turned_y = c * arm_x - s * arm_y, s * arm_x + c * arm_y
+            nx, ny = planned_normal[i]
+            off = nx * (turned_x + at_x - planned[i, 0]) + ny * (turned_y + at_y - planned[i, 1])
+            weight = votes[i] * (scale**2 / (scale**2 + off**2)) ** 2
+            J[0], J[1], J[2] = ny * turned_x - nx * turned_y, nx, ny
+            add_row(H, g, J, off, weight)
+        step = solved(H, g)
+        yaw -= step[0]
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y = at_x - step[1] - (c * middle[0] - s * middle[1]), at_y - step[2] - (s * middle[0] + c * middle[1])
+    return np.array([yaw, x, y])
+
+
+def _weighted_median(values: Floats, weights: Floats) -> float:
+    order = np.argsort(values, kind="stable")
+    total = np.cumsum(weights[order])
+    return float(values[order][min(int(np.searchsorted(total, total[-1] / 2)), len(values) - 1)])

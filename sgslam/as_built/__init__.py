@@ -1,0 +1,1 @@
+"""As built against as planned: deviations, missing and extra walls."""

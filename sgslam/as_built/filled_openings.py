@@ -1,0 +1,79 @@
+"""Walls that stand in the plane of planned ones where the plan has an opening, or far beyond their ends."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.anchoring.holding import Held, Holding
+from sgslam.as_built.deviations import STEP, along_planned
+from sgslam.as_built.wall_bodies import Side
+from sgslam.config import Config
+from sgslam.mapping.scene import Scene
+from sgslam.mapping.wall_map import WallMap
+
+Floats = NDArray[np.float64]
+_LEAST = 1.0  # m in one stretch, margins left out; closed doors are narrower
+_LEAST_BEYOND = 2.0  # m in one stretch beyond a planned wall's end, where rooms may have been parted otherwise
+_DOOR = 0.75  # m around a door's middle
+_MARGIN = 0.1  # m beside a planned wall's end
+_IN_PLANE = 0.05  # m
+
+
+def filled_openings(
+    sides: list[Side], doors: Floats, holding: Holding, scene: Scene, walls: WallMap, origin: Floats, config: Config
+) -> list[dict[str, Any]]:
+    """The entries of deviations.json, as extra walls, of seen surfaces that stand as planned, and go on through an
+    opening of the planned one, or far beyond its end. `doors` (K, 2) are in the BIM frame, `origin` (2,) is where the
+    local frame lies in it. Where the plan does not tell its openings, nothing is told.
+    """
+    covered = walls.coverage(STEP)
+    found = []
+    for held in holding.walls:
+        if not held.planned.parts or abs(held.offset) > config.anchors.tolerance:
+            continue
+        wall = scene.wall_of_surface[held.surface.id]
+        middle = np.subtract(held.planned.centroid, origin)
+        seen, _ = along_planned(held, covered[wall], walls, wall, holding.place, middle)
+        free = ~_beside_planned(held, seen, sides) & ~_at_door(held, seen, doors)
+        inside = np.abs(seen) < 0.5 * (held.planned.length or 0.0)
+        within, beyond = _longest(seen[free & inside]), _longest(seen[free & ~inside])
+        if within >= _LEAST or beyond >= _LEAST_BEYOND:
+            where = "where the plan has an opening in its wall" if within >= _LEAST else "beyond the end of its wall"
+            found.append({
+                "s_id": held.surface.id, "a_id": None, "source": "", "kind": "extra", "offset_m": None,
+                "tilt_rad": None, "sigma_m": None, "significant": True,
+                "reason": f"{within if within >= _LEAST else beyond:.1f} m of it stand {where}",
+            })  # fmt: skip
+    return found
+
+
+def _beside_planned(held: Held, seen: Floats, sides: list[Side]) -> NDArray[np.bool_]:
+    """(N,) at which places (N,) along the planned surface a wall of the plan stands in its plane, on the same side."""
+    n, centre = np.array(held.planned.normal), np.array(held.planned.centroid)
+    tangent = np.array([-n[1], n[0]])
+    beside = np.zeros(len(seen), dtype=bool)
+    for surface in {side.surface.id: side.surface for side in sides}.values():
+        away = np.subtract(surface.centroid, centre)
+        if n @ surface.normal < 0.99 or abs(away @ n) > _IN_PLANE:
+            continue
+        half = 0.5 * (surface.length or 0.0)
+        for _, low, high, _ in surface.parts or (("", -half, half, True),):
+            shift = float(away @ tangent)
+            beside |= (seen > low + shift - _MARGIN) & (seen < high + shift + _MARGIN)
+    return beside
+
+
+def _at_door(held: Held, seen: Floats, doors: Floats) -> NDArray[np.bool_]:
+    n = np.array(held.planned.normal)
+    places = held.planned.centroid + seen[:, None] * np.array([-n[1], n[0]])
+    return np.asarray((np.linalg.norm(places[:, None] - doors, axis=2) < _DOOR).any(axis=1))
+
+
+def _longest(places: Floats) -> float:
+    """Metres in one stretch of places (N,), a step apart."""
+    if not len(places):
+        return 0.0
+    places = np.sort(places)
+    stretches = np.split(places, np.flatnonzero(np.diff(places) > 1.5 * STEP) + 1)
+    return STEP * max(len(stretch) for stretch in stretches)

@@ -1,0 +1,147 @@
+"""The deviations of a run wall by wall, in the forms that BIM viewers open."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.ifc.bcf import Model, Topic, write_bcf
+from data.scene_graph import SceneGraph, WallSurface
+from sgslam.config import AnchorSettings
+
+if TYPE_CHECKING:
+    from data.ifc.ifc_deviations import Status, UnplannedWall, WallFinding
+
+Floats = NDArray[np.float64]
+Deviation = dict[str, Any]  # an entry of deviations.json
+_COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
+_HEIGHT = 2.5  # m of a wall whose height is not known
+
+
+def by_wall(deviations: list[Deviation]) -> dict[str, list[Deviation]]:
+    """The entries of each planned wall, by its source, in their order."""
+    found: dict[str, list[Deviation]] = defaultdict(list)
+    for deviation in deviations:
+        if deviation["source"]:
+            found[deviation["source"]].append(deviation)
+    return dict(found)
+
+
+def bearing(entries: list[Deviation]) -> tuple["Status", Deviation]:
+    """What the entries of one wall come to, and the one that says so, the surest of several."""
+    moved = [d for d in entries if d["kind"] == "moved"]
+    significant = [d for d in moved if d["significant"]]
+    if significant:
+        return "moved", min(significant, key=lambda d: d["sigma_m"])
+    absent = [d for d in entries if d["kind"] == "absent"]
+    if absent:
+        return "absent", absent[0]
+    tolerance = AnchorSettings().tolerance
+    standing = [d for d in moved if abs(d["offset_m"]) <= max(tolerance, 3 * d["sigma_m"])]
+    if standing:
+        return "as planned", min(standing, key=lambda d: d["sigma_m"])
+    return "unclear", min(moved, key=lambda d: d["sigma_m"])
+
+
+def wall_findings(deviations: list[Deviation], a_graph: SceneGraph) -> list["WallFinding"]:
+    """One for each planned wall that something is known of."""
+    from data.ifc.ifc_deviations import WallFinding
+
+    findings = []
+    for source, entries in by_wall(deviations).items():
+        status, d = bearing(entries)
+        shift = None
+        if d["offset_m"] is not None:
+            nx, ny = a_graph.surface_by_id[d["a_id"]].normal
+            shift = (d["offset_m"] * nx, d["offset_m"] * ny)
+        findings.append(WallFinding(source, status, shift, d["sigma_m"], d["tilt_rad"], d.get("reason", "")))
+    return findings
+
+
+def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str | None]:
+    """The plan's storey of each floor of the map, as far as matches.json tells."""
+    placed = matches.get("floors") or {}
+    return {floor.id: placed.get(floor.id, matches.get("floor")) for floor in s_graph.floors}
+
+
+def unplanned_walls(
+    deviations: list[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
+) -> list["UnplannedWall"]:
+    """The extra walls in the BIM frame; `storeys` are the plan's of the map's floors."""
+    from data.ifc.ifc_deviations import UnplannedWall
+
+    walls = []
+    for d in (d for d in deviations if d["kind"] == "extra"):
+        surface = s_graph.surface_by_id[d["s_id"]]
+        first, last = _in_bim(surface, s_graph, T_bim_map)
+        low, high, storey = first[2], last[2], storeys.get(surface.floor or "")
+        walls.append(UnplannedWall(d["s_id"], first[:2], last[:2], low, high, storey, d.get("reason", "")))
+    return walls
+
+
+def write_topics(
+    path: Path, deviations: list[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
+    model: Model,
+) -> int:  # fmt: skip
+    """Writes a BCF topic for each wall that stands otherwise than planned, and for each extra surface; returns how
+    many there are."""
+    topics = []
+    for source, entries in by_wall(deviations).items():
+        status, d = bearing(entries)
+        if status in ("moved", "absent"):
+            surface = a_graph.surface_by_id[d["a_id"]]
+            room = a_graph.room_by_id.get(surface.room or "")
+            title = f"Wall {_off(d)}" if status == "moved" else "Wall is absent"
+            where = f"{room.name or room.id}: " if room is not None else ""
+            place = _segment(surface, a_graph)
+            topics.append(_topic(title, where + _told(d), status, (source,), place, surface.normal))
+    for d in (d for d in deviations if d["kind"] == "extra"):
+        surface = s_graph.surface_by_id[d["s_id"]]
+        nx, ny = (T_bim_map[:2, :2] @ surface.normal).tolist()
+        ends = _in_bim(surface, s_graph, T_bim_map)
+        topics.append(_topic("Wall is not in the plan", _told(d), "extra", (), ends, (nx, ny)))
+    write_bcf(path, topics, model, datetime.now(UTC))
+    return len(topics)
+
+
+def _topic(
+    title: str, told: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any], towards: tuple[float, float]
+) -> Topic:
+    return Topic(title, told, kind, ids, _COLORS[kind], segment, towards)
+
+
+def _off(d: Deviation) -> str:
+    side = "into the room" if d["offset_m"] > 0 else "back"
+    return f"stands {abs(d['offset_m']) * 100:.1f} cm {side}"
+
+
+def _told(d: Deviation) -> str:
+    parts = [str(d.get("reason") or "")]
+    if d["sigma_m"] is not None:
+        parts.append(f"sigma {d['sigma_m'] * 1000:.0f} mm, turned by {np.degrees(d['tilt_rad']):.2f} degrees")
+    return "; ".join(part for part in parts if part)
+
+
+def _segment(surface: WallSurface, graph: SceneGraph) -> tuple[Any, Any]:
+    """The ends of a planned surface's footprint at half its height."""
+    low, high = surface.height or _heights(surface, graph)
+    first, last = surface.ends()
+    return (*first, (low + high) / 2), (*last, (low + high) / 2)
+
+
+def _heights(surface: WallSurface, graph: SceneGraph) -> tuple[float, float]:
+    elevation = next((f.elevation for f in graph.floors if f.id == surface.floor), None) or 0.0
+    return elevation, elevation + _HEIGHT
+
+
+def _in_bim(surface: WallSurface, s_graph: SceneGraph, T_bim_map: Floats) -> tuple[Any, Any]:
+    """The lower first and the upper last corner of a seen surface; its heights are above the map's floor."""
+    floor = next((f.elevation for f in s_graph.floors if f.id == surface.floor), None) or 0.0
+    low, high = surface.height or (0.0, _HEIGHT)
+    corners = np.array([(*xy, floor + z, 1.0) for xy, z in zip(surface.ends(), (low, high), strict=True)])
+    first, last = (corners @ T_bim_map.T)[:, :3].tolist()
+    return tuple(first), tuple(last)

@@ -1,0 +1,301 @@
+"""Which factors hold, from what is known of keyframes, walls, floor, rooms and BIM; and where the estimates start.
+
+Everything goes into the log; a factor whose measurement and variables did not change is kept as it is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, F, L, O, P, R, W, X
+from numpy.typing import NDArray
+
+import factors
+from sgslam.backend.askew_sights import askew
+from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
+from sgslam.config import Config
+from sgslam.geometry.frames import inverse, level_map, transform_planes
+from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
+from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping.wall_map import SeenWall
+from sgslam.perception.floor_extraction import FloorObservation
+
+Floats = NDArray[np.float64]
+BIM, LEVEL, IDENTITY = B(0), L(0), O(0)
+_PARALLEL = 0.003  # rad between two floors of a building
+
+
+class GraphBuilder:
+    """Holds in `log` what is known; `keyframes` are those of the back end."""
+
+    def __init__(self, config: Config, keyframes: list[KeyframeNode], log: FactorLog) -> None:
+        self._config, self._keyframes, self._log = config, keyframes, log
+        tight = factors.noise_of_pose(1e-5, 1e-5)
+        for name, pose, why in (("map", X(0), "the map begins at the first keyframe"), ("identity", IDENTITY, "fixed")):
+            log.add(0, "start", (name,), Entry(gtsam.PriorFactorPose3(pose, gtsam.Pose3(), tight), "start", why))
+
+    def hold_step(self, i: int, step: Floats) -> None:
+        """The odometry's `step` (4, 4) from the keyframe before to keyframe i."""
+        settings = self._config.odometry
+        noise = factors.noise_of_pose(settings.sigma_rotation, settings.sigma_translation)
+        why, slack = "the step between two keyframes", self._keyframes[i].slack
+        if slack is not None:
+            base = np.diag([settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3)
+            noise, why = factors.noise_of_covariance(base + slack), f"{why}, where surfaces held the sensor badly"
+        factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
+        self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
+
+    def hold_place(self, i: int, T_map_sensor: Floats) -> None:
+        """Keyframe i, to which no odometry leads, is about here (4, 4); walls tell more closely where."""
+        prior = gtsam.PriorFactorPose3(X(i), gtsam.Pose3(T_map_sensor), factors.noise_of_pose(0.1, 1.0))
+        self._log.add(i + 1, "start", ("found", i), Entry(prior, "match", "the place where the sensor was found again"))
+
+    def bridge(self, i: int) -> None:
+        """In place of a step that cannot be used: keyframe i is somewhere near the one before it."""
+        factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(), factors.noise_of_pose(1.0, 2.0))
+        entry = Entry(factor, "back end", "in place of a step that could not be used")
+        self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
+
+    def _entry(
+        self, kind: Kind, key: Key, by: str, why: str, build: Callable[[], gtsam.NonlinearFactor]
+    ) -> dict[Key, Entry]:
+        """The factor by its key; nothing where its numbers are refused."""
+        try:
+            return {key: Entry(build(), by, why)}
+        except ValueError as error:
+            self._log.refuse(len(self._keyframes), kind, key, by, str(error))
+            return {}
+
+    def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
+        """Walls seen from two keyframes or more; returns the keyframe that each one is kept by. Sights that show a wall
+        askew are left out: however robustly they are held, they pull."""
+        rotations = np.stack([k.T_map_sensor[:3, :3] for k in self._keyframes])
+        wrong = askew(seen, rotations)
+        keyframes_of: dict[int, set[int]] = {}
+        for s, out in zip(seen, wrong, strict=True):
+            if not out:
+                keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
+        anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
+        before, entries = self._log.held("wall"), dict[Key, Entry]()
+        for number, s in enumerate(seen):
+            if s.wall not in anchor_of or wrong[number]:
+                continue
+            key = (number, s.wall, anchor_of[s.wall])
+            if key in before:
+                entries[key] = before[key]
+            else:
+                why, build = f"keyframe {s.keyframe} saw wall {s.wall}", partial(self._wall, s, anchor_of[s.wall])
+                entries |= self._entry("wall", key, "wall extraction", why, build)
+        gone = "it is taken for another wall's or shows it askew, or the wall is kept by another keyframe"
+        self._log.hold(len(self._keyframes), "wall", entries, gone)
+        return anchor_of
+
+    def _wall(self, seen: SeenWall, anchor: int) -> gtsam.NonlinearFactor:
+        settings = self._config.backend
+        normal = float(np.hypot(seen.sigma_normal, settings.sigma_normal))
+        offset = float(np.hypot(seen.sigma_offset, settings.sigma_offset))
+        if seen.keyframe == anchor:
+            noise = factors.noise_of_plane(normal, offset, None)
+            return factors.observe_own_plane(seen.plane, IDENTITY, P(seen.wall), noise)
+        robust = factors.noise_of_plane(normal, offset, settings.huber)
+        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
+
+    def floor_anchors(self) -> dict[int, int]:
+        """The keyframe that each floor is kept by: the first one on it."""
+        anchors: dict[int, int] = {}
+        for i, keyframe in enumerate(self._keyframes):
+            if keyframe.storey is not None:
+                anchors.setdefault(keyframe.storey, i)
+        return anchors
+
+    def hold_floors(self) -> None:
+        """The floors as the keyframes saw them, each in the frame of the first keyframe on it; all are parallel."""
+        before, entries = self._log.held("floor"), dict[Key, Entry]()
+        anchors = self.floor_anchors()
+        seen: set[int] = set()
+        for i, keyframe in enumerate(self._keyframes):
+            if keyframe.floor is None or keyframe.storey is None:
+                continue
+            if (i,) in before:
+                entries[i,] = before[i,]
+            else:
+                why = f"keyframe {i} saw the floor"
+                build = partial(self._floor, i, keyframe.floor, keyframe.storey, anchors[keyframe.storey])
+                entries |= self._entry("floor", (i,), "floor extraction", why, build)
+            seen.add(keyframe.storey)
+        if len(seen) > 1:
+            entries |= self._parallel_floors({storey: anchors[storey] for storey in seen})
+        self._log.hold(len(self._keyframes), "floor", entries, "it is no longer taken for the floor")
+
+    def _floor(self, i: int, floor: FloorObservation, storey: int, anchor: int) -> gtsam.NonlinearFactor:
+        settings = self._config.backend
+        normal = float(np.hypot(floor.sigma_normal, settings.sigma_floor_normal))
+        offset = float(np.hypot(floor.sigma_offset, settings.sigma_floor_offset))
+        if i == anchor:
+            noise = factors.noise_of_plane(normal, offset, None)
+            return factors.observe_own_plane(floor.plane, IDENTITY, F(storey), noise)
+        robust = factors.noise_of_plane(normal, offset, settings.huber)
+        return factors.observe_plane(floor.plane, X(i), X(anchor), F(storey), robust)
+
+    def _parallel_floors(self, anchors: dict[int, int]) -> dict[Key, Entry]:
+        """A level frame, loosely where the map begins, in which every floor is level at whatever height."""
+        before, entries = self._log.held("floor"), dict[Key, Entry]()
+        loose = gtsam.PriorFactorPose3(LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
+        entries["level",] = before.get(("level",)) or Entry(loose, "floor extraction", "a frame that all floors share")
+        noise = factors.noise_of_plane(_PARALLEL, 1000.0, None)
+        for storey, anchor in anchors.items():
+            key: Key = ("level", storey)
+            build = partial(factors.observe_plane, [0.0, 0.0, 1.0, 0.0], LEVEL, X(anchor), F(storey), noise)
+            entries |= {key: before[key]} if key in before else self._entry(
+                "floor", key, "floor extraction", "floors of a building are parallel", build
+            )  # fmt: skip
+        return entries
+
+    def hold_loops(self, closures: list[Closure]) -> None:
+        """Places seen again."""
+        before, entries = self._log.held("loop"), dict[Key, Entry]()
+        for closure in closures:
+            key = (closure.later, closure.earlier)
+            if key in before:
+                entries[key] = before[key]
+            else:
+                entries |= self._entry("loop", key, closure.by, closure.why, partial(self._loop, closure))
+        self._log.hold(len(self._keyframes), "loop", entries, "it is contradicted")
+
+    def _loop(self, closure: Closure) -> gtsam.NonlinearFactor:
+        noise = factors.noise_of_covariance(closure.covariance, self._config.loops.huber)
+        T_earlier_later = gtsam.Pose3(closure.T_earlier_later)
+        return gtsam.BetweenFactorPose3(X(closure.earlier), X(closure.later), T_earlier_later, noise)
+
+    def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
+        """Rooms by the walls that bound them."""
+        noise = factors.noise_of_plane(0.02, 0.03, self._config.backend.huber)
+        loose = factors.noise_of_pose(10.0, 1000.0)  # height, roll and pitch of a room are given by nothing else
+        entries: dict[Key, Entry] = {}
+        for room in rooms:
+            prior = gtsam.PriorFactorPose3(R(room.id), gtsam.Pose3(room.T_map_room), loose)
+            entries[room.id,] = Entry(prior, "free space", "a room was cut")
+            for wall, plane in room.walls.items():
+                if wall in anchor_of:
+                    factor = factors.wall_of_room(plane, R(room.id), X(anchor_of[wall]), P(wall), noise)
+                    entries[room.id, wall] = Entry(factor, "free space", f"wall {wall} bounds the room")
+        self._log.hold(len(self._keyframes), "room", entries, "the rooms were cut anew")
+
+    def hold_anchors(self, anchors: Anchors | None, anchor_of: dict[int, int], rooms: set[int]) -> None:
+        """What ties the map to the BIM, with the BIM's frame; nothing where there is none."""
+        entries: dict[Key, Entry] = {}
+        if anchors is not None:
+            prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_bim), factors.noise_of_pose(1.0, 100.0))
+            entries["frame",] = Entry(prior, anchors.by, "where the BIM's frame was told to be, loosely")
+            for number, (grade, wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
+                key: Key = (grade, wall, planned.a_id or str(number))
+                place = partial(factors.frame_at, planned.place, BIM, W(number))
+                held = partial(self._anchor, W(number), grade, wall, planned, anchor_of[wall])
+                entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
+                entries |= self._entry("anchor", key, planned.by, planned.why, held)
+            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floors(anchors)
+        self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring no longer holds it so")
+
+    def _anchor(
+        self, frame: int, grade: str, wall: int, planned: PlannedWall, anchor: int
+    ) -> gtsam.NonlinearFactor:  # fmt: skip
+        settings, huber = self._config.anchors, self._config.backend.huber
+        if grade == "tight":
+            noise: gtsam.noiseModel.Base = factors.redescending_noise_of_plane(
+                settings.sigma_normal, settings.sigma_offset, settings.redescending
+            )
+        elif grade == "bent":  # what is far off pulls as hard as what is near, where the map is bent
+            noise = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, huber)
+        else:
+            noise = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, huber)
+        plane = factors.plane_from(planned.place, planned.plane)
+        return factors.anchor_plane(plane, frame, X(anchor), P(wall), noise)
+
+    def _anchored_rooms(self, anchors: Anchors, rooms: set[int]) -> dict[Key, Entry]:
+        settings, entries = self._config.anchors, dict[Key, Entry]()
+        sigmas, why = (settings.sigma_normal, settings.sigma_room), "two of its walls stand at those of a planned room"
+        for room, T_bim_room in anchors.rooms.items():
+            if room in rooms:
+                build = partial(factors.anchor_room, T_bim_room, BIM, R(room), *sigmas)
+                entries |= self._entry("anchor", ("room", room), anchors.by, why, build)
+        return entries
+
+    def _anchored_floors(self, anchors: Anchors) -> dict[Key, Entry]:
+        settings, entries = self._config.anchors, dict[Key, Entry]()
+        level = factors.noise_of_plane(settings.sigma_normal, settings.sigma_floor, None)
+        kept_by = self.floor_anchors()
+        seen = {k.storey for k in self._keyframes if k.floor is not None}
+        for number, (storey, place_on) in enumerate(_middles(anchors).items()):
+            if storey not in seen:
+                continue
+            place = partial(factors.frame_at, place_on, BIM, W(number))
+            held = partial(factors.storey_plane, 0.0, W(number), X(kept_by[storey]), F(storey), level)
+            key: Key = ("floor", storey)
+            entries |= self._entry("anchor", (*key, "place"), anchors.by, "a frame on the storey's floor", place)
+            entries |= self._entry("anchor", key, anchors.by, "the storey's floor", held)
+        return entries
+
+
+def _middles(anchors: Anchors) -> dict[int, Floats]:
+    """(3,) on each known storey's floor where the map begins, in the BIM frame; their frames are W(0), W(1), ..."""
+    xy = inverse(anchors.T_map_bim)[:2, 3]
+    return {storey: np.array([*xy, z]) for storey, z in sorted(anchors.elevations.items())}
+
+
+def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
+    """(grade, wall, planned wall) of all anchored walls that the graph has; their places are W(n), W(n + 1), ..., after
+    those of the n floors."""
+    grades = (("tight", anchors.planes), ("bent", anchors.bent), ("loose", anchors.loose))
+    return [(g, wall, p) for g, held in grades for wall, planned in held.items() for p in planned if wall in anchor_of]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What an optimisation is told of: walls as they were seen, and by which keyframe each is kept; rooms; anchors."""
+
+    seen: list[SeenWall]
+    anchor_of: dict[int, int]
+    rooms: list[RoomNode]
+    anchors: Anchors | None
+
+
+def start_values(
+    graph: gtsam.NonlinearFactorGraph, told: Told, keyframes: list[KeyframeNode], planes_in_map: dict[int, Floats],
+    floors_in_map: dict[int, Floats],
+) -> gtsam.Values:  # fmt: skip
+    """Estimates of the variables of `graph` from what is known: where keyframes and planes are taken to be, else from
+    their first observation. Variables that nothing is known of are left out."""
+    found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3()}
+    kept_by: dict[int, Floats] = {}  # T_map_sensor of the keyframes that the floors are kept by
+    for i, keyframe in enumerate(keyframes):
+        found[X(i)] = gtsam.Pose3(keyframe.T_map_sensor)
+        if keyframe.storey is None:
+            continue
+        T_map_anchor = kept_by.setdefault(keyframe.storey, keyframe.T_map_sensor)
+        if F(keyframe.storey) not in found and keyframe.floor is not None and np.isfinite(keyframe.floor.plane).all():
+            known = floors_in_map.get(keyframe.storey)
+            in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane) if known is None else known
+            found[F(keyframe.storey)] = gtsam.OrientedPlane3(transform_planes(inverse(T_map_anchor), in_map))
+            found.setdefault(LEVEL, gtsam.Pose3(inverse(level_map(in_map, 0.0))))
+    for s in told.seen:
+        anchor = told.anchor_of.get(s.wall)
+        if anchor is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
+            known = planes_in_map.get(s.wall)
+            in_map = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane) if known is None else known
+            T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
+            found[P(s.wall)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
+    for room in told.rooms:
+        found[R(room.id)] = gtsam.Pose3(room.T_map_room)
+    anchors = told.anchors
+    if anchors is not None:
+        found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
+        places = [p.place for _, _, p in planned_walls(anchors, told.anchor_of)]
+        for number, place in enumerate([*_middles(anchors).values(), *places]):
+            found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
+    values = gtsam.Values()
+    for key in graph.keyVector():
+        if key in found:
+            values.insert(key, found[key])
+    return values

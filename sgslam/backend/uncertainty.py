@@ -1,0 +1,133 @@
+"""How well the factor graph knows what is asked of it: covariances from its linearisation at the optimum."""
+
+from collections.abc import Callable
+from typing import Any
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, P, X
+from numpy.typing import NDArray
+
+from sgslam.geometry.frames import transform_planes
+
+Floats = NDArray[np.float64]
+_BIM = B(0)
+_PLANES = ("p", "f")  # symbols of plane variables, which have three dimensions; all others are poses
+_KINDS = "xpforbwl"  # symbols of all variables
+_LEAST_ROWS = 30  # of a kind of measurement, for its residuals to tell its noise
+_SCALES = 0.15, 3.0  # of the noise given beforehand, the least and the most
+_STEP = 1e-5  # of numeric derivatives, rad and m
+
+
+class Uncertainty:
+    """Marginals of a graph at its optimum `values`; robust losses count by the weights that they give there.
+
+    Each kind of measurement (of walls, of the floor, of the plan, ...) counts by the noise that its residuals show,
+    not by the one it was given beforehand (variance components; Foerstner 1979); steps that nothing else held keep
+    theirs, because their residuals tell nothing. The information matrix is factored
+    once; an answer costs one sparse solution for each of its rows. `anchor_of` gives the keyframe in whose frame a
+    wall's plane is kept. Raises RuntimeError where a variable is left free.
+    """
+
+    def __init__(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, anchor_of: dict[int, int]) -> None:
+        from scipy.sparse import csc_matrix
+        from scipy.sparse.linalg import splu
+
+        self._values, self._anchor_of = values, anchor_of
+        keys = list(values.keys())  # sorted, as the columns are
+        sizes = [3 if chr(gtsam.symbolChr(key)) in _PLANES else 6 for key in keys]
+        starts = np.concatenate([[0], np.cumsum(sizes)]).tolist()
+        self._columns = {key: slice(a, b) for key, a, b in zip(keys, starts[:-1], starts[1:], strict=True)}
+        self._size = int(starts[-1])
+        rows, columns, entries = graph.linearize(values).sparseJacobian_()
+        rows, columns = rows.astype(np.int64) - 1, columns.astype(np.int64) - 1  # they count from one
+        residual = np.zeros(int(rows.max()) + 1)
+        last = columns == self._size
+        residual[rows[last]] = entries[last]
+        rows, columns, entries = rows[~last], columns[~last], entries[~last]
+        kind = np.repeat([1 << _KINDS.index(chr(gtsam.symbolChr(key))) for key in keys], sizes)
+        scale = _noise_shown(residual, rows, kind[columns], self._size, _unheld(graph, len(residual)))
+        jacobian = csc_matrix((entries / scale[rows], (rows, columns)), shape=(len(residual), self._size))
+        self._solve: Callable[[Floats], Floats] = splu(
+            (jacobian.T @ jacobian).tocsc(), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True}
+        ).solve  # fmt: skip
+
+    @property
+    def anchored(self) -> bool:
+        """Whether the graph has a BIM frame."""
+        return _BIM in self._columns
+
+    def knows(self, wall: int) -> bool:
+        """Whether a wall is in the graph; one seen from a single keyframe is not."""
+        return wall in self._anchor_of
+
+    def pose_covariances(self, keyframes: list[int]) -> Floats:
+        """(N, 6, 6) of T_bim_sensor (of T_map_sensor where the graph has no BIM frame), rotation first (rad), then
+        translation (m), in the sensor's axes."""
+        covariances = np.empty((len(keyframes), 6, 6))
+        for covariance, keyframe in zip(covariances, keyframes, strict=True):
+            J = np.zeros((6, self._size))  # one at a time: all of a long run's would be a hundred megabytes
+            J[:, self._columns[X(keyframe)]] = np.eye(6)
+            if self.anchored:
+                T_map_bim, T_map_sensor = self._values.atPose3(_BIM), self._values.atPose3(X(keyframe))
+                J[:, self._columns[_BIM]] = -T_map_sensor.inverse().compose(T_map_bim).AdjointMap()
+            covariance[:] = J @ self._solve(np.asfortranarray(J.T))
+        return np.asarray((covariances + covariances.transpose(0, 2, 1)) / 2)
+
+    def wall_offset(self, wall: int, planned: Floats, point: Floats) -> tuple[float, float]:
+        """How far a wall stands before its planned plane (4,) near the planned `point` (3,), both in the graph's BIM
+        frame: metres along the planned normal, and the variance of that."""
+        anchor = self._anchor_of[wall]
+        keys = (_BIM, X(anchor), P(wall))
+        pose_b, pose_x = self._values.atPose3(keys[0]), self._values.atPose3(keys[1])
+        plane = self._values.atOrientedPlane3(keys[2])
+        here = planned[:3] @ point + planned[3]
+        foot = point - here * planned[:3]
+
+        def offset(b: gtsam.Pose3, x: gtsam.Pose3, p: gtsam.OrientedPlane3) -> float:
+            T_bim_anchor = b.inverse().compose(x).matrix()
+            n = transform_planes(T_bim_anchor, p.planeCoefficients().ravel())
+            return float(-(n[:3] @ foot + n[3]) / (n[:3] @ planned[:3]))
+
+        value = offset(pose_b, pose_x, plane)
+        J = np.zeros(self._size)
+        for k, size in ((0, 6), (1, 6), (2, 3)):
+            for axis in range(size):
+                step = np.zeros(size)
+                step[axis] = _STEP
+                moved: list[Any] = [pose_b, pose_x, plane]
+                moved[k] = moved[k].retract(step)
+                J[self._columns[keys[k]].start + axis] = (offset(*moved) - value) / _STEP
+        return value, float(J @ self._solve(J))
+
+
+def _unheld(graph: gtsam.NonlinearFactorGraph, count: int) -> NDArray[np.bool_]:
+    """(count,) which of the residuals are of steps that were widened in some directions."""
+    unheld, row = np.zeros(count, dtype=bool), 0
+    for i in range(graph.size()):
+        factor = graph.at(i)
+        if isinstance(factor, gtsam.BetweenFactorPose3):
+            noise = factor.noiseModel()  # neither the diagonal one of all steps nor the robust one of loops
+            full = isinstance(noise, gtsam.noiseModel.Gaussian) and not isinstance(noise, gtsam.noiseModel.Diagonal)
+            unheld[row : row + factor.dim()] = full
+        row += factor.dim()
+    return unheld
+
+
+def _noise_shown(
+    residual: Floats, rows: NDArray[np.int64], kinds: NDArray[np.int64], size: int, apart: NDArray[np.bool_]
+) -> Floats:
+    """(M,) for each whitened residual (M,) the standard deviation of those of its kind; one for those `apart` (M,).
+
+    `rows` and `kinds` are those of the Jacobian's entries: measurements of the same kinds of variables are of one
+    kind. `size` variables were fitted to all of them.
+    """
+    kind = np.zeros(len(residual), dtype=np.int64)
+    np.bitwise_or.at(kind, rows, kinds)
+    scale = np.ones(len(residual))
+    free = max(1 - size / len(residual), 0.1)
+    for one in np.unique(kind):
+        mine = (kind == one) & ~apart
+        if mine.sum() >= _LEAST_ROWS:
+            scale[mine] = np.clip(np.sqrt(np.mean(residual[mine] ** 2) / free), *_SCALES)
+    return scale

@@ -1,0 +1,165 @@
+"""`python -m sgslam.cli.export --out OUT --format NAME ...`: a finished run in the forms that other programs read.
+
+All files go into the run's folder and are in the frame of its `trajectory.tum`. `ifc` and `bcf` need the building's
+model (`--bim`) and are what is written where no format is named: `as_built.ifc`, a copy of the model whose walls tell
+how they were built (property set `AsBuilt`, and colours), and `deviations.bcf`, a topic for each wall that stands
+otherwise than planned.
+"""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+
+if TYPE_CHECKING:
+    from data.trajectory import Trajectory
+    from sgslam.report.run_folder import RunFolder
+
+IFC, BCF = "as_built.ifc", "deviations.bcf"
+KITTI, KITTI_TIMES, EUROC, PLY = "trajectory.kitti", "trajectory_times.txt", "trajectory_euroc.csv", "map.ply"
+
+
+def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None) -> list[str]:
+    """Writes the formats (of FORMATS; `all` are those that the folder has what it takes for), and returns a line on
+    each file. `voxel` is that of the point cloud map (m), None: as the run was set.
+
+    Raises UserError for a folder that is no run's, one that lacks what a format is made of, a format that needs the
+    building's model where none is given, an `ifc` or `bcf` of a run that was not anchored, a model that cannot be
+    read, and one of whose walls the run knows none.
+    """
+    from sgslam.report.run_folder import RunFolder
+
+    run = RunFolder.read(out)
+    if "all" in formats:
+        told = bim is not None and run.T_bim_map is not None
+        formats = [name for name in FORMATS if told or name not in _OF_A_MODEL]
+    if bim is None and (lacking := _OF_A_MODEL.intersection(formats)):
+        raise UserError(f"--format {' '.join(sorted(lacking))}: needs the building's model; give --bim too")
+    return [line for name in formats for line in FORMATS[name](run, bim, voxel)]
+
+
+def _trajectory(run: "RunFolder") -> "Trajectory":
+    from data.trajectory import Trajectory
+
+    return Trajectory.read_tum(run.path / "trajectory.tum")
+
+
+def _kitti(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.trajectory.trajectory_formats import write_kitti
+
+    trajectory = _trajectory(run)
+    write_kitti(trajectory, run.path / KITTI, run.path / KITTI_TIMES)
+    return [f"{run.path / KITTI}: {len(trajectory)} poses, their times in {KITTI_TIMES}"]
+
+
+def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.trajectory.trajectory_formats import write_euroc
+
+    trajectory = _trajectory(run)
+    write_euroc(trajectory, run.path / EUROC)
+    return [f"{run.path / EUROC}: {len(trajectory)} poses"]
+
+
+def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.scans.ply import write_ply
+    from sgslam.config.settings import load_config
+    from sgslam.export.cloud_map import cloud_map
+    from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
+
+    voxel = voxel or load_config(run.path / "config.yaml", []).clouds.map_voxel
+    clouds = KeyframeClouds.open(run.path / FILE)
+    named = zip(run.s_graph.keyframes, run.keyframe_poses, strict=True)
+    poses = {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
+    points = cloud_map(clouds, poses, voxel)
+    write_ply(run.path / PLY, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
+    return [f"{run.path / PLY}: {len(points)} points of {len(clouds)} keyframes, one in each {voxel:g} m"]
+
+
+def _dsg(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.common.files import write_json
+    from sgslam.export.dsg import FILE, dsg
+
+    graph = dsg(run)
+    write_json(run.path / FILE, graph)
+    return [f"{run.path / FILE}: {len(graph['nodes'])} nodes, {len(graph['edges'])} edges"]
+
+
+def _graphml(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.common.files import write_atomically
+    from sgslam.export.graphml import FILE, graphml
+
+    write_atomically(run.path / FILE, graphml(run))
+    return [f"{run.path / FILE}: floors, rooms, wall surfaces, doors and keyframes"]
+
+
+def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from sgslam.backend.pose_graph import FILE
+
+    if not (run.path / FILE).is_file():
+        raise UserError(f"{run.path}: has no {FILE}, which a run writes itself; run it again")
+    return [f"{run.path / FILE}: the run wrote it"]
+
+
+def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.ifc.ifc_deviations import write_as_built
+    from sgslam.as_built.findings import storeys_of, unplanned_walls, wall_findings
+
+    assert bim is not None
+    a_graph, T_bim_map = run.anchored()
+    findings = wall_findings(run.deviations, a_graph)
+    unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, storeys_of(run.matches, run.s_graph))
+    target = run.path / IFC
+    marked = write_as_built(bim, findings, unplanned, target)
+    if findings and not marked:
+        target.unlink()
+        raise UserError(f"{bim}: has none of the walls that {run.path} knows; give the model of that run")
+    return [f"{target}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned added"]
+
+
+def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.ifc.bcf import Model
+    from data.ifc.ifc_deviations import project_of
+    from sgslam.as_built.findings import write_topics
+
+    assert bim is not None
+    a_graph, T_bim_map = run.anchored()
+    model = Model(bim.name, project_of(bim))
+    count = write_topics(run.path / BCF, run.deviations, a_graph, run.s_graph, T_bim_map, model)
+    return [f"{run.path / BCF}: {count} topics"]
+
+
+FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {
+    "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "ifc": _ifc,
+    "bcf": _bcf,
+}  # fmt: skip
+_OF_A_MODEL = {"ifc", "bcf"}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(
+        prog="python -m sgslam.cli.export", description="A finished run in the forms that other programs read."
+    )
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="a run's folder, where the files go too")
+    add("--format", nargs="+", choices=[*FORMATS, "all"], default=["ifc", "bcf"], metavar="NAME",
+        help=f"of {', '.join(FORMATS)}, all (default: ifc bcf)")  # fmt: skip
+    add("--bim", type=Path, metavar="FILE", help="the IFC model that the run was given; for ifc and bcf")
+    add("--voxel", type=float, metavar="M", help="of the point cloud map (default: the run's clouds.map_voxel)")
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; raises UserError."""
+    options = _parser().parse_args(arguments)
+    if options.voxel is not None and not 1e-3 <= options.voxel <= 10:
+        raise UserError(f"--voxel {options.voxel:g}: metres from 0.001 to 10 are needed")
+    for line in export(options.out, options.format, options.bim, options.voxel):
+        print(line)
+    return 0
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,15 @@
+"""Every setting of a run: its model, loading and checking, and its documentation."""
+
+from sgslam.config.config import (
+    AnchorSettings,
+    BackendSettings,
+    Config,
+    KeyframeSettings,
+    MatchingSettings,
+    OdometrySettings,
+    RoomSettings,
+    SurfaceSettings,
+    TrackingSettings,
+)
+
+__all__ = ["AnchorSettings", "BackendSettings", "Config", "KeyframeSettings", "MatchingSettings", "OdometrySettings", "RoomSettings", "SurfaceSettings", "TrackingSettings"]

@@ -1,0 +1,1 @@
+"""Frames, planes under a motion, and small linear systems."""

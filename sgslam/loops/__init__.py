@@ -1,0 +1,1 @@
+"""Loop closure: candidates, search, registration, and the closures that hold."""

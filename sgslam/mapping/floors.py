@@ -1,0 +1,128 @@
+"""The floors of a run: what belongs to each, and the S-graph of all of them."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import Keyframe, SceneGraph
+from data.geometry.poses import poses_to_xyzquat
+from sgslam.backend.backend import Backend, RoomNode
+from sgslam.config import BackendSettings, Config
+from sgslam.geometry.frames import level_map
+from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping.scene import Scene, build_scene
+from sgslam.mapping.wall_map import SeenWall, WallMap, WallRegister
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class FloorMap:
+    """What belongs to one floor of the S-graph; its plane is in the back end, under the same number.
+
+    `scene` is what it was last cut into, None before that.
+    """
+
+    number: int
+    walls: WallMap
+    scene: Scene | None = None
+
+
+class Floors:
+    """All floors that were seen, in the order in which they were; the robot is on `current`, unless it is on a stair
+    (then it left that one)."""
+
+    def __init__(self, config: Config) -> None:
+        self._config = config
+        self.register = WallRegister()
+        self.maps: list[FloorMap] = []
+        self.current = self.begin()
+
+    def state(self) -> dict[str, Any]:
+        """What is known of all floors, as a tree (see `state_tree`)."""
+        return {
+            "register": self.register.state(), "current": self.current.number,
+            "maps": [{"walls": floor.walls.state(), "scene": floor.scene} for floor in self.maps],
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `state` told."""
+        self.maps.clear()
+        for told in state["maps"]:
+            floor = self.begin()
+            floor.walls.restore(told["walls"])
+            floor.scene = told["scene"]
+        self.register.restore(state["register"])
+        self.current = self.maps[state["current"]]
+
+    def begin(self) -> FloorMap:
+        """A new floor, on which the robot is from now on."""
+        number = len(self.maps)
+        self.current = FloorMap(number, WallMap(self._config.surfaces, self.register, number))
+        self.maps.append(self.current)
+        return self.current
+
+    @property
+    def seen(self) -> list[SeenWall]:
+        """What was seen of walls on all floors, in the order in which it was."""
+        own = [iter(floor.walls.seen) for floor in self.maps]
+        return [next(own[storey]) for storey in self.register.order]
+
+    @property
+    def rooms(self) -> list[RoomNode]:
+        """Of all floors, as they were last cut."""
+        return [room for floor in self.maps if floor.scene is not None for room in floor.scene.rooms]
+
+    def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool, hurry: bool) -> bool:
+        """Whether the current floor has grown enough since it was last cut; sooner while its place is not known, with
+        each keyframe where there is a `hurry`."""
+        own, scene = sum(k.storey == self.current.number for k in keyframes), self.current.scene
+        least = settings.unplaced_keyframes if unplaced else settings.scene_keyframes
+        grown = own - (0 if scene is None else len(scene.graph.keyframes))
+        return grown >= (1 if hurry else max(least, settings.scene_growth * own))
+
+    def refresh(self, backend: Backend, height: float, last: bool) -> None:
+        """Takes over the back end's estimates, joins walls that turn out to be one and parts those that turn out to be
+        two; `height` is the sensor's above the floor. At the `last` time all walls stay those of the graph."""
+        for floor in self.maps:
+            T_level_map = self._level_map(floor, backend, height)
+            floor.walls.refresh(backend.poses, backend.planes_in_map, T_level_map)
+            if not last and floor.walls.split_steps():
+                floor.walls.refresh(backend.poses, backend.planes_in_map, T_level_map)
+            if floor.walls.join_duplicates() and floor.scene is not None:
+                floor.scene = floor.scene.relabelled(floor.walls.current)
+
+    @staticmethod
+    def _level_map(floor: FloorMap, backend: Backend, height: float) -> Floats:
+        """(4, 4) T_level_map of a floor; one whose plane was not seen yet stays where it is thought to be."""
+        plane = backend.floors_in_map.get(floor.number)
+        return floor.walls.T_level_map if plane is None and floor.number else level_map(plane, height)
+
+    def cut(self, floor: FloorMap, backend: Backend) -> Scene:
+        """Rooms and wall surfaces of a floor as they are now."""
+        plane = backend.floors_in_map.get(floor.number)
+        return build_scene(backend.keyframes, floor.walls, plane, self._config, floor.number)
+
+    def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
+        """The S-graph of all floors, in the map frame, of their scenes; with the keyframes on stairs."""
+        graphs = [scene.graph for scene in scenes]
+        taken = [*(k for g in graphs for k in g.keyframes), *_on_stairs(keyframes)]
+        if len(graphs) == 1 and all(k.storey is not None for k in keyframes):
+            return graphs[0]
+        return SceneGraph(
+            "map",
+            tuple(room for g in graphs for room in g.rooms),
+            tuple(surface for g in graphs for surface in g.wall_surfaces),
+            tuple(door for g in graphs for door in g.doors),
+            tuple(floor for g in graphs for floor in g.floors),
+            tuple(sorted(taken, key=lambda k: k.stamp_ns)),
+        )
+
+
+def _on_stairs(keyframes: list[KeyframeNode]) -> list[Keyframe]:
+    return [
+        Keyframe(f"k{i}", k.stamp_ns, tuple(poses_to_xyzquat(k.T_map_sensor[None])[0].tolist()))
+        for i, k in enumerate(keyframes) if k.storey is None
+    ]  # fmt: skip

@@ -1,0 +1,186 @@
+"""The S-graph from the estimates: rooms cut from free space, and each wall cut into the surfaces it turns to rooms."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
+from data.geometry.poses import poses_to_xyzquat
+from sgslam.backend.backend import RoomNode
+from sgslam.config import Config
+from sgslam.geometry.frames import inverse, se2_to_se3, transform_planes, transform_points
+from sgslam.mapping.free_space import free_space
+from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping.rooms import Segmentation, segment
+from sgslam.mapping.wall_map import WallMap
+
+Floats = NDArray[np.float64]
+_MOST_ROOMS = 2**20  # of a floor; room nodes are numbered floor after floor
+_STEP = 0.1  # m between the places at which a wall is asked which room it faces
+_INSIDE = 0.2  # m from the wall into the room
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The S-graph in the map frame, and how its ids belong to the back end's variables."""
+
+    graph: SceneGraph
+    wall_of_surface: dict[str, int]
+    rooms: list[RoomNode]
+    room_ids: dict[int, str]  # of the room nodes
+
+    def relabelled(self, current: Callable[[int], int]) -> "Scene":
+        """The same scene after walls were joined; `current` gives what a wall is called now."""
+        wall_of = {name: current(wall) for name, wall in self.wall_of_surface.items()}
+        rooms = [replace(room, walls={current(wall): p for wall, p in room.walls.items()}) for room in self.rooms]
+        return replace(self, wall_of_surface=wall_of, rooms=rooms)
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the parts of one floor's S-graph are called; unique over the floors of a run."""
+
+    storey: int
+
+    @property
+    def floor(self) -> str:
+        """The floor's id."""
+        return f"floor-{self.storey}"
+
+    def room(self, label: int) -> str:
+        """A room's id."""
+        return f"r{label}{self._suffix}"
+
+    def node(self, label: int) -> int:
+        """The number of a room's node."""
+        return self.storey * _MOST_ROOMS + label
+
+    def door(self, number: int) -> str:
+        """A door's id."""
+        return f"d{number}{self._suffix}"
+
+    @property
+    def _suffix(self) -> str:
+        return f"f{self.storey}" if self.storey else ""
+
+
+def build_scene(
+    keyframes: list[KeyframeNode], walls: WallMap, floor_in_map: Floats | None, config: Config, storey: int = 0
+) -> Scene:
+    """Cuts rooms and wall surfaces of a floor from what is known now; `keyframes` are all of the run.
+
+    Plan coordinates are those of the levelled map.
+    """
+    names, T_level_map = Names(storey), walls.T_level_map
+    own = {i: k for i, k in enumerate(keyframes) if k.storey == storey}
+    T_level_sensor = T_level_map @ np.stack([k.T_map_sensor for k in own.values()])
+    segmentation = _segment(own, walls, T_level_sensor, config)
+    surfaces, wall_of = _surfaces(walls, segmentation, names, config)
+    rooms = tuple(
+        Room(names.room(r.label), _xy(r.centroid), names.floor, polygon=tuple(_xy(p) for p in r.polygon))
+        for r in segmentation.rooms
+    )
+    doors = tuple(
+        Door(names.door(i), tuple(names.room(label) for label in p.rooms), _xy(p.middle))
+        for i, p in enumerate(segmentation.passages)
+    )
+    elevation = 0.0 if floor_in_map is None else float(-floor_in_map[3] / floor_in_map[2])
+    graph = SceneGraph(
+        "map", rooms, tuple(surfaces), doors, (Floor(names.floor, "", elevation),),
+        _keyframes(own, walls, segmentation, T_level_sensor, wall_of, names),
+    )  # fmt: skip
+    nodes = [_node(graph, names, r.label, r.centroid, walls, wall_of) for r in segmentation.rooms]
+    return Scene(graph, wall_of, nodes, {names.node(r.label): names.room(r.label) for r in segmentation.rooms})
+
+
+def _segment(own: dict[int, KeyframeNode], walls: WallMap, T: Floats, config: Config) -> Segmentation:
+    keyframes, row = list(own.values()), {i: k for k, i in enumerate(own)}
+    outlines = (transform_points(pose, k.outline)[:, :2] for pose, k in zip(T, keyframes, strict=True))
+    lintels = (transform_points(pose, k.lintels)[:, :2] for pose, k in zip(T, keyframes, strict=True))
+    segments = np.empty((0, 2, 2))
+    if walls.seen:
+        ends = np.stack([s.ends for s in walls.seen])
+        segments = transform_points(T[[row[s.keyframe] for s in walls.seen]][:, None], ends)[..., :2]
+    space = free_space(T[:, :2, 3], outlines, segments, lintels, config.rooms)
+    return segment(space, T[:, :2, 3], config.rooms)
+
+
+def _surfaces(
+    walls: WallMap, segmentation: Segmentation, names: Names, config: Config
+) -> tuple[list[WallSurface], dict[str, int]]:
+    """One surface for each room that a well-seen wall faces, and one for the longest part that faces no room."""
+    lines = walls.lines_of_estimates()
+    covered = walls.coverage(_STEP)
+    heights = walls.heights()
+    surfaces: list[WallSurface] = []
+    wall_of: dict[str, int] = {}
+    for row, wall in enumerate(lines.ids.tolist()):
+        if lines.count[row] < config.surfaces.min_observations:
+            continue
+        normal = lines.normal[row]
+        tangent = np.array([-normal[1], normal[0]])
+        places = covered[wall]
+        points = places[:, None] * tangent - lines.offset[row] * normal
+        facing = segmentation.grid.look_up(segmentation.labels, points + _INSIDE * normal)
+        for label, mine in _by_room(places, facing).items():
+            if len(mine) * _STEP < config.surfaces.min_length:
+                continue
+            low, high = mine.min() - _STEP / 2, mine.max() + _STEP / 2
+            centre = (low + high) / 2 * tangent - lines.offset[row] * normal
+            name = f"w{wall}@{names.room(label)}" if label else f"w{wall}"
+            surfaces.append(
+                WallSurface(
+                    name, names.room(label) if label else None, _xy(centre), _xy(normal), float(high - low),
+                    names.floor, height=heights[wall], plane=tuple(walls.planes_in_map[wall].tolist()),
+                )
+            )  # fmt: skip
+            wall_of[name] = wall
+    return surfaces, wall_of
+
+
+def _by_room(places: Floats, facing: NDArray[np.int32]) -> dict[int, Floats]:
+    """The places of a wall by the room that they face; as 0 the longest part that faces none and lies in no room's."""
+    parts = {label: places[facing == label] for label in np.unique(facing).tolist() if label}
+    free = facing == 0
+    for mine in parts.values():
+        free &= (places < mine.min()) | (places > mine.max())
+    where = np.flatnonzero(free)
+    longest = max(np.split(where, np.flatnonzero(np.diff(where) > 1) + 1), key=len)
+    return {0: places[longest], **parts}
+
+
+def _keyframes(
+    keyframes: dict[int, KeyframeNode], walls: WallMap, segmentation: Segmentation, T: Floats,
+    wall_of: dict[str, int], names: Names,
+) -> tuple[Keyframe, ...]:  # fmt: skip
+    surfaces: dict[int, list[str]] = {}
+    for name, wall in wall_of.items():
+        surfaces.setdefault(wall, []).append(name)
+    observes: dict[int, set[str]] = {}
+    for s in walls.seen:
+        observes.setdefault(s.keyframe, set()).update(surfaces.get(s.wall, ()))
+    labels = segmentation.grid.look_up(segmentation.labels, T[:, :2, 3])
+    poses = poses_to_xyzquat(np.stack([k.T_map_sensor for k in keyframes.values()]))
+    return tuple(
+        Keyframe(
+            f"k{i}", k.stamp_ns, tuple(poses[row].tolist()), names.floor,
+            names.room(int(labels[row])) if labels[row] else None, tuple(sorted(observes.get(i, ()))),
+        )
+        for row, (i, k) in enumerate(keyframes.items())
+    )  # fmt: skip
+
+
+def _node(
+    graph: SceneGraph, names: Names, label: int, centroid: Floats, walls: WallMap, wall_of: dict[str, int]
+) -> RoomNode:
+    T_map_room = inverse(walls.T_level_map) @ se2_to_se3(0.0, *centroid)
+    T_room_map = inverse(T_map_room)
+    mine = [wall_of[w.id] for w in graph.surfaces_of_room[names.room(label)]]
+    in_room = {wall: transform_planes(T_room_map, walls.planes_in_map[wall]) for wall in mine}
+    return RoomNode(names.node(label), T_map_room, in_room)
+
+
+def _xy(point: Floats) -> tuple[float, float]:
+    return float(point[0]), float(point[1])

@@ -1,0 +1,354 @@
+"""Wall surfaces across keyframes: which observation is of which wall, joined when two turn out to be one.
+
+A wall here is an upright plane with a side; the S-graph's wall surfaces are its parts, one for each room it
+faces.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import SurfaceSettings
+from sgslam.geometry.frames import transform_planes, transform_points
+from sgslam.perception.wall_extraction import WallObservation
+from sgslam.serialization.state_tree import Stateful
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class SeenWall:
+    """One wall piece as one keyframe saw it, in the sensor frame; `wall` is relabelled when walls are
+    joined."""
+
+    keyframe: int
+    wall: int
+    plane: Floats  # (4,)
+    ends: Floats  # (2, 3)
+    heights: tuple[float, float]  # above the floor
+    sigma_normal: float
+    sigma_offset: float
+
+
+class WallRegister(Stateful):
+    """What the wall maps of all floors of a run share: on which floor each observation was made, in the order in which
+    they came, and how many walls have been numbered."""
+
+    _STATE = ("order", "walls")
+
+    def __init__(self) -> None:
+        self.order: list[int] = []
+        self.walls = 0
+
+    def number(self) -> int:
+        """A number that no wall has yet."""
+        self.walls += 1
+        return self.walls - 1
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Upright planes seen from above, in the levelled map: n.p + d = 0, from `low` to `high` along the
+    tangent."""
+
+    ids: NDArray[np.int64]
+    normal: Floats  # (M, 2)
+    offset: Floats  # (M,)
+    low: Floats
+    high: Floats
+    count: NDArray[np.int64]  # keyframes that saw it
+
+    def along(self, points: Floats) -> Floats:
+        """(K, M) the place of points (K, 2) along each line's tangent."""
+        return points @ np.column_stack([-self.normal[:, 1], self.normal[:, 0]]).T
+
+    def across(self, points: Floats) -> Floats:
+        """(K, M) the signed distance of points (K, 2) from each line."""
+        return points @ self.normal.T + self.offset
+
+    def visible_from(self, place: Floats, reach: float) -> "Lines":
+        """Those that turn their free side to a place (2,) and come within `reach` of it."""
+        along = self.along(place[None])[0]
+        across = self.across(place[None])[0]
+        gap = np.maximum(0.0, np.maximum(self.low - along, along - self.high))
+        return self.only(np.flatnonzero((across > 0) & (np.hypot(across, gap) < reach)))
+
+    def only(self, chosen: NDArray[np.int64]) -> "Lines":
+        """Those at the given places."""
+        return Lines(
+            self.ids[chosen], self.normal[chosen], self.offset[chosen], self.low[chosen], self.high[chosen],
+            self.count[chosen],
+        )  # fmt: skip
+
+
+class WallMap(Stateful):
+    """The wall observations of floor `storey` and the walls that they are thought to be of; `register` is the run's."""
+
+    _STATE = (
+        "seen", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into",
+        "_lines",
+    )  # fmt: skip
+
+    def __init__(self, settings: SurfaceSettings, register: WallRegister | None = None, storey: int = 0) -> None:
+        self._settings = settings
+        self._register, self._storey = register or WallRegister(), storey
+        self.seen: list[SeenWall] = []
+        self.planes_in_map: dict[int, Floats] = {}  # the back end's estimates
+        self.T_level_map: Floats = np.eye(4)  # levelled: z up, the floor at z = 0
+        self._extent: dict[int, tuple[float, float, int]] = {}  # low, high, keyframes
+        self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
+        self._across, self._along = np.empty(0), np.empty(0)  # of the middle of each observation, its wall
+        self._joined_into: dict[int, int] = {}
+        self._lines: Lines | None = None
+
+    def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
+        """Adds what a keyframe saw: (observation, plane (4,) and ends (2, 3) in the sensor frame) each."""
+        if not pieces:
+            return
+        planes_in_map = transform_planes(T_map_sensor, np.stack([plane for _, plane, _ in pieces]))
+        ends_in_level = transform_points(self.T_level_map @ T_map_sensor, np.stack([ends for _, _, ends in pieces]))
+        walls = self._associate(planes_in_map, ends_in_level[..., :2])
+        for (piece, plane, ends), plane_in_map, wall in zip(pieces, planes_in_map, walls, strict=True):
+            self.seen.append(
+                SeenWall(keyframe, wall, plane, ends, piece.heights, piece.sigma_normal, piece.sigma_offset)
+            )
+            self._register.order.append(self._storey)
+            self.planes_in_map.setdefault(wall, plane_in_map)
+        normals, _ = self._as_lines(np.stack([self.planes_in_map[wall] for wall in walls]))
+        self._widen(np.array(walls), normals, ends_in_level[..., :2])
+
+    def absorb(self, other: "WallMap", keyframes: int, wall_of: dict[int, int]) -> None:
+        """Takes over what another map's keyframes saw, which are numbered from `keyframes` on here, of walls that are
+        called as `wall_of` says. To be refreshed then."""
+        for s in other.seen:
+            self.seen.append(replace(s, keyframe=s.keyframe + keyframes, wall=wall_of[s.wall]))
+            self._register.order.append(self._storey)
+
+    def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
+        """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes
+        (4,)."""
+        self.T_level_map = T_level_map
+        observed = {s.wall for s in self.seen}
+        self.planes_in_map = {wall: plane for wall, plane in planes_in_map.items() if wall in observed}
+        self._extent, self._intervals, self._lines = {}, [], None
+        if not self.seen:
+            return
+        T = poses[[s.keyframe for s in self.seen]]
+        for s, pose in zip(self.seen, T, strict=True):
+            if s.wall not in self.planes_in_map:  # seen once so far
+                self.planes_in_map[s.wall] = transform_planes(pose, s.plane)
+        ids = np.array(list(self.planes_in_map))
+        normal, offset = self._as_lines(np.stack(list(self.planes_in_map.values())))
+        row = np.empty(int(ids.max()) + 1, dtype=np.int64)
+        row[ids] = np.arange(len(ids))
+        ends = transform_points((T_level_map @ T)[:, None], np.stack([s.ends for s in self.seen]))
+        owner = row[[s.wall for s in self.seen]]
+        middle = ends[..., :2].mean(axis=1)
+        self._across = np.sum(middle * normal[owner], axis=1) + offset[owner]
+        self._along = middle[:, 1] * normal[owner, 0] - middle[:, 0] * normal[owner, 1]
+        self._widen(ids[owner], normal[owner], ends[..., :2])
+
+    @property
+    def lines(self) -> Lines:
+        """The walls as they were after the last keyframe or refresh."""
+        if self._lines is None:
+            self._lines = self.lines_of_estimates()
+        return self._lines
+
+    def current(self, wall: int) -> int:
+        """The wall that this one was joined into, itself otherwise."""
+        while wall in self._joined_into:
+            wall = self._joined_into[wall]
+        return wall
+
+    def lines_of_estimates(self) -> Lines:
+        """The walls as lines in the levelled map, from the present estimates."""
+        ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
+        if not len(ids):
+            none = np.empty(0)
+            return Lines(ids, np.empty((0, 2)), none, none, none, ids)
+        normal, offset = self._as_lines(np.stack([self.planes_in_map[i] for i in ids]))
+        extent = np.array([self._extent[i] for i in ids.tolist()])
+        return Lines(ids, normal, offset, extent[:, 0], extent[:, 1], extent[:, 2].astype(np.int64))
+
+    def coverage(self, step: float) -> dict[int, Floats]:
+        """For each wall the places along its tangent, `step` apart, at which some keyframe has seen it."""
+        cells: dict[int, set[int]] = {wall: set() for wall in self.planes_in_map}
+        for wall, low, high in self._intervals:
+            cells[wall].update(range(int(np.floor(low / step + 0.5)), int(np.ceil(high / step - 0.5)) + 1))
+        return {wall: np.array(sorted(found), dtype=float) * step for wall, found in cells.items()}
+
+    def normal_in_level(self, wall: int) -> Floats:
+        """(2,) a wall's normal in the levelled map, from the present estimates."""
+        return self._as_lines(self.planes_in_map[wall][None])[0][0]
+
+    def heights(self) -> dict[int, tuple[float, float]]:
+        """For each wall the lowest and the highest point seen, above the floor."""
+        result: dict[int, tuple[float, float]] = {}
+        for s in self.seen:
+            low, high = result.get(s.wall, s.heights)
+            result[s.wall] = (min(low, s.heights[0]), max(high, s.heights[1]))
+        return result
+
+    def counts(self) -> dict[int, int]:
+        """For each wall how many keyframes saw it."""
+        seen: dict[int, set[int]] = {}
+        for s in self.seen:
+            seen.setdefault(s.wall, set()).add(s.keyframe)
+        return {wall: len(keyframes) for wall, keyframes in seen.items()}
+
+    def lower_ends(self) -> dict[int, float]:
+        """For each wall how far down (m above the floor) a quarter of the keyframes that saw it could see it."""
+        lows: dict[int, list[float]] = {}
+        for s in self.seen:
+            lows.setdefault(s.wall, []).append(s.heights[0])
+        return {wall: float(np.quantile(values, 0.25)) for wall, values in lows.items()}
+
+    def scatter(self) -> dict[int, float]:
+        """For each wall the standard error (m) of its offset by the scatter of its observations; neighbouring
+        keyframes err alike, so that it falls with the fourth root of their number only."""
+        values: dict[int, list[float]] = {}
+        for s, across in zip(self.seen, self._across.tolist(), strict=True):
+            values.setdefault(s.wall, []).append(across)
+        errors = {}
+        for wall, own in values.items():
+            off = np.asarray(own)
+            errors[wall] = 1.48 * float(np.median(np.abs(off - np.median(off)))) / len(own) ** 0.25
+        return errors
+
+    def join_duplicates(self) -> int:
+        """Relabels walls that have come to lie on one another; returns how many were given up."""
+        joined = 0
+        while True:
+            lines = self.lines_of_estimates()
+            pair = _closest_duplicate(lines, self._settings)
+            if pair is None:
+                return joined
+            kept, gone = pair if lines.count[pair[0]] >= lines.count[pair[1]] else pair[::-1]
+            self._relabel(int(lines.ids[gone]), int(lines.ids[kept]))
+            joined += 1
+
+    def split_steps(self) -> int:
+        """Parts walls that turn out to be two, end to end and a few centimetres apart across; returns how
+        many.
+
+        Such a wall's observations lie at one offset up to some place along it and at another beyond it.
+        """
+        by_wall: dict[int, list[int]] = {}
+        for i, s in enumerate(self.seen):
+            by_wall.setdefault(s.wall, []).append(i)
+        parted = 0
+        for own in by_wall.values():
+            if len(own) < 2 * self._settings.min_observations:
+                continue
+            beyond = _beyond_step(self._along[own], self._across[own], self._settings)
+            if beyond is None:
+                continue
+            number = self._register.number()
+            for i in np.asarray(own)[beyond]:
+                self.seen[i].wall = number
+            parted += 1
+        return parted
+
+    def part(self, later: set[int], earlier: set[int]) -> None:
+        """Takes what keyframes of `later` saw of walls that keyframes of `earlier` saw too for other walls."""
+        old = {s.wall for s in self.seen if s.keyframe in earlier}
+        names: dict[int, int] = {}
+        for s in self.seen:
+            if s.keyframe in later and s.wall in old:
+                if s.wall not in names:
+                    names[s.wall] = self._register.number()
+                s.wall = names[s.wall]
+
+    def _relabel(self, gone: int, kept: int) -> None:
+        self._joined_into[gone], self._lines = kept, None
+        for s in self.seen:
+            if s.wall == gone:
+                s.wall = kept
+        low, high, count = self._extent.pop(gone)
+        mine = self._extent[kept]
+        self._extent[kept] = (min(mine[0], low), max(mine[1], high), mine[2] + count)
+        self._intervals = [(kept if wall == gone else wall, a, b) for wall, a, b in self._intervals]
+        del self.planes_in_map[gone]
+
+    def _as_lines(self, planes: Floats) -> tuple[Floats, Floats]:
+        level = transform_planes(self.T_level_map, planes)
+        scale = np.hypot(level[:, 0], level[:, 1])
+        return level[:, :2] / scale[:, None], level[:, 3] / scale
+
+    def _associate(self, planes_in_map: Floats, ends: Floats) -> list[int]:
+        """For each piece (N, 4), with ends (N, 2, 2) in the levelled map, the wall nearest across among those that face
+        the same way and are near along; else a new one."""
+        lines = self.lines_of_estimates()
+        nearest, fits = np.zeros(len(ends), dtype=np.int64), np.zeros(len(ends), dtype=bool)
+        if len(lines.ids):
+            normals, _ = self._as_lines(planes_in_map)
+            facing = normals @ lines.normal.T > np.cos(self._settings.associate_angle)
+            # a far end that leaves the line says more than the angle of a short piece
+            ends_across = lines.across(ends.reshape(-1, 2)).reshape(len(ends), 2, -1)
+            across = np.abs(ends_across.mean(axis=1))
+            along = np.sort(lines.along(ends.reshape(-1, 2)).reshape(len(ends), 2, -1), axis=1)
+            gap = np.maximum(along[:, 0] - lines.high, lines.low - along[:, 1])
+            near = facing & (across < self._settings.associate_offset) & (gap < self._settings.associate_gap)
+            near &= np.abs(ends_across).max(axis=1) < 2 * self._settings.associate_offset
+            nearest = np.argmin(np.where(near, across + 0.1 * np.maximum(gap, 0.0), np.inf), axis=1)
+            fits = near.any(axis=1)
+        walls = []
+        for row, known in zip(nearest.tolist(), fits.tolist(), strict=True):
+            walls.append(int(lines.ids[row]) if known else self._register.number())
+        return walls
+
+    def _widen(self, walls: NDArray[np.int64], normals: Floats, ends: Floats) -> None:
+        """Extends walls (N,) with normals (N, 2) by pieces that end at `ends` (N, 2, 2)."""
+        along = ends[..., 1] * normals[:, None, 0] - ends[..., 0] * normals[:, None, 1]
+        self._lines = None
+        for wall, low, high in zip(walls.tolist(), along.min(axis=1).tolist(), along.max(axis=1).tolist(), strict=True):
+            old = self._extent.get(wall, (np.inf, -np.inf, 0))
+            self._extent[wall] = (min(old[0], low), max(old[1], high), old[2] + 1)
+            self._intervals.append((wall, low, high))
+
+
+def _beyond_step(along: Floats, across: Floats, settings: SurfaceSettings) -> NDArray[np.int64] | None:
+    """Which observations lie beyond the place where the offset steps, None where it does not.
+
+    `along`, `across` (N,) are the observations' middles. The step must be clear against the scatter on either
+    side.
+    """
+    order = np.argsort(along, kind="stable")
+    values = across[order]
+    least = settings.min_observations
+    cuts = np.arange(least, len(values) - least + 1)
+    total, squares = np.cumsum(values), np.cumsum(values**2)
+    before = squares[cuts - 1] - total[cuts - 1] ** 2 / cuts
+    beyond = squares[-1] - squares[cuts - 1] - (total[-1] - total[cuts - 1]) ** 2 / (len(values) - cuts)
+    best = int(np.argmin(before + beyond))
+    where = int(cuts[best])
+    scatter = np.sqrt(max((before + beyond)[best], 0.0) / len(values))
+    step = abs(np.median(values[:where]) - np.median(values[where:]))
+    if step < settings.split_step or step < 4 * scatter:
+        return None
+    return order[where:]
+
+
+def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, int] | None:
+    """The closest two walls that face the same way and lie on one another."""
+    if len(lines.ids) < 2:
+        return None
+    tangent = np.column_stack([-lines.normal[:, 1], lines.normal[:, 0]])
+    centre = (lines.low + lines.high)[:, None] / 2 * tangent - lines.offset[:, None] * lines.normal
+    half = (lines.high - lines.low) / 2
+    place = lines.along(centre).T  # (i, j): of j's centre along i
+    low, high = np.maximum(lines.low[:, None], place - half), np.minimum(lines.high[:, None], place + half)
+    overlap = high - low
+    # how far j is from i where both are, not where a long wall has its middle
+    common = (low + high)[..., None] / 2 * tangent[:, None] - (lines.offset[:, None] * lines.normal)[:, None]
+    across = np.abs(np.einsum("ijk,jk->ij", common, lines.normal) + lines.offset)
+    across = np.maximum(across, across.T)
+    parallel = lines.normal @ lines.normal.T > np.cos(settings.join_angle)
+    # end to end, two walls are one only without a step; side by side, both cannot stand there
+    allowed = np.where(overlap > settings.min_length, settings.join_offset, 0.5 * settings.split_step)
+    cost = np.where(parallel & (across < allowed) & (overlap > -0.2), across, np.inf)
+    np.fill_diagonal(cost, np.inf)
+    first, second = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    return (int(first), int(second)) if np.isfinite(cost[first, second]) else None

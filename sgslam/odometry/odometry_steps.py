@@ -1,0 +1,53 @@
+"""What every registration of scans needs: which steps a sensor can make, a search where it lost its track, and when a
+scan is worth keeping."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from sgslam.config import OdometrySettings
+from sgslam.geometry.frames import inverse
+
+Floats = NDArray[np.float64]
+_TURNS = np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
+
+
+def plausible(T_last_sensor: Floats, settings: OdometrySettings) -> bool:
+    """Whether a sensor that is carried through a building makes such a step (4, 4) from one scan to the next."""
+    if not np.isfinite(T_last_sensor).all():
+        return False
+    moved = float(np.linalg.norm(T_last_sensor[:3, 3]))
+    cosine = (np.trace(T_last_sensor[:3, :3]) - 1) / 2
+    upright = T_last_sensor[2, 2] > np.cos(settings.max_tip)
+    return bool(moved < settings.max_step and cosine > np.cos(settings.max_turn) and upright)
+
+
+def search(
+    source: Floats, last: Floats, map_points: Floats, near: float, align: Callable[[Floats], Floats],
+    settings: OdometrySettings,
+) -> Floats | None:  # fmt: skip
+    """The pose T_odom_sensor that brings most of the scan's points (N, 3) `near` the map's (m), from turns of 30
+    degrees about the `last` one; None where none brings enough. `align` registers the scan from a start."""
+    tree = cKDTree(map_points)
+    best, best_share = last, 0.0
+    for turn in _TURNS if len(source) and len(map_points) else ():
+        guess = last.copy()
+        guess[:3, :3] = guess[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix()
+        pose = align(guess)
+        step = inverse(last) @ pose
+        if not (step[2, 2] > np.cos(settings.max_tip) and np.linalg.norm(step[:3, 3]) <= settings.max_step):
+            continue
+        distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=near)
+        share = float(np.mean(np.isfinite(distance)))
+        if share > best_share + 0.02:
+            best, best_share = pose, share
+    return best if best_share >= settings.min_share else None
+
+
+def far_apart(T_a: Floats, T_b: Floats, spacing: float) -> bool:
+    """Whether two poses (4, 4) lie more than `spacing` apart, in metres or in radians."""
+    since = inverse(T_a) @ T_b
+    return bool(np.linalg.norm(since[:3, 3]) > spacing or np.trace(since[:3, :3]) < 1 + 2 * np.cos(spacing))

@@ -1,0 +1,1 @@
+"""From one scan to surfaces: columns, deskewing, walls, floor."""

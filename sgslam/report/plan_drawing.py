@@ -1,0 +1,270 @@
+"""What the plan and the 3D view show, as plain geometry in one frame.
+
+Drawn by `plan_view` (PNG), `plan_svg` and `scene_view`. The plan's frame is the BIM frame where there is a BIM, else
+the map frame; metres.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scene_graph import Floor, Room, WallSurface
+from data.trajectory import Trajectory
+from sgslam.as_built.deviation_bands import band_of, deviation_text
+from sgslam.geometry.frames import transform_points
+from sgslam.report.report_data import ReportData, placement, robots_floor
+
+Array = NDArray[np.float64]
+MAX_VERTICES = 3000  # of a drawn path: more than a screen resolves
+MAX_KEYFRAMES = 1000
+STUB_M = 0.4  # drawn length of a wall surface whose length is not known
+STOREY_M, SENSOR_M = 2.5, 1.0  # drawn height of a wall, and of the sensor above the floor, where not known
+LARGEST_TEXT_M, SMALLEST_TEXT_M = 0.42, 0.12
+GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
+STRAY = 0.3  # of the building's longer side: so far a drifting odometry may widen the view
+
+LABELS = {
+    "bim-walls": "wall of the BIM",
+    "walls-matched": "mapped wall, matched",
+    "walls-unmatched": "mapped wall, not matched",
+    "matches": "match, from mapped to planned wall",
+    "rooms-matched": "matched room of the BIM",
+    "map-rooms": "room of the map",
+    "odometry": "before anchoring (odometry)",
+    "trajectory": "after anchoring (final)",
+    "truth": "ground truth",
+}
+NOT_ANCHORED = {
+    "walls-matched": "mapped wall, matched by the best guess",
+    "rooms-matched": "room of the BIM in the best guess",
+    "odometry": "odometry",
+    "trajectory": "trajectory, not anchored",
+}
+
+PathKind = Literal["odometry", "truth", "trajectory"]
+
+
+@dataclass(frozen=True)
+class DrawnWall:
+    """`ends` (2, 2) in plan, the first to the left of one who looks along the normal; `z` of its lower and upper edge.
+
+    `title` names it when pointed at; `band` is how far it lies off the plan (see `deviation_bands`), None where not
+    known.
+    """
+
+    id: str
+    ends: Array
+    z: tuple[float, float]
+    matched: bool
+    title: str
+    band: str | None = None
+    significant: bool = False
+
+
+@dataclass(frozen=True)
+class DrawnRoom:
+    """`outline` is (K, 2), not closed, or None; `label` is where the name stands."""
+
+    outline: Array | None
+    label: Array
+    name: str
+    matched: bool
+    title: str
+
+    def text_size(self) -> float:
+        """Metres: the height of letters with which the name fits the room's width."""
+        if self.outline is None:
+            return 0.7 * LARGEST_TEXT_M
+        fits = 0.9 * np.ptp(self.outline[:, 0]) / (GLYPH_WIDTH * max(len(self.name), 3))
+        return float(np.clip(fits, SMALLEST_TEXT_M, LARGEST_TEXT_M))
+
+
+@dataclass(frozen=True)
+class PlanDrawing:
+    """One storey.
+
+    `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `paths` are (N, 3),
+    `keyframes` (K, 3). `floor_z` is the floor's height. `labels` names the layers: what the legends say.
+    """
+
+    heading: str
+    bim_walls: tuple[DrawnWall, ...]
+    bim_rooms: tuple[DrawnRoom, ...]
+    map_walls: tuple[DrawnWall, ...]
+    map_rooms: tuple[DrawnRoom, ...]
+    match_lines: Array
+    paths: dict[PathKind, Array]
+    keyframes: Array
+    floor_z: float
+    labels: dict[str, str]
+
+    def bounds(self) -> tuple[Array, Array]:
+        """The lower left and upper right corners (2,) of the view: all but an odometry that strays far away."""
+        parts = [w.ends for w in (*self.bim_walls, *self.map_walls)]
+        for room in (*self.bim_rooms, *self.map_rooms):
+            parts.append(room.label[None] if room.outline is None else room.outline)
+        paths = {kind: path[:, :2] for kind, path in self.paths.items()}
+        points = np.vstack([*parts, *(p for kind, p in paths.items() if kind != "odometry"), np.empty((0, 2))])
+        if not len(points):
+            return np.array([-1.0, -1.0]), np.array([1.0, 1.0])
+        low, high = points.min(axis=0), points.max(axis=0)
+        stray = max(STRAY * float((high - low).max()), 1.0)
+        strayed = np.clip(paths.get("odometry", points), low - stray, high + stray)
+        return np.minimum(low, strayed.min(axis=0)), np.maximum(high, strayed.max(axis=0))
+
+    def centre(self) -> Array:
+        """(2,) whole metres in the middle: what drawings take as their origin."""
+        low, high = self.bounds()
+        return np.round((low + high) / 2)
+
+    @property
+    def with_deviations(self) -> bool:
+        """Whether the distance to the plan is known of any mapped wall."""
+        return any(w.band for w in self.map_walls)
+
+
+def plan_drawing(data: ReportData) -> PlanDrawing:
+    """Chooses the storey, places the map in the plan, and turns all of it into lines and outlines."""
+    floor = robots_floor(data)
+    T_plan_map, heading = placement(data, floor)
+    floor_z = _floor_z(data, floor, T_plan_map)
+    rooms_a = [r for r in (data.a_graph.rooms if data.a_graph else ()) if _on(r, floor)]
+    matched_rooms = data.pairs("rooms")
+    names = {r.id: r.name or r.id for r in (*rooms_a, *data.s_graph.rooms)}
+    labels = {r.id: np.array(r.centroid) for r in rooms_a}
+    taken_a = {a for a, _ in matched_rooms.values()}
+    bim_walls = planned_walls(data, floor, floor_z)
+    return PlanDrawing(
+        heading,
+        bim_walls,
+        tuple(_room(r, np.eye(4), r.id in taken_a, names[r.id]) for r in rooms_a),
+        mapped_walls(data, T_plan_map, floor_z),
+        tuple(_room(r, T_plan_map, r.id in matched_rooms, _pair_title(r.id, matched_rooms, names),
+                    labels.get(matched_rooms.get(r.id, ("", 0.0))[0])) for r in data.s_graph.rooms),
+        _match_lines(data, T_plan_map, {w.id for w in bim_walls}),
+        _paths(data, T_plan_map),
+        _keyframes(data, T_plan_map),
+        floor_z,
+        LABELS if data.T_bim_map is not None else LABELS | NOT_ANCHORED,
+    )  # fmt: skip
+
+
+def planned_wall(wall: WallSurface) -> DrawnWall:
+    """A wall surface of the BIM, in the BIM frame."""
+    return _wall(wall, np.eye(4), 0.0, False, f"{wall.id} {wall.source}")
+
+
+def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tuple[DrawnWall, ...]:
+    """The BIM's wall surfaces on a storey (all where it is None), in the BIM frame."""
+    walls = [w for w in (data.a_graph.wall_surfaces if data.a_graph else ()) if _on(w, floor)]
+    absent = {d["a_id"] for d in data.deviations if d["kind"] == "absent"}
+    return tuple(
+        _wall(w, np.eye(4), floor_z, False, f"{w.id} {w.source}{': not there' if w.id in absent else ''}")
+        for w in walls
+    )
+
+
+def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[DrawnWall, ...]:
+    """The map's wall surfaces (whose heights are over their floor), placed in the plan, with their deviations."""
+    pairs = data.pairs("wall_surfaces")
+    telling = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
+    found = {d["s_id"]: d for d in telling if d["s_id"] is not None}  # of several walls in one plane the most telling
+    drawn = []
+    for w in data.s_graph.wall_surfaces:
+        title, deviation = _pair_title(w.id, pairs), found.get(w.id)
+        if deviation is None:
+            drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, above=floor_z))
+            continue
+        title += f"\n{deviation_text(deviation)}"
+        band, significant = band_of(deviation["offset_m"]), bool(deviation["significant"])
+        drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, band, significant, floor_z))
+    return tuple(drawn)
+
+
+def _floor_z(data: ReportData, floor: Floor | None, T_plan_map: Array) -> float:
+    """The storey's elevation; else the mapped floor's; else so far below the sensor as a robot's may be."""
+    if floor is not None and floor.elevation is not None:
+        return floor.elevation
+    mapped = [f.elevation for f in data.s_graph.floors if f.elevation is not None]
+    if mapped:
+        return float(T_plan_map[2, 3] + mapped[0])
+    heights = _placed(data.trajectory_map.positions, T_plan_map)[:, 2]
+    return float(np.median(heights)) - SENSOR_M if len(heights) else 0.0
+
+
+def _on(item: WallSurface | Room, floor: Floor | None) -> bool:
+    return floor is None or item.floor == floor.id
+
+
+def _pair_title(s_id: str, pairs: dict[str, tuple[str, float]], names: dict[str, str] | None = None) -> str:
+    shown = names or {}
+    if s_id not in pairs:
+        return f"{shown.get(s_id, s_id)}: not matched"
+    a_id, confidence = pairs[s_id]
+    return f"{shown.get(s_id, s_id)} is {shown.get(a_id, a_id)} ({confidence:.2f})"
+
+
+def _placed(points: Any, T: Array) -> Array:
+    return transform_points(T, np.asarray(points, dtype=float).reshape(-1, 3))
+
+
+def _placed_xy(points: Any, T: Array) -> Array:
+    xy = np.asarray(points, dtype=float).reshape(-1, 2)
+    return xy @ T[:2, :2].T + T[:2, 3]
+
+
+def _wall(
+    wall: WallSurface, T_plan: Array, floor_z: float, matched: bool, title: str, band: str | None = None,
+    significant: bool = False, above: float = 0.0,
+) -> DrawnWall:  # fmt: skip
+    centre, (nx, ny) = np.array(wall.centroid), wall.normal
+    half = np.array([-ny, nx]) * (wall.length or STUB_M) / 2
+    z = (floor_z, floor_z + STOREY_M)
+    if wall.height is not None:
+        z = wall.height[0] + above, wall.height[1] + above
+    ends = _placed_xy([centre + half, centre - half], T_plan)
+    return DrawnWall(wall.id, ends, z, matched, title.strip(), band, significant)
+
+
+def _room(room: Room, T_plan: Array, matched: bool, title: str, label: Array | None = None) -> DrawnRoom:
+    outline = _placed_xy(room.polygon, T_plan) if room.polygon else None
+    label = _placed_xy(room.centroid, T_plan)[0] if label is None else label
+    return DrawnRoom(outline, label, room.name or room.id, matched, title)
+
+
+def _match_lines(data: ReportData, T_plan_map: Array, shown_a: Iterable[str]) -> Array:
+    lines = []
+    for s_id, (a_id, _) in data.pairs("wall_surfaces").items():
+        if data.a_graph and s_id in data.s_graph.surface_by_id and a_id in shown_a:
+            ours = _placed_xy(data.s_graph.surface_by_id[s_id].centroid, T_plan_map)[0]
+            lines.append([ours, np.array(data.a_graph.surface_by_id[a_id].centroid)])
+    return np.array(lines).reshape(-1, 2, 2)
+
+
+def _paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, Array]:
+    paths: dict[PathKind, Array] = {}
+    if len(data.trajectory_odometry) and len(data.trajectory_map):
+        # its first pose on the map's: what the odometry alone would have said of the way from there
+        T_map_odom = data.trajectory_map.poses[0] @ np.linalg.inv(data.trajectory_odometry.poses[0])
+        paths["odometry"] = _path(data.trajectory_odometry, T_plan_map @ T_map_odom)
+    if data.truth is not None and data.a_graph is not None:
+        paths["truth"] = _path(data.truth, np.eye(4))
+    paths["trajectory"] = _path(data.trajectory_map, T_plan_map)
+    return {kind: path for kind, path in paths.items() if len(path)}
+
+
+def _path(trajectory: Trajectory, T_plan: Array) -> Array:
+    return _placed(trajectory.positions[thinned(len(trajectory), MAX_VERTICES)], T_plan)
+
+
+def _keyframes(data: ReportData, T_plan_map: Array) -> Array:
+    positions = _placed([k.pose[:3] for k in data.s_graph.keyframes], T_plan_map)
+    return positions[thinned(len(positions), MAX_KEYFRAMES)]
+
+
+def thinned(count: int, most: int) -> NDArray[np.intp]:
+    """Indices of at most `most` of `count` items, evenly, the first and the last among them."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)

@@ -1,0 +1,176 @@
+"""What the report and the plan are made of, and where the map lies in the plan."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scene_graph import Floor, Room, SceneGraph, WallSurface
+from data.trajectory import Trajectory
+from sgslam.geometry.frames import se2_to_se3
+
+Array = NDArray[np.float64]
+ENTERED_M = 1.0  # of the way that must lie in a room that was entered, not just looked into
+BESIDE_M = 3.0  # gap between the plan and a map that nothing places in it
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """All that the report and the plan are made of; every part in the form that the run writes it.
+
+    `s_graph` and both trajectories are in the map frame (odometry: its own, which starts where the map does),
+    `a_graph` and `truth` in the BIM frame. `matches`, `metrics` and `deviations` have the forms of matches.json,
+    metrics.json and deviations.json.
+    """
+
+    a_graph: SceneGraph | None
+    s_graph: SceneGraph
+    trajectory_map: Trajectory
+    trajectory_odometry: Trajectory
+    truth: Trajectory | None
+    T_bim_map: Array | None
+    matches: dict[str, Any] | None
+    metrics: dict[str, Any]
+    deviations: list[dict[str, Any]]
+
+    @property
+    def hypotheses(self) -> list[dict[str, Any]]:
+        """The places that the matcher considered, the best first."""
+        return list((self.matches or {}).get("hypotheses") or ())
+
+    def pairs(self, kind: str) -> dict[str, tuple[str, float]]:
+        """S id to (A id, confidence); `kind` is `rooms` or `wall_surfaces`."""
+        return {s: (a, confidence) for s, a, confidence in (self.matches or {}).get(kind) or ()}
+
+    def matched_rooms(self) -> int:
+        """The number of the map's rooms that have a match."""
+        return len(self.pairs("rooms").keys() & self.s_graph.room_by_id.keys())
+
+    def floor_named(self, floor_id: str | None) -> Floor | None:
+        """The BIM's storey of that id."""
+        floors = self.a_graph.floors if self.a_graph else ()
+        return next((f for f in floors if f.id == floor_id), None)
+
+
+def floor_by_floor(data: ReportData) -> list[ReportData]:
+    """The same for each floor of the map: what was seen there, and the way there; as it is where there is one."""
+    floors = data.s_graph.floors
+    if len(floors) < 2:
+        return [data]
+    matches, parts = data.matches or {}, []
+    of = {k.stamp_ns: k.floor for k in data.s_graph.keyframes}
+    stamps = np.array(sorted(of), dtype=np.int64)
+    on = [of[stamp] for stamp in stamps.tolist()]
+
+    def there(trajectory: Trajectory, floor: str) -> Trajectory:
+        before = np.maximum(np.searchsorted(stamps, trajectory.stamps_ns, side="right") - 1, 0)
+        chosen = np.array([on[k] == floor for k in before.tolist()], dtype=bool)
+        return Trajectory(trajectory.stamps_ns[chosen], trajectory.poses[chosen])
+
+    for floor in floors:
+        storey = (matches.get("floors") or {}).get(floor.id, matches.get("floor"))
+        parts.append(replace(
+            data, s_graph=data.s_graph.on_floor(floor.id), matches={**matches, "floor": storey} if matches else None,
+            trajectory_map=there(data.trajectory_map, floor.id),
+            trajectory_odometry=there(data.trajectory_odometry, floor.id),
+            truth=None if data.truth is None else there(data.truth, floor.id),
+        ))  # fmt: skip
+    return parts
+
+
+def robots_floor(data: ReportData) -> Floor | None:
+    """The BIM's storey that the robot drives on; None where the BIM has none.
+
+    The match names it; else the height of the anchored trajectory, or of the true one; else it is the storey
+    with the most rooms.
+    """
+    if data.a_graph is None or not data.a_graph.floors:
+        return None
+    for floor_id in ((data.matches or {}).get("floor"), *(h.get("floor") for h in data.hypotheses)):
+        if (floor := data.floor_named(floor_id)) is not None:
+            return floor
+    floors, rooms = data.a_graph.floors, data.a_graph.rooms
+    known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
+    in_bim = data.truth
+    if data.T_bim_map is not None:
+        in_bim = data.trajectory_map.transformed(data.T_bim_map)
+    if in_bim is not None and known and len(in_bim):
+        height = float(np.median(in_bim.positions[:, 2]))
+        below = [i for elevation, i in known if elevation <= height]
+        return floors[below[-1] if below else known[0][1]]
+    return max(floors, key=lambda f: sum(r.floor == f.id for r in rooms))
+
+
+def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
+    """The planned rooms that the robot was in and that no room of the map is matched to, each with the room of the map
+    (None where there is none) that it was mapped as a part of. Empty where the map's place is not known."""
+    floor = robots_floor(data)
+    if data.T_bim_map is None or data.a_graph is None:
+        return []
+    on_map = data.trajectory_map.positions[:, :2]
+    in_bim = data.trajectory_map.transformed(data.T_bim_map).positions[:, :2]
+    matched = {a for a, _ in data.pairs("rooms").values()}
+    mapped = {room.id: inside for room in data.s_graph.rooms if (inside := _inside(room, on_map)) is not None}
+    found: list[tuple[str | None, str]] = []
+    for room in data.a_graph.rooms:
+        inside = _inside(room, in_bim)
+        if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
+            continue
+        if inside.mean() * _way(on_map) >= ENTERED_M:
+            shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
+            most = max(shared, key=shared.__getitem__, default=None)
+            found.append((most if most is not None and shared[most] else None, room.id))
+    return found
+
+
+def _inside(room: Room, places: Array) -> NDArray[np.bool_] | None:
+    """(N,) whether places (N, 2) lie in a room; None where its outline is not known."""
+    import shapely
+
+    if room.polygon is None or len(room.polygon) < 3:
+        return None
+    return np.asarray(shapely.contains_xy(shapely.Polygon(room.polygon), places))
+
+
+def _way(places: Array) -> float:
+    """Metres driven."""
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+
+def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
+    """T_plan_map (4, 4), and the plan's heading, which says how sure it is.
+
+    The plan's frame is the BIM frame where there is a BIM, else the map frame.
+    """
+    if data.a_graph is None:
+        return np.eye(4), "The map (no BIM was given)"
+    storey = (floor.name or floor.id) if floor else "The plan"
+    if data.T_bim_map is not None:
+        return data.T_bim_map, storey
+    guesses = [(data.matches or {}).get("T_a_s"), *(h.get("T_a_s") for h in data.hypotheses)]
+    guess = next((g for g in guesses if g is not None), None)
+    if guess is not None:
+        return guessed(data, guess, floor), f"{storey}; the map is placed by the best guess, which was not committed to"
+    return _beside(data, floor), f"{storey}; the map lies beside it, its place is not known"
+
+
+def guessed(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
+    """T_bim_map (4, 4) by a hypothesis `T_a_s` [yaw, x, y]: the map's floor on the storey's."""
+    planned = floor.elevation if floor else None
+    ours = next((f.elevation for f in data.s_graph.floors if f.elevation is not None), None)
+    yaw, x, y = T_a_s
+    return se2_to_se3(yaw, x, y, planned - ours if planned is not None and ours is not None else 0.0)
+
+
+def _beside(data: ReportData, floor: Floor | None) -> Array:
+    assert data.a_graph is not None
+    items: list[WallSurface | Room] = [*data.a_graph.wall_surfaces, *data.a_graph.rooms]
+    plan = [item.centroid for item in items if floor is None or item.floor == floor.id]
+    ours: list[Any] = [w.centroid for w in data.s_graph.wall_surfaces]
+    ours += list(data.trajectory_map.positions[:, :2])
+    if not plan or not ours:
+        return guessed(data, [0.0, 0.0, 0.0], floor)
+    x = float(np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0]) + BESIDE_M
+    y = float(np.mean(plan, axis=0)[1] - np.mean(ours, axis=0)[1])
+    return guessed(data, [0.0, x, y], floor)

@@ -1,0 +1,103 @@
+"""A finished run read back from its folder, and what it saw in the frame of its `trajectory.tum`."""
+
+import json
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.poses import xyzquat_to_poses
+from data.scene_graph import SceneGraph, WallSurface, Xy
+
+Floats = NDArray[np.float64]
+_HEIGHT = 2.5  # m, of a wall whose height nobody told
+
+
+@dataclass(frozen=True, eq=False)
+class RunFolder:
+    """`s_graph` is in the map frame, `a_graph` (None where no plan was given) in the BIM frame; `T_bim_map` (4, 4) is
+    None where the run was not anchored. `matches`, `deviations` and `metrics` have the forms of their files."""
+
+    path: Path
+    s_graph: SceneGraph
+    a_graph: SceneGraph | None
+    T_bim_map: Floats | None
+    matches: dict[str, Any]
+    deviations: list[dict[str, Any]]
+    metrics: dict[str, Any] = field(default_factory=dict)
+
+    @staticmethod
+    def read(path: Path) -> "RunFolder":
+        """Raises UserError for a folder that is no run's."""
+        try:
+            metrics, matches, deviations = (
+                json.loads((path / f"{name}.json").read_text()) for name in ("metrics", "matches", "deviations")
+            )
+            pose = metrics["T_bim_map"]
+            T_bim_map = None if pose is None else np.asarray(xyzquat_to_poses(np.array(pose, dtype=float)))
+            if not isinstance(matches, dict) or not isinstance(deviations, list):
+                raise TypeError
+        except (OSError, KeyError, TypeError, ValueError):
+            what = "deviations.json, metrics.json, matches.json"
+            raise UserError(f"{path}: no run's folder ({what}); give a run's --out") from None
+        plan = path / "a_graph.json"
+        a_graph = SceneGraph.load(plan) if plan.is_file() else None
+        run = RunFolder(path, SceneGraph.load(path / "s_graph.json"), a_graph, T_bim_map, matches, deviations, metrics)
+        try:
+            _ = run.keyframe_poses
+        except (TypeError, ValueError):
+            raise UserError(f"{path / 's_graph.json'}: a keyframe's pose is not x y z qx qy qz qw") from None
+        return run
+
+    def anchored(self) -> tuple[SceneGraph, Floats]:
+        """The A-graph and T_bim_map; raises UserError where the run was not anchored."""
+        if self.a_graph is None or self.T_bim_map is None:
+            raise UserError(f"{self.path}: that run was not anchored: it knows nothing of how the building was built")
+        return self.a_graph, self.T_bim_map
+
+    @property
+    def frame(self) -> str:
+        """`bim` where the run was anchored, else `map`: the frame of everything below."""
+        return "map" if self.T_bim_map is None else "bim"
+
+    @property
+    def _T_frame_map(self) -> Floats:  # noqa: N802
+        return np.eye(4) if self.T_bim_map is None else self.T_bim_map
+
+    @cached_property
+    def keyframe_poses(self) -> Floats:
+        """(K, 4, 4) T_frame_sensor of the keyframes."""
+        poses = np.array([k.pose for k in self.s_graph.keyframes], dtype=float)
+        return self._T_frame_map @ xyzquat_to_poses(poses if len(poses) else poses.reshape(0, 7))
+
+    @cached_property
+    def planned_rooms(self) -> dict[str, str]:
+        """What the plan calls the map's rooms, by their ids in the S-graph; of anchored runs only."""
+        if self.a_graph is None or self.T_bim_map is None:
+            return {}
+        rooms = self.a_graph.room_by_id
+        return {s: rooms[a].name or a for s, a, _ in self.matches.get("rooms", ()) if a in rooms}
+
+    def elevation(self, floor: str | None) -> float:
+        """The z of a floor of the S-graph, map frame; 0 where it is not known."""
+        return next((f.elevation for f in self.s_graph.floors if f.id == floor), None) or 0.0
+
+    def on_floor(self, places: list[Xy], floor: str | None, above: float = 0.0) -> Floats:
+        """(N, 3) places (N, 2) of the S-graph so far above their floor."""
+        z = self.elevation(floor) + above
+        points = np.array([(*xy, z) for xy in places], dtype=float).reshape(-1, 3)
+        return np.asarray(points @ self._T_frame_map[:3, :3].T + self._T_frame_map[:3, 3])
+
+    def turned(self, direction: Xy) -> Floats:
+        """(3,) a horizontal direction of the S-graph."""
+        return np.asarray(self._T_frame_map[:3, :2] @ np.array(direction))
+
+    def corners(self, surface: WallSurface) -> Floats:
+        """(4, 3) of a wall surface of the S-graph: the two ends below, then above."""
+        low, high = surface.height or (0.0, _HEIGHT)
+        ends = list(surface.ends())
+        return np.concatenate([self.on_floor(ends, surface.floor, z) for z in (low, high)])

@@ -1,0 +1,61 @@
+"""The storey in 3D: what `report_scene.js` draws and turns, as JSON in whole millimetres about the plan's centre."""
+
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.report.plan_drawing import DrawnWall, PlanDrawing
+from sgslam.report.plan_svg import switch
+
+Array = NDArray[np.float64]
+LAYERS = ("bim-walls", "walls-matched", "walls-unmatched", "odometry", "trajectory", "truth")
+
+
+def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
+    """JSON's form of the scene: x east, y north, z up, from the plan's centre on the floor.
+
+    `walls` is a list of `[layer, look, significant, x0, y0, x1, y1, z0, z1]`, with `layer` as in the legend and
+    `look` the band of its deviation or the layer; `floors` outlines `[x, y, ...]` with whether the room is matched;
+    `paths` by layer `[x, y, z, ...]`; `keyframes` likewise.
+    """
+    origin = np.array([*drawing.centre(), drawing.floor_z])
+    walls = [_wall("bim-walls", w, origin) for w in drawing.bim_walls]
+    walls += [_wall("walls-matched" if w.matched else "walls-unmatched", w, origin) for w in drawing.map_walls]
+    outlines = [(r.outline, r.matched) for r in drawing.bim_rooms if r.outline is not None]
+    return {
+        "walls": walls,
+        "floors": [[matched, _millimetres(outline - origin[:2])] for outline, matched in outlines],
+        "paths": {kind: _millimetres(path - origin) for kind, path in drawing.paths.items()},
+        "keyframes": _millimetres(drawing.keyframes - origin),
+    }
+
+
+def scene_card(drawing: PlanDrawing) -> str:
+    """The canvas `#scene` with its switches; empty where there is nothing to show."""
+    data = scene_data(drawing)
+    present = {wall[0] for wall in data["walls"]} | data["paths"].keys()
+    keys = {name: f'<g class="layer-{name}"><polyline points="2,5 22,5"/></g>' for name in LAYERS}
+    switches = [
+        switch("solid", name, keys[name], drawing.labels[name]) for name in LAYERS if name in present
+    ]  # fmt: skip
+    if data["keyframes"]:
+        switches.append(switch("solid", "keyframes", '<circle class="keyframe" cx="12" cy="5" r="3"/>', "keyframe"))
+    return (
+        '<canvas id="scene" tabindex="0" role="img" '
+        f'aria-label="{escape(drawing.heading)}, in 3D; arrow keys turn it, plus and minus zoom"></canvas>'
+        f'<div class="legend">{"".join(switches)}</div>'
+        '<p class="muted">Drag to turn, scroll or pinch to zoom, drag with Shift or two fingers to move, '
+        "double click to see all of it again. Walls that are seen from behind are only outlined.</p>"
+    )
+
+
+def _wall(layer: str, wall: DrawnWall, origin: Array) -> list[Any]:
+    z = np.array(wall.z) - origin[2]
+    look = f"band-{wall.band}" if wall.band else layer
+    return [layer, look, int(wall.significant), *_millimetres(wall.ends - origin[:2]), *_millimetres(z)]
+
+
+def _millimetres(metres: Array) -> list[int]:
+    return np.round(metres.ravel() * 1000).astype(int).tolist()

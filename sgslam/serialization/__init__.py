@@ -1,0 +1,1 @@
+"""A run's state as a tree of plain values, and as a file."""

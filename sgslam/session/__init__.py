@@ -1,0 +1,1 @@
+"""A run's result and its memory: the prior map, checkpoints, snapshots."""

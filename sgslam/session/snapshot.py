@@ -1,0 +1,73 @@
+"""What a run knows at one moment, for those who look on: nothing of it changes when the run goes on."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scene_graph import SceneGraph
+from sgslam.mapping.keyframe_clouds import KeyframeClouds
+
+if TYPE_CHECKING:
+    from sgslam.anchoring.building_anchoring import BuildingAnchoring
+    from sgslam.backend.backend import Backend
+    from sgslam.mapping.floors import Floors
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """`stamps_ns` (K,), `poses` (K, 4, 4) T_map_sensor and `floors` (K,) the floors' ids (None on a stair) are the
+    keyframes'. `graphs` hold the floors of the S-graph, map frame, as they were last cut. `plan` is what the map is to
+    be found in; `T_plan_map` (4, 4) is None while it is not. `matches` has the form of matches.json, None while the map
+    has no place; `hypotheses` are then what the matcher says of each floor: (the floor's id, as within matches.json).
+    """
+
+    stamps_ns: NDArray[np.int64]
+    poses: Floats
+    floors: tuple[str | None, ...]
+    graphs: tuple[SceneGraph, ...]
+    plan: SceneGraph | None
+    T_plan_map: Floats | None
+    matches: dict[str, Any] | None
+    hypotheses: tuple[tuple[str, dict[str, Any]], ...]
+    reason: str
+    clouds: KeyframeClouds
+
+    def pairs(self, kind: str) -> dict[str, str]:
+        """Planned ids by those of the map; `kind` is `rooms` or `wall_surfaces`; none while the map has no place."""
+        told = (self.matches or {}).get(kind) or () if self.T_plan_map is not None else ()
+        return {s_id: a_id for s_id, a_id, _ in told}
+
+    @property
+    def storeys(self) -> dict[str, str]:
+        """The plan's storey of each floor of the map whose storey is known, by their ids."""
+        if self.T_plan_map is None:
+            return {}
+        told = self.matches or {}
+        known = told.get("floors") or {graph.floors[0].id: told.get("floor") for graph in self.graphs if graph.floors}
+        return {floor: storey for floor, storey in known.items() if storey is not None}
+
+
+def taken(
+    backend: "Backend", floors: "Floors", anchoring: "BuildingAnchoring | None", clouds: KeyframeClouds
+) -> Snapshot:  # fmt: skip
+    """A snapshot of a run's parts, between two scans. Takes some milliseconds and changes nothing."""
+    keyframes, T_map_local = backend.keyframes, backend.T_map_bim
+    graphs = tuple(floor.scene.graph for floor in floors.maps if floor.scene is not None)
+    on = tuple(None if k.storey is None else f"floor-{k.storey}" for k in keyframes)
+    T_plan_map, matches, hypotheses, reason = None, None, [], ""
+    if anchoring is not None:
+        reason = anchoring.reason
+        if T_map_local is not None:
+            T_plan_map = anchoring.bim_from_map(T_map_local)
+            matches = anchoring.answer(floors, anchoring.holdings(floors, T_map_local))
+        else:
+            for number, match in anchoring.newest.items():
+                hypotheses += [(f"floor-{number}", told) for told in match.to_dict().get("hypotheses") or ()]
+    return Snapshot(
+        np.array([k.stamp_ns for k in keyframes], dtype=np.int64), backend.poses, on, graphs,
+        None if anchoring is None else anchoring.a_graph, T_plan_map, matches, tuple(hypotheses), reason, clouds,
+    )  # fmt: skip

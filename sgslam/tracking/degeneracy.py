@@ -1,0 +1,98 @@
+"""How firmly the surfaces around it hold a scan, direction by direction, and what that says of the steps between
+keyframes: in a bare corridor nothing tells how far along it the robot went, in an open hall nothing at all."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sgslam.config import OdometrySettings, TrackingSettings
+from sgslam.serialization.state_tree import Stateful
+
+Floats = NDArray[np.float64]
+_EVERY = 2  # of the points; the others say the same
+_CELL = 0.15  # m: the noise of a point is a small part of it
+_NEIGHBOURS = 5  # cells that make a piece of a surface
+_NEAR = 0.6  # m to the furthest of them
+_MOST = 200.0  # points that a scan counts for at most: neighbours share their errors
+_CHANCE = 0.003  # of the points, across a direction: what errors of the normals alone make of parallel walls
+_DOUBLED = 2.0  # variance against a usual step's; less beyond it is not worth a factor of its own
+
+
+def surfaces_of(points: Floats) -> Floats:
+    """(3, 3) the normal equations of yaw, x and y (sensor axes) of a scan's own surfaces, each point (N, 3) counting
+    one across the upright surface that it lies on, and nothing along it (point to plane; Zhang, Kaess, Singh, ICRA
+    2016 on what their eigenvalues tell). The sensor is roughly level, the points are those on upright surfaces."""
+    xy = points[::_EVERY, :2]
+    if len(xy) < _NEIGHBOURS:
+        return np.zeros((3, 3))
+    row, column = np.floor((xy - xy.min(axis=0)) / _CELL).astype(np.int64).T
+    # one number for a cell: rows of two are sorted many times more slowly
+    _, cell, count = np.unique(row * (column.max() + 1) + column, return_inverse=True, return_counts=True)
+    if len(count) < _NEIGHBOURS:
+        return np.zeros((3, 3))
+    centre = np.stack([np.bincount(cell, xy[:, axis]) for axis in (0, 1)], axis=1) / count[:, None]
+    distance, nearest = cKDTree(centre).query(centre, _NEIGHBOURS)
+    around = centre[nearest] - centre[nearest].mean(axis=1, keepdims=True)
+    spread, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
+    normal = axes[:, :, 0]
+    # a heap of points has no normal; four times as long as wide is a surface
+    straight = (distance[:, -1] < _NEAR) & (spread[:, 0] < spread[:, 1] / 16)
+    centre, normal = centre[straight], normal[straight]
+    weight = count[straight] * min(1.0, _MOST / max(count[straight].sum(), 1.0))
+    J = np.column_stack([centre[:, 0] * normal[:, 1] - centre[:, 1] * normal[:, 0], normal])
+    return np.asarray(J.T @ (J * weight[:, None]))
+
+
+def turned(information: Floats, T_level_sensor: Floats) -> Floats:
+    """(3, 3) normal equations of yaw, x and y, from the sensor's axes to the level's."""
+    D = np.eye(3)
+    D[1:, 1:] = T_level_sensor[:2, :2]
+    return np.asarray(D @ information @ D.T)
+
+
+class Slack(Stateful):
+    """How far the sensor may be from where it was tracked to since the last keyframe: the covariance (3, 3) of yaw, x
+    and y (level axes), which each scan's step widens by its own uncertainty, and its surfaces narrow again (a Kalman
+    filter's two steps). Roll, pitch and height are held by the floor and by how the sensor is carried.
+
+    Where nothing holds it, a registration locks onto the scan's own rings and goes on to do so, scan after scan: the
+    errors of its steps add up, not their squares.
+    """
+
+    _STATE = ("_covariance", "_scans")
+
+    def __init__(self, odometry: OdometrySettings, tracking: TrackingSettings) -> None:
+        self._base = np.diag([odometry.sigma_rotation] + [odometry.sigma_translation] * 2)
+        self._point = tracking.sigma_point
+        self._covariance, self._scans = np.zeros((3, 3)), 0
+
+    def add(self, information: Floats, sigma_rotation: float, sigma_translation: float) -> None:
+        """One scan: its step is uncertain by the sigmas (rad, m), and surfaces hold it by `information` (3, 3), each
+        point counting one."""
+        self._scans += 1
+        step = np.diag([sigma_rotation**2] + [sigma_translation**2] * 2)
+        wider = self._covariance + (2 * self._scans - 1) * step  # n^2 of it after n scans
+        (a, b), (_, c) = information[1:, 1:].tolist()
+        mean, reach = (a + c) / 2, math.hypot((a - c) / 2, b)  # the eigenvalues are mean -+ reach
+        if mean - reach < _CHANCE * (mean + reach):
+            S = np.eye(3)
+            _, axes = np.linalg.eigh(information[1:, 1:])
+            S[1:, 1:] = np.outer(axes[:, 1], axes[:, 1])
+            information = S @ information @ S
+        covariance = np.linalg.solve(np.eye(3) + wider @ information / self._point**2, wider)
+        self._covariance = (covariance + covariance.T) / 2
+
+    def leave(self, R_level_sensor: Floats) -> Floats | None:
+        """Begins anew from a keyframe. Returns the covariance (6, 6) of the step to it beyond what every step has, in
+        the sensor's axes, rotation first; None where there is nothing beyond."""
+        covariance, self._covariance, self._scans = self._covariance, np.zeros((3, 3)), 0
+        whitener = np.linalg.inv(self._base)
+        variances, axes = np.linalg.eigh(whitener @ covariance @ whitener)
+        if variances[-1] < _DOUBLED:
+            return None
+        root = self._base @ axes * np.sqrt(np.maximum(variances - 1.0, 0.0))
+        M = np.zeros((6, 3))
+        M[:3, 0], M[3:, 1:] = R_level_sensor[2], R_level_sensor[:2].T
+        return np.asarray((M @ root) @ (M @ root).T)

@@ -1,0 +1,87 @@
+"""Lines and triangles of walls and rooms, as a viewer draws them. Metres."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import SceneGraph, WallSurface
+from sgslam.report.plan_drawing import STOREY_M, STUB_M
+
+Floats = NDArray[np.float64]
+Mesh = tuple[Floats, NDArray[np.int64]]  # vertices (V, 3), triangles (F, 3)
+NOTHING: Mesh = (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
+
+
+def elevation_of(graph: SceneGraph, floor: str | None) -> float:
+    """The z of a floor; 0 where it is not known."""
+    return next((f.elevation for f in graph.floors if f.id == floor and f.elevation is not None), 0.0)
+
+
+def upright(surfaces: Sequence[WallSurface], below: float, absolute: bool) -> Floats:
+    """(N, 4, 3) wall surfaces: two ends below, then above, in that order around. Their heights are `absolute` z as in a
+    plan, or metres above the floor, whose z is `below`."""
+    corners = np.empty((len(surfaces), 4, 3))
+    for row, surface in zip(corners, surfaces, strict=True):
+        low, high = surface.height or (0.0, STOREY_M)
+        if surface.height is None or not absolute:
+            low, high = low + below, high + below
+        row[:, :2] = np.array(_ends(surface))[[0, 1, 1, 0]]
+        row[:, 2] = low, low, high, high
+    return corners
+
+
+def _ends(surface: WallSurface) -> tuple[Any, Any]:
+    if surface.length is not None:
+        return surface.ends()
+    (x, y), (nx, ny) = surface.centroid, surface.normal
+    return (x - ny * STUB_M / 2, y + nx * STUB_M / 2), (x + ny * STUB_M / 2, y - nx * STUB_M / 2)
+
+
+def panes(corners: Floats) -> Mesh:
+    """Quadrilaterals (N, 4, 3) as triangles."""
+    first = 4 * np.arange(len(corners))[:, None]
+    triangles = np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
+    return corners.reshape(-1, 3), triangles
+
+
+def feet(corners: Floats) -> Floats:
+    """(N, 2, 3) the lower edges of quadrilaterals (N, 4, 3)."""
+    return corners[:, :2]
+
+
+def ring_lines(rings: Iterable[Any], z: float) -> Floats:
+    """(N, 2, 3) the sides of outlines, each (K, 2) and not closed, at one height."""
+    sides = [np.empty((0, 2, 2))]
+    for ring in rings:
+        points = np.asarray(ring, dtype=float)
+        sides.append(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
+    flat = np.concatenate(sides)
+    return np.concatenate([flat, np.full((*flat.shape[:2], 1), z)], axis=2)
+
+
+def filled(ring: Any, z: float) -> Mesh:
+    """The area within an outline (K, 2) as triangles; nothing where it has none."""
+    import shapely
+
+    area = shapely.make_valid(shapely.Polygon(ring)) if len(ring) > 2 else shapely.Polygon()
+    found = shapely.get_parts(shapely.constrained_delaunay_triangles(area))
+    if not len(found):
+        return NOTHING
+    corners = shapely.get_coordinates(found).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    return np.column_stack([corners, np.full(len(corners), z)]), np.arange(len(corners)).reshape(-1, 3)
+
+
+def together(meshes: Sequence[Mesh]) -> Mesh:
+    """Several meshes as one."""
+    if not meshes:
+        return NOTHING
+    first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    triangles = [faces + start for (_, faces), start in zip(meshes, first, strict=False)]
+    return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(triangles)
+
+
+def path_lines(points: Floats) -> Floats:
+    """(N - 1, 2, 3) the way through points (N, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1)
