@@ -9,10 +9,10 @@ from typing import Protocol
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from matching.arrays.walls import Walls, arrays, storeys
-from matching.combinatorial.combinatorial import CombinatorialMatcher
-from matching.combinatorial.combinatorial_settings import DEVELOP, GRID
+from matching.combinatorial.search import CombinatorialMatcher
+from matching.combinatorial.settings import DEVELOP, GRID
 from matching.result import Hypothesis, MatchResult
-from matching.search.complete import complete
+from matching.search.assignment import complete
 from matching.search.hypotheses import Placement, search
 from matching.search.start import Start, near_start
 from matching.search.verification import verify
@@ -96,21 +96,21 @@ class Matcher:
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.deformation.bent_matcher import BentMatcher  # compiled loops are slow to import
-    from matching.learned.learned import LearnedProposer
+    from matching.deformation.matcher import BentMatcher  # compiled loops are slow to import
+    from matching.learned.proposer import LearnedProposer
     from matching.search.voting_proposals import voting_proposals
 
     return BentMatcher(LearnedProposer.load(weights).propose, voting_proposals)
 
 
 def _paper(weights: Path | str | None) -> Method:
-    from matching.published.paper_matcher import PaperMatcher
+    from matching.published.matcher import PaperMatcher
 
     return PaperMatcher.load(weights)
 
 
 def _relative(kind: str, weights: Path | str | None) -> Method:
-    from matching.baselines.relatives_matcher import RelativeMatcher
+    from matching.baselines.matcher import RelativeMatcher
 
     return RelativeMatcher.load(kind, weights)
 

@@ -10,7 +10,7 @@ from data.common.cluster import add_options
 from data.common.errors import UserError
 
 if TYPE_CHECKING:
-    from data.plans.plans import Plan
+    from data.plans.sources import Plan
 
 GENERATED = 180  # seeds of generated plans of each kind
 HELD_OUT_SEED = 7
@@ -29,13 +29,13 @@ def main(arguments: list[str] | None = None) -> int:
 
     import torch  # slow to import, as is what follows
 
-    from matching.baselines.networks import settings_of
-    from matching.baselines.weights_file import save_network
-    from matching.learned.learned_file import SUFFIX
+    from matching.baselines.registry import settings_of
+    from matching.baselines.torch_weights import save_network
+    from matching.learned.weights_file import SUFFIX
+    from matching.training.data import Drawing, held_out, seeds_of
+    from matching.training.report import draw_curve, write_card, write_curve
+    from matching.training.stream import batches
     from matching.training.trainer import Limits, Row, Training, train
-    from matching.training.training_data import Drawing, held_out, seeds_of
-    from matching.training.training_report import draw_curve, write_card, write_curve
-    from matching.training.training_stream import batches
 
     device = torch.device(_device(options.device, torch.cuda.is_available()))
     settings = settings_of(options.network)
@@ -112,8 +112,8 @@ def _device(name: str, gpu: bool) -> str:
 
 def _split(paths: list[Path]) -> tuple[list["Plan"], list["Plan"]]:
     """The files' plans to train on and those held out, by building; the test buildings are in neither."""
-    from data.plans.plan_splits import split_of
-    from data.plans.plans import read_plans
+    from data.plans.sources import read_plans
+    from data.plans.splits import split_of
 
     plans = [p for path in paths for p in read_plans(path) if p.graph.rooms]
     own = [p for p in plans if split_of(p.building) == "train"]

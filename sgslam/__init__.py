@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 _HOMES = {
-    "Config": "sgslam.config", "KissOdometry": "sgslam.odometry.odometry_kiss", "Result": "sgslam.session.result",
+    "Config": "sgslam.config", "KissOdometry": "sgslam.odometry.kiss", "Result": "sgslam.session.result",
     "SceneGraph": "data.scene_graph", "SceneGraphSlam": "sgslam.slam", "Update": "sgslam.session.result",
     "load_bim": "data.plans.bim",
 }  # fmt: skip

@@ -18,9 +18,9 @@ def main(arguments: list[str] | None = None) -> int:
     # libraries are loaded only now, so that --help and a missing argument answer at once
     from threadpoolctl import threadpool_limits
 
-    from sgslam.cli.feeding import feed
     from sgslam.cli.run_job import Run, out_folder, read_job
-    from sgslam.viewer.live_view import LiveView, open_page
+    from sgslam.cli.scan_loop import feed
+    from sgslam.viewer.live import LiveView, open_page
 
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads only wait for each other
     sys.setswitchinterval(1e-4)  # the thread that reads ahead gives way at once; by the default it holds the run up

@@ -18,20 +18,20 @@ from sgslam.anchoring.storey_hypotheses import floor_named
 from sgslam.backend.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes
-from sgslam.loops.loops import LoopCloser
+from sgslam.loops.closure import LoopCloser
 from sgslam.mapping.floors import Floors
 from sgslam.mapping.graph_nodes import Anchors
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
 from sgslam.mapping.keyframes import KeyframeNode, KeyframeRule
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.perception.deskew import checked_times
-from sgslam.perception.scan_input import checked_scan
-from sgslam.session.known_map import KnownMap, plan_of
+from sgslam.perception.scan_checks import checked_scan
+from sgslam.session.prior_map import KnownMap, plan_of
 from sgslam.session.result import Result, Returned, ScanPose, Update, finished
 from sgslam.session.snapshot import Snapshot, taken
 from sgslam.tracking.front_end import FrontEnd, level_to_sensor
-from sgslam.tracking.leaps import Doubted, LeapWatch, all_fit
-from sgslam.tracking.locating import Locator
+from sgslam.tracking.kidnap import Doubted, LeapWatch, all_fit
+from sgslam.tracking.scan_tracker import Locator
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from data.simulation.sensor import SpinningSensor
 from sgslam.geometry.frames import inverse, is_rigid
 from sgslam.odometry import Odometry
-from sgslam.perception.virtual_scan import sort_into_columns
+from sgslam.perception.column_scan import sort_into_columns
 
 SENSOR = SpinningSensor(azimuths=360)
 FURNISHED: list[Box] = [

@@ -13,8 +13,8 @@ from PIL import Image
 
 from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.run import main as run
-from sgslam.viewer.finished_view import FinishedRun, FinishedView, told_truth
-from sgslam.viewer.view_page import Page
+from sgslam.viewer.finished import FinishedRun, FinishedView, told_truth
+from sgslam.viewer.page import Page
 from tests.chromium import Chromium
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"

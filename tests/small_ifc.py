@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.ifc.ifc_writer import IfcWriter, box, placed
+from data.ifc.writer import IfcWriter, box, placed
 
 Box = tuple[float, float, float, float, float, float]  # lowest x y z, highest x y z
 

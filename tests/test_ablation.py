@@ -20,10 +20,10 @@ from data.common.errors import UserError
 from data.simulation.simulate import simulate
 from evaluation.harness.conditions import Conditions
 from evaluation.harness.sequences import SequenceSpec, prepare, read_specs
-from evaluation.slam_ablation.ablation import ablate
-from evaluation.slam_ablation.ablation_rows import Records
-from evaluation.slam_ablation.ablation_tables import ACCURACY, against_oracle, latex, markdown
-from evaluation.slam_ablation.arms import checked_arm
+from evaluation.slam_ablation.rows import Records
+from evaluation.slam_ablation.run import ablate
+from evaluation.slam_ablation.tables import ACCURACY, against_oracle, latex, markdown
+from evaluation.slam_ablation.variants import checked_arm
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def listed(own: SequenceSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(listed: Path, out: Path, *more: str) -> list[str]:
-    words = [sys.executable, "-m", "evaluation.slam_ablation.ablation", "--out", str(out), "--list", str(listed)]
+    words = [sys.executable, "-m", "evaluation.slam_ablation.run", "--out", str(out), "--list", str(listed)]
     return [*words, "--seeds", "0", "--arms", "odometry", "graph", "oracle", *more]
 
 
@@ -187,7 +187,7 @@ def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
 
 
 def test_mistakes_on_the_command_line(tmp_path: Path) -> None:
-    assert "castle" in refused("evaluation.slam_ablation.ablation", "--out", tmp_path, "--sequences", "castle")
+    assert "castle" in refused("evaluation.slam_ablation.run", "--out", tmp_path, "--sequences", "castle")
     for arm, what in (("fast", "no arm"), ("oracle:x", "no arm"), ("anchored:guessing", "no matching method")):
         with pytest.raises(UserError, match=what):
             checked_arm(arm)

@@ -15,7 +15,7 @@ from data.simulation.simulate import SimulatedRun, simulate
 from data.trajectory import Trajectory
 from evaluation.harness.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.harness.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
-from evaluation.metrics.trajectory import ape, error_in_bim
+from evaluation.metrics.trajectories import ape, error_in_bim
 from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
 from evaluation.studies.growth import STAGES, measure, picture, table
 from matching import MatchResult

@@ -10,19 +10,19 @@ from small_ifc import STOREY, write_small_ifc
 
 from data import WallSurface
 from data.common.errors import UserError
-from data.ifc.ifc_writer import IfcWriter, box
+from data.ifc.writer import IfcWriter, box
 from data.plans.bim import load_bim
 from data.simulation.changes import Changes, write_plan_without
 from data.simulation.simulate import simulate
-from sgslam.anchoring.holding import Held
-from sgslam.anchoring.position import WallArrays, pair_by_position
+from sgslam.anchoring.wall_alignment import Held
+from sgslam.anchoring.wall_association import WallArrays, pair_by_position
+from sgslam.as_built.deviation_tests import Verdict, verdicts
 from sgslam.as_built.deviations import Piece
-from sgslam.as_built.presence import has_other_side
-from sgslam.as_built.sights import Sight
-from sgslam.as_built.verdicts import Verdict, verdicts
-from sgslam.as_built.wall_bodies import Body, bodies_of, sides_of
+from sgslam.as_built.missing_and_extra_walls import has_other_side
+from sgslam.as_built.visibility import Sight
+from sgslam.as_built.wall_solids import Body, bodies_of, sides_of
 from sgslam.config import Config
-from sgslam.report.report_data import ReportData, entered_unmatched
+from sgslam.report.contents import ReportData, entered_unmatched
 from sgslam.slam import SceneGraphSlam
 
 CONFIG = Config()

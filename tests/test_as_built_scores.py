@@ -56,8 +56,10 @@ def test_the_command_goes_on_where_it_was(tmp_path: Path) -> None:
     building = write_small_ifc(tmp_path / "small.ifc")
     spec = {"name": "small", "bim": str(building.path), "storey": STOREY, "min_rooms": 3, "min_length": 12.0}
     (tmp_path / "list.yaml").write_text(yaml.safe_dump([spec]))
-    words = [sys.executable, "-m", "evaluation.studies.as_built", "--out", str(tmp_path / "out"), "--seeds", "3", "--list",
-             str(tmp_path / "list.yaml"), "--moved", "0.2", "--gone", "0", "--method", "voting"]  # fmt: skip
+    words = [
+        sys.executable, "-m", "evaluation.studies.as_built", "--out", str(tmp_path / "out"), "--seeds", "3", "--list",
+        str(tmp_path / "list.yaml"), "--moved", "0.2", "--gone", "0", "--method", "voting",
+    ]  # fmt: skip
     page = tmp_path / "page.md"
     subprocess.run([*words, "--benchmarks", str(page)], check=True, capture_output=True)
     with (tmp_path / "out" / "as_built.csv").open(newline="") as file:

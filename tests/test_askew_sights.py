@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sgslam.backend.askew_sights import askew
+from sgslam.backend.wall_outliers import askew
 from sgslam.mapping.wall_map import SeenWall
 
 WALLS = (0.0, np.pi / 2, np.pi, -np.pi / 2, 0.3)  # headings of normals, map frame

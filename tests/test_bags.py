@@ -10,7 +10,7 @@ from bag_files import NS, START, cloud, lidar_bag, livox, scan_points, store, wr
 
 from data.common.errors import UserError
 from data.scans import ScanFolder
-from data.scans.scan_sources import open_scans
+from data.scans.sources import open_scans
 
 KINDS = ["ros1", "ros1-bz2", "ros1-lz4", "sqlite3", "sqlite3-zstd", "mcap"]
 SECONDS = np.linspace(0, 0.099, 40)

@@ -7,14 +7,14 @@ import pytest
 from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError, WallSurface
-from data.synthetic_maps.s_graph_regimes import DrawnGraph, draw
+from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult, se2
 from matching.arrays.blocks import elimination, solve
-from matching.arrays.kept import PLANS_KEPT, Kept
+from matching.arrays.cache import PLANS_KEPT, Kept
 from matching.arrays.walls import Walls, storeys
-from matching.deformation import bent
-from matching.deformation.bent_matcher import FEW, BentMatcher, among
+from matching.deformation import deformed_hypotheses as bent
 from matching.deformation.field import motions
+from matching.deformation.matcher import FEW, BentMatcher, among
 from matching.search.corners import corners
 from matching.search.hypotheses import between_graphs
 from matching.search.plan_walls import PlanWalls

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sgslam.anchoring.bent import bent_with_neighbours, rooms_moved_whole
-from sgslam.anchoring.consensus import Pairs, find_consensus
+from sgslam.anchoring.local_drift import bent_with_neighbours, rooms_moved_whole
+from sgslam.anchoring.se2_consensus import Pairs, find_consensus
 
 ROOM = 4.0  # m
 TURN = np.radians(4.0)

@@ -17,11 +17,11 @@ from data.common import cluster as of_data
 from data.common.cli import run_command
 from data.common.cluster import connected
 from data.common.errors import UserError
-from evaluation.matching_benchmark.matching import main
-from evaluation.matching_benchmark.matching_pairs import Pair, pairs_of_cell, read_candidates
-from evaluation.matching_benchmark.matching_plan import Wanted, tasks_of
-from evaluation.matching_benchmark.matching_rows import Row, read_rows
-from evaluation.matching_benchmark.matching_worker import blank_row, judged, run_tasks
+from evaluation.matching_benchmark.pairs import Pair, pairs_of_cell, read_candidates
+from evaluation.matching_benchmark.rows import Row, read_rows
+from evaluation.matching_benchmark.run import main
+from evaluation.matching_benchmark.tasks import Wanted, tasks_of
+from evaluation.matching_benchmark.worker import blank_row, judged, run_tasks
 from matching import Matcher
 from matching.train import main as train
 
@@ -50,7 +50,12 @@ def test_interrupted_and_with_a_worker_killed_the_rows_are_those_of_one_machine(
     from distributed import Client
 
     path = tmp_path / "rows.jsonl"
-    command = [sys.executable, "-m", "evaluation.matching_benchmark.matching", *benchmark(plan, tmp_path, "--scheduler", scheduler)]
+    command = [
+        sys.executable,
+        "-m",
+        "evaluation.matching_benchmark.run",
+        *benchmark(plan, tmp_path, "--scheduler", scheduler),
+    ]
     with Client(scheduler, set_as_default=False) as watching:
         client = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         while not (path.exists() and read_rows(path)):

@@ -12,9 +12,9 @@ from data import Floor, Room, SceneGraph, WallSurface
 from evaluation.published.combinatorial_behaviour import Question, behaviour, told
 from evaluation.published.combinatorial_layouts import Noise, grid, polygons, seen
 from matching import Matcher
-from matching.combinatorial.combinatorial import CombinatorialMatcher
-from matching.combinatorial.combinatorial_clipper import densest
-from matching.combinatorial.combinatorial_settings import DEVELOP, GRID
+from matching.combinatorial.clipper import densest
+from matching.combinatorial.search import CombinatorialMatcher
+from matching.combinatorial.settings import DEVELOP, GRID
 from matching.result import MatchResult
 
 RELEASED, LATER = Matcher.load("combinatorial"), Matcher.load("combinatorial-grid")
@@ -166,6 +166,9 @@ def test_the_table_tells_answers_in_words_and_the_command_mistakes():
     question = Question("", ((seen(PLAN, L_SHAPE), PLAN),), "", "")
     assert told(question, [RELEASED.match(*question.pairs[0])]) == "unique, right"
     done = subprocess.run(
-        [sys.executable, "-m", "evaluation.published.combinatorial", "--limit", "0"], capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "evaluation.published.combinatorial", "--limit", "0"],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.returncode == 2 and done.stderr.count("\n") == 1

@@ -14,7 +14,7 @@ from matching import Matcher
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session.checkpoints import Checkpoints, load
-from sgslam.session.known_map import KnownMap
+from sgslam.session.prior_map import KnownMap
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 

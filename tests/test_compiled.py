@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from data.common.compiled import compiled
 from data.common.processes import environment
 from sgslam.geometry.normal_equations import add_row, solved
-from sgslam.tracking.climb import nearest_in_plan
+from sgslam.tracking.floor_transition import nearest_in_plan
 
 RNG = np.random.default_rng(4)
 

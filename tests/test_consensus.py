@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from boxes import Array
 
-from sgslam.anchoring.consensus import Pairs, find_consensus
+from sgslam.anchoring.se2_consensus import Pairs, find_consensus
 
 TURNED = 0.07
 

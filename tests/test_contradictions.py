@@ -5,7 +5,7 @@ import pytest
 
 from data import Room, SceneGraph, WallSurface
 from data.geometry import se2
-from sgslam.anchoring.contradictions import contradicted
+from sgslam.anchoring.free_space_conflict import contradicted
 
 
 def a_room(

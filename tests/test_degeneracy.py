@@ -11,10 +11,10 @@ from drives import small_drive
 from data.simulation.sensor import SpinningSensor
 from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
-from sgslam.perception.virtual_scan import sort_into_columns
+from sgslam.perception.column_scan import sort_into_columns
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking.degeneracy import Slack, surfaces_of, turned
+from sgslam.tracking.step_uncertainty import Slack, surfaces_of, turned
 
 SENSOR = SpinningSensor(azimuths=450, max_range=30.0)
 FURNISHED: list[Box] = [*room(-6.0, -4.0, 14.0, 5.0), (2.0, -4.0, 0.0, 2.2, 0.0, 2.6), (6.0, 3.0, 0.0, 7.0, 5.0, 2.6)]

@@ -21,7 +21,7 @@ import factors
 from data.generation.demo_building import write_demo_building
 from evaluation.harness.sequences import read_specs
 from sgslam.config import Config
-from sgslam.config.parameters_page import parameters_page
+from sgslam.config.reference import parameters_page
 
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md"])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from data import Room, SceneGraph, WallSurface
 from data.common.errors import UserError
-from evaluation.metrics.map_metrics import room_scores, wall_scores
+from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.surface_overlap import Limits, best_rigid_fit, plan_motion
 from evaluation.metrics.true_matches import bearers, true_matches
 from matching import se2

@@ -10,7 +10,7 @@ from s_graph_noise import draw
 
 from data import Room, SceneGraph, WallSurface
 from data.common.errors import UserError
-from evaluation.metrics.matching_metrics import matching_scores, unique_is_wrong
+from evaluation.metrics.matches import matching_scores, unique_is_wrong
 from evaluation.metrics.statistics import Score
 from evaluation.metrics.true_matches import TrueMatches, true_matches
 from matching import Matcher

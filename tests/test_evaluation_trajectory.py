@@ -12,7 +12,7 @@ from data.trajectory import Trajectory
 from evaluation.metrics.alignment import align_yaw
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.statistics import Statistics
-from evaluation.metrics.trajectory import ape, drift, drift_reduction, error_in_bim, rpe
+from evaluation.metrics.trajectories import ape, drift, drift_reduction, error_in_bim, rpe
 from sgslam.report.accuracy import accuracy, rmse_aligned
 
 MS = 1_000_000

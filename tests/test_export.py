@@ -17,7 +17,7 @@ from small_ifc import STOREY, write_small_ifc
 
 from data import Floor, SceneGraph, WallSurface
 from data.common.errors import UserError
-from data.ifc.ifc_deviations import WallFinding, write_as_built
+from data.ifc.deviations import WallFinding, write_as_built
 from data.plans.bim import load_bim
 from sgslam.cli.export import BCF, IFC, export
 

@@ -8,12 +8,13 @@ import shapely
 import torch
 from plans import a_graph, flat
 
-from data.synthetic_maps.s_graph_regimes import draw
+from data.synthetic_maps.noise_models import draw
 from matching import se2
 from matching.arrays.doors import Doors
 from matching.arrays.walls import arrays
-from matching.deformation import bent, field_step
-from matching.deformation.bent_complete import _merit
+from matching.deformation import deformed_hypotheses as bent
+from matching.deformation import field_step
+from matching.deformation.assignment import _merit
 from matching.deformation.field import STEP, Fields, Scene, judge, motions, rigid_state
 from matching.deformation.field_partners import GATE_M, GATE_RAD, PARTNERS, partners
 from matching.deformation.local_motions import local_motions

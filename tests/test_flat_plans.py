@@ -13,7 +13,7 @@ from shapely.geometry import LineString, box, mapping
 
 from data.common.errors import UserError
 from data.plans.bim import load_bim
-from data.plans.plan_dxf import is_wall_layer
+from data.plans.dxf import is_wall_layer
 from data.scene_graph import SceneGraph
 
 # two rooms, 5.7 x 5.4 m and 3.6 x 5.4 m, between outer walls of 0.3 m and an inner one of 0.1 m with a door of 0.9 m

@@ -19,7 +19,7 @@ from data import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
-from data.trajectory.trajectory_formats import write_euroc, write_kitti
+from data.trajectory.formats import write_euroc, write_kitti
 from sgslam.backend.factor_log import Entry, FactorLog
 from sgslam.backend.pose_graph import write_pose_graph
 from sgslam.cli.export import export, main

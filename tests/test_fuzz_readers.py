@@ -8,9 +8,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from evaluation.fuzzing import fuzz
-from evaluation.fuzzing.fuzz_mutations import crc32c, mutated, mutated_json
-from evaluation.fuzzing.fuzz_readers import READERS, Reader
+from evaluation.fuzzing import run as fuzz
+from evaluation.fuzzing.mutations import crc32c, mutated, mutated_json
+from evaluation.fuzzing.readers import READERS, Reader
 
 BY_NAME = {reader.name: reader for reader in READERS}
 SLOW = {"IFC", "IFC, packed", "DXF", "mesh .stl", "mesh .obj", "network's input", "network of torch"}  # the command's

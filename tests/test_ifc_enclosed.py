@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from data import SceneGraph
-from data.ifc.ifc_graph import read_ifc
+from data.ifc.graph import read_ifc
 from tests.ifc_models import IfcModel, box
 from tests.test_ifc_graph import TWO_ROOMS, matches, placed, sides, two_rooms
 

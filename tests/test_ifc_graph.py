@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError, WallSurface
-from data.ifc.ifc_graph import read_ifc
+from data.ifc.graph import read_ifc
 from data.plans.bim import load_bim
 from tests.ifc_models import IfcModel, box
 

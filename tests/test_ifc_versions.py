@@ -10,7 +10,7 @@ from ifc_models import IfcModel, box
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.ifc.ifc_guard import read_guarded
+from data.ifc.guard import read_guarded
 from data.plans.bim import load_bim
 from data.scene_graph import SceneGraph
 
@@ -87,7 +87,7 @@ def test_archives_that_hold_no_model(tmp_path: Path) -> None:
 
 
 def test_a_reader_that_goes_down_or_never_ends_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from data.ifc import ifc_guard
+    from data.ifc import guard as ifc_guard
 
     path = house(tmp_path / "m.ifc", "IFC4", "metres", (0.0, 0.0, 0.0), 0.0, drawn_there=False)
     monkeypatch.setattr(ifc_guard, "MEMORY", 1 << 20)  # it cannot even begin

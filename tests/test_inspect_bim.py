@@ -12,17 +12,17 @@ from commands import refused
 from plans import a_graph, box, merged, moved, offices
 
 from data import Door, Floor, Room, SceneGraph, UserError
-from data.synthetic_maps.s_graph_exploration import storeys_of
-from data.synthetic_maps.s_graph_regimes import draw_walk
-from data.synthetic_maps.s_graph_walks import nearest_first, seen_in
-from evaluation.studies.rooms_needed import Side, Start, sides_of, table
+from data.synthetic_maps.exploration import storeys_of
+from data.synthetic_maps.noise_models import draw_walk
+from data.synthetic_maps.walks import nearest_first, seen_in
+from evaluation.studies.rooms_to_localise import Side, Start, sides_of, table
 from matching import Matcher
-from sgslam.inspection.asked_maps import Answers, AskedMaps
 from sgslam.inspection.inspection import Ask, Inspection, inspect
-from sgslam.inspection.inspection_page import inspection_html
-from sgslam.inspection.own_twins import OwnTwins
-from sgslam.inspection.plan_gaps import gaps
-from sgslam.inspection.rooms_needed import dividing
+from sgslam.inspection.match_cache import Answers, AskedMaps
+from sgslam.inspection.page import inspection_html
+from sgslam.inspection.plan_checks import gaps
+from sgslam.inspection.rooms_to_localise import dividing
+from sgslam.inspection.self_similarity import OwnTwins
 
 VOTING = Ask("voting", maps=1)
 

@@ -17,11 +17,11 @@ from sgslam.backend.backend import Backend
 from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse, transform_points
-from sgslam.loops.loop_candidates import Ties, passes_near, tied_by_walls, way_driven
-from sgslam.loops.loop_likeness import Widths, alike
-from sgslam.loops.loop_registration import register
-from sgslam.loops.loop_search import SeenSpace, agreement, search
-from sgslam.loops.loops import LoopCloser
+from sgslam.loops.candidates import Ties, passes_near, tied_by_walls, way_driven
+from sgslam.loops.closure import LoopCloser
+from sgslam.loops.likeness import Widths, alike
+from sgslam.loops.registration import register
+from sgslam.loops.search import SeenSpace, agreement, search
 from sgslam.mapping.graph_nodes import Closure
 from sgslam.mapping.keyframes import KeyframeNode
 from sgslam.mapping.wall_map import SeenWall, WallMap

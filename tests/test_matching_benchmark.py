@@ -1,4 +1,4 @@
-"""`python -m evaluation.matching_benchmark.matching` as a user runs it: the same rows whatever happens to the run."""
+"""`python -m evaluation.matching_benchmark.run` as a user runs it: the same rows whatever happens to the run."""
 
 import json
 import os
@@ -16,14 +16,14 @@ from commands import called, refused
 from plans import a_graph, flat
 
 from data.common.cli import run_command
-from data.plans.plans import Plan
-from data.synthetic_maps.s_graph_regimes import draw
+from data.plans.sources import Plan
+from data.synthetic_maps.noise_models import draw
 from evaluation.harness.slam_graph_files import SlamDrive, SlamGraph, write_drive
-from evaluation.matching_benchmark.matching import main
-from evaluation.matching_benchmark.matching_pairs import Candidate, pairs_of_cell, read_candidates, slam_pairs
-from evaluation.matching_benchmark.matching_rows import Row, read_rows
-from evaluation.matching_benchmark.matching_tables import markdown, tables
-from evaluation.matching_benchmark.matching_worker import Task, blank_row, judged, run_tasks
+from evaluation.matching_benchmark.pairs import Candidate, pairs_of_cell, read_candidates, slam_pairs
+from evaluation.matching_benchmark.rows import Row, read_rows
+from evaluation.matching_benchmark.run import main
+from evaluation.matching_benchmark.tables import markdown, tables
+from evaluation.matching_benchmark.worker import Task, blank_row, judged, run_tasks
 from matching import Matcher
 from matching.result import MatchResult
 
@@ -39,7 +39,17 @@ def plans(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def command(plans: Path, out: Path, *more: str) -> list[str]:
     given = [str(plans / f"flat_{n}.json") for n in (3, 4)]
     small = ["--methods", "voting", "oracle", "--regimes", "real", "elsewhere", "--rooms", "2", "all", "--pairs", "6"]
-    return [sys.executable, "-m", "evaluation.matching_benchmark.matching", "--out", str(out), "--plans", *given, *small, *more]
+    return [
+        sys.executable,
+        "-m",
+        "evaluation.matching_benchmark.run",
+        "--out",
+        str(out),
+        "--plans",
+        *given,
+        *small,
+        *more,
+    ]
 
 
 def told(rows: list[Row]) -> list[Row]:
@@ -80,7 +90,7 @@ def test_a_run_that_is_killed_goes_on_and_ends_with_the_same_rows(plans: Path, t
     assert " 0 matches to make" not in again.stdout and "min left" in again.stdout
     text = page.read_text()
     assert text.startswith("<!-- matching -->\n## Matching") and "| real | voting |" in text
-    assert "`python -m evaluation.matching_benchmark.matching" in text and " cores, " in text
+    assert "`python -m evaluation.matching_benchmark.run" in text and " cores, " in text
     main(["--out", str(path.parent), "--report-only", "--page", str(page), "--section", "small-ones"])
     assert page.read_text().startswith(text.rstrip()) and "## Matching: small ones" in page.read_text()
     made = {p.name for p in path.parent.iterdir()}
@@ -111,7 +121,7 @@ def test_a_users_mistake_is_one_line(
 
 
 def test_a_report_of_nothing_is_a_mistake(tmp_path: Path) -> None:
-    assert "no rows" in refused("evaluation.matching_benchmark.matching", "--out", tmp_path, "--report-only")
+    assert "no rows" in refused("evaluation.matching_benchmark.run", "--out", tmp_path, "--report-only")
 
 
 def candidates() -> list[Candidate]:

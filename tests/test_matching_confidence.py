@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plans import a_graph, flat
 
-from data.synthetic_maps.s_graph_regimes import draw
+from data.synthetic_maps.noise_models import draw
 from evaluation.metrics.calibration import binned, calibration_error
 from matching import Matcher
 from matching.search.confidence import place_probability, room_confidence, surface_confidence

@@ -8,7 +8,7 @@ from plans import a_graph, flat, merged, moved, offices
 
 from data import SceneGraph
 from data.geometry import se2
-from data.synthetic_maps.s_graph_regimes import DrawnGraph, draw
+from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import Matcher, MatchResult
 from matching.arrays.walls import storeys
 

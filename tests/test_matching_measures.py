@@ -9,11 +9,11 @@ import pytest
 
 from data import SceneGraph, WallSurface
 from data.common.errors import UserError
-from evaluation.matching_benchmark import matching_twins
-from evaluation.matching_benchmark.matching_cells import measure
-from evaluation.matching_benchmark.matching_judge import is_wrong, tallies
-from evaluation.matching_benchmark.matching_rows import Row, Tally, appending, read_rows
-from evaluation.matching_benchmark.matching_tables import full_tables, latex, tables
+from evaluation.matching_benchmark import symmetries as matching_twins
+from evaluation.matching_benchmark.cells import measure
+from evaluation.matching_benchmark.judge import is_wrong, tallies
+from evaluation.matching_benchmark.rows import Row, Tally, appending, read_rows
+from evaluation.matching_benchmark.tables import full_tables, latex, tables
 from evaluation.metrics.bootstrap import most_of, ratio
 from evaluation.metrics.calibration import binned, calibration_error, merged
 from evaluation.metrics.true_matches import TrueMatches

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from evaluation.matching_benchmark.matching_time import (
+from evaluation.matching_benchmark.timing import (
     CASES,
     Case,
     Large,
@@ -40,6 +40,6 @@ def test_the_page_tells_the_ratio():
 
 
 def test_a_number_of_runs_below_one_is_refused():
-    command = [sys.executable, "-m", "evaluation.matching_benchmark.matching_time", "--repeat", "0"]
+    command = [sys.executable, "-m", "evaluation.matching_benchmark.timing", "--repeat", "0"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2 and "must be at least 1" in done.stderr

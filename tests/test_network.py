@@ -14,20 +14,20 @@ from plans import a_graph, box, flat, merged
 
 from data import Floor, Room, SceneGraph, UserError, WallSurface
 from data.geometry import se2
-from data.synthetic_maps.s_graph_regimes import DrawnGraph, draw
+from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import Matcher
-from matching.baselines.weights_file import load_network, save_network
-from matching.learned.compiled_network import CompiledNetwork
-from matching.learned.learned import ENOUGH, SHIPPED, LearnedProposer
-from matching.learned.learned_file import load_learned
+from matching.baselines.torch_weights import load_network, save_network
+from matching.learned.network import CompiledNetwork
+from matching.learned.proposer import ENOUGH, SHIPPED, LearnedProposer
+from matching.learned.weights_file import load_learned
 from matching.network.candidates import Batched, expanded, first_candidates
+from matching.network.dimensions import Settings
 from matching.network.encoder import GraphTensors
 from matching.network.features import PairRows, map_features, plan_features
 from matching.network.network import MatchingNetwork
 from matching.network.relations import close, compared
-from matching.network.shared_numbers import Settings
-from matching.training.training_data import Batch, batch_of, part, varied
-from matching.training.training_loss import accuracies, loss, run
+from matching.training.data import Batch, batch_of, part, varied
+from matching.training.loss import accuracies, loss, run
 
 SMALL = Settings(width=32, layers=2, candidates=8, cycles=2, rounds=2)
 CPU = torch.device("cpu")

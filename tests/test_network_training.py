@@ -10,11 +10,11 @@ import torch
 from commands import refused
 from plans import a_graph, flat
 
-from data.plans.plans import Plan
-from matching.network.shared_numbers import Settings
+from data.plans.sources import Plan
+from matching.network.dimensions import Settings
+from matching.training.data import Drawing
+from matching.training.stream import batches
 from matching.training.trainer import Limits, Training, train
-from matching.training.training_data import Drawing
-from matching.training.training_stream import batches
 
 TINY = Settings(width=16, layers=1, candidates=4, cycles=1, rounds=1, state=16)
 CPU = torch.device("cpu")

@@ -8,7 +8,7 @@ import pytest
 from drives import small_drive
 
 from data import UserError
-from data.scans.scan_writers import SCAN_WRITERS
+from data.scans.writers import SCAN_WRITERS
 from data.trajectory.stamps import ns_to_seconds
 from evaluation.harness.record_file import RecordFile
 from evaluation.harness.sequences import SequenceSpec, odometry_of_run

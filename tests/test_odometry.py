@@ -14,8 +14,8 @@ from data.trajectory import Trajectory
 from sgslam.config import Config, OdometrySettings
 from sgslam.geometry.frames import inverse, is_rigid
 from sgslam.odometry import METHODS, Odometry, make_odometry
-from sgslam.odometry.odometry_choice import choose
-from sgslam.odometry.odometry_given import GivenOdometry
+from sgslam.odometry.choice import choose
+from sgslam.odometry.external import GivenOdometry
 from sgslam.session.checkpoints import Checkpoints, load
 from sgslam.slam import SceneGraphSlam
 

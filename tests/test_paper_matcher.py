@@ -11,17 +11,17 @@ import torch
 from plans import a_graph, box, flat
 
 from data import Door, SceneGraph, UserError
-from data.scene_graph.scene_motion import moved
-from data.synthetic_maps.s_graph_regimes import draw
+from data.scene_graph.motion import moved
+from data.synthetic_maps.noise_models import draw
 from matching import Matcher
-from matching.published.paper_data import PaperPair, PaperSplit, drawn_pairs, laid_out, pair_of, split
-from matching.published.paper_graph import paper_graph
-from matching.published.paper_matcher import PaperMatcher
-from matching.published.paper_network import PRESETS, PUBLISHED, REPOSITORY, GATv2, Nodes, PaperNetwork
-from matching.published.paper_sinkhorn import soft_assignment
-from matching.published.paper_train import main as train_command
-from matching.published.paper_trainer import PaperTraining, Recipe, Row, judged, train
-from matching.published.paper_weights import load_paper_network, save_paper_network
+from matching.published.data import PaperPair, PaperSplit, drawn_pairs, laid_out, pair_of, split
+from matching.published.graph import paper_graph
+from matching.published.matcher import PaperMatcher
+from matching.published.network import PRESETS, PUBLISHED, REPOSITORY, GATv2, Nodes, PaperNetwork
+from matching.published.sinkhorn import soft_assignment
+from matching.published.train import main as train_command
+from matching.published.trainer import PaperTraining, Recipe, Row, judged, train
+from matching.published.weights import load_paper_network, save_paper_network
 
 TINY = replace(REPOSITORY, hidden=16, out=8)
 
@@ -259,7 +259,7 @@ def test_mistakes_are_told(tmp_path: Path):
         Matcher.load("paper", tmp_path / "bad.pt")
     with pytest.raises(UserError, match="takes no weights"):
         Matcher.load("voting@repository")
-    command = [sys.executable, "-m", "matching.published.paper_train", *out, "--plans", str(tmp_path / "none")]
+    command = [sys.executable, "-m", "matching.published.train", *out, "--plans", str(tmp_path / "none")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and "no such file" in done.stderr and done.stderr.count("\n") == 1
 
@@ -280,7 +280,7 @@ def test_command_trains_goes_on_and_writes_a_card(tmp_path: Path, capsys: pytest
 def test_study_says_what_it_lacks(tmp_path: Path):
     code = (
         "import sys; sys.modules['optuna'] = None; from data.common.cli import run_command; "
-        f"from matching.published.paper_study import main; run_command(lambda: main(['--out', {str(tmp_path)!r}]))"
+        f"from matching.published.study import main; run_command(lambda: main(['--out', {str(tmp_path)!r}]))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and "sgslam[tune]" in done.stderr and done.stderr.count("\n") == 1

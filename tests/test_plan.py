@@ -12,9 +12,9 @@ from report_samples import not_anchored, sample
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import BANDS, LIMITS_MM, band_of, deviation_text, signed_mm
+from sgslam.report.contents import robots_floor
 from sgslam.report.plan_drawing import STOREY_M, plan_drawing
-from sgslam.report.plan_view import write_plan_png
-from sgslam.report.report_data import robots_floor
+from sgslam.report.plan_png import write_plan_png
 
 
 def test_the_map_lies_on_the_plan_when_anchored() -> None:

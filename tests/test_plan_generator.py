@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from data import SceneGraph
-from data.generation.plan_generator import KINDS, generate_plan
+from data.generation.buildings import KINDS, generate_plan
 
 SEEDS = range(4)
 THINNEST = 0.1

@@ -12,21 +12,15 @@ from plans import a_graph, flat
 
 from data import UserError
 from data.geometry import se2
-from data.plans.plans import Plan
-from data.synthetic_maps.s_graph_regimes import draw
-from evaluation.matching_benchmark.matching_pairs import Candidate, DrawnPair, Pair, Prepared
-from evaluation.matching_benchmark.matching_rows import Row, Tally, read_rows
-from evaluation.published.published_page import f1_of, joint, page_of
-from evaluation.published.published_pairs import (
-    SE2_ANYWHERE,
-    generated_candidates,
-    known_pairs,
-    start_regime,
-    with_starts,
-)
-from evaluation.published.published_tables import main
-from matching.published.paper_network import REPOSITORY, PaperNetwork
-from matching.published.paper_weights import save_paper_network
+from data.plans.sources import Plan
+from data.synthetic_maps.noise_models import draw
+from evaluation.matching_benchmark.pairs import Candidate, DrawnPair, Pair, Prepared
+from evaluation.matching_benchmark.rows import Row, Tally, read_rows
+from evaluation.published.page import f1_of, joint, page_of
+from evaluation.published.pairs import SE2_ANYWHERE, generated_candidates, known_pairs, start_regime, with_starts
+from evaluation.published.tables import main
+from matching.published.network import REPOSITORY, PaperNetwork
+from matching.published.weights import save_paper_network
 
 PLAN = a_graph(flat(np.random.default_rng(5), 12, 9), "ground")
 
@@ -142,6 +136,6 @@ def test_mistakes_are_told(tmp_path: Path):
             main([*out, "--methods", "voting", *wrong])
     with pytest.raises(UserError, match="no rows"):
         main([*out, "--report-only"])
-    command = [sys.executable, "-m", "evaluation.published.published_tables", *out, "--methods", "no"]
+    command = [sys.executable, "-m", "evaluation.published.tables", *out, "--methods", "no"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2 and "no matching method" in done.stderr and done.stderr.count("\n") == 1

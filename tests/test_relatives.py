@@ -10,14 +10,14 @@ from plans import a_graph, flat, merged, moved
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from data.synthetic_maps.s_graph_regimes import draw
+from data.synthetic_maps.noise_models import draw
 from matching import Matcher
-from matching.baselines.networks import KINDS, network_of, settings_of
-from matching.baselines.relatives_matcher import RelativeMatcher, best_as_a_whole, mutual_best
-from matching.baselines.relatives_parts import sinkhorn
-from matching.baselines.weights_file import load_network, save_network
-from matching.training.training_data import batch_of
-from matching.training.training_loss import accuracies, loss, run, surprise
+from matching.baselines.matcher import RelativeMatcher, best_as_a_whole, mutual_best
+from matching.baselines.parts import sinkhorn
+from matching.baselines.registry import KINDS, network_of, settings_of
+from matching.baselines.torch_weights import load_network, save_network
+from matching.training.data import batch_of
+from matching.training.loss import accuracies, loss, run, surprise
 
 RELATIVES = [kind for kind in KINDS if kind != "learned"]
 PLAN = a_graph(flat(np.random.default_rng(1), 12, 9))

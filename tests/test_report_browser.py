@@ -10,7 +10,7 @@ from chromium import Chromium
 from report_samples import sample
 
 from data.trajectory import Trajectory
-from sgslam.report.report import write_report
+from sgslam.report.page import write_report
 
 pytestmark = pytest.mark.skipif(chromium.COMMAND is None, reason="chromium is not installed")
 VIEW = "document.querySelector('#scene').dataset.view.split(' ').map(Number)"  # yaw, pitch, zoom, x, y

@@ -10,7 +10,7 @@ from test_contradictions import a_room, graph
 from data import Keyframe, Room, SceneGraph, WallSurface
 from data.geometry import se2
 from matching import Matcher, MatchResult
-from sgslam.anchoring.room_by_room import MOST_ASKED, room_by_room
+from sgslam.anchoring.room_relocalisation import MOST_ASKED, room_by_room
 from sgslam.config import AnchorSettings
 
 Corners = list[tuple[float, float]]

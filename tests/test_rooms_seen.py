@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from drives import small_drive, small_run
 
 from data import SceneGraph
-from data.synthetic_maps.s_graph_exploration import storeys_of
+from data.synthetic_maps.exploration import storeys_of
 from evaluation.metrics.rooms_seen import Needed, rooms_entered, rooms_needed, rooms_seen
 from matching import Matcher
 from matching.result import MatchResult

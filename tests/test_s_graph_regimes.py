@@ -9,8 +9,8 @@ from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError, WallSurface
 from data.geometry import se2
-from data.synthetic_maps.s_graph_exploration import storeys_of, walk
-from data.synthetic_maps.s_graph_regimes import REGIMES, DrawnGraph, draw
+from data.synthetic_maps.exploration import storeys_of, walk
+from data.synthetic_maps.noise_models import REGIMES, DrawnGraph, draw
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 BIG = a_graph(flat(np.random.default_rng(5), 80.0, 60.0))

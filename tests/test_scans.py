@@ -12,7 +12,7 @@ from pypcd4 import Encoding, PointCloud
 
 from data.common.errors import UserError
 from data.scans import ScanFolder, natural_key
-from data.scans.scan_formats import UnreadableScanError, read_points
+from data.scans.formats import UnreadableScanError, read_points
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
 REAL_SCANS = Path(__file__).parents[1] / "../shared/data/scans/vlp16_room_corridor"

@@ -11,8 +11,8 @@ from plans import a_graph, flat
 
 from data.common.errors import UserError
 from data.geometry import se2
-from data.scene_graph.scene_motion import moved
-from data.synthetic_maps.s_graph_regimes import draw
+from data.scene_graph.motion import moved
+from data.synthetic_maps.noise_models import draw
 from evaluation.published.se2_subsets import Known, outcomes, parts
 from matching import Matcher
 

@@ -15,8 +15,8 @@ from small_ifc import CUPBOARD, DOORS, PANE, PIT, ROOMS, WALLS, Box, SmallBuildi
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
-from data.scans.scan_formats import read_points
-from data.scans.scan_writers import SCAN_WRITERS
+from data.scans.formats import read_points
+from data.scans.writers import SCAN_WRITERS
 from data.simulation.changes import Changes
 from data.simulation.drive import Robot, drive
 from data.simulation.occupancy import build_grid
@@ -201,9 +201,7 @@ def test_where_there_is_no_floor_nobody_drives(tmp_path: Path) -> None:
         ({"ifc": "missing.ifc"}, "no such file"),
     ],
 )
-def test_mistakes_are_told(
-    building: SmallBuilding, tmp_path: Path, change: dict[str, object], message: str
-) -> None:
+def test_mistakes_are_told(building: SmallBuilding, tmp_path: Path, change: dict[str, object], message: str) -> None:
     arguments = {"ifc": building.path, "storey": "Ground", "out_dir": tmp_path / "out", **change}
     with pytest.raises(UserError, match=message):
         simulate(**arguments)  # type: ignore[arg-type]
@@ -312,7 +310,9 @@ def test_the_window_goes_with_its_wall_and_an_absent_wall_is_open(building: Smal
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "data.simulation.simulate", *arguments], capture_output=True, text=True)
+    return subprocess.run(
+        [sys.executable, "-m", "data.simulate", *arguments], capture_output=True, text=True
+    )
 
 
 def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
@@ -321,7 +321,7 @@ def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
     done = command(*asked, *sizes, "--out", str(out))
     assert done.returncode == 0, done.stderr
     assert len(list((out / "scans").glob("*.ply"))) == len(Trajectory.read_tum(out / "truth.tum"))
-    assert "not an empty" in refused("data.simulation.simulate", *asked, "--out", out)
+    assert "not an empty" in refused("data.simulate", *asked, "--out", out)
 
 
 @pytest.mark.skipif(not INSTITUTE.exists(), reason=f"{INSTITUTE} is absent")

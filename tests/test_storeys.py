@@ -22,10 +22,10 @@ from sgslam.anchoring.storey_hypotheses import assignments, floor_named, joint
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session.checkpoints import Checkpoints
-from sgslam.session.known_map import KnownMap
+from sgslam.session.prior_map import KnownMap
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking.climb import Climb
+from sgslam.tracking.floor_transition import Climb
 
 GROUND, UPPER = DEMO_STOREYS
 PLANNED = tuple(Floor(name, name, z) for name, z in (("cellar", -3.0), ("ground", 0.0), ("first", 3.0), ("top", 6.5)))
@@ -221,7 +221,7 @@ def test_a_storey_that_there_is_not_is_refused(bim: Bim) -> None:
 def test_mistakes_with_several_storeys(building: Path, tmp_path: Path) -> None:
     def simulated(*storeys: str) -> str:
         told = [word for storey in storeys for word in ("--storey", storey)]
-        said = refused("data.simulation.simulate", "--bim", building, *told, "--out", tmp_path / "o")
+        said = refused("data.simulate", "--bim", building, *told, "--out", tmp_path / "o")
         assert not (tmp_path / "o").exists()
         return said
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.plans.bim import load_bim
 from data.scans import ScanFolder
-from data.scans.scan_formats import UnreadableScanError, read_points
-from data.scans.scan_sources import open_scans
+from data.scans.formats import UnreadableScanError, read_points
+from data.scans.sources import open_scans
 
 laspy, pye57 = pytest.importorskip("laspy"), pytest.importorskip("pye57")
 POINTS = np.random.default_rng(0).normal(size=(300, 3)) * 5

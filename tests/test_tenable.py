@@ -8,8 +8,8 @@ from data import SceneGraph
 from data.geometry import se2
 from matching import MatchResult
 from matching.result import Hypothesis
-from sgslam.anchoring.said import Growth, Said
-from sgslam.anchoring.tenable import Listed, is_clear, is_enough, is_outdone, is_plenty, tenable
+from sgslam.anchoring.match_history import Growth, Said
+from sgslam.anchoring.place_verification import Listed, is_clear, is_enough, is_outdone, is_plenty, tenable
 from sgslam.config import AnchorSettings
 
 OFFICE, HALL, LAB = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3), a_room("lab", 30, 0, 4, 3)

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from data.simulation.sensor import SpinningSensor
 from sgslam.config import TrackingSettings
 from sgslam.mapping.wall_map import Lines
-from sgslam.perception.virtual_scan import sort_into_columns
-from sgslam.tracking.tracking import Carried, Tracked, track
+from sgslam.perception.column_scan import sort_into_columns
+from sgslam.tracking.alignment import Carried, Tracked, track
 
 SETTINGS = TrackingSettings()
 CARRIED = Carried(0.8, np.array([0.0, 0.0, 1.0]))

@@ -7,9 +7,10 @@ import pytest
 from drives import Drive, small_drive
 
 from data import UserError
-from data.generation.plan_generator import generate_plan
+from data.generation.buildings import generate_plan
 from evaluation.harness.sequences import SequenceSpec
-from evaluation.studies import other_buildings, wrong_matches
+from evaluation.studies import negative_plans as other_buildings
+from evaluation.studies import wrong_matches
 
 
 @pytest.fixture(scope="module")

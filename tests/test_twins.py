@@ -8,12 +8,12 @@ from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph
 from data.geometry import se2
-from data.synthetic_maps.s_graph_regimes import DrawnGraph, draw
-from evaluation.matching_benchmark.matching_oracle import oracle_match
-from evaluation.metrics.matching_metrics import matching_scores, unique_is_wrong
+from data.synthetic_maps.noise_models import DrawnGraph, draw
+from evaluation.matching_benchmark.oracle import oracle_match
+from evaluation.metrics.matches import matching_scores, unique_is_wrong
 from evaluation.metrics.true_matches import TrueMatches
 from matching import MatchResult
-from matching.ambiguity.twins import is_twin, twins
+from matching.ambiguity.symmetries import is_twin, twins
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 

@@ -26,11 +26,11 @@ from report_samples import sample
 from sgslam.geometry.frames import transform_points
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.viewer import live_view
-from sgslam.viewer.finished_view import FinishedRun, FinishedView
-from sgslam.viewer.live_view import LiveView
-from sgslam.viewer.view_page import Page, address
-from sgslam.viewer.view_panel import hypothesis_table
+from sgslam.viewer import live as live_view
+from sgslam.viewer.finished import FinishedRun, FinishedView
+from sgslam.viewer.live import LiveView
+from sgslam.viewer.page import Page, address
+from sgslam.viewer.panel import hypothesis_table
 
 pytestmark = pytest.mark.skipif(find_spec("viser") is None, reason="viser is not installed (extra view)")
 ANY = ("127.0.0.1", 0)

@@ -7,8 +7,8 @@ from boxes import Array, Box, pose, room, scan, scene_of
 from data.simulation.sensor import SpinningSensor
 from sgslam.config import BackendSettings, SurfaceSettings
 from sgslam.geometry.frames import transform_planes
+from sgslam.perception.column_scan import contour, sort_into_columns
 from sgslam.perception.floor_extraction import FloorObservation, extract_floor
-from sgslam.perception.virtual_scan import contour, sort_into_columns
 from sgslam.perception.wall_extraction import WallObservation, extract_walls
 
 SETTINGS, GRAPH = SurfaceSettings(), BackendSettings()

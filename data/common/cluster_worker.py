@@ -1,4 +1,5 @@
-"""What a worker of a Dask cluster does for `data.common.cluster`: one task, after a look at whether its answer would count."""
+"""What a worker of a Dask cluster does for `data.common.cluster`: one task, after a look at whether its answer would
+count."""
 
 import os
 from collections.abc import Callable, Iterable

@@ -19,7 +19,7 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.plans.mesh_plan import read_mesh
 from data.scans import natural_key
-from data.scans.scan_formats import READERS
+from data.scans.formats import READERS
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds, seconds_to_ns
 

@@ -25,7 +25,7 @@ from data.generation.demo_plan import (
     PlanWall,
     StoreyPlan,
 )
-from data.ifc.ifc_writer import IfcWriter, Prism, box, placed
+from data.ifc.writer import IfcWriter, Prism, box, placed
 
 DEMO_STOREY = GROUND.name  # the one to drive, where it is to be one
 DEMO_STOREYS = (GROUND.name, UPPER.name)  # in the order of the demo's drive, by the stair

@@ -10,7 +10,7 @@ from pathlib import Path
 from data.common.errors import UserError
 from data.common.files import write_json
 from data.common.json_files import read_json
-from data.ifc.ifc_guard import read_guarded
+from data.ifc.guard import read_guarded
 from data.scene_graph import SceneGraph
 
 EXTRACTOR_VERSION = 5  # to be raised whenever the A-graph of the same file changes
@@ -28,7 +28,7 @@ class Bim:
 
 def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequence[str] = ()) -> Bim:
     """Reads `.ifc` or `.ifczip`, `.dxf` (`layers`: those with the walls), `.geojson`, or, as `.json`, an A-graph,
-    GeoJSON or a floor plan (`data.plans.plans_json`).
+    GeoJSON or a floor plan (`data.plans.polygons_json`).
 
     What was made of an IFC file is kept in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's
     cache directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind,
@@ -39,7 +39,7 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequ
     if not path.is_file():
         raise UserError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give {PLANS}")
     if suffix == ".dxf":
-        from data.plans.plan_dxf import read_dxf
+        from data.plans.dxf import read_dxf
 
         return Bim(*read_dxf(path, layers))
     if layers:
@@ -62,11 +62,11 @@ def _of_json(path: Path) -> Bim:
     value = read_json(path, PLANS)
     known = value if isinstance(value, dict) else {}
     if path.suffix.lower() == ".geojson" or known.get("type") in ("FeatureCollection", "Feature"):
-        from data.plans.plan_geojson import plan_of
+        from data.plans.geojson import plan_of
 
         return Bim(*plan_of(value, str(path)))
     if "rooms" in known and "schema_version" not in known:
-        from data.plans.plans_json import read_json_plan
+        from data.plans.polygons_json import read_json_plan
 
         return Bim(read_json_plan(path.read_bytes(), str(path)).graph)
     return Bim(_with_walls(SceneGraph.load(path), path))

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, enclosed, opened, polygons_of, united
-from data.ifc.ifc_edges import ends_of, straightened
-from data.ifc.ifc_enclosed import GAP, HALF_WIDTH, MIN_AREA, open_rest
-from data.ifc.ifc_products import IfcProduct
-from data.ifc.ifc_rooms import Level, RoomVolume, finished
-from data.ifc.ifc_sections import Solid
-from data.ifc.ifc_surfaces import surfaces_at
-from data.plans.plan_graph import Drawing, DrawnRoom, scene_graph_of
+from data.ifc.edges import ends_of, straightened
+from data.ifc.enclosed_rooms import GAP, HALF_WIDTH, MIN_AREA, open_rest
+from data.ifc.products import IfcProduct
+from data.ifc.rooms import Level, RoomVolume, finished
+from data.ifc.sections import Solid
+from data.ifc.surfaces import surfaces_at
+from data.plans.polygons import Drawing, DrawnRoom, scene_graph_of
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
 
 Array = NDArray[np.float64]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry.areas import Area, closed, difference, opened, united
-from data.ifc.ifc_rooms import Level, RoomVolume, finished
-from data.ifc.ifc_surfaces import CUTS, surfaces_at
+from data.ifc.rooms import Level, RoomVolume, finished
+from data.ifc.surfaces import CUTS, surfaces_at
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_sections import MeshSolid, mesh_solid
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface

@@ -7,8 +7,8 @@ import shapely
 from numpy.typing import NDArray
 
 from data.geometry.areas import Area, united
-from data.ifc.ifc_products import IfcProduct
-from data.ifc.ifc_sections import Solid
+from data.ifc.products import IfcProduct
+from data.ifc.sections import Solid
 
 Array = NDArray[np.float64]
 SNAP = 1e-3  # m: ends of a cut's segments closer to each other are one

@@ -1,5 +1,5 @@
 """Readers and writers of scans: a folder, a bag, an E57 file."""
 
-from data.scans.scans import Scan, ScanFolder, ScanSource, natural_key
+from data.scans.folder import Scan, ScanFolder, ScanSource, natural_key
 
 __all__ = ["Scan", "ScanFolder", "ScanSource", "natural_key"]

@@ -10,8 +10,8 @@ from typing import Any
 from data.common.errors import UserError
 from data.scans.bag_records import Record, Recovery, normal_type
 from data.scans.cloud_messages import CLOUDS, read_cloud
-from data.scans.scan_formats import EndOfScansError, UnreadableScanError
-from data.scans.scans import Scan, ScanSource, finished, natural_key
+from data.scans.folder import Scan, ScanSource, finished, natural_key
+from data.scans.formats import EndOfScansError, UnreadableScanError
 
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 _FOREIGN = "Profile is not ros2"  # what rosbags says of an MCAP file that was not recorded by ROS 2: nothing is wrong

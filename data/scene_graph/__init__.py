@@ -1,6 +1,6 @@
 """`SceneGraph`, the one type that S-graphs and A-graphs share, and the files that hold one."""
 
-from data.scene_graph.scene_graph import (
+from data.scene_graph.graph import (
     Door,
     Floor,
     Keyframe,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from data.ifc.ifc_products import IfcProduct, open_ifc
+from data.ifc.products import IfcProduct, open_ifc
 
 LEAST, MOST = 0.1, 0.3  # m across, of a moved wall
 

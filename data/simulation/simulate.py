@@ -1,18 +1,10 @@
-"""Simulates a robot that drives a building with a spinning LiDAR: an IFC file or a mesh in, scans and the truth out.
+"""A simulated drive through a building: a way through its rooms, scans of it, and the truth.
 
-    python -m data.simulation.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M] [--moved-walls SHARE]
-    python -m data.simulation.simulate --bim FILE --storey NAME --storey NEXT --out DIR
-
-DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
-frame), `run.json` (what was driven) and, where the building stands otherwise than planned, `changes.json`, and
-`plan.ifc` where the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion,
-unless `--rolling` asks for scans of a moving sensor, each point with its time.
 All doors stand open (their leaves are left out), furniture is included, window panes are opaque. From storey to storey
-it goes by the building's stairs; the sensor rises along the flight's slope, as if carried or on legs, and leans with it
-by a small part of its angle.
+the way goes by the building's stairs; the sensor rises along the flight's slope, as if carried or on legs, and leans
+with it by a small part of its angle.
 """
 
-import argparse
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -23,11 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
-from data.plans.mesh_files import MESH_SUFFIXES, is_mesh
-from data.scans.scan_writers import SCAN_WRITERS, WITH_TIMES
+from data.plans.mesh_files import is_mesh
+from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.changes import Change, Changes, write_plan_without
 from data.simulation.drive import Robot, drive
 from data.simulation.sensor import SpinningSensor
@@ -105,8 +96,8 @@ def simulate(
 ) -> SimulatedRun:
     """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
 
-    `ifc` may be a building's mesh too (see `data.plans.mesh_plan`); `storey` is then the name of one of its levels, or empty
-    for the lowest. Several storeys are driven in their order; one that is named again is come back to.
+    `ifc` may be a building's mesh too (see `data.plans.mesh_plan`); `storey` is then the name of one of its levels, or
+    empty for the lowest. Several storeys are driven in their order; one that is named again is come back to.
 
     The robot enters `min_rooms` rooms (all, where fewer can be reached), drives `min_length` metres at least,
     and returns (on each storey, where there are several; then it goes on by the stairs). The level sensor stands
@@ -197,9 +188,9 @@ def _legs(
     min_length: float, rng: np.random.Generator,
 ) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
     """(N, 2) on one storey, (N, 3) over several."""
+    from data.simulation.multi_storey_drive import plan_storeys
     from data.simulation.route import Planner, plan_tour
-    from data.simulation.stair_way import Storey
-    from data.simulation.storeys_drive import plan_storeys
+    from data.simulation.stairs import Storey
 
     if len(models) == 1:
         return plan_tour(grids[models[0]], radius, min_rooms, min_length, rng)
@@ -274,45 +265,3 @@ def _write(
     except BaseException:
         shutil.rmtree(unfinished)
         raise
-
-
-def _parser() -> argparse.ArgumentParser:
-    about = "Simulates a robot that drives a building with a spinning LiDAR: IFC in, scans and truth out."
-    parser = Parser(prog="python -m data.simulation.simulate", description=about)
-    add = parser.add_argument
-    add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
-    add("--storey", action="append", default=[], metavar="NAME",
-        help="name or GlobalId of the storey to drive (a mesh needs none); again: the next, by the stairs")
-    add("--out", required=True, metavar="DIR", help="new folder for scans and truth")
-    add("--seed", type=int, default=0, help="same seed, same bytes (default 0)")
-    add("--min-rooms", type=int, default=8, metavar="N", help="rooms to enter (default 8; all, where fewer)")
-    add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
-    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, moved 10 to 30 cm (default 0)")
-    add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
-    add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that stand and no plan shows (default 0)")
-    add("--and-back", action="store_true", help="drive the whole way back again")
-    add("--rolling", action="store_true", help="scans of a moving sensor, points with times (--format pcd or ply)")
-    add("--speed", type=float, default=ROBOT.speed, help="metres a second (default 0.8)")
-    add("--sensor-height", type=float, default=0.8, help="metres above the floor (default 0.8)")
-    add("--format", default="bin", choices=SCAN_WRITERS, help="of the scans (default bin)")
-    return parser
-
-
-def main() -> int:
-    """The command line; raises UserError."""
-    args = _parser().parse_args()
-    run = simulate(
-        args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
-        robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
-        changes=Changes(args.moved_walls, args.absent_walls, args.unplanned_walls), and_back=args.and_back,
-        rolling=args.rolling,
-    )  # fmt: skip
-    names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
-    driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"
-    changed = f"; {len(run.changes)} walls stand otherwise than planned" if run.changes else ""
-    print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
-    return 0
-
-
-if __name__ == "__main__":
-    run_command(main)

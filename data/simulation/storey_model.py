@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
-from data.ifc.ifc_products import IfcProduct, open_ifc, products
+from data.ifc.products import IfcProduct, open_ifc, products
 from data.simulation.changes import Change, Changes, as_built, draw_changes
 
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame

@@ -11,8 +11,8 @@ class Conditions:
     """What is made harder; the defaults make nothing so.
 
     `weaken`: the scans end at a few metres and the odometry's steps are worsened until its own error exceeds 0.5 m
-    (`evaluation.harness.weakened`). `moved_walls`: the share of the storey's walls that stand 10 to 30 cm from their planned
-    place; `absent_walls`: of those that were never built; `unplanned_walls`: of those that the plan lacks.
+    (`evaluation.harness.weakened`). `moved_walls`: the share of the storey's walls that stand 10 to 30 cm from their
+    planned place; `absent_walls`: of those that were never built; `unplanned_walls`: of those that the plan lacks.
     `wrong_matches`: rooms, with their walls, that the matcher's answer gets wrong. `loops`: the whole way is driven
     back again, so that every place is seen twice.
     """

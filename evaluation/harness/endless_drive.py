@@ -83,7 +83,7 @@ class EndlessDrive:
 
 def _simulate(asked: Connection, way: Way) -> None:
     """The process that casts the rays: answers with the truth, then with each part that it is asked for."""
-    from data.scans.scan_writers import SCAN_WRITERS
+    from data.scans.writers import SCAN_WRITERS
     from data.simulation.simulate import SENSOR
     from data.trajectory.stamps import ns_to_seconds
 

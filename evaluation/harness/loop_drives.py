@@ -53,7 +53,8 @@ class Drive:
 def drive_along(route: str, seed: int, level: int = 0) -> Drive:
     """Drives one of `ROUTES`; the same seed gives the same scans.
 
-    With a `level` above 0 the front end is weak: see `evaluation.harness.weakened`. Raises UserError for an unknown route.
+    With a `level` above 0 the front end is weak: see `evaluation.harness.weakened`. Raises UserError for an unknown
+    route.
     """
     if route not in ROUTES:
         raise UserError(f"no route '{route}'; there are {', '.join(ROUTES)}")

@@ -192,7 +192,7 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
 def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
     """KISS-ICP alone on whole scans, with a voxel for indoors: its default of 1 m is for streets; T_odom_sensor."""
     from sgslam.config import OdometrySettings
-    from sgslam.odometry.odometry_kiss import KissOdometry
+    from sgslam.odometry.kiss import KissOdometry
 
     return _registered(scans, KissOdometry(OdometrySettings(voxel_size=INDOOR_VOXEL)), lambda points: points)
 

@@ -9,7 +9,7 @@ from typing import Any
 from data.common.errors import UserError
 from data.common.files import write_json
 from data.scene_graph import SceneGraph
-from data.synthetic_maps.s_graph_regimes import DrawnGraph
+from data.synthetic_maps.noise_models import DrawnGraph
 
 SUFFIX = ".s_graphs.json"
 

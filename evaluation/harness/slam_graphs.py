@@ -16,7 +16,7 @@ import numpy as np
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from data.synthetic_maps.s_graph_regimes import DrawnGraph
+from data.synthetic_maps.noise_models import DrawnGraph
 from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs
 from evaluation.harness.slam_graph_files import SlamDrive, SlamGraph, drive_file, write_drive
 from evaluation.metrics.true_matches import true_matches
@@ -48,7 +48,7 @@ class Recorder:
 def record(sequence: Sequence) -> SlamDrive:
     """Runs the pipeline on a drive and gives the S-graphs on its way, without their keyframes, and their truth."""
     from data.scans import ScanFolder
-    from evaluation.slam_ablation.arms import storey_of
+    from evaluation.slam_ablation.variants import storey_of
     from sgslam.slam import SceneGraphSlam
 
     T_bim_map = sequence.truth.poses[0]
@@ -118,7 +118,9 @@ def make(specs: list[SequenceSpec], seeds: list[int], out: Path) -> int:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.harness.slam_graphs", description="S-graphs of our own pipeline, with truth.")
+    parser = Parser(
+        prog="python -m evaluation.harness.slam_graphs", description="S-graphs of our own pipeline, with truth."
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the S-graphs are written")
     parser.add_argument("--bims", nargs="+", metavar="FILE", help="IFC files, all storeys; 'demo': the demo building")
     parser.add_argument("--list", type=Path, metavar="FILE", help="YAML list of sequences")

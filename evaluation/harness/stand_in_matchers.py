@@ -9,7 +9,7 @@ from data import SceneGraph
 from evaluation.metrics.true_matches import true_matches
 from matching import Hypothesis, MatchResult
 from matching.result import Pair
-from sgslam.anchoring.anchoring import AnyMatcher
+from sgslam.anchoring.floor_anchoring import AnyMatcher
 
 Array = NDArray[np.float64]
 LEAST_WALLS = 4

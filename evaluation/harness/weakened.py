@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.metrics.trajectory import ape
+from evaluation.metrics.trajectories import ape
 
 Array = NDArray[np.float64]
 RANGE_M = 6.0  # farther points are dropped; a level sensor at 0.8 m needs 3 m to see the floor at all

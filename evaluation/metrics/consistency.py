@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.metrics.trajectory import matched
+from evaluation.metrics.trajectories import matched
 from sgslam.geometry.frames import local_coordinates
 from sgslam.report.accuracy import TOLERANCE_NS
 

@@ -7,11 +7,11 @@ import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from data.synthetic_maps.s_graph_exploration import Storey, storeys_of, walk
-from data.synthetic_maps.s_graph_regimes import draw_walk
-from evaluation.metrics.map_metrics import wall_scores
+from data.synthetic_maps.exploration import Storey, storeys_of, walk
+from data.synthetic_maps.noise_models import draw_walk
+from evaluation.metrics.maps import wall_scores
 from sgslam.anchoring.matcher_protocol import AnyMatcher
-from sgslam.inspection.asked_maps import is_right
+from sgslam.inspection.match_cache import is_right
 
 Array = NDArray[np.float64]
 MOST_ASKED = 9  # rooms; the benchmark's walks go no further

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.common.files import write_json
 from data.geometry.raycast import TriangleScene
-from data.ifc.ifc_products import IfcProduct
+from data.ifc.products import IfcProduct
 from data.simulation.changes import Change, Changes
 from data.trajectory import Trajectory
 

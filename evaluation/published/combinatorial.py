@@ -1,4 +1,7 @@
-"""`python -m evaluation.published.combinatorial`: our build of iS-Graphs' search beside what was measured on its public code."""
+"""Our build of iS-Graphs' search beside what was measured on its public code.
+
+python -m evaluation.published.combinatorial
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +14,8 @@ from data.common.errors import UserError
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Raises UserError."""
     parser = Parser(
-        prog="python -m evaluation.published.combinatorial", description="iS-Graphs' search: what it answers, how long it takes."
+        prog="python -m evaluation.published.combinatorial",
+        description="iS-Graphs' search: what it answers, how long it takes.",
     )
     parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds an answer (default 60)")
     parser.add_argument("--page", type=Path, metavar="FILE", help="a page whose section 'combinatorial' is written too")
@@ -21,8 +25,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from evaluation.harness.benchmark_page import made_by, write_section
     from evaluation.published.combinatorial_behaviour import behaviour
     from evaluation.published.combinatorial_times import times
-    from matching.combinatorial.combinatorial import CombinatorialMatcher
-    from matching.combinatorial.combinatorial_settings import DEVELOP, GRID
+    from matching.combinatorial.search import CombinatorialMatcher
+    from matching.combinatorial.settings import DEVELOP, GRID
 
     released, later = (CombinatorialMatcher(replace(x, limit_s=options.limit)).match for x in (DEVELOP, GRID))
     answers = behaviour(released, later)

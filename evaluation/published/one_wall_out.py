@@ -1,4 +1,6 @@
-"""`python -m evaluation.published.one_wall_out GRAPH.g2o PLAN.json`: how far a wall stands from its plan that nobody was told of.
+"""How far a wall stands from its plan that nobody was told of.
+
+    python -m evaluation.published.one_wall_out GRAPH.g2o PLAN.json
 
 GRAPH is a factor graph of S-Graphs, PLAN the building's A-graph (or JSON that holds it as `a_graph`). The graph is
 matched and anchored once for each wall, that wall left out; then it is measured, at the planned wall's middle, how far
@@ -96,7 +98,9 @@ def table(found: list[LeftOut]) -> str:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.published.one_wall_out", description="Each wall of a map left out of its anchors.")
+    parser = Parser(
+        prog="python -m evaluation.published.one_wall_out", description="Each wall of a map left out of its anchors."
+    )
     parser.add_argument("graph", type=Path, metavar="GRAPH.g2o", help="a factor graph that S-Graphs saved")
     parser.add_argument("plan", type=Path, metavar="PLAN.json", help="the building's A-graph")
     parser.add_argument("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
@@ -106,7 +110,9 @@ def main() -> int:
     if options.benchmarks is not None:
         from evaluation.harness.benchmark_page import made_by, write_section
 
-        command = f"python -m evaluation.published.one_wall_out {options.graph} {options.plan} --method {options.method}"
+        command = (
+            f"python -m evaluation.published.one_wall_out {options.graph} {options.plan} --method {options.method}"
+        )
         write_section(options.benchmarks, "one-wall-out", f"{HEAD}\n\n{text}\nBy {made_by(command)}.")
     print(text, end="")
     return 0

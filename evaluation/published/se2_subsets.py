@@ -16,9 +16,9 @@ from data import SceneGraph
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.geometry import se2
-from data.scene_graph.scene_motion import moved
-from evaluation.matching_benchmark.matching_judge import is_wrong, tallies
-from evaluation.matching_benchmark.matching_rows import Tally
+from data.scene_graph.motion import moved
+from evaluation.matching_benchmark.judge import is_wrong, tallies
+from evaluation.matching_benchmark.rows import Tally
 from evaluation.metrics.bootstrap import most_of
 from evaluation.metrics.calibration import calibration_error, merged
 from evaluation.metrics.statistics import Score
@@ -135,7 +135,9 @@ def _f1(tallies_: list[Tally]) -> float:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.published.se2_subsets", description="All parts of one known map, matched.")
+    parser = Parser(
+        prog="python -m evaluation.published.se2_subsets", description="All parts of one known map, matched."
+    )
     parser.add_argument("file", type=Path, metavar="FILE", help="JSON with s_graph, a_graph and matches")
     parser.add_argument("--method", default="learned", metavar="NAME")
     parser.add_argument("--motions", type=int, default=20, metavar="N", help="for each part (default 20)")
@@ -146,9 +148,8 @@ def main() -> int:
 
     text = table(list(outcomes(Known.load(options.file), Matcher.load(options.method), options.motions)))
     if options.page is not None:
-        command = (
-            f"python -m evaluation.published.se2_subsets {options.file} --method {options.method} --motions {options.motions}"
-        )
+        told = f"{options.file} --method {options.method} --motions {options.motions}"
+        command = f"python -m evaluation.published.se2_subsets {told}"
         write_section(options.page, "se2", f"{HEAD}\n\n{text}\n{made_by(command)}")
     print(text, end="")
     return 0

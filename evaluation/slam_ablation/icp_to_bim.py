@@ -67,7 +67,7 @@ def surfaces_of_ifc(path: Path) -> Array:
 
     The spaces lend their lower and upper faces, since many models have no floors and ceilings of their own.
     """
-    from data.ifc.ifc_products import open_ifc, products
+    from data.ifc.products import open_ifc, products
 
     model = open_ifc(path)
     parts = [p.vertices[p.faces] for p in products(model, CLASSES)]

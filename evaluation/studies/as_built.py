@@ -90,7 +90,7 @@ def _conditions(shares: tuple[float, float]) -> Iterator[Conditions]:
 
 
 def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path, config: Config) -> Iterator[Row]:
-    from evaluation.metrics.trajectory import error_in_bim
+    from evaluation.metrics.trajectories import error_in_bim
     from sgslam.slam import SceneGraphSlam
 
     sequence = prepare(spec, seed, out, conditions)

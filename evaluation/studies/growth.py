@@ -15,8 +15,8 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from evaluation.harness.benchmark_page import made_by, wall_clock, write_section
 from evaluation.harness.sequences import SequenceSpec
-from evaluation.slam_ablation.ablation import ablate
-from evaluation.slam_ablation.ablation_rows import Records
+from evaluation.slam_ablation.rows import Records
+from evaluation.slam_ablation.run import ablate
 
 STAGES = ("reading", "odometry", "surfaces", "rooms", "matching", "optimisation")
 LENGTHS = (30.0, 60.0, 120.0, 240.0)
@@ -81,7 +81,9 @@ def _numbers(records: Records, column: str) -> Any:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.studies.growth", description="How time and memory grow with a drive's length.")
+    parser = Parser(
+        prog="python -m evaluation.studies.growth", description="How time and memory grow with a drive's length."
+    )
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="for runs.csv, growth.md, the plot and the drives")
     add("--bim", default="demo", metavar="FILE", help="IFC file or mesh (default: the demo building)")

@@ -27,7 +27,7 @@ from data.scans import ScanFolder
 from evaluation.harness.endless_drive import EndlessDrive, Way
 from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
 from sgslam.session.checkpoints import Checkpoints
-from sgslam.session.output import prepare_folder
+from sgslam.session.run_output import prepare_folder
 from sgslam.slam import SceneGraphSlam
 
 _ROWS = 10

@@ -1,4 +1,6 @@
-"""`python -m evaluation.studies.loops --out DIR`: without a plan, what closing loops is worth, and is any closed falsely?
+"""Without a plan, what closing loops is worth, and is any closed falsely?
+
+    python -m evaluation.studies.loops --out DIR
 
 Drives along equal offices (once along, to and fro, round a ring of corridors), and tours through the storeys of a list,
 with loops closed and not. A closure is false where its motion is more than 0.5 m or 5 degrees off the truth. One line
@@ -20,7 +22,7 @@ from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
 from evaluation.harness.record_file import Record, read_records, write_records
 from evaluation.harness.sequences import SequenceSpec, chosen, read_specs
-from evaluation.metrics.trajectory import ape, drift, rpe
+from evaluation.metrics.trajectories import ape, drift, rpe
 from sgslam.config import Config, TrackingSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse

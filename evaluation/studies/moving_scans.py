@@ -1,4 +1,6 @@
-"""`python -m evaluation.studies.moving_scans --out DIR`: scans of a moving sensor, as they are and deskewed, on fast drives.
+"""Scans of a moving sensor, as they are and deskewed, on fast drives.
+
+    python -m evaluation.studies.moving_scans --out DIR
 
 Each drive is drawn twice, the same way: once in snapshots, once with the sensor moving while it turns. What is lacking
 to the snapshots' error is the motion's. One line of the CSV for each drive and arm; what is there is skipped.
@@ -19,7 +21,7 @@ from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.record_file import Record, RecordFile
-from evaluation.metrics.trajectory import error_in_bim
+from evaluation.metrics.trajectories import error_in_bim
 from sgslam.slam import SceneGraphSlam
 
 DRIVES = {
@@ -94,7 +96,9 @@ def table(records: list[Record]) -> str:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.studies.moving_scans", description="Scans of a moving sensor, deskewed or not.")
+    parser = Parser(
+        prog="python -m evaluation.studies.moving_scans", description="Scans of a moving sensor, deskewed or not."
+    )
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="for moving_scans.csv, moving_scans.md and the drives")
     add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")

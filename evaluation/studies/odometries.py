@@ -1,4 +1,6 @@
-"""`python -m evaluation.studies.odometries --out DIR --list FILE`: KISS-ICP, small_gicp, a given one; alone and in runs.
+"""KISS-ICP, small_gicp, a given one; alone and in runs.
+
+    python -m evaluation.studies.odometries --out DIR --list FILE
 
 Alone: on the points that a run hands it, without walls, floor or plan. The given one is a TUM file that KISS-ICP wrote
 on whole scans. One line of the CSV for each drive and odometry; what is there already is skipped.
@@ -28,11 +30,11 @@ from evaluation.harness.sequences import (
     read_specs,
 )
 from evaluation.metrics.consistency import nees
-from evaluation.metrics.trajectory import ape, error_in_bim, rpe
+from evaluation.metrics.trajectories import ape, error_in_bim, rpe
 from evaluation.studies.timing import seconds_of_kiss_icp
 from sgslam.config import Config, OdometrySettings
 from sgslam.odometry import METHODS
-from sgslam.odometry.odometry_given import GivenOdometry
+from sgslam.odometry.external import GivenOdometry
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 

@@ -1,4 +1,6 @@
-"""`python -m evaluation.studies.resume SCANS BIM --out DIR`: is a run that was killed and resumed what it would have been?
+"""Is a run that was killed and resumed what it would have been?
+
+    python -m evaluation.studies.resume SCANS BIM --out DIR
 
 The command is run once to its end; then it is begun, killed (SIGKILL: nothing can be tidied up) at a random moment, and
 resumed, as often as is asked for. What is compared are the files that it leaves.
@@ -106,7 +108,9 @@ def table(kills: list[Kill]) -> str:
 
 def main() -> int:
     """The command line; exit code 1 where a resumed run is not the one that it would have been, to a millimetre."""
-    parser = Parser(prog="python -m evaluation.studies.resume", description="Runs that are killed and resumed, compared.")
+    parser = Parser(
+        prog="python -m evaluation.studies.resume", description="Runs that are killed and resumed, compared."
+    )
     parser.add_argument("scans", type=Path, metavar="SCANS", help="folder of a drive's scans")
     parser.add_argument("bim", type=Path, nargs="?", metavar="BIM", help="the building")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for the runs and resume.md")

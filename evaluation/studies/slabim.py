@@ -1,7 +1,9 @@
-"""`python -m evaluation.studies.slabim --dataset DIR --session NAME --out DIR`: our system on real scans with a real plan.
+"""Our system on real scans with a real plan.
 
-Lays a session of SLABIM (see `data.datasets.slabim`) out in DIR/sequence and runs `sgslam.run` on it, results in DIR. Options
-that are not its own are those of `sgslam.run`, as `--set A.B=C`.
+    python -m evaluation.studies.slabim --dataset DIR --session NAME --out DIR
+
+Lays a session of SLABIM (see `data.datasets.slabim`) out in DIR/sequence and runs `sgslam.run` on it, results in DIR.
+Options that are not its own are those of `sgslam.run`, as `--set A.B=C`.
 """
 
 from pathlib import Path

@@ -1,4 +1,6 @@
-"""`python -m evaluation.studies.storeys --out DIR --bim FILE --climb A B`: drives over several storeys, or starts on each.
+"""Drives over several storeys, or starts on each.
+
+    python -m evaluation.studies.storeys --out DIR --bim FILE --climb A B
 
 `--starts`: a start on each storey, nothing told, and how much had to be seen until its storey was known.
 

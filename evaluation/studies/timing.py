@@ -60,7 +60,9 @@ def _run(command: list[str], folder: str) -> None:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.studies.timing", description="A run's time against KISS-ICP's own pipeline.")
+    parser = Parser(
+        prog="python -m evaluation.studies.timing", description="A run's time against KISS-ICP's own pipeline."
+    )
     add = parser.add_argument
     add("--scan-dir", type=Path, required=True, metavar="DIR", help="folder of scans (.bin for KISS-ICP)")
     parser.add_argument("--bim", type=Path, metavar="FILE", help="the building")

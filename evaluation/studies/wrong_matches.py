@@ -1,4 +1,6 @@
-"""`python -m evaluation.studies.wrong_matches --out DIR --list FILE`: runs whose matcher gives rooms away, beside clean ones.
+"""Runs whose matcher gives rooms away, beside clean ones.
+
+    python -m evaluation.studies.wrong_matches --out DIR --list FILE
 
 Every unique answer of the matcher has some rooms, with all their walls, given to wrong planned rooms. What is measured
 is the trajectory in the end: wrong matches must be withdrawn or outvoted.
@@ -13,8 +15,8 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from evaluation.harness.conditions import NORMAL, Conditions
 from evaluation.harness.sequences import SequenceSpec, chosen, read_specs
-from evaluation.slam_ablation.ablation import ablate
-from evaluation.slam_ablation.ablation_rows import Record, Records
+from evaluation.slam_ablation.rows import Record, Records
+from evaluation.slam_ablation.run import ablate
 
 ARM = "anchored"
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from data.common.compiled import compiled
-from data.geometry.se2_loops import wrapped
+from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
 from matching.deformation.field_loops import Loops, laid, of_direction, off_lines, turns

@@ -8,7 +8,7 @@ neighbours may have been met far apart on it.
 import numpy as np
 
 from data.common.compiled import compiled
-from data.geometry.se2_loops import wrapped
+from data.geometry.se2_compiled import wrapped
 from matching.arrays.blocks import solve
 from matching.arrays.walls import Index
 from matching.deformation.field import Scene

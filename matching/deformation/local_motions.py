@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from data.geometry.se2_loops import wrapped
+from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene, rigid_state
 from matching.se2 import Array

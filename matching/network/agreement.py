@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from matching.network.candidates import Batched, Candidates
+from matching.network.dimensions import AGREEMENTS, LEAST_VOTER_COS, REACHES, VOTERS
 from matching.network.encoder import GraphTensors
-from matching.network.shared_numbers import AGREEMENTS, LEAST_VOTER_COS, REACHES, VOTERS
 
 CHUNK = 1 << 21  # comparisons at once
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from matching.network.dimensions import LEAST_LIKELY, NOTHING, TELLERS, TRUST
 from matching.network.encoder import GraphTensors
 from matching.network.features import PairRows
 from matching.network.relations import close, wall_neighbours
-from matching.network.shared_numbers import LEAST_LIKELY, NOTHING, TELLERS, TRUST
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from matching.network.candidates import Candidates
-from matching.network.encoder import GraphTensors
-from matching.network.relations import compared, wall_neighbours
-from matching.network.shared_numbers import (
+from matching.network.dimensions import (
     COMPARED_SIZE,
     COMPATIBLE_WIDTHS,
     LEAST_COS,
@@ -22,6 +20,8 @@ from matching.network.shared_numbers import (
     PAIR_SIZE,
     REASONS,
 )
+from matching.network.encoder import GraphTensors
+from matching.network.relations import compared, wall_neighbours
 from matching.network.support_loops import WallRows, combinations
 
 CHUNK = 1 << 21  # combinations looked through at once

@@ -10,8 +10,8 @@ from functools import cached_property
 import torch
 from torch import Tensor, nn
 
+from matching.network.dimensions import HEADS
 from matching.network.features import EDGE_SIZE, NODE_SIZE, GraphFeatures
-from matching.network.shared_numbers import HEADS
 
 
 @dataclass(frozen=True)

@@ -13,17 +13,9 @@ from torch import Tensor, nn
 from matching.network.agreement import agreement
 from matching.network.candidates import Batched, Candidates, expanded, first_candidates, homes
 from matching.network.consensus import Consensus, support
+from matching.network.dimensions import LEAST_ODDS, NOTHING, PAIR_SIZE, ROOM_WIDTH, SHARE_SIZE, STRANGE_ROOM, Settings
 from matching.network.encoder import Encoder, GraphTensors
 from matching.network.features import PairRows
-from matching.network.shared_numbers import (
-    LEAST_ODDS,
-    NOTHING,
-    PAIR_SIZE,
-    ROOM_WIDTH,
-    SHARE_SIZE,
-    STRANGE_ROOM,
-    Settings,
-)
 
 
 @dataclass(frozen=True)

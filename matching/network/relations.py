@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from matching.network.dimensions import CLOSE_M, HEARD, LEAST_COS, LEFT_M, SCALES_M
 from matching.network.encoder import GraphTensors
-from matching.network.shared_numbers import CLOSE_M, HEARD, LEAST_COS, LEFT_M, SCALES_M
 
 Nodes = tuple[Tensor, Tensor]  # (E,) and (E,) nodes of one graph
 

@@ -7,8 +7,8 @@ import numpy as np
 from data.common.compiled import compiled
 from matching.arrays.walls import Index
 from matching.network.arithmetic import exp
+from matching.network.dimensions import CLOSE_M, COMPARED_SIZE, LEAST_COS, LEFT_M, OFFSET_M, SCALES_M
 from matching.network.features import Array32
-from matching.network.shared_numbers import CLOSE_M, COMPARED_SIZE, LEAST_COS, LEFT_M, OFFSET_M, SCALES_M
 
 OFFSETS = 6  # of those that are looked at in all scales: all that are left, and those across as they are
 REST = COMPARED_SIZE - OFFSETS * len(SCALES_M)  # of the other columns

@@ -3,7 +3,7 @@
 import numpy as np
 
 from data.common.compiled import compiled
-from data.geometry.se2_loops import wrapped
+from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index, Walls
 from matching.se2 import Array
 from matching.search.voting import REACH, Marks

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.common.compiled import compiled
-from data.geometry.se2_loops import wrapped
+from data.geometry.se2_compiled import wrapped
 from matching import se2
 from matching.arrays.walls import Index, Walls
 from matching.se2 import Array

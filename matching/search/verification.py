@@ -10,7 +10,7 @@ import numpy as np
 
 from matching.arrays.walls import Walls
 from matching.result import Status
-from matching.search.complete import Pairs
+from matching.search.assignment import Pairs
 from matching.search.confidence import place_probability
 from matching.search.hypotheses import Placement
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.common.compiled import compiled, compiled_within
-from data.geometry.se2_loops import wrapped
+from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index, Walls, crossings
 from matching.se2 import Array
 

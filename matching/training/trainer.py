@@ -13,9 +13,9 @@ import torch
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from matching.baselines.networks import AnySettings, Network, network_of
-from matching.training.training_data import Batch
-from matching.training.training_loss import accuracies, loss, run, surprise
+from matching.baselines.registry import AnySettings, Network, network_of
+from matching.training.data import Batch
+from matching.training.loss import accuracies, loss, run, surprise
 
 RATE, WEIGHT_DECAY, WARM_UP = 2e-3, 1e-3, 100  # of AdamW; steps
 LAST_RATE = 0.03  # of the first, at the end of a cosine

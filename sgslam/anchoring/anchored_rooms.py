@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import factors
-from sgslam.anchoring.holding import Held
+from sgslam.anchoring.wall_alignment import Held
 from sgslam.geometry.frames import se2_to_se3
 from sgslam.mapping.scene import Scene
 

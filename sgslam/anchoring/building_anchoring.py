@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from sgslam.anchoring.anchor_log import AnchorRecord
-from sgslam.anchoring.anchoring import Anchoring
-from sgslam.anchoring.holding import Holding
+from sgslam.anchoring.floor_anchoring import Anchoring
 from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
 from sgslam.anchoring.storey_hypotheses import Assignment, assignments, joint
+from sgslam.anchoring.wall_alignment import Holding
 from sgslam.backend.backend import Anchors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.anchoring.holding import Held, Holding
-from sgslam.as_built.wall_bodies import Key, Side, sides_of
-from sgslam.backend.uncertainty import Uncertainty
+from sgslam.anchoring.wall_alignment import Held, Holding
+from sgslam.as_built.wall_solids import Key, Side, sides_of
+from sgslam.backend.covariances import Uncertainty
 from sgslam.config import Config
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.anchoring.holding import Held, Holding
+from sgslam.anchoring.wall_alignment import Held, Holding
 from sgslam.as_built.deviations import STEP, along_planned
-from sgslam.as_built.wall_bodies import Side
+from sgslam.as_built.wall_solids import Side
 from sgslam.config import Config
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap

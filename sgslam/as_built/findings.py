@@ -14,7 +14,7 @@ from data.scene_graph import SceneGraph, WallSurface
 from sgslam.config import AnchorSettings
 
 if TYPE_CHECKING:
-    from data.ifc.ifc_deviations import Status, UnplannedWall, WallFinding
+    from data.ifc.deviations import Status, UnplannedWall, WallFinding
 
 Floats = NDArray[np.float64]
 Deviation = dict[str, Any]  # an entry of deviations.json
@@ -49,7 +49,7 @@ def bearing(entries: list[Deviation]) -> tuple["Status", Deviation]:
 
 def wall_findings(deviations: list[Deviation], a_graph: SceneGraph) -> list["WallFinding"]:
     """One for each planned wall that something is known of."""
-    from data.ifc.ifc_deviations import WallFinding
+    from data.ifc.deviations import WallFinding
 
     findings = []
     for source, entries in by_wall(deviations).items():
@@ -72,7 +72,7 @@ def unplanned_walls(
     deviations: list[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
 ) -> list["UnplannedWall"]:
     """The extra walls in the BIM frame; `storeys` are the plan's of the map's floors."""
-    from data.ifc.ifc_deviations import UnplannedWall
+    from data.ifc.deviations import UnplannedWall
 
     walls = []
     for d in (d for d in deviations if d["kind"] == "extra"):

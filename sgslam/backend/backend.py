@@ -13,9 +13,9 @@ import numpy as np
 from gtsam.symbol_shorthand import F, P, X
 from numpy.typing import NDArray
 
+from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog, Key, Kind
 from sgslam.backend.graph_builder import BIM, GraphBuilder, Told, start_values
-from sgslam.backend.uncertainty import Uncertainty
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, is_rigid, transform_planes
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode

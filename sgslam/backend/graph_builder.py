@@ -13,8 +13,8 @@ from gtsam.symbol_shorthand import B, F, L, O, P, R, W, X
 from numpy.typing import NDArray
 
 import factors
-from sgslam.backend.askew_sights import askew
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
+from sgslam.backend.wall_outliers import askew
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode

@@ -28,11 +28,11 @@ COMMANDS = {
     "match": Command("matching.match", "finds where a map's scene graph lies in a plan's"),
     "inspect-bim": Command("sgslam.cli.inspect_bim", "what a plan lacks, where it is its own twin, rooms to see"),
     "export": Command("sgslam.cli.export", "a finished run in the forms that other programs read"),
-    "simulate": Command("data.simulation.simulate", "drives a simulated robot through a building"),
+    "simulate": Command("data.simulate", "drives a simulated robot through a building"),
     "train": Command("matching.train", "trains the matcher's network anew"),
     "evaluate": Command("", "measurements; 'sgslam evaluate' lists them"),
     "doctor": Command("sgslam.cli.doctor", "whether what is installed works here"),
-    "dump-config": Command("sgslam.config.dump_config", "every setting with what it means, as YAML for --config"),
+    "dump-config": Command("sgslam.config.dump", "every setting with what it means, as YAML for --config"),
 }
 
 
@@ -41,11 +41,12 @@ def measurements() -> dict[str, Command]:
     spec = find_spec("evaluation")
     folder = Path(spec.submodule_search_locations[0]) if spec and spec.submodule_search_locations else Path()
     found = {}
-    for path in sorted(folder.glob("*.py")):
+    for path in sorted(folder.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         if "run_command(main)" in text:
+            name = ".".join(path.relative_to(folder).with_suffix("").parts)
             first = text.removeprefix('"""').partition("\n")[0].strip('"')
-            found[path.stem] = Command(f"evaluation.{path.stem}", (first.partition("`: ")[2] or first).rstrip("."))
+            found[name] = Command(f"evaluation.{name}", (first.partition("`: ")[2] or first).rstrip("."))
     return found
 
 

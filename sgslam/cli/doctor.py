@@ -1,4 +1,6 @@
-"""`python -m sgslam.cli.doctor`: whether what is installed works here, one line a check; exit code 1 where something fails.
+"""Whether what is installed works here, one line a check; exit code 1 where something fails.
+
+    python -m sgslam.cli.doctor
 
 Each library is loaded in a process of its own and does a small piece of its work there, since a library that was
 built for another machine does not raise but takes its process with it.
@@ -46,7 +48,9 @@ class Finding:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command: 0 where all is well, 1 where something fails."""
-    Parser(prog="python -m sgslam.cli.doctor", description="Whether what is installed works here.").parse_args(arguments)
+    Parser(prog="python -m sgslam.cli.doctor", description="Whether what is installed works here.").parse_args(
+        arguments
+    )
     failed = 0
     for finding in examine():
         print(f"{finding.state:<5} {finding.what}: {finding.told}", flush=True)
@@ -58,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
 def examine() -> Iterator[Finding]:
     """All checks, the quick ones first."""
     from sgslam.cli.installed import extras, fits_python, requirements, siblings
-    from sgslam.cli.small_works import SMALL_WORKS
+    from sgslam.cli.self_tests import SMALL_WORKS
 
     yield _judged("Python", fits_python())
     yield _judged("our packages", siblings())
@@ -81,7 +85,7 @@ def _judged(what: str, told: tuple[bool, str]) -> Finding:
 
 def tried(name: str) -> tuple[bool, str]:
     """One of the small works, in a process of its own."""
-    line = [sys.executable, "-c", f"from sgslam.cli.small_works import SMALL_WORKS; SMALL_WORKS[{name!r}]()"]
+    line = [sys.executable, "-c", f"from sgslam.cli.self_tests import SMALL_WORKS; SMALL_WORKS[{name!r}]()"]
     try:
         done = subprocess.run(line, env=environment(), capture_output=True, text=True, timeout=LIMIT_S, check=False)
     except subprocess.TimeoutExpired:

@@ -48,7 +48,7 @@ def _trajectory(run: "RunFolder") -> "Trajectory":
 
 
 def _kitti(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from data.trajectory.trajectory_formats import write_kitti
+    from data.trajectory.formats import write_kitti
 
     trajectory = _trajectory(run)
     write_kitti(trajectory, run.path / KITTI, run.path / KITTI_TIMES)
@@ -56,7 +56,7 @@ def _kitti(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]
 
 
 def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from data.trajectory.trajectory_formats import write_euroc
+    from data.trajectory.formats import write_euroc
 
     trajectory = _trajectory(run)
     write_euroc(trajectory, run.path / EUROC)
@@ -65,7 +65,7 @@ def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]
 
 def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.scans.ply import write_ply
-    from sgslam.config.settings import load_config
+    from sgslam.config.loading import load_config
     from sgslam.export.cloud_map import cloud_map
     from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
 
@@ -104,7 +104,7 @@ def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
-    from data.ifc.ifc_deviations import write_as_built
+    from data.ifc.deviations import write_as_built
     from sgslam.as_built.findings import storeys_of, unplanned_walls, wall_findings
 
     assert bim is not None
@@ -121,7 +121,7 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.bcf import Model
-    from data.ifc.ifc_deviations import project_of
+    from data.ifc.deviations import project_of
     from sgslam.as_built.findings import write_topics
 
     assert bim is not None

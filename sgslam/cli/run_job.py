@@ -15,26 +15,26 @@ from data.common.errors import UserError
 from data.ifc.bcf import Model
 from data.plans.bim import Bim, load_bim
 from data.scans import ScanSource
-from data.scans.scan_sources import open_scans
+from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring.storey_hypotheses import check_storey
 from sgslam.as_built.findings import write_topics
 from sgslam.cli.export import BCF
-from sgslam.cli.feeding import Progress
-from sgslam.cli.resuming import take_up, told_by
-from sgslam.cli.run_inputs import check_same, inputs_of
+from sgslam.cli.resume_arguments import take_up, told_by
+from sgslam.cli.run_fingerprint import check_same, inputs_of
+from sgslam.cli.scan_loop import Progress
 from sgslam.config import Config
-from sgslam.config.settings import load_config
+from sgslam.config.loading import load_config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.odometry.odometry_choice import choose
-from sgslam.odometry.odometry_given import GivenOdometry
+from sgslam.odometry.choice import choose
+from sgslam.odometry.external import GivenOdometry
 from sgslam.report.accuracy import accuracy, associate
 from sgslam.session.checkpoints import Checkpoints, load
-from sgslam.session.known_map import KnownMap
-from sgslam.session.output import prepare_folder, save_result
+from sgslam.session.prior_map import KnownMap
 from sgslam.session.result import Result
+from sgslam.session.run_output import prepare_folder, save_result
 from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
@@ -106,7 +106,7 @@ def read_job(options: argparse.Namespace) -> Job:
 
 
 def _made_ready(matcher: Any, method: str) -> None:
-    from matching.training.small_work import make_ready
+    from matching.training.self_test import make_ready
 
     told = Timer(_SILENT, print, ["compiling, once for an installation: half a minute or more"], {"file": sys.stderr})
     told.start()

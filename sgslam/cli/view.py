@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from data.common.cli import Parser, run_command
 
 if TYPE_CHECKING:
-    from sgslam.viewer.view_page import Page
+    from sgslam.viewer.page import Page
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -21,8 +21,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     # libraries are loaded only now, so that --help answers at once
     from data.trajectory import Trajectory
-    from sgslam.viewer.finished_view import FinishedRun, FinishedView, told_truth
-    from sgslam.viewer.view_page import HOST, PORT, Page, address
+    from sgslam.viewer.finished import FinishedRun, FinishedView, told_truth
+    from sgslam.viewer.page import HOST, PORT, Page, address
 
     at = (HOST, PORT) if options.at is None else address(options.at)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)

@@ -1,6 +1,6 @@
 """Every setting of a run: its model, loading and checking, and its documentation."""
 
-from sgslam.config.config import (
+from sgslam.config.models import (
     AnchorSettings,
     BackendSettings,
     Config,
@@ -12,4 +12,14 @@ from sgslam.config.config import (
     TrackingSettings,
 )
 
-__all__ = ["AnchorSettings", "BackendSettings", "Config", "KeyframeSettings", "MatchingSettings", "OdometrySettings", "RoomSettings", "SurfaceSettings", "TrackingSettings"]
+__all__ = [
+    "AnchorSettings",
+    "BackendSettings",
+    "Config",
+    "KeyframeSettings",
+    "MatchingSettings",
+    "OdometrySettings",
+    "RoomSettings",
+    "SurfaceSettings",
+    "TrackingSettings",
+]

@@ -1,5 +1,5 @@
 """Odometry behind one interface: KISS-ICP, small_gicp, or poses from outside."""
 
-from sgslam.odometry.odometry import METHODS, Odometry, make_odometry
+from sgslam.odometry.base import METHODS, Odometry, make_odometry
 
 __all__ = ["METHODS", "Odometry", "make_odometry"]

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sgslam.perception.virtual_scan import Floats
+from sgslam.perception.column_scan import Floats
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import SurfaceSettings
-from sgslam.perception.virtual_scan import ColumnScan, Contour, Floats, contour, split_chains
+from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, split_chains
 
 _NOISE = 0.02  # m, of a range; the fit's own residual is used where it is larger
 _INLIER = 0.06  # m from the plane

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from sgslam.report.accuracy import align_se3, associate
+from sgslam.report.contents import ReportData
 from sgslam.report.html_parts import metres
 from sgslam.report.plan_drawing import PlanDrawing, thinned
 from sgslam.report.plan_svg import Pen
-from sgslam.report.report_data import ReportData
 
 Array = NDArray[np.float64]
 WIDTH, HEIGHT = 1080, 300

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.deviation_bands import MINUS
+from sgslam.report.contents import ReportData, guessed
 from sgslam.report.plan_drawing import DrawnWall, mapped_walls, planned_walls
 from sgslam.report.plan_svg import Pen
-from sgslam.report.report_data import ReportData, guessed
 
 Array = NDArray[np.float64]
 SHOWN = 4

@@ -15,7 +15,7 @@ from data.scene_graph import Floor, Room, WallSurface
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import band_of, deviation_text
 from sgslam.geometry.frames import transform_points
-from sgslam.report.report_data import ReportData, placement, robots_floor
+from sgslam.report.contents import ReportData, placement, robots_floor
 
 Array = NDArray[np.float64]
 MAX_VERTICES = 3000  # of a drawn path: more than a screen resolves

@@ -12,17 +12,17 @@ from data import SceneGraph
 from data.geometry.poses import poses_to_xyzquat
 from data.trajectory import Trajectory
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.anchoring.holding import Holding
-from sgslam.as_built.as_built import deviations
+from sgslam.anchoring.wall_alignment import Holding
+from sgslam.as_built.deviation_list import deviations
 from sgslam.as_built.deviations import measured_pieces
 from sgslam.backend.backend import Backend
+from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog
-from sgslam.backend.uncertainty import Uncertainty
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.floors import Floors
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.session.output import prepare_folder, save_result
+from sgslam.session.run_output import prepare_folder, save_result
 
 Floats = NDArray[np.float64]
 _COVARIANCES = 50  # poses whose covariance is worked out

@@ -3,7 +3,7 @@
 from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from matching.result import Hypothesis, MatchResult
 from sgslam.anchoring.anchor_log import AnchorEvent, AnchorRecord
-from sgslam.anchoring.said import Growth, Said
+from sgslam.anchoring.match_history import Growth, Said
 from sgslam.backend.factor_log import FactorEvent
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.mapping.keyframes import KeyframeNode
@@ -11,8 +11,8 @@ from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import Lines, SeenWall
 from sgslam.perception.floor_extraction import FloorObservation
 from sgslam.session.result import ScanPose
-from sgslam.tracking.leaps import Doubted
-from sgslam.tracking.locating import Located
+from sgslam.tracking.kidnap import Doubted
+from sgslam.tracking.scan_tracker import Located
 
 TYPES: dict[str, type] = {
     kind.__name__: kind

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, levelling, squared_up, transform_planes, transform_points
 from sgslam.mapping.wall_map import Lines
+from sgslam.perception.column_scan import ColumnScan, contour, sort_into_columns
 from sgslam.perception.floor_extraction import FloorObservation, extract_floor
-from sgslam.perception.virtual_scan import ColumnScan, contour, sort_into_columns
 from sgslam.perception.wall_extraction import WallObservation, extract_walls
 from sgslam.serialization.state_tree import Stateful
-from sgslam.tracking.tracking import Carried, Tracked, track
+from sgslam.tracking.alignment import Carried, Tracked, track
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]

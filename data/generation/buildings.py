@@ -1,0 +1,200 @@
+"""Buildings drawn by chance, to tune and train matchers on: as varied as real ones, and the same for the same seed."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from data.generation.cells import treemap
+from data.generation.features import furnished
+from data.generation.layouts import apartment, racetrack, wing_cells, wings_drawn
+from data.generation.storey import HALLS, Cell, Storey, Walls, built
+from data.plans.polygons import MIN_EDGE, DrawnRoom, Plan, Points, edges_of, room_of, surfaces_of
+from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface
+
+Rng = np.random.Generator
+KINDS = ("apartment", "office", "corridor", "l_shape", "skewed", "mirrored_twins", "tower", "campus")
+MOST_SURFACES = 5000  # of a campus
+
+
+def generate_plan(kind: str, seed: int) -> Plan:
+    """A building of one of `KINDS` as an A-graph in metres, with one floor, a tower with three to eight.
+
+    The same kind and seed give the same plan. Rooms do not overlap, neighbours are a wall apart (0.1 m or more),
+    every wall surface lies on an edge of its room, and every room can be reached through doors where its
+    neighbours allow for one. Each (kind, seed) is its own building. Raises ValueError for an unknown kind.
+    """
+    if kind not in KINDS:
+        raise ValueError(f"unknown kind '{kind}'; one of {', '.join(KINDS)}")
+    rng = np.random.default_rng([KINDS.index(kind), seed])
+    storeys = [_placed(s, turn, at) for turn, at in [_site(rng)] for s in _STOREYS[kind](rng)]
+    name = f"{kind}_{seed}"
+    return Plan(name, f"generated/{name}", _graph(storeys, float(rng.uniform(2.7, 3.8))))
+
+
+def _site(rng: Rng) -> tuple[float, tuple[float, float]]:
+    """Half of the plans are drawn along the axes, the others as the site lies."""
+    turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
+    return turn, (float(rng.uniform(-50, 50)), float(rng.uniform(-50, 50)))
+
+
+def _placed(storey: Storey, turn: float, at: Sequence[float]) -> Storey:
+    c, s = np.cos(turn), np.sin(turn)
+    return storey.moved(np.array([[c, -s], [s, c]]), at)
+
+
+def _graph(storeys: Sequence[Storey], height: float) -> SceneGraph:
+    """Floors `0`, `1`, ... from the ground up."""
+    rooms: list[Room] = []
+    surfaces: list[WallSurface] = []
+    doors: list[Door] = []
+    floors: list[Floor] = []
+    for level, storey in enumerate(storeys):
+        low = level * height
+        floors.append(Floor(f"{level}", f"Storey {level}", low))
+        for k, (area, kind) in enumerate(zip(storey.rooms, storey.kinds, strict=True)):
+            room = DrawnRoom(f"{level}/{k}", area, kind, f"{level}", (low, low + height - 0.25))
+            rooms.append(room_of(room))
+            surfaces += surfaces_of(room, edges_of(area), {}, MIN_EDGE)
+        for k, (middle, joined) in enumerate(storey.doors):
+            doors.append(Door(f"{level}/door{k}", tuple(f"{level}/{j}" for j in joined), middle))
+    return SceneGraph("bim", tuple(rooms), tuple(surfaces), tuple(doors), tuple(floors))
+
+
+def _storey(cells: Sequence[Cell], rng: Rng, features: float) -> Storey:
+    return furnished(built(cells, Walls.drawn(rng), rng), rng, features)
+
+
+def _apartment(rng: Rng) -> list[Storey]:
+    return [_storey(apartment(rng, int(rng.integers(4, 13))), rng, float(rng.choice([0.05, 0.2, 0.35])))]
+
+
+def _office(rng: Rng) -> list[Storey]:
+    rooms = int(rng.integers(20, 81))
+    cells = racetrack(rng, rooms) if rng.random() < 0.3 else wing_cells(rng, wings_drawn(rng, rooms, 0))
+    return [_storey(cells, rng, float(rng.choice([0.0, 0.03, 0.15])))]
+
+
+def _corridor(rng: Rng) -> list[Storey]:
+    wings = wings_drawn(rng, int(rng.integers(20, 71)), int(rng.integers(1, 4)))
+    return [_storey(wing_cells(rng, wings), rng, float(rng.choice([0.0, 0.03, 0.15])))]
+
+
+def _l_shape(rng: Rng) -> list[Storey]:
+    wings = wings_drawn(rng, int(rng.integers(16, 61)), 1)
+    at_end = wings.depths[0] + wings.corridor / 2 if rng.random() < 0.7 else wings.corridor / 2
+    branch = replace(wings.branches[0], x=at_end if rng.random() < 0.5 else wings.length - at_end)
+    cells = wing_cells(rng, replace(wings, branches=(branch,), ends=False, halls=()))
+    return [_storey(cells, rng, float(rng.choice([0.0, 0.05, 0.2])))]
+
+
+def _skewed(rng: Rng) -> list[Storey]:
+    """Slanted cuts, or a layout at right angles that is sheared and narrowed: straight walls stay straight."""
+    if rng.random() < 0.5:
+        cells = apartment(rng, int(rng.integers(5, 13)), tilt=float(np.radians(rng.uniform(4, 16))))
+        return [_storey(cells, rng, 0.15)]
+    if rng.random() < 0.5:
+        cells = apartment(rng, int(rng.integers(5, 13)))
+    else:
+        cells = wing_cells(rng, wings_drawn(rng, int(rng.integers(12, 41)), int(rng.integers(0, 2))))
+    x0, y0, x1, y1 = shapely.total_bounds(np.array([c.area for c in cells], dtype=object)).tolist()
+    shear = float(rng.uniform(-0.3, 0.3))
+    narrowing = rng.uniform(-0.25, 0.25, 2) / max(x1 - x0, y1 - y0)
+
+    def skew(points: Points) -> Points:  # a projective map
+        p = points - [(x0 + x1) / 2, (y0 + y1) / 2]
+        return (p + shear * p[:, 1:] * [1.0, 0.0]) / (1 + p @ narrowing)[:, None]
+
+    return [_storey([Cell(shapely.transform(c.area, skew), c.kind) for c in cells], rng, 0.1)]
+
+
+def _mirrored_twins(rng: Rng) -> list[Storey]:
+    """A half and its mirror image, wall to wall or with stairs or a gap between them."""
+    kind = rng.random()
+    if kind < 0.6:
+        cells = apartment(rng, int(rng.integers(5, 13)))
+    else:
+        branches = int(rng.random() < 0.5)
+        cells = wing_cells(rng, wings_drawn(rng, int(rng.integers(10, 31)), branches))
+    half = _storey(cells, rng, float(rng.choice([0.0, 0.1, 0.25])))
+    _, y0, x1, y1 = half.bounds()
+    gap = float(rng.choice([0.24, 0.3, 3.2, 12.0])) if rng.random() < 0.9 else float(rng.uniform(0.2, 20.0))
+    mirrored = half.moved(np.diag([-1.0, 1.0]), (2 * x1 + gap, 0.0))
+    both = half.joined(mirrored)
+    if 2.5 < gap < 4.0:
+        stairs = shapely.box(x1 + 0.24, y0, x1 + gap - 0.24, y0 + min(6.0, y1 - y0))
+        both = both.joined(Storey((stairs,), ("stairs",)))
+    return [both]
+
+
+def _tower(rng: Rng) -> list[Storey]:
+    """Storeys of one layout: all equal, or with some walls more; the ground floor may differ."""
+    if rng.random() < 0.5:
+        cells = apartment(rng, int(rng.integers(6, 13)))
+    elif rng.random() < 0.4:
+        cells = racetrack(rng, int(rng.integers(16, 31)))
+    else:
+        cells = wing_cells(rng, wings_drawn(rng, int(rng.integers(10, 31)), int(rng.integers(0, 2))))
+    walls, seed = Walls.drawn(rng), int(rng.integers(2**32))
+    change = float(rng.choice([0.0, 0.05, 0.15]))
+
+    def storey(cells: Sequence[Cell]) -> Storey:  # the same doors and pillars on every storey
+        again = np.random.default_rng(seed)
+        return furnished(built(cells, walls, again), again, 0.1)
+
+    storeys = [storey(_rebuilt(cells, rng, change) if change else cells) for _ in range(int(rng.integers(3, 9)))]
+    if rng.random() < 0.3:
+        storeys[0] = storey(_rebuilt(cells, rng, 0.5))
+    return storeys
+
+
+def _rebuilt(cells: Sequence[Cell], rng: Rng, share: float) -> list[Cell]:
+    """Some rooms are divided by a new wall."""
+    result: list[Cell] = []
+    for cell in cells:
+        x0, y0, x1, y1 = cell.area.bounds
+        whole = cell.area.area > 0.999 * (x1 - x0) * (y1 - y0) and cell.kind not in HALLS
+        if whole and cell.area.area > 10 and rng.random() < share:
+            part = float(rng.uniform(0.35, 0.65))
+            result += treemap(rng, cell.area, [(cell.kind, part), (cell.kind, 1 - part)])
+        else:
+            result.append(cell)
+    return result
+
+
+def _campus(rng: Rng) -> list[Storey]:
+    """Buildings of several kinds, some of them built more than once, turned against each other; one storey."""
+    kinds = ("office", "corridor", "l_shape", "skewed", "mirrored_twins", "apartment")
+    wanted, surfaces = float(rng.uniform(1200, 4900)), 0
+    houses: list[Storey] = []
+    while surfaces < wanted:
+        house = houses[int(rng.integers(len(houses)))] if houses and rng.random() < 0.15 else None
+        house = house or _STOREYS[str(rng.choice(kinds))](rng)[0]
+        surfaces += sum(shapely.get_num_coordinates(r) - 1 for r in house.rooms)
+        if surfaces > MOST_SURFACES:
+            break
+        houses.append(house)
+    return [_laid_out(houses, rng)]
+
+
+def _laid_out(houses: Sequence[Storey], rng: Rng) -> Storey:
+    """In rows, each turned as it comes; half of the campuses have one main direction, and right angles to it."""
+    square, gap = rng.random() < 0.5, float(rng.uniform(6, 20))
+    across = int(np.ceil(np.sqrt(len(houses))))
+    campus, x, y, high = Storey((), ()), 0.0, 0.0, 0.0
+    for k, house in enumerate(houses):
+        if k % across == 0:
+            x, y, high = 0.0, y + high, 0.0
+        turn = np.pi / 2 * int(rng.integers(4)) if square else float(rng.uniform(-np.pi, np.pi))
+        turned = _placed(house, turn, (0.0, 0.0))
+        x0, y0, x1, y1 = turned.bounds()
+        campus = campus.joined(turned.moved(np.eye(2), (x - x0, y - y0)))
+        x, high = x + x1 - x0 + gap, max(high, y1 - y0 + gap)
+    return campus
+
+
+_STOREYS: dict[str, Callable[[Rng], list[Storey]]] = {
+    "apartment": _apartment, "office": _office, "corridor": _corridor, "l_shape": _l_shape, "skewed": _skewed,
+    "mirrored_twins": _mirrored_twins, "tower": _tower, "campus": _campus,
+}  # fmt: skip

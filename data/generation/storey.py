@@ -1,0 +1,160 @@
+"""A storey of a generated building: cells that tile its outline become rooms between walls, with doors.
+
+Metres, in the building's own frame until it is moved.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.geometry.areas import Area, closed, largest, opened, overlap
+from data.plans.polygons import Gaps, Points, edges_of, frame_of, rooms_behind, tidied
+from data.scene_graph import Xy
+
+DOOR = 0.9  # m, with its frame
+DOOR_CLEAR = 0.9  # m: nothing stands closer to the middle of a door
+MIN_ROOM = 1.2  # m2
+SLIVER = 0.2  # m: no part of a room is narrower
+HALLS = ("corridor", "hall", "stairs")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A part of the storey up to the middle lines of its walls."""
+
+    area: Area
+    kind: str = "room"
+
+
+@dataclass(frozen=True)
+class Walls:
+    """Thickness of the walls between rooms, along corridors, and outside."""
+
+    inner: float
+    corridor: float
+    outer: float
+
+    @staticmethod
+    def drawn(rng: np.random.Generator) -> "Walls":
+        """As real buildings have them."""
+        inner = float(rng.choice([0.1, 0.115, 0.12, 0.15, 0.175, 0.2]))
+        outer = float(rng.choice([0.24, 0.3, 0.36, 0.4]))
+        return Walls(inner, max(inner, float(rng.choice([0.12, 0.15, 0.2, 0.24]))), outer)
+
+
+@dataclass(frozen=True)
+class Storey:
+    """Rooms as polygons (holes are pillars) with their kinds; doors by their middle and the rooms they join."""
+
+    rooms: tuple[Area, ...]
+    kinds: tuple[str, ...]
+    doors: tuple[tuple[Xy, tuple[int, ...]], ...] = ()
+
+    def moved(self, linear: NDArray[np.float64], offset: Sequence[float] = (0.0, 0.0)) -> "Storey":
+        """Under p -> linear p + offset; `linear` is (2, 2)."""
+        change = linear.T
+
+        def move(points: Points) -> Points:
+            return points @ change + np.asarray(offset)
+
+        doors = tuple((_xy(move(np.array(at))), rooms) for at, rooms in self.doors)
+        return Storey(tuple(shapely.transform(r, move) for r in self.rooms), self.kinds, doors)
+
+    def joined(self, other: "Storey") -> "Storey":
+        """Both, side by side as they lie."""
+        n = len(self.rooms)
+        theirs = tuple((at, tuple(n + k for k in rooms)) for at, rooms in other.doors)
+        return Storey(self.rooms + other.rooms, self.kinds + other.kinds, self.doors + theirs)
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Lowest x y, highest x y."""
+        low_x, low_y, high_x, high_y = shapely.total_bounds(np.array(self.rooms, dtype=object)).tolist()
+        return low_x, low_y, high_x, high_y
+
+
+def built(cells: Sequence[Cell], walls: Walls, rng: np.random.Generator) -> Storey:
+    """Rooms half a wall inside their cells and a whole outer wall inside the outline; every room has a door."""
+    outline = closed(shapely.union_all([c.area for c in cells]), 0.02)  # no hairline between cells
+    inside = outline.buffer(-walls.outer, join_style="mitre")
+    rooms, kinds = [], []
+    for cell in cells:
+        half = (walls.corridor if cell.kind in HALLS else walls.inner) / 2
+        area = largest(opened(overlap(cell.area.buffer(-half, join_style="mitre"), inside), SLIVER / 2))
+        if area.area >= MIN_ROOM and not area.interiors:
+            rooms.append(tidied(area))
+            kinds.append(cell.kind)
+    doors = _doors(rooms, kinds, walls, rng)
+    return Storey(tuple(rooms), tuple(kinds), tuple(doors))
+
+
+def _doors(
+    rooms: list[Area], kinds: list[str], walls: Walls, rng: np.random.Generator
+) -> list[tuple[Xy, tuple[int, ...]]]:
+    """A tree of doors from the halls on, some more, and one or two from outside."""
+    edges = [edges_of(r) for r in rooms]
+    reach = max(walls.inner, walls.corridor) + 0.02
+    gaps = rooms_behind([(r, None) for r in rooms], edges, reach)
+    sites = _door_sites(edges, gaps)
+    order = sorted(range(len(rooms)), key=lambda k: (kinds[k] not in HALLS, -rooms[k].area))
+    reached, doors = [order[0]], []
+    for here in reached:  # grows: breadth first, from the halls
+        ahead = sorted((b for a, b in sites if a == here and b not in reached), key=order.index)
+        for other in ahead:
+            doors.append((_site(here, other, rooms, edges, sites, rng), (here, other)))
+            reached.append(other)
+    tree = {frozenset(joined) for _, joined in doors}
+    for a, b in sites:
+        if a < b and frozenset((a, b)) not in tree and rng.random() < 0.05:
+            doors.append((_site(a, b, rooms, edges, sites, rng), (a, b)))
+    return doors + _entrances(order, edges, gaps, walls, rng)
+
+
+Sites = dict[tuple[int, int], list[tuple[int, float, float]]]  # rooms: edge of the first, from, to along it
+
+
+def _door_sites(edges: list[Points], gaps: Gaps) -> Sites:
+    sites: Sites = {}
+    for room, of_edge in gaps.items():
+        for k, found in of_edge.items():
+            for other, spans in found:
+                wide = [(k, low, high) for low, high in spans if high - low > DOOR + 0.1]
+                if wide:
+                    sites.setdefault((room, other), []).extend(wide)
+    return sites
+
+
+def _site(
+    a: int, b: int, rooms: list[Area], edges: list[Points], sites: Sites, rng: np.random.Generator
+) -> Xy:
+    """The middle of a door in the wall between two rooms: near an end of the wall, or at its middle."""
+    spots = sites[a, b]
+    k, low, high = spots[int(rng.integers(len(spots)))]
+    along, inward, _ = frame_of(edges[a])
+    slack = (high - low - DOOR) / 2
+    shift = slack * float(rng.choice([-1.0, 0.0, 1.0])) * 0.95 + slack * float(rng.uniform(-0.05, 0.05))
+    at = edges[a][k, 0] + along[k] * ((low + high) / 2 + shift)
+    gap = shapely.distance(rooms[b], shapely.Point(at))
+    return _xy(at - inward[k] * gap / 2)
+
+
+def _entrances(
+    order: list[int], edges: list[Points], gaps: Gaps, walls: Walls, rng: np.random.Generator
+) -> list[tuple[Xy, tuple[int, ...]]]:
+    """Doors from outside, into the first rooms of `order` that have an outer wall."""
+    doors: list[tuple[Xy, tuple[int, ...]]] = []
+    wanted = 1 + int(rng.random() < 0.3)
+    for room in order:
+        _, inward, length = frame_of(edges[room])
+        free = [k for k in range(len(length)) if k not in gaps.get(room, {}) and length[k] > DOOR + 0.1]
+        if free and len(doors) < wanted:
+            k = int(rng.choice(free))
+            at = edges[room][k].mean(axis=0) - inward[k] * walls.outer / 2
+            doors.append((_xy(at), (room,)))
+    return doors
+
+
+def _xy(point: NDArray[np.float64]) -> Xy:
+    return float(point[0]), float(point[1])

@@ -1,0 +1,157 @@
+"""Rooms of an IFC model without spaces: the closed faces between the walls of a level, doors and windows shut."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import ifcopenshell
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.geometry.areas import Area, closed, difference, enclosed, opened, overlap, polygons_of, united
+from data.ifc.doors import across, body_of
+from data.ifc.products import products
+from data.ifc.rooms import Level, RoomVolume, finished
+from data.ifc.sections import Solid, solid_of
+from data.ifc.surfaces import CUTS
+from data.scene_graph import Room
+
+FILLINGS = ("IfcDoor", "IfcWindow")
+HEAD = 1.0  # m above the level: what stands there is a wall of the level
+GAP = 0.3  # m: walls this close to each other meet
+DOORWAY = 1.2  # m: a wider opening in a wall that no door fills joins what lies on its sides
+INDOORS = 6.0  # m: what lies between walls this close to each other is part of the building
+MIN_AREA = 1.5  # m2: below it, a shaft
+HALF_WIDTH = 0.3  # m: a face that is nowhere twice as wide is a cavity
+BEGINS = 0.5  # m: what begins this close to a level belongs to it
+STOREY = 2.2  # m: no storey is lower
+SAME = 0.7  # of the larger one's area: the same face
+MIN_OPEN = 2.0  # m2: of what lies indoors and in no room
+
+
+@dataclass(frozen=True)
+class Filling:
+    """A door or window: its rectangle in plan, the same with what lies on its `sides`, its width, and its z range."""
+
+    area: Area
+    sides: Area
+    width: float
+    low: float
+    high: float
+    is_door: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A closed face between walls at one level; `doors` and `walls` tell how much of what bounds it begins there.
+
+    `doors` is their number, `walls` an area in m2.
+    """
+
+    area: Area
+    level: Level
+    doors: int
+    walls: float
+
+
+def rooms_between(model: ifcopenshell.file, levels: list[Level], walls: list[Solid]) -> list[Level]:
+    """The levels, those that have closed faces between their walls with these as rooms.
+
+    Where it has faces, a level's `unknown` area is what else lies indoors. Columns count as parts of walls;
+    gaps up to GAP and openings with a door or window, or up to DOORWAY, count as closed. Of the same face at
+    levels too close to each other for two storeys (split levels), the one is kept where its doors, else its
+    walls, begin. Room ids are the storey's GlobalId and a number by position.
+    """
+    solids = [*walls, *(solid_of(p) for p in products(model, ("IfcColumn",)))]
+    fillings = [f for f in map(_filling, (f for c in FILLINGS for f in model.by_type(c))) if f is not None]
+    shut = [_shut_walls(level.bottom, solids, fillings) for level in levels]
+    faces = [_faces(level, area, solids, fillings) for level, area in zip(levels, shut, strict=True)]
+    kept = _of_one_level([f for here in faces for f in here])
+    result = []
+    for level, area, here in zip(levels, shut, faces, strict=True):
+        if here:
+            rooms = _rooms(level, [f for f in here if f in kept], levels)
+            level = replace(level, rooms=rooms, unknown=open_rest(area, [f.area for f in here]))
+        result.append(level)
+    return result
+
+
+def _filling(element: ifcopenshell.entity_instance) -> Filling | None:
+    vertices, _ = body_of(element)
+    if vertices is None:
+        return None
+    through = across(element)
+    axes = np.array([[through[1], -through[0]], through])
+    low, high = (f(vertices[:, :2] @ axes.T, axis=0) for f in (np.min, np.max))
+    margin = GAP * (np.arange(2) == np.argmin(high - low))  # the broad sides, however it was placed
+    area, sides = (_rectangle(low - m, high + m, axes) for m in (0.0, margin))
+    z = vertices[:, 2]
+    return Filling(area, sides, float((high - low).max()), float(z.min()), float(z.max()), element.is_a("IfcDoor"))
+
+
+def _rectangle(low: NDArray[np.float64], high: NDArray[np.float64], axes: NDArray[np.float64]) -> Area:
+    return shapely.Polygon(np.array([low, (high[0], low[1]), high, (low[0], high[1])]) @ axes)
+
+
+def _faces(level: Level, walls: Area, solids: list[Solid], fillings: list[Filling]) -> list[Face]:
+    """The closed faces, by position."""
+    areas = [f for f in enclosed(walls) if f.area >= MIN_AREA and opened(f, HALF_WIDTH).area >= MIN_AREA]
+    areas.sort(key=lambda f: (round(f.centroid.x, 2), round(f.centroid.y, 2)))
+    doors = [f.sides for f in fillings if f.is_door and abs(f.low - level.bottom) < BEGINS]
+    begun = united(s.shadow() for s in solids if abs(s.bottom - level.bottom) < BEGINS) if areas else walls
+    return [
+        Face(area, level, sum(d.intersects(area) for d in doors), overlap(area.buffer(GAP), begun).area)
+        for area in areas
+    ]
+
+
+def _of_one_level(faces: list[Face]) -> list[Face]:
+    kept: list[Face] = []
+    for face in sorted(faces, key=lambda f: (-f.doors, -round(f.walls, 2), f.level.bottom)):
+        near = (k for k in kept if 0 < abs(k.level.bottom - face.level.bottom) < STOREY)
+        if not any(overlap(k.area, face.area).area > SAME * max(k.area.area, face.area.area) for k in near):
+            kept.append(face)
+    return kept
+
+
+def _rooms(level: Level, faces: list[Face], levels: list[Level]) -> tuple[RoomVolume, ...]:
+    """Each from the level up to the next one that a storey fits under."""
+    top = next((above.bottom for above in levels if above.bottom >= level.bottom + STOREY), levels[-1].top)
+    prefix = level.floor or f"level {level.bottom:.2f}"
+    rooms = [Room(f"{prefix}/room-{k}", (0.0, 0.0), level.floor, f"Room {k}") for k in range(1, len(faces) + 1)]
+    volumes = zip(rooms, faces, strict=True)
+    return tuple(finished(RoomVolume(room, face.area, level.bottom, top)) for room, face in volumes)
+
+
+def open_rest(walls: Area, faces: list[Area]) -> Area:
+    """What lies indoors and in no closed face."""
+    outlines = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(closed(walls, INDOORS)))
+    rest = difference(difference(outlines, walls), united(faces))
+    return shapely.MultiPolygon([p for p in shapely.get_parts(opened(rest, HALF_WIDTH)) if p.area > MIN_OPEN])
+
+
+def _shut_walls(z: float, solids: list[Solid], fillings: list[Filling]) -> Area:
+    """The walls that stand at the level of `z`, with what is closed between and in them."""
+    standing = [s for s in solids if s.bottom < z + HEAD < s.top]
+    parts = []
+    for solid in standing:
+        body = united(solid.section(z + height) for height in CUTS)
+        parts += [body, *_doorways(difference(solid.shadow(), body))]
+    walls = united(parts)
+    shut = (_shut(walls, f) for f in fillings if f.low < z + HEAD < f.high)
+    return closed(united([walls, *shut]), GAP)
+
+
+def _doorways(openings: Area) -> Iterable[Area]:
+    """The openings under a lintel that are no wider than a doorway."""
+    for part in shapely.get_parts(openings):
+        corners = np.asarray(shapely.oriented_envelope(part).exterior.coords) if part.area > 0 else np.zeros((5, 2))
+        if np.linalg.norm(np.diff(corners, axis=0), axis=1).max() <= DOORWAY:
+            yield part
+
+
+def _shut(walls: Area, filling: Filling) -> Area:
+    """The part of a door's or window's area that lies between the walls on its sides."""
+    around = filling.area.buffer(filling.width + GAP).bounds
+    near = polygons_of(shapely.clip_by_rect(walls, *around))
+    return polygons_of(overlap(filling.area, closed(near, filling.width + GAP)))

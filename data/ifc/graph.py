@@ -1,0 +1,143 @@
+"""An IFC model as an A-graph: storeys, rooms, wall surfaces and doors in the BIM frame."""
+
+from collections import Counter, defaultdict
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from data.common.errors import UserError
+from data.geometry.areas import Area, difference, enclosed, opened, united
+from data.ifc.doors import doors_of
+from data.ifc.enclosed_rooms import rooms_between
+from data.ifc.products import open_ifc, products
+from data.ifc.rooms import Level, RoomVolume, rooms_of
+from data.ifc.sections import Solid, solid_of
+from data.ifc.storeys import floor_of, floors_of
+from data.ifc.surfaces import surfaces_at
+from data.scene_graph import Floor, SceneGraph, WallSurface
+
+WALLS = ("IfcWall", "IfcCurtainWall")
+SAME_LEVEL = 0.25  # m: floors of one level differ by less
+STOREY_APART = 1.0  # m: storeys closer to each other (structural and finished level) count once
+HEAD = 2.0  # m: a wall that reaches this far above a storey's floor stands in that storey too
+SLIT = 0.05  # m: walls closer to each other leave no way between them
+WAY = 0.3  # m: half the width of the narrowest place where one could be
+MIN_UNKNOWN = 2.0  # m2
+
+
+def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
+    """The A-graph of an IFC file (frame "bim"), and one-line notices on what is missing in the model.
+
+    Raises UserError for a file that cannot be read or has no walls.
+    """
+    model = open_ifc(path)
+    count = sum(len(model.by_type(c)) for c in WALLS)
+    solids = [solid_of(p) for p in products(model, WALLS)]
+    if not solids:
+        lack = "no walls" if not count else f"no walls with a geometry ({count} without)"
+        raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the building's walls with it")
+    rooms, notices = rooms_of(model)
+    shadows = {s.product.global_id: s.shadow() for s in solids}
+    floors = floors_of(model, rooms, solids)
+    if rooms:
+        rooms = [replace(r, room=replace(r.room, floor=floor_of(r, floors))) for r in rooms]
+        levels = _levels(floors, rooms, solids, shadows)
+    else:
+        levels = rooms_between(model, _levels_without_rooms(floors, solids), solids)
+        rooms = [r for level in levels for r in level.rooms]
+        notices.insert(0, _no_spaces(rooms, solids))
+    surfaces = _numbered([s for level in levels for s in surfaces_at(level, solids)])
+    if len(solids) < count:
+        notices.append(f"{count - len(solids)} of {count} walls have no geometry and are left out")
+    doors = doors_of(model, rooms, shadows)
+    return SceneGraph("bim", tuple(r.room for r in rooms), surfaces, doors, floors), tuple(notices)
+
+
+def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:
+    why = "no IfcSpace with a geometry"
+    if not rooms:
+        return f"{why}: rooms not known, since the {len(solids)} walls enclose none; their sides are used"
+    made = "1 room was" if len(rooms) == 1 else f"{len(rooms)} rooms were"
+    return f"{why}: {made} made of the closed faces between {len(solids)} walls"
+
+
+def _levels(
+    floors: tuple[Floor, ...], rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]
+) -> list[Level]:
+    """Where the walls are looked at: at each storey's rooms, and in storeys with walls but no rooms."""
+    levels = []
+    elevation = {f.id: f.elevation for f in floors}
+    of_floor: dict[str | None, list[RoomVolume]] = defaultdict(list)
+    for room in sorted(rooms, key=lambda r: r.bottom):
+        of_floor[room.room.floor].append(room)
+    for floor, here in of_floor.items():
+        groups: list[list[RoomVolume]] = []
+        for room in here:
+            if groups and room.bottom - groups[-1][0].bottom < SAME_LEVEL:
+                groups[-1].append(room)
+            else:
+                groups.append([room])
+        main = max(groups, key=lambda g: sum(r.area.area for r in g))
+        for group in groups:
+            bottom = float(np.median([r.bottom for r in group]))
+            top = max(r.top for r in group)
+            unknown = _enclosed(bottom, rooms, solids, shadows) if group is main else shapely.Polygon()
+            levels.append(Level(floor, bottom, top, tuple(group), unknown))
+    for floor in Counter(s.product.storey for s in solids):
+        z = elevation.get(floor) if floor is not None else None
+        if z is not None and floor not in of_floor:
+            top = max(s.top for s in solids)
+            levels.append(Level(floor, z, top, (), _enclosed(z, rooms, solids, shadows)))
+    return levels
+
+
+def _enclosed(z: float, rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]) -> Area:
+    """Where walls enclose an area that no space of the model covers, at the level of `z`."""
+    standing = [shadows[s.product.global_id] for s in solids if s.bottom < z + HEAD / 2 < s.top]
+    walls = united(standing).buffer(SLIT)
+    covered = united(r.area for r in rooms if r.bottom < z + HEAD / 2 < r.top)
+    rest = opened(difference(united(enclosed(walls)), covered), WAY)
+    return shapely.MultiPolygon([p for p in shapely.get_parts(rest) if p.area > MIN_UNKNOWN])
+
+
+def _levels_without_rooms(floors: tuple[Floor, ...], solids: list[Solid]) -> list[Level]:
+    """One level for each storey with walls; a wall stands where it begins and in storeys it spans."""
+    walls_of = Counter(s.product.storey for s in solids)
+    storeys = [f for f in floors if walls_of[f.id] and f.elevation is not None]
+    candidates: list[tuple[int, float, str | None]] = [(-walls_of[f.id], f.elevation or 0.0, f.id) for f in storeys]
+    if not candidates:
+        candidates = [(-n, z, None) for z, n in Counter(round(s.bottom, 1) for s in solids).items()]
+    chosen: list[tuple[float, str | None]] = []
+    for _, z, floor in sorted(candidates, key=lambda c: c[:2]):
+        if all(abs(z - other) >= STOREY_APART for other, _ in chosen):
+            chosen.append((z, floor))
+    chosen.sort(key=lambda c: c[0])
+    everywhere = united(s.shadow() for s in solids).envelope.buffer(1.0)
+    highest = max(s.top for s in solids)
+    levels = []
+    for k, (z, floor) in enumerate(chosen):
+        top = chosen[k + 1][0] if k + 1 < len(chosen) else max(highest, z)
+        own = {s.product.global_id for s in solids if _home(s, chosen) == k or _spans(s, z)}
+        levels.append(Level(floor, z, top, (), everywhere, frozenset(own)))
+    return levels
+
+
+def _home(solid: Solid, levels: list[tuple[float, str | None]]) -> int:
+    below = [k for k, (z, _) in enumerate(levels) if z < solid.bottom + STOREY_APART / 2]
+    return below[-1] if below else 0
+
+
+def _spans(solid: Solid, z: float) -> bool:
+    return solid.bottom < z + SAME_LEVEL and solid.top > z + HEAD
+
+
+def _numbered(surfaces: list[WallSurface]) -> tuple[WallSurface, ...]:
+    """Ids from the walls' GlobalIds, the same each time the same file is read."""
+    count: Counter[str] = Counter()
+    result = []
+    for surface in surfaces:
+        count[surface.source] += 1
+        result.append(replace(surface, id=f"{surface.source}/{count[surface.source]}"))
+    return tuple(result)

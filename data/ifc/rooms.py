@@ -1,0 +1,124 @@
+"""Rooms of an IFC model: the footprints of its spaces, without those that are no rooms for a robot."""
+
+from dataclasses import dataclass, field, replace
+
+import ifcopenshell
+import shapely
+from shapely.geometry.polygon import orient
+
+from data.geometry.areas import Area, difference, largest, overlap, polygons_of, united
+from data.ifc.products import products
+from data.ifc.sections import solid_of
+from data.scene_graph import Room
+
+MIN_AREA = 1.0  # m2: below it, a shaft
+MIN_HEIGHT = 1.3  # m: below it, a void over a ceiling or under a floor
+SAME = 0.9  # of an area: inside, or the same
+WALL_HALF = 0.25  # m: what is left of a covering space between its rooms is no wider than a wall
+TIDY = 0.001  # m: corners that stand out less are no corners
+
+
+@dataclass(frozen=True)
+class RoomVolume:
+    """A room with its `area` in plan (a polygon, maybe with holes) from `bottom` to `top`, BIM frame."""
+
+    room: Room
+    area: Area
+    bottom: float
+    top: float
+
+    def beside(self, other: "RoomVolume") -> bool:
+        """Whether both rooms share at least half of the lower one's height: on one level."""
+        shared = min(self.top, other.top) - max(self.bottom, other.bottom)
+        return shared > 0.5 * min(self.top - self.bottom, other.top - other.bottom)
+
+
+@dataclass(frozen=True)
+class Level:
+    """Rooms whose floors lie at one height, and the areas without known rooms whose walls are to be kept.
+
+    `own` names the walls that may face such an area (None: all may).
+    """
+
+    floor: str | None
+    bottom: float
+    top: float
+    rooms: tuple[RoomVolume, ...] = ()
+    unknown: Area = field(default_factory=shapely.Polygon)
+    own: frozenset[str] | None = None
+
+
+def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
+    """The rooms, and one-line notices on spaces that were left out.
+
+    Left out: outer and gross spaces, spaces that only cover rooms of their own, doubles, shafts, voids.
+    A space within another is a room, and cut out of the other.
+    """
+    spaces = model.by_type("IfcSpace")
+    chosen = {s.GlobalId: s for s in spaces if _is_room(s)}
+    volumes: list[RoomVolume] = []
+    for product in products(model, ("IfcSpace",)):
+        if product.global_id in chosen and product.global_id not in {v.room.id for v in volumes}:
+            solid = solid_of(product)
+            area = _tidy(solid.shadow())
+            space = chosen[product.global_id]
+            room = Room(product.global_id, (0.0, 0.0), product.storey, _name(space))
+            volumes.append(RoomVolume(room, area, solid.bottom, solid.top))
+    large = [v for v in volumes if v.area.area >= MIN_AREA and v.top - v.bottom >= MIN_HEIGHT]
+    kept = {v.room.id: v for v in _without_overlaps(large)}
+    rooms = [finished(kept[v.room.id]) for v in large if v.room.id in kept]
+    reasons = {
+        "without solid geometry": len(chosen) - len(volumes),
+        "outer, gross or parts": len(spaces) - len(chosen),
+        f"under {MIN_AREA:g} m2 or {MIN_HEIGHT:g} m high": len(volumes) - len(large),
+        "double or covering others": len(large) - len(rooms),
+    }
+    why = ", ".join(f"{count} {reason}" for reason, count in reasons.items() if count)
+    return rooms, [f"{len(spaces) - len(rooms)} of {len(spaces)} spaces left out: {why}"] if why else []
+
+
+def _is_room(space: ifcopenshell.entity_instance) -> bool:
+    kind = getattr(space, "PredefinedType", None) or getattr(space, "InteriorOrExteriorSpace", None)
+    if kind in ("GFA", "EXTERNAL"):
+        return False
+    children = [c for r in space.IsDecomposedBy for c in r.RelatedObjects if c.is_a("IfcSpace")]
+    if space.CompositionType == "COMPLEX" and any(c.Representation for c in children):
+        return False
+    wholes = [r.RelatingObject for r in space.Decomposes if r.RelatingObject.is_a("IfcSpace")]
+    return not (space.CompositionType == "PARTIAL" and any(whole.Representation for whole in wholes))
+
+
+def _name(space: ifcopenshell.entity_instance) -> str:
+    short, long = (space.Name or "").strip(), (space.LongName or "").strip()
+    return short if long in short else f"{short} {long}".strip()
+
+
+def _tidy(area: Area) -> Area:
+    polygon = shapely.simplify(largest(polygons_of(area)), TIDY)
+    holes = [h for h in polygon.interiors if shapely.Polygon(h).area > 0.01]
+    return orient(shapely.Polygon(polygon.exterior, holes))
+
+
+def finished(volume: RoomVolume) -> RoomVolume:
+    """With the room's polygon and centroid as its area has them."""
+    outer = shapely.Polygon(volume.area.exterior)
+    polygon = tuple((float(x), float(y)) for x, y in outer.exterior.coords[:-1])
+    centroid = (float(outer.centroid.x), float(outer.centroid.y))
+    return replace(volume, room=replace(volume.room, centroid=centroid, polygon=polygon))
+
+
+def _without_overlaps(volumes: list[RoomVolume]) -> list[RoomVolume]:
+    """From the smallest up: doubles and covering spaces fall out, larger ones lose what lies within them."""
+    kept: list[RoomVolume] = []
+    for volume in sorted(volumes, key=lambda v: v.area.area):
+        within = [k for k in kept if k.beside(volume) and _inside(k.area, volume.area)]
+        rest = difference(volume.area, united(k.area for k in within))
+        open_rest = rest.buffer(-WALL_HALF)
+        if within and open_rest.area < max(MIN_AREA, (1 - SAME) * volume.area.area):
+            continue
+        kept.append(replace(volume, area=_tidy(rest)) if within else volume)
+    return kept
+
+
+def _inside(small: Area, large: Area) -> bool:
+    return bool(overlap(small, large).area > SAME * small.area)

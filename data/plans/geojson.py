@@ -1,0 +1,181 @@
+"""GeoJSON as a plan: rooms as polygons, walls as polygons or lines, doors; storeys, elevations, heights as properties.
+
+Coordinates are metres, or degrees (RFC 7946), told by their extent, which become metres east and north of the
+plan's middle. What a feature is its properties tell (`type`, `kind`, `category`, `feature_type`, `indoor`, `layer`),
+as in indoor maps of OpenStreetMap and IMDF; an untold polygon is a room, an untold line a wall.
+"""
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import shapely.geometry
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.common.json_files import read_json
+from data.geometry.areas import Area, polygons_of, united
+from data.plans.flat_plan import FlatStorey, graph_of_storeys
+from data.plans.polygons_json import is_room
+from data.plans.wall_lines import walls_of_lines
+from data.scene_graph import SceneGraph
+
+KIND = ("type", "kind", "category", "class", "feature_type", "featuretype", "indoor", "layer", "element", "ifc_class")
+STOREY = ("storey", "story", "floor", "level", "level_id", "floor_id", "storey_id", "geschoss", "etage")
+ELEVATION = ("elevation", "floor_elevation", "base_elevation", "base", "z")
+HEIGHT = ("height", "ceiling_height", "room_height", "storey_height")
+THICKNESS = ("thickness", "width")
+WALL, DOOR = ("wall", "window", "column", "pillar", "partition"), ("door", "opening", "entrance", "gate")
+NO_PART = ("venue", "building", "footprint", "level", "site", "outline", "storey", "floor")  # what holds rooms
+SMALLEST_METRES, LARGEST = 0.5, 20_000.0  # extents: below the one it is degrees, over the other no building
+DOOR_DEPTH = 0.4  # m: of a door drawn as a line or point
+EARTH = 6_378_137.0  # m
+
+
+@dataclass
+class _Storey:
+    walls: list[Area] = field(default_factory=list)
+    lines: list[NDArray[np.float64]] = field(default_factory=list)  # each (K, 2, 2)
+    rooms: list[tuple[str, str, Area]] = field(default_factory=list)
+    doors: list[Area] = field(default_factory=list)
+    elevations: list[float] = field(default_factory=list)
+    heights: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Feature:
+    shape: Any  # a shapely geometry, metres
+    properties: dict[str, Any]
+    id: str
+
+    def text(self, names: Sequence[str]) -> str:
+        """The first of these properties that is set."""
+        return next((str(self.properties[n]) for n in names if self.properties.get(n) not in (None, "")), "")
+
+    def number(self, names: Sequence[str]) -> float | None:
+        """The first of these properties that is a finite number of a building's size."""
+        for name in names:
+            try:
+                value = float(self.properties[name])
+            except (KeyError, TypeError, ValueError, OverflowError):
+                continue
+            if abs(value) < LARGEST:
+                return value
+        return None
+
+
+def read_geojson(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
+    """The A-graph of a file; see `plan_of`. Raises UserError where it is no GeoJSON as well."""
+    return plan_of(read_json(path, "a plan as GeoJSON"), str(path))
+
+
+def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
+    """The A-graph (frame "bim") of a feature collection, and notices.
+
+    Raises UserError where it is none, its geometry is broken, its size is no building's, or it has no walls or rooms.
+    """
+    if not isinstance(value, dict) or value.get("type") not in ("FeatureCollection", "Feature"):
+        raise UserError(f"{where}: not GeoJSON; give a FeatureCollection")
+    features, notices = _in_metres(_features(value, where), where)
+    storeys: dict[str, _Storey] = defaultdict(_Storey)
+    for feature in features:
+        _sort_in(storeys[feature.text(STOREY)], feature)
+    try:
+        flat = [_flat(name, storey) for name, storey in storeys.items() if storey.rooms or storey.walls or storey.lines]
+        flat.sort(key=lambda s: (s.elevation is None, s.elevation or 0.0, s.name))
+        graph, made = graph_of_storeys(flat, where)
+    except UserError:
+        raise
+    except Exception as error:  # shapely and what is built on it raise many kinds
+        raise UserError(f"{where}: its geometry cannot be used ({str(error)[:100]})") from None
+    if len(flat) > 1 and any(s.elevation is None for s in flat):
+        notices.append("several storeys, of which some have no elevation; these are taken to lie at z = 0")
+    return graph, (*notices, *made)
+
+
+def _features(value: dict[str, Any], where: str) -> list[_Feature]:
+    items = value.get("features") if value["type"] == "FeatureCollection" else [value]
+    found = []
+    for number, item in enumerate(items if isinstance(items, list) else []):
+        if not isinstance(item, dict) or not isinstance(item.get("geometry"), dict):
+            continue
+        try:
+            shape = shapely.force_2d(shapely.geometry.shape(item["geometry"]))
+        except Exception as error:  # shapely raises many kinds on garbage
+            raise UserError(f"{where}, feature {number}: a broken geometry ({type(error).__name__})") from None
+        if not shape.is_empty:
+            if not np.isfinite(shape.bounds).all():
+                raise UserError(f"{where}, feature {number}: a coordinate is not finite")
+            properties = item.get("properties")
+            named = properties if isinstance(properties, dict) else {}
+            lowered = {str(k).lower(): v for k, v in {**item, **named}.items() if k not in ("geometry", "properties")}
+            if "type" not in {str(k).lower() for k in named}:
+                lowered.pop("type", None)  # it says "Feature"
+            found.append(_Feature(shape, lowered, str(item.get("id", number))))
+    if not found:
+        raise UserError(f"{where}: no features with a geometry; give a plan with rooms or walls")
+    return found
+
+
+def _in_metres(features: list[_Feature], where: str) -> tuple[list[_Feature], list[str]]:
+    low_x, low_y, high_x, high_y = shapely.total_bounds([f.shape for f in features]).tolist()
+    extent = max(high_x - low_x, high_y - low_y)
+    if extent >= SMALLEST_METRES:
+        if extent > LARGEST:
+            raise UserError(f"{where}: extends over {extent:g} m; a building's plan in metres or degrees is needed")
+        return features, []
+    lon, lat = (low_x + high_x) / 2, (low_y + high_y) / 2
+    if not (abs(lon) <= 180 and abs(lat) < 89) or extent * math.radians(1) * EARTH < 2.0:
+        raise UserError(f"{where}: extends over {extent:g} units: no building's size, in metres or degrees")
+    turn = math.radians(1) * EARTH
+    factors = np.array([turn * math.cos(math.radians(lat)), turn])
+    moved = shapely.transform([f.shape for f in features], lambda xy: (xy - [lon, lat]) * factors)
+    told = f"degrees became metres east (x) and north (y) of longitude {lon:.7f}, latitude {lat:.7f}"
+    return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [told]
+
+
+def _sort_in(storey: _Storey, feature: _Feature) -> None:
+    """A feature to what it is."""
+    kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
+    told = " ".join(kinds)
+    kind = feature.shape.geom_type.removeprefix("Multi")
+    storey.elevations += [z] if (z := feature.number(ELEVATION)) is not None else []
+    storey.heights += [h] if (h := feature.number(HEIGHT)) is not None and h > 1.0 else []
+    if any(word in told for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
+        depth, cap = 0.0 if kind == "Polygon" else DOOR_DEPTH / 2, "flat" if kind == "LineString" else "square"
+        storey.doors.append(polygons_of(feature.shape.buffer(depth, cap_style=cap)))
+    elif kind == "Polygon":
+        area = polygons_of(feature.shape)
+        if any(word in told for word in WALL):
+            storey.walls.append(area)
+        elif not any(k in NO_PART for k in kinds) and is_room(kinds[-1] if kinds else ""):
+            storey.rooms.append((feature.id, feature.text(("name", "label", "room", "number")), area))
+    elif kind == "LineString" and not any(k in NO_PART for k in kinds):
+        thickness = feature.number(THICKNESS)
+        if thickness is not None and 0.0 < thickness < 2.0:
+            storey.walls.append(polygons_of(feature.shape.buffer(thickness / 2, cap_style="flat", join_style="mitre")))
+        else:
+            for line in shapely.get_parts(feature.shape):
+                points = np.asarray(line.coords)
+                storey.lines.append(np.stack([points[:-1], points[1:]], axis=1))
+
+
+def _flat(name: str, storey: _Storey) -> FlatStorey:
+    segments = np.concatenate([np.empty((0, 2, 2)), *storey.lines])
+    segments = segments[np.any(segments[:, 0] != segments[:, 1], axis=1)]
+    walls = walls_of_lines(segments, storey.walls).area
+    ids: dict[str, int] = defaultdict(int)
+    rooms = []
+    for id, label, area in storey.rooms:
+        if not area.is_empty:
+            ids[id] += 1
+            rooms.append((id if ids[id] == 1 else f"{id}~{ids[id]}", label, area))
+    doors = [d for d in storey.doors if not d.is_empty]
+    elevation = float(np.median(storey.elevations)) if storey.elevations else None
+    height = float(np.median(storey.heights)) if storey.heights else None
+    return FlatStorey(name, united([walls]), rooms, doors, elevation, height)

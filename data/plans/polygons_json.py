@@ -1,0 +1,107 @@
+"""Floor plans as JSON: `rooms` with GeoJSON polygons in metres, `elements` with walls, doors and windows likewise.
+
+    {"name": ..., "unit": "m", "rooms": [{"name" or "type": ..., "polygon": {"type": "Polygon", "coordinates": ...}}],
+     "elements": {"wall": [{"polygon": ...}], "door": [...], "entrance_door": [...], "window": [...], ...}}
+"""
+
+import json
+from typing import Any
+
+import numpy as np
+import shapely
+import shapely.geometry
+
+from data.common.errors import UserError
+from data.geometry.areas import Area, polygons_of, united
+from data.plans.polygons import Drawing, DrawnRoom, Plan, scene_graph_of
+
+MIN_AREA = 1.0  # m2: below it, a shaft
+DOOR_WIDTH = (0.5, 2.5)  # m: a plan whose doors are mostly wider or narrower is not in metres
+OUTSIDE = ("balcony", "loggia", "veranda", "terrace", "patio", "garden", "outdoor", "parking")
+NO_ROOM = ("shaft", "void", "ps", "pipe space", "structure", "lightwell", "elevator_shaft")
+DOORS = ("door", "entrance_door", "sliding_door")
+WALLS = ("wall", "railing", "column", "window")
+TWIN = 0.1  # m2: rooms of twins differ less
+TWIN_ROOMS = 4  # fewer rooms agree by chance
+
+
+def is_room(kind: str, outside: bool = False) -> bool:
+    """Whether a robot may be in a room of this kind: shafts and voids never, balconies only with `outside`."""
+    word = kind.strip().lower().replace(" ", "_")
+    if word in NO_ROOM or word.replace("_", " ") in NO_ROOM:
+        return False
+    return outside or not any(o in word for o in OUTSIDE)
+
+
+def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) -> Plan:
+    """One plan; raises UserError, naming `where`, where the form is not kept or nothing is left to match.
+
+    Balconies, shafts and rooms below `MIN_AREA` are left out; with `merge_collinear=False` (see `scene_graph_of`)
+    shafts and voids alone, as in the published matcher's data.
+    """
+    try:
+        value = json.loads(text)
+        drawing = _drawing(value, everything=not merge_collinear)
+        name = str(value.get("name") or where)
+        graph = scene_graph_of(drawing, merge_collinear)
+    except UserError as error:
+        raise UserError(f"{where}: {error}") from None
+    except Exception as error:  # shapely raises many kinds where coordinates are none
+        told = (str(error).splitlines() or [""])[0][:100]
+        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {told})") from None
+    if not graph.wall_surfaces:
+        raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
+    return Plan(name, str(value.get("building") or name), graph)
+
+
+def _drawing(value: Any, everything: bool) -> Drawing:
+    if value.get("unit", "m") != "m":
+        raise UserError(f"the unit is '{value['unit']}'; give the plan in metres ('m')")
+    elements = value.get("elements") or {}
+    doors = [_area(e) for kind in DOORS for e in elements.get(kind, ())]
+    _check_metres(doors)
+    rooms = []
+    for k, item in enumerate(value["rooms"]):
+        kind = str(item.get("type") or item.get("name") or "")
+        parts = shapely.get_parts(_area(item))
+        for n, part in enumerate(parts):
+            if is_room(kind, outside=everything) and (everything or part.area >= MIN_AREA):
+                rooms.append(DrawnRoom(f"room{k}" + (f".{n}" if len(parts) > 1 else ""), part, kind))
+    walls = united(_area(e) for kind in WALLS for e in elements.get(kind, ()))
+    return Drawing(rooms, [(f"door{k}", door, None) for k, door in enumerate(doors)], walls)
+
+
+def _area(item: dict[str, Any]) -> Area:
+    shape = polygons_of(shapely.geometry.shape(item["polygon"]))
+    if shape.is_empty or not np.isfinite(shape.bounds).all():
+        raise ValueError("a polygon is empty or holds numbers that are not finite")
+    return shape
+
+
+def _check_metres(doors: list[Area]) -> None:
+    """A door is the one thing in a plan whose size is known."""
+    if not doors:
+        return
+    corners = np.stack([np.asarray(shapely.oriented_envelope(d).exterior.coords)[:3] for d in doors])
+    width = float(np.median(np.hypot(*np.diff(corners, axis=1).transpose(2, 0, 1)).max(axis=1)))
+    if not DOOR_WIDTH[0] <= width <= DOOR_WIDTH[1]:
+        raise UserError(f"its doors are {width:.2g} m wide: the plan is not in metres; scale it")
+
+
+class Buildings:
+    """Plans of one building as they come: twins, whose rooms agree in their areas, share the first one's."""
+
+    def __init__(self) -> None:
+        self._seen: dict[int, list[tuple[np.ndarray, str]]] = {}
+
+    def of(self, plan: Plan) -> str:
+        """The building of the first plan with rooms as large as this one's, else the plan's own."""
+        areas = np.sort([shapely.Polygon(r.polygon).area for r in plan.graph.rooms if r.polygon is not None])
+        if len(areas) < TWIN_ROOMS:
+            return plan.building
+        same_count = self._seen.setdefault(len(areas), [])
+        for other, building in same_count:
+            if np.abs(other - areas).max() < TWIN:
+                return building
+        same_count.append((areas, plan.building))
+        return plan.building

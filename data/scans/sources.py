@@ -1,0 +1,30 @@
+"""Scans of whatever the user has: a folder of scans, a bag, an E57 file."""
+
+from pathlib import Path
+
+from data.common.errors import UserError
+from data.scans.folder import ScanFolder, ScanSource
+from data.scans.formats import READERS
+
+
+def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
+    """The scans of a folder, a bag, or an E57 file; of a bag those of one `topic`, guessed where it is None.
+
+    Raises UserError where there are none, and where a `topic` is named for what has no topics.
+    """
+    from data.scans.bags import BagScans, is_bag
+
+    path = Path(path)
+    if is_bag(path) and not (path.is_dir() and _has_scans(path)):
+        return BagScans(path, topic)
+    if topic is not None:
+        raise UserError(f"--topic {topic}: {path} is no bag and has no topics")
+    if path.suffix.lower() == ".e57":
+        from data.scans.survey import E57Scans
+
+        return E57Scans(path)
+    return ScanFolder(path)
+
+
+def _has_scans(folder: Path) -> bool:
+    return any(p.suffix.lower() in READERS for p in folder.iterdir() if not p.name.startswith("."))

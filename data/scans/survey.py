@@ -1,0 +1,159 @@
+"""Surveying's formats: LAS and LAZ files, one scan each, and E57 files, which hold many. Needs the extra `scans`.
+
+ASPRS LAS 1.4 R15; ASTM E2807 (E57).
+"""
+
+import struct
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.poses import xyzquat_to_poses
+from data.scans.folder import Scan, ScanSource, finished
+from data.scans.formats import MissingReaderError, UnreadableScanError
+from data.trajectory.stamps import NOTE_INDICES, NS, SCAN_PERIOD_NS
+
+BEST_RATIO = 200  # bytes that LAZ and E57 make of one
+_INSTALL = "pip install 'sgslam[scans]'"
+_GPS_EPOCH = 315_964_800  # s: 1980-01-06 since 1970
+_FIELDS = ("cartesianX", "cartesianY", "cartesianZ"), ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+
+
+def read_las(path: Path) -> tuple[NDArray[np.float64], NDArray[Any] | None]:
+    """Points (N, 3) and their GPS times (N,) as stored. Raises UnreadableScanError, MissingReaderError."""
+    try:
+        import laspy
+    except ModuleNotFoundError:
+        raise MissingReaderError(f"{path}: LAS needs laspy: {_INSTALL}") from None
+    _check_las(path)
+    try:
+        # by one thread: a panic in another one ends the process
+        with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as file:
+            header = file.header
+            claimed, there = header.point_count * header.point_format.size, path.stat().st_size
+            if claimed > (BEST_RATIO if header.are_points_compressed else 1) * there:
+                raise UnreadableScanError(f"cut off: its header claims {header.point_count} points")
+            points = file.read()
+    except (Exception, UnreadableScanError):
+        raise
+    except BaseException as error:  # a panic of lazrs, which is no Exception
+        if type(error).__name__ != "PanicException":
+            raise
+        raise UnreadableScanError("its compressed points are damaged") from None
+    if len(points) != header.point_count:
+        raise UnreadableScanError(f"cut off: its header claims {header.point_count} points, {len(points)} are there")
+    timed = "gps_time" in points.point_format.dimension_names
+    return np.stack([points.x, points.y, points.z], axis=1), np.asarray(points.gps_time) if timed else None
+
+
+def _check_las(path: Path) -> None:
+    """What the header claims of records before and after the points, before anything loops over them."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(375)
+    if not head.startswith(b"LASF") or len(head) < 227:
+        raise UnreadableScanError("no LAS header")
+    head_size, start, records = struct.unpack_from("<HII", head, 94)
+    later, later_records = struct.unpack_from("<QI", head, 235) if head[25] >= 4 and len(head) >= 247 else (0, 0)
+    if head_size < 227 or start > size or records * 54 > size or later > size or later_records * 60 > size:
+        raise UnreadableScanError("its header claims more than the file holds")
+    if head[104] & 0x80:  # LAZ: a table of its chunks lies where the points begin with a pointer to it
+        with path.open("rb") as file:
+            file.seek(start)
+            (table,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+            file.seek(*((table, 0) if 0 < table < size - 8 else (size - 8, 0)))
+            _, chunks = struct.unpack("<II", file.read(8).ljust(8, b"\0"))
+        if not 0 < table < size - 8 or chunks > size:
+            raise UnreadableScanError("cut off: the table of its compressed points is not there")
+
+
+class E57Scans(ScanSource):
+    """The scans of an E57 file, each in its scanner's own frame; where all have poses, they are its odometry."""
+
+    def __init__(self, path: Path | str) -> None:
+        """Reads the file's list of scans. Raises UserError where it cannot be read, holds none, or pye57 is missing."""
+        super().__init__()
+        self.path = Path(path)
+        self._file = _opened(self.path)
+        try:
+            heads = [self._file.get_header(k) for k in range(self._file.scan_count)]
+            begins = [_begin(head) for head in heads]
+            poses = [_pose(head) for head in heads]
+        except Exception as error:  # libE57 raises kinds of its own
+            raise UserError(f"{self.path}: a broken E57 file ({_line(error)}); export it again") from None
+        if not heads:
+            raise UserError(f"{self.path}: holds no scans; give an E57 file with some")
+        known = [begin for begin in begins if begin is not None]
+        timed = len(known) == len(heads) and all(a < b for a, b in pairwise(known))
+        self.note = None if timed else NOTE_INDICES
+        stamps = known if timed else [k * SCAN_PERIOD_NS for k in range(len(heads))]
+        self.stamps_ns = np.array(stamps, dtype=np.int64)
+        given = [pose for pose in poses if pose is not None]
+        apart = len(given) == len(heads) and len({pose.tobytes() for pose in given}) == len(given)
+        self._poses: list[NDArray[np.float64]] | None = given if apart and len(given) > 1 else None
+        self._counts = [int(head.point_count) for head in heads]
+
+    def __len__(self) -> int:
+        """How many scans the file holds."""
+        return len(self._counts)
+
+    def _jobs(self) -> Iterator[Callable[[], Scan]]:
+        return (partial(self._read, k) for k in range(len(self)))
+
+    def _read(self, index: int) -> Scan:
+        if self._counts[index] > BEST_RATIO * self.path.stat().st_size:
+            raise UnreadableScanError(f"its header claims {self._counts[index]} points")
+        try:
+            raw = self._file.read_scan(index, transform=False, ignore_missing_fields=True)
+            points = np.stack([raw[name] for name in _FIELDS[0]], axis=1)
+        except Exception as error:
+            raise UnreadableScanError(f"a broken scan ({_line(error)})") from None
+        pose = None if self._poses is None else self._poses[index]
+        assert self.stamps_ns is not None
+        return finished(index, int(self.stamps_ns[index]), points, raw.get("timeStamp"), self.path, pose)
+
+
+def _opened(path: Path) -> Any:
+    try:
+        import pye57
+    except ModuleNotFoundError:
+        raise UserError(f"{path}: E57 needs pye57: {_INSTALL}") from None
+    if not path.is_file():
+        raise UserError(f"{path}: no such file; give an E57 file")
+    with path.open("rb") as file:
+        head = file.read(48)
+    if len(head) < 48 or head[:8] != b"ASTM-E57" or struct.unpack_from("<Q", head, 16)[0] != path.stat().st_size:
+        raise UserError(f"{path}: no E57 file, or cut off; give a whole one")
+    try:
+        return pye57.E57(str(path))
+    except Exception as error:
+        raise UserError(f"{path}: a broken E57 file ({_line(error)}); export it again") from None
+
+
+def _begin(head: Any) -> int | None:
+    """When a scan was begun (ns since 1970); None where the file does not tell."""
+    try:
+        seconds = float(head["acquisitionStart"]["dateTimeValue"].value())
+    except Exception:
+        return None
+    return round((seconds + _GPS_EPOCH) * NS) if 0 < seconds < 1e10 else None
+
+
+def _pose(head: Any) -> NDArray[np.float64] | None:
+    if not head.has_pose():
+        return None
+    w, x, y, z = (float(value) for value in head.rotation)
+    values = np.array([*map(float, head.translation), x, y, z, w])
+    if not np.isfinite(values).all() or abs(float(np.linalg.norm(values[3:])) - 1) > 1e-3:
+        return None
+    return xyzquat_to_poses(values)
+
+
+def _line(error: Exception) -> str:
+    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0][:80]}"

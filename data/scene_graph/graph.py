@@ -1,0 +1,231 @@
+"""`SceneGraph`: floors, rooms, wall surfaces, doors and keyframes; both the A-graph and the S-graph are one.
+
+Metres and radians. All coordinates are in the graph's own frame: `bim` (the IFC model's world frame) for an
+A-graph, `map` for an S-graph.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.common.files import write_json
+from data.common.json_files import read_json
+from data.scene_graph.fields import check_item
+
+Xy = tuple[float, float]
+T = TypeVar("T")
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A storey; `elevation` is the z of its finished floor."""
+
+    id: str
+    name: str = ""
+    elevation: float | None = None
+
+
+@dataclass(frozen=True)
+class Room:
+    """A room or corridor; `polygon` is the footprint's outer ring, not closed."""
+
+    id: str
+    centroid: Xy
+    floor: str | None = None
+    name: str = ""
+    polygon: tuple[Xy, ...] | None = None
+
+
+@dataclass(frozen=True)
+class WallSurface:
+    """One side of a wall: `centroid` is its footprint's mid point, `normal` points into the room it faces.
+
+    `height` is (z of the lower edge, z of the upper edge), of a plan's surface in the building's frame, of one of a map
+    above its floor; `plane` is (nx, ny, nz, d) with n.x + d = 0. `parts` tell of a planned surface where which wall
+    stands: (its source, from, to, whether in full height or under a window), metres leftward from the middle as one
+    looks along the normal; between them are doors and other openings.
+    """
+
+    id: str
+    room: str | None
+    centroid: Xy
+    normal: Xy
+    length: float | None = None
+    floor: str | None = None
+    source: str = ""
+    height: tuple[float, float] | None = None
+    plane: tuple[float, float, float, float] | None = None
+    parts: tuple[tuple[str, float, float, bool], ...] = ()
+
+    def ends(self) -> tuple[Xy, Xy]:
+        """The footprint's two end points, the first to the left of one who looks along the normal."""
+        half = (self.length or 0.0) / 2
+        (cx, cy), (nx, ny) = self.centroid, self.normal
+        return (cx - ny * half, cy + nx * half), (cx + ny * half, cy - nx * half)
+
+
+@dataclass(frozen=True)
+class Door:
+    """A passage; `rooms` are the ids of those it joins (one for an outer door)."""
+
+    id: str
+    rooms: tuple[str, ...]
+    centroid: Xy
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """`pose` is T_map_sensor as x y z qx qy qz qw; `observes` are ids of wall surfaces."""
+
+    id: str
+    stamp_ns: int
+    pose: tuple[float, float, float, float, float, float, float]
+    floor: str | None = None
+    room: str | None = None
+    observes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SceneGraph:
+    """One building, planned (A-graph) or seen (S-graph). Ids are unique within the graph."""
+
+    frame: str
+    rooms: tuple[Room, ...] = ()
+    wall_surfaces: tuple[WallSurface, ...] = ()
+    doors: tuple[Door, ...] = ()
+    floors: tuple[Floor, ...] = ()
+    keyframes: tuple[Keyframe, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises UserError for ids given twice, references to nothing, and numbers that are not finite."""
+        everything: list[Room | WallSurface | Door | Floor | Keyframe] = [
+            *self.rooms, *self.wall_surfaces, *self.doors, *self.floors, *self.keyframes
+        ]  # fmt: skip
+        ids = [item.id for item in everything]
+        if len(set(ids)) != len(ids):
+            twice = next(i for i in ids if ids.count(i) > 1)
+            raise UserError(f"scene graph: the id '{twice}' is given twice; ids must be unique")
+        for surface in self.wall_surfaces:
+            if surface.room is not None and surface.room not in self.room_by_id:
+                raise UserError(f"scene graph: wall surface '{surface.id}' names no room '{surface.room}'")
+            if abs(math.hypot(*surface.normal) - 1) > 1e-2:  # planes of a real map are not quite upright
+                raise UserError(f"scene graph: the normal of wall surface '{surface.id}' is not a unit vector")
+            if surface.length is not None and not surface.length > 0:
+                raise UserError(f"scene graph: wall surface '{surface.id}' has no positive length")
+        for item in everything:
+            if not all(math.isfinite(x) for x in _numbers(vars(item))):
+                raise UserError(f"scene graph: '{item.id}' holds a number that is not finite")
+
+    @cached_property
+    def room_by_id(self) -> dict[str, Room]:
+        """Rooms by their ids."""
+        return {r.id: r for r in self.rooms}
+
+    @cached_property
+    def surface_by_id(self) -> dict[str, WallSurface]:
+        """Wall surfaces by their ids."""
+        return {w.id: w for w in self.wall_surfaces}
+
+    @cached_property
+    def surfaces_of_room(self) -> dict[str, tuple[WallSurface, ...]]:
+        """The wall surfaces that face each room, in the graph's order."""
+        facing: dict[str, list[WallSurface]] = {r.id: [] for r in self.rooms}
+        for surface in self.wall_surfaces:
+            if surface.room is not None:
+                facing[surface.room].append(surface)
+        return {room: tuple(surfaces) for room, surfaces in facing.items()}
+
+    def on_floor(self, floor: str | None) -> "SceneGraph":
+        """The part of the graph that belongs to one floor."""
+        rooms = tuple(r for r in self.rooms if r.floor == floor)
+        kept = {r.id for r in rooms}
+
+        def belongs(surface: WallSurface) -> bool:
+            return surface.floor == floor or (surface.floor is None and surface.room in kept)
+
+        return SceneGraph(
+            self.frame, rooms, tuple(w for w in self.wall_surfaces if belongs(w)),
+            tuple(d for d in self.doors if kept.intersection(d.rooms)),
+            tuple(f for f in self.floors if f.id == floor), tuple(k for k in self.keyframes if k.floor == floor),
+        )  # fmt: skip
+
+    def centroid(self) -> NDArray[np.float64]:
+        """(2,) the mean of the rooms' centroids, of the wall surfaces' where there is no room."""
+        points = [r.centroid for r in self.rooms] or [w.centroid for w in self.wall_surfaces] or [(0.0, 0.0)]
+        return np.mean(np.asarray(points, dtype=float), axis=0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The form of `scene_graph.schema.json`, version 1."""
+        return {"schema_version": SCHEMA_VERSION, **{f.name: _plain(getattr(self, f.name)) for f in fields(self)}}
+
+    @staticmethod
+    def from_dict(value: Any) -> "SceneGraph":
+        """Reads the form of `to_dict`; unknown properties are ignored.
+
+        Raises UserError where the form is not kept.
+        """
+        if not isinstance(value, dict) or value.get("schema_version") != SCHEMA_VERSION:
+            raise UserError("scene graph: not a scene graph of schema_version 1")
+        try:
+            return SceneGraph(
+                str(value["frame"]), _read(Room, value["rooms"]), _read(WallSurface, value["wall_surfaces"]),
+                _read(Door, value.get("doors", ())), _read(Floor, value.get("floors", ())),
+                _read(Keyframe, value.get("keyframes", ())),
+            )  # fmt: skip
+        except (KeyError, TypeError, ValueError) as error:
+            raise UserError(f"scene graph: a required property is missing or of the wrong kind ({error})") from None
+
+    def save(self, path: Path | str) -> None:
+        """Writes JSON atomically."""
+        write_json(path, self.to_dict())
+
+    @staticmethod
+    def load(path: Path | str, part: str | None = None) -> "SceneGraph":
+        """Reads JSON, or what a larger file holds as `part`, where it does (`a_graph` of a known pair, for one).
+
+        Raises UserError, naming the file, where it is missing or not a scene graph.
+        """
+        value = read_json(path, "a scene graph's JSON file")
+        try:
+            return SceneGraph.from_dict(value[part] if isinstance(value, dict) and part in value else value)
+        except UserError as error:
+            raise UserError(f"{path}: {error}") from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(v) for v in value]
+    return {k: _plain(v) for k, v in asdict(value).items()} if hasattr(value, "__dataclass_fields__") else value
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
+
+
+def _read(kind: type[T], items: Iterable[dict[str, Any]]) -> tuple[T, ...]:
+    names = {f.name for f in fields(kind)}  # type: ignore[arg-type]
+    if not isinstance(items, (list, tuple)):
+        raise ValueError(f"{str(items)[:40]} is no list")
+    for item in items:
+        check_item(item)
+    return tuple(kind(**{k: _frozen(v) for k, v in item.items() if k in names}) for item in items)
+
+
+def _numbers(value: Any) -> Iterable[float]:
+    if isinstance(value, dict):
+        value = value.values()
+    elif isinstance(value, (int, float)):
+        yield value
+        return
+    elif not isinstance(value, (list, tuple)):
+        return
+    for item in value:
+        yield from _numbers(item)

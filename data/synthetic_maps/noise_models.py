@@ -1,0 +1,208 @@
+"""S-graphs drawn from A-graphs: the published perturbation, and what LiDAR maps of real buildings look like.
+
+| regime | what is seen | how |
+|---|---|---|
+| `paper` | rooms and walls dropped at random | the published perturbation (`data.synthetic_maps.published_noise`) |
+| `real` | a connected set of rooms | walls with the noise of real scans, missing, in pieces, clutter |
+| `drift` | the same | and every step from room to room adds to the rooms' motion |
+| `messy` | the same | drift, and rooms merged and cut, surfaces without a room |
+| `warped` | the same | drift with steps three times as wrong: maps without any tracking by walls |
+
+Nothing but the wall surfaces that were seen tells of the plan: an S room has no footprint, its centroid is that of
+the box of its surfaces; names, sources, heights and ids of the plan are not in the S-graph, and its order is drawn.
+The map's origin and heading are those of a robot that started somewhere in one of the rooms.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from data.common.errors import UserError
+from data.geometry import se2
+from data.geometry.line_fit import fit_to_lines
+from data.geometry.se2 import Array
+from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
+from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
+from data.synthetic_maps.published_noise import global_noise, surviving_rooms, surviving_walls
+from data.synthetic_maps.room_noise import Housed, housed, mistaken, overlooked, true_rooms
+from data.synthetic_maps.wall_noise import see
+
+REGIMES = ("paper", "real", "drift", "messy", "warped")
+DRIFT_YAW, DRIFT_XY = float(np.radians(1.5)), 0.15  # sigmas of each step from room to room: rad; m along each axis
+WARPED = 3.0  # times as much
+SIGMA_DOOR = 0.1  # m along each axis
+FLOOR_ID = "floor-0"
+Motion = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class DrawnGraph:
+    """An S-graph and its truth: S ids to A ids; what has no true match (clutter) is not in them.
+
+    Motions are (yaw, x, y), p_a = R(yaw) p_s + (x, y). `T_a_s_by_room` holds each S room's own true motion. `T_a_s`
+    is the motion of the map, for one that is `bent` the best rigid fit of the true wall matches (ends of S surfaces
+    to lines of A surfaces). A room cut in two is twice in `rooms`; of a merged room the truth is the A room from
+    which most of its walls, by length, were seen (its other walls keep their own true match, and that room's own
+    motion is not told). `floor` is the A-graph's.
+    """
+
+    s_graph: SceneGraph
+    rooms: Mapping[str, str]
+    wall_surfaces: Mapping[str, str]
+    T_a_s: Motion
+    T_a_s_by_room: Mapping[str, Motion]
+    floor: str | None
+    bent: bool
+
+
+def draw(
+    a: SceneGraph, regime: str, rng: np.random.Generator, rooms: int | None = None, floor: str | None = None
+) -> DrawnGraph:
+    """Draws an S-graph of one floor of an A-graph.
+
+    `rooms` is how many rooms are explored, None for all of the floor; where fewer hang together it is fewer, and a
+    room of which nothing is seen is not in the S-graph. The regime `paper` always drops its own share and ignores it.
+    `floor` None: drawn among the floors whose rooms have wall surfaces. The same generator state gives the same graph.
+
+    Raises UserError for an unknown regime or floor, a graph without rooms that have wall surfaces, and `rooms` < 1.
+    """
+    if regime not in REGIMES:
+        raise UserError(f"no regime '{regime}' of S-graphs; there are: {', '.join(REGIMES)}")
+    storey = _choose(a, floor, rng)
+    while True:  # of a small part of a plan it may happen that nothing is seen
+        drawn = _paper(storey, rng) if regime == "paper" else draw_walk(storey, walk(storey, rng, rooms), regime, rng)
+        if drawn.rooms:
+            return drawn
+
+
+def _choose(a: SceneGraph, floor: str | None, rng: np.random.Generator) -> Storey:
+    storeys = storeys_of(a)
+    if not storeys:
+        raise UserError("the A-graph has no room with wall surfaces; an S-graph cannot be drawn from it")
+    if floor is None:
+        return storeys[int(rng.integers(len(storeys)))]
+    for storey in storeys:
+        if storey.floor == floor:
+            return storey
+    names = ", ".join(str(s.floor) for s in storeys)
+    raise UserError(f"the A-graph has no floor '{floor}' with rooms; there are: {names}")
+
+
+def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
+    rooms = surviving_rooms(storey, rng)
+    T_map_a = global_noise(rng)
+    walked = Walk(tuple(rooms.tolist()), (-1,) * len(rooms))
+    map_rooms = housed(storey, walked, surviving_walls(storey, rooms, rng))
+    place = se2.apply(T_map_a, storey.middle[rooms])
+    motions = dict.fromkeys(walked.rooms, T_map_a)
+    return _built(storey, map_rooms, motions, rng, False, place)
+
+
+def draw_walk(storey: Storey, walked: Walk, regime: str, rng: np.random.Generator) -> DrawnGraph:
+    """Draws the S-graph of a walk through a storey; a room of which nothing is seen is not in it.
+
+    Raises UserError for an unknown regime, and for `paper`, which knows no walk.
+    """
+    if regime not in REGIMES[1:]:
+        raise UserError(f"no regime '{regime}' of S-graphs of a walk; there are: {', '.join(REGIMES[1:])}")
+    map_rooms = housed(storey, walked, see(storey, np.array(walked.rooms), rng))
+    map_rooms = overlooked(map_rooms, rng)
+    bent = regime != "real"
+    if regime == "messy":
+        map_rooms = mistaken(map_rooms, walked, rng)
+    start = storey.somewhere_in(walked.rooms[0], rng)
+    yaw = rng.uniform(-np.pi, np.pi)
+    T_map_a = np.array([yaw, *se2.rotate(yaw, -start)])
+    times = WARPED if regime == "warped" else 1.0
+    motions = _drifted(storey, walked, T_map_a, times, rng) if bent else dict.fromkeys(walked.rooms, T_map_a)
+    return _built(storey, map_rooms, motions, rng, bent)
+
+
+def _drifted(
+    storey: Storey, walked: Walk, T_map_a: Array, times: float, rng: np.random.Generator
+) -> dict[int, Array]:
+    """T_map_a of each room: that of the room from which it was entered, and a step more, a turn about its centroid."""
+    motions: list[Array] = []
+    for room, parent in zip(walked.rooms, walked.parents, strict=True):
+        if parent < 0:
+            motions.append(T_map_a)
+            continue
+        yaw, middle = rng.normal(0, times * DRIFT_YAW), storey.middle[room]
+        step = np.array([yaw, *(middle - se2.rotate(yaw, middle) + rng.normal(0, times * DRIFT_XY, 2))])
+        motions.append(se2.compose(motions[parent], step))
+    return dict(zip(walked.rooms, motions, strict=True))
+
+
+def _built(
+    storey: Storey, map_rooms: Housed, motions: Mapping[int, Array], rng: np.random.Generator, bent: bool,
+    places: Array | None = None,
+) -> DrawnGraph:  # fmt: skip
+    """The graph in the map frame, its order drawn. `motions` are T_map_a by A room, the first the map's own;
+    `places` (map rooms, 2) are the rooms' centroids in the map, None for those of the boxes of their surfaces."""
+    seen, truth = map_rooms.seen, true_rooms(map_rooms)
+    T = np.array([motions[r] for r in seen.room.tolist()]).reshape(-1, 3)
+    centre, arm = se2.apply(T, seen.centre), se2.rotate(T[:, 0], seen.arm)
+    T_a_s = se2.inverse(next(iter(motions.values())))
+    if bent:
+        T_a_s = _fitted(storey, seen.wall, centre, arm, T_a_s)
+    known = list(truth)
+    names = {known[k]: f"R{n}" for n, k in enumerate(rng.permutation(len(known)).tolist())}
+    rooms = []
+    for home, name in names.items():
+        mine = map_rooms.home == home
+        place = _box_centre(centre[mine], arm[mine]) if places is None else places[home]
+        rooms.append(Room(name, _xy(place), FLOOR_ID))
+    order = rng.permutation(len(seen))
+    heading = seen.heading + T[:, 0]
+    normal = np.stack((np.cos(heading), np.sin(heading)), axis=-1)
+    walls = tuple(
+        WallSurface(
+            f"W{n}", names.get(int(map_rooms.home[k])), _xy(centre[k]), _xy(normal[k]),
+            None if np.isnan(seen.length[k]) else float(seen.length[k]), FLOOR_ID,
+        )
+        for n, k in enumerate(order)
+    )  # fmt: skip
+    doors = _doors(map_rooms, motions, names, rng, 0.0 if places is not None else SIGMA_DOOR)
+    wall_truth = {w.id: storey.ids[seen.wall[k]] for w, k in zip(walls, order, strict=True) if seen.wall[k] >= 0}
+    return DrawnGraph(
+        SceneGraph("map", tuple(rooms), walls, doors, (Floor(FLOOR_ID),)),
+        {name: storey.rooms[truth[home]].id for home, name in names.items()}, wall_truth, _triple(T_a_s),
+        {name: _triple(se2.inverse(motions[truth[home]])) for home, name in names.items()}, storey.floor, bent,
+    )  # fmt: skip
+
+
+def _doors(
+    map_rooms: Housed, motions: Mapping[int, Array], names: Mapping[int, str], rng: np.random.Generator, sigma: float
+) -> tuple[Door, ...]:
+    found: list[tuple[tuple[str, ...], Xy]] = []
+    for door in map_rooms.doors:
+        if all(r in names for r in door.rooms):
+            place = se2.apply(motions[door.seen_from], door.place) + sigma * rng.normal(size=2)
+            found.append((tuple(sorted(names[r] for r in door.rooms)), _xy(place)))
+    return tuple(Door(f"D{n}", rooms, place) for n, (rooms, place) in enumerate(sorted(found)))
+
+
+def _fitted(storey: Storey, wall: Index, centre: Array, arm: Array, start: Array) -> Array:
+    """(3,) T_a_s: the ends of the S surfaces to the lines of their A surfaces `wall`, -1 for none."""
+    true = np.flatnonzero(wall >= 0)
+    ends = np.concatenate((centre[true] + arm[true], centre[true] - arm[true]))
+    lines = np.tile(wall[true], 2)
+    return fit_to_lines(ends, storey.centre[lines], storey.normal[lines], start)
+
+
+def _box_centre(centre: Array, arm: Array) -> Array:
+    """(2,) the middle of the box of the surfaces, whose sides lie along the longest of them."""
+    longest = arm[np.hypot(*arm.T).argmax()]
+    grid = float(np.arctan2(longest[1], longest[0]))
+    ends = se2.rotate(-grid, np.concatenate((centre + arm, centre - arm)))
+    return se2.rotate(grid, (ends.min(axis=0) + ends.max(axis=0)) / 2)
+
+
+def _xy(point: Array) -> Xy:
+    return float(point[0]), float(point[1])
+
+
+def _triple(T: Array) -> Motion:
+    yaw, x, y = T.tolist()
+    return yaw, x, y

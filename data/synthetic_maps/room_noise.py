@@ -1,0 +1,144 @@
+"""Which surfaces a map counts to which room: as they are, or with rooms merged, cut in two, and surfaces astray."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data.geometry import se2
+from data.geometry.se2 import Array
+from data.synthetic_maps.exploration import Index, Storey, Walk
+from data.synthetic_maps.wall_noise import SHORTEST, Seen, joined
+
+DOOR_MISSING = 0.1
+ALTERED = 0.1  # of the rooms: merged with a neighbour or cut in two, half of them each
+ASTRAY = 0.1  # of the surfaces: no room is known
+LEAST_CUT = 2.0  # m; a shorter room is not cut
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A door between two map rooms, at `place` (2,) in the A-graph's frame, mapped with A room `seen_from`."""
+
+    rooms: tuple[int, int]
+    place: Array
+    seen_from: int
+
+
+@dataclass(frozen=True, eq=False)
+class Housed:
+    """The surfaces of a map, the map room of each, -1 for none, and the doors. Map rooms are 0, 1, ..."""
+
+    seen: Seen
+    home: Index  # (N,)
+    doors: tuple[Passage, ...]
+
+
+def housed(storey: Storey, walk: Walk, seen: Seen) -> Housed:
+    """Every surface in the room that it was seen from, and all doors; map rooms are numbered as they were entered."""
+    place = {r: n for n, r in enumerate(walk.rooms)}
+    doors = tuple(
+        Passage((place[i], place[j]), at, i if place[i] < place[j] else j)
+        for i, j, at in storey.doors
+        if i in place and j in place
+    )
+    return Housed(seen, np.array([place[r] for r in seen.room.tolist()], dtype=np.int64), doors)
+
+
+def overlooked(map_rooms: Housed, rng: np.random.Generator) -> Housed:
+    """One door in ten is not seen."""
+    return replace(map_rooms, doors=tuple(d for d in map_rooms.doors if rng.random() >= DOOR_MISSING))
+
+
+def mistaken(map_rooms: Housed, walk: Walk, rng: np.random.Generator) -> Housed:
+    """One room in ten merged with a neighbour or cut in two, each room once at most; one surface in ten astray."""
+    count = len(walk.rooms)
+    altered: set[int] = set()
+    for n in np.flatnonzero(rng.random(count) < ALTERED).tolist():
+        near = [k for k in _beside(walk, n) if k not in altered]
+        if n in altered:
+            continue
+        if near and rng.random() < 0.5:
+            other = near[int(rng.integers(len(near)))]
+            map_rooms = _merged(map_rooms, n, other)
+            altered |= {n, other}
+        else:
+            map_rooms = _cut(map_rooms, n, count, rng)
+            count += 1
+            altered.add(n)
+    home = np.where(rng.random(len(map_rooms.home)) < ASTRAY, -1, map_rooms.home)
+    return replace(map_rooms, home=home)
+
+
+def true_rooms(map_rooms: Housed) -> dict[int, int]:
+    """Map room to the A room from which most of its walls, by length, were seen."""
+    found = {}
+    length = np.nan_to_num(map_rooms.seen.length, nan=1.0)
+    for home in np.unique(map_rooms.home[map_rooms.home >= 0]).tolist():
+        mine = (map_rooms.home == home) & (map_rooms.seen.wall >= 0)
+        rooms, where = np.unique(map_rooms.seen.room[mine], return_inverse=True)
+        if len(rooms):
+            found[home] = int(rooms[np.bincount(where, length[mine]).argmax()])
+    return found
+
+
+def _beside(walk: Walk, n: int) -> list[int]:
+    """The rooms that were entered from this one, and the one from which it was entered."""
+    return [k for k, p in enumerate(walk.parents) if p == n] + ([walk.parents[n]] if walk.parents[n] >= 0 else [])
+
+
+def _merged(map_rooms: Housed, kept: int, gone: int) -> Housed:
+    doors = []
+    for door in map_rooms.doors:
+        first, last = (kept if r == gone else r for r in door.rooms)
+        if first != last:
+            doors.append(replace(door, rooms=(first, last)))
+    return Housed(map_rooms.seen, np.where(map_rooms.home == gone, kept, map_rooms.home), tuple(doors))
+
+
+def _cut(map_rooms: Housed, room: int, new: int, rng: np.random.Generator) -> Housed:
+    """The room cut across its longer side; walls that the cut crosses are cut too."""
+    seen, home = map_rooms.seen, map_rooms.home
+    mine = np.flatnonzero(home == room)
+    if len(mine) < 2:
+        return map_rooms
+    part = seen.at(mine)
+    ends = np.concatenate((part.centre + part.arm, part.centre - part.arm))
+    grid = float(part.heading[np.nan_to_num(part.length).argmax()])
+    turned = se2.rotate(-grid, ends)
+    axis = int(np.ptp(turned, axis=0).argmax())
+    low, high = turned[:, axis].min(), turned[:, axis].max()
+    if high - low < LEAST_CUT:
+        return map_rooms
+    at = low + rng.uniform(0.35, 0.65) * (high - low)
+    along = se2.rotate(grid, np.eye(2)[axis])
+    pieces = [_side(part, along, -at), _side(part, -along, at)]
+    rest = np.flatnonzero(home != room)
+    homes = [home[rest], np.full(len(pieces[0]), room), np.full(len(pieces[1]), new)]
+    middle = turned.mean(axis=0)
+    middle[axis] = at
+    place = se2.rotate(grid, middle)
+    doors = [_after_cut(door, room, new, along, at) for door in map_rooms.doors]
+    seen_from = int(np.bincount(part.room).argmax())
+    return Housed(
+        joined([seen.at(rest), *pieces]), np.concatenate(homes), (*doors, Passage((room, new), place, seen_from))
+    )
+
+
+def _after_cut(door: Passage, room: int, new: int, along: Array, at: float) -> Passage:
+    beyond = float(along @ door.place) > at
+    first, last = (new if r == room and beyond else r for r in door.rooms)
+    return replace(door, rooms=(first, last))
+
+
+def _side(part: Seen, along: Array, offset: float) -> Seen:
+    """What lies where along . p + offset < 0, pieces shorter than a visible wall left out."""
+    first, last = (part.centre + s * part.arm for s in (1, -1))
+    f, g = first @ along + offset, last @ along + offset
+    crossed = f * g < 0
+    share = np.where(crossed, f / np.where(crossed, f - g, 1.0), 0.0)
+    edge = first + share[:, None] * (last - first)
+    first, last = (np.where((crossed & (v > 0))[:, None], edge, e) for v, e in ((f, first), (g, last)))
+    length = np.hypot(*(first - last).T)
+    unknown = np.isnan(part.length)
+    kept = np.where(crossed, length >= SHORTEST, f + g < 0)
+    return replace(part, centre=(first + last) / 2, length=np.where(unknown, np.nan, length)).at(np.flatnonzero(kept))

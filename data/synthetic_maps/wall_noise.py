@@ -1,0 +1,122 @@
+"""Wall surfaces as a LiDAR maps them: what of the explored rooms' walls is seen, and how badly.
+
+The deviations of ends, offset and tilt and the shortest wall are those that the authors of the published matcher
+fitted to three real scans (48 walls); what is missing, seen in two pieces or no wall at all is ours.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from data.geometry import se2
+from data.geometry.se2 import Array
+from data.synthetic_maps.exploration import Index, Storey
+
+SIGMA_END = 0.346  # m along the wall, of each end
+SIGMA_ACROSS = 0.061  # m
+SIGMA_TILT = float(np.radians(0.15))
+SHORTEST = 0.35  # m; what is shorter is not seen
+MISSING = 0.1  # of the walls
+IN_PIECES = 0.1  # of the walls that are long enough
+WIDEST_GAP = 0.6  # m between two pieces
+CLUTTER = 0.1  # surfaces that are no wall, for each wall
+LONGEST_CLUTTER = 3.0  # m
+BEFORE_WALL = 0.3  # m: a cupboard's front is at least so far from its wall
+SIGMA_ASKEW = float(np.radians(2.0))  # of clutter, to the walls
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """N surfaces in the A-graph's frame, before the map's own motion."""
+
+    wall: Index  # (N,) into the storey's walls, -1 for what is no wall
+    room: Index  # (N,) into the storey's rooms: where it was seen from
+    centre: Array  # (N, 2)
+    heading: Array  # (N,) of the normal
+    length: Array  # (N,) metres, NaN where not known
+
+    def __len__(self) -> int:
+        return len(self.wall)
+
+    def at(self, chosen: Index) -> "Seen":
+        """The surfaces with these indices."""
+        wall, room, centre = self.wall[chosen], self.room[chosen], self.centre[chosen]
+        return Seen(wall, room, centre, self.heading[chosen], self.length[chosen])
+
+    @property
+    def arm(self) -> Array:
+        """(N, 2) from the middle to the left end of one who looks along the normal; zero for unknown lengths."""
+        half = np.nan_to_num(self.length) / 2
+        return half[:, None] * np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
+
+
+def joined(parts: list[Seen]) -> Seen:
+    """All surfaces of the parts (at least one)."""
+    columns = zip(*((p.wall, p.room, p.centre, p.heading, p.length) for p in parts), strict=True)
+    return Seen(*(np.concatenate(c) for c in columns))
+
+
+def see(storey: Storey, rooms: Index, rng: np.random.Generator) -> Seen:
+    """What a robot maps of the walls of some rooms, clutter included."""
+    walls = np.concatenate([storey.walls_of[k] for k in rooms.tolist()])
+    clutter = _clutter(storey, walls[rng.random(len(walls)) < CLUTTER], rng)
+    walls = walls[rng.random(len(walls)) >= MISSING]
+    length = storey.length[walls]
+    cut = (rng.random(len(walls)) < IN_PIECES) & (length > 2 * SHORTEST + 0.2)
+    gap = np.minimum(rng.uniform(0.1, WIDEST_GAP, len(walls)), length - 2 * SHORTEST)
+    low, high = -length / 2 + rng.normal(0, SIGMA_END, len(walls)), length / 2 + rng.normal(0, SIGMA_END, len(walls))
+    middle = rng.uniform(-0.5, 0.5, len(walls)) * (length - gap - 2 * SHORTEST)
+    last = walls[cut], (middle + gap / 2)[cut], high[cut]
+    high = np.where(cut, middle - gap / 2, high)
+    unknown = np.isnan(length)  # only the middle slides
+    slide = rng.normal(0, SIGMA_END / np.sqrt(2), len(walls))
+    low, high = np.where(unknown, slide, low), np.where(unknown, slide, high)
+    walls, low, high = (np.concatenate(c) for c in zip((walls, low, high), last, strict=True))
+    return joined([_observed(storey, walls, low, high, rng), clutter])
+
+
+def _observed(storey: Storey, wall: Index, low: Array, high: Array, rng: np.random.Generator) -> Seen:
+    """The parts of walls from `low` to `high` along their tangents, shifted across and tilted."""
+    unknown = np.isnan(storey.length[wall])
+    kept = unknown | (high - low >= SHORTEST)
+    wall, low, high, unknown = wall[kept], low[kept], high[kept], unknown[kept]
+    across = rng.normal(0, SIGMA_ACROSS, len(wall))
+    centre = storey.centre[wall] + ((low + high) / 2)[:, None] * storey.tangent[wall]
+    return Seen(
+        wall, storey.room[wall], centre + across[:, None] * storey.normal[wall],
+        storey.heading[wall] + rng.normal(0, SIGMA_TILT, len(wall)), np.where(unknown, np.nan, high - low),
+    )  # fmt: skip
+
+
+def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> Seen:
+    """An upright plane before each of these walls, within the room, about parallel or square to the wall."""
+    n = len(behind)
+    room = storey.room[behind]
+    wall = np.nan_to_num(storey.length[behind], nan=2.0)
+    depth = BEFORE_WALL + rng.exponential(0.6, n)
+    aside = rng.uniform(-0.5, 0.5, n) * wall
+    centre = storey.centre[behind] + depth[:, None] * storey.normal[behind] + aside[:, None] * storey.tangent[behind]
+    quarter = np.where(rng.random(n) < 0.7, 0, rng.integers(1, 4, n)) * np.pi / 2
+    heading = se2.wrap(storey.heading[behind] + quarter + rng.normal(0, SIGMA_ASKEW, n))
+    found = Seen(np.full(n, -1), room, centre, heading, rng.uniform(SHORTEST, LONGEST_CLUTTER, n))
+    return _within(storey, found)
+
+
+def _within(storey: Storey, found: Seen) -> Seen:
+    """Drawn towards the room's middle and shortened until they stand in the room; what never does is left out.
+
+    Where no footprint is known, the box of the room's walls stands for it.
+    """
+    standing = np.zeros(len(found), dtype=bool)
+    for _ in range(4):
+        inside = np.array([
+            storey.holds(int(k), np.array([c - a, c, c + a]))
+            for k, c, a in zip(found.room, found.centre, found.arm, strict=True)
+        ], dtype=bool)  # fmt: skip
+        standing |= inside
+        pull = np.where(standing, 0.0, 0.3)
+        found = replace(
+            found, centre=found.centre + pull[:, None] * (storey.middle[found.room] - found.centre),
+            length=np.where(standing, found.length, np.maximum(0.6 * found.length, SHORTEST)),
+        )  # fmt: skip
+    return found.at(np.flatnonzero(standing))

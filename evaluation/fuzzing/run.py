@@ -1,0 +1,201 @@
+"""`python -m evaluation.fuzzing.run --inputs N --out DIR`: damaged files of every format, to every reader.
+
+Each input is made from a whole small file by its number and the seed alone, and read in a process with limits on memory
+and time. A reader may read it or refuse it (UserError; of single scans UnreadableScanError); any other exception, a
+signal, a hang and memory that runs out are crashes. Their inputs are kept in DIR.
+"""
+
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import sys
+import tempfile
+import traceback
+from collections import Counter
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+from evaluation.fuzzing.readers import READERS, REFUSED, Reader
+
+MEMORY = 3 << 30  # bytes that an input may make a reader map, beside what the libraries take
+HANG = 20.0  # s of the processor
+WAIT = 20  # times as long by the clock, on a machine that others use too
+OUTCOMES = ("read", "refused", "crashes")
+
+
+class Hang(BaseException):
+    """The time is over; no `except Exception` may take it."""
+
+
+def input_of(reader: Reader, seeds: list[bytes], seed: int, number: int) -> bytes:
+    """The same bytes each time."""
+    return reader.mutate(seeds, random.Random(f"{seed} {reader.name} {number}"))
+
+
+def outcome_of(reader: Reader, path: Path) -> tuple[str, str]:
+    """What a reader makes of a file: one of OUTCOMES, and of a crash what it was."""
+    signal.setitimer(signal.ITIMER_PROF, HANG)
+    signal.setitimer(signal.ITIMER_REAL, WAIT * HANG)
+    try:
+        reader.read(path)
+        return "read", ""
+    except REFUSED as error:
+        return ("crashes", f"an error of several lines: {error!r}") if "\n" in str(error) else ("refused", "")
+    except Hang:
+        return "crashes", f"took over {HANG:.0f} s"
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        return "crashes", f"{type(error).__name__}: {str(error)[:200]} ({Path(place.filename).name}:{place.lineno})"
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def _work(name: str, numbers: list[int], seed: int, said: Connection) -> None:
+    """Tells each input's number before it is read and its outcome after."""
+    reader = next(r for r in READERS if r.name == name)
+    ring_on_time()
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+    with tempfile.TemporaryDirectory(prefix="fuzz-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:
+        seeds = reader.samples(Path(folder))
+        path = Path(folder) / "input"
+        for at, whole in enumerate(seeds):  # loads the libraries, and shows that the samples are whole
+            (path := path.with_name(f"whole{at}{reader.suffix}")).write_bytes(whole)
+            reader.read(path)
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY, used + MEMORY))
+        path = Path(folder) / f"input{reader.suffix}"
+        for number in numbers:
+            path.write_bytes(input_of(reader, seeds, seed, number))
+            said.send((number, "began", ""))
+            said.send((number, *outcome_of(reader, path)))
+    said.close()
+
+
+def ring_on_time() -> None:
+    """Makes a hang of this process an exception."""
+    for number in (signal.SIGALRM, signal.SIGPROF):
+        signal.signal(number, _ring)
+
+
+def _ring(*_: Any) -> None:
+    raise Hang
+
+
+def fuzz(
+    names: list[str], inputs: int, seconds: float, seed: int, out: Path | None, processes: int
+) -> dict[str, Counter[str]]:
+    """The counts by reader. Ends after `seconds`, whatever has been tried by then."""
+    chosen = [r for r in READERS if r.name in names]
+    total = sum(r.share for r in chosen)
+    jobs = [(r.name, list(range(max(1, round(inputs * r.share / total))))) for r in chosen]
+    jobs = [(name, numbers[k::processes]) for name, numbers in jobs for k in range(processes) if numbers[k::processes]]
+    counts: dict[str, Counter[str]] = {r.name: Counter() for r in chosen}
+    ends, running = monotonic() + seconds, dict[Any, "_Run"]()
+    while (jobs or running) and monotonic() < ends:
+        while jobs and len(running) < processes:
+            run = _Run(*jobs.pop(0), seed)
+            running[run.hears] = run
+        for heard in wait(list(running), timeout=1.0):
+            if not running[heard].listen(counts, seed, out):
+                rest = running.pop(heard).ended(counts, seed, out)
+                jobs[:0] = [rest] if rest is not None else []
+        for run in [r for r in running.values() if monotonic() - r.since > 2 * WAIT * HANG]:
+            run.process.kill()  # it does not even hear the alarm
+    for run in running.values():
+        run.process.kill()
+    return counts
+
+
+class _Run:
+    """A process at work, and what it was last heard to do."""
+
+    def __init__(self, name: str, numbers: list[int], seed: int) -> None:
+        self.name, self.numbers, self.since, self.current = name, numbers, monotonic(), -1
+        self.hears, said = multiprocessing.Pipe(duplex=False)
+        self.process = multiprocessing.get_context("fork").Process(target=_work, args=(name, numbers, seed, said))
+        self.process.start()
+        said.close()
+
+    def listen(self, counts: dict[str, Counter[str]], seed: int, out: Path | None) -> bool:
+        """Takes one message; False where there are no more."""
+        try:
+            number, outcome, what = self.hears.recv()
+        except EOFError:
+            return False
+        self.since = monotonic()
+        self.current = number if outcome == "began" else -1
+        if outcome != "began":
+            counts[self.name][outcome] += 1
+            self.numbers = self.numbers[self.numbers.index(number) + 1 :]
+            if outcome == "crashes":
+                _keep(self.name, number, seed, what, out)
+        return True
+
+    def ended(self, counts: dict[str, Counter[str]], seed: int, out: Path | None) -> tuple[str, list[int]] | None:
+        """What remains to be done after the process has ended, with an input or without one."""
+        self.process.join()
+        if self.current >= 0:
+            counts[self.name]["crashes"] += 1
+            _keep(self.name, self.current, seed, f"the process ended with {self.process.exitcode}", out)
+            self.numbers = [n for n in self.numbers if n > self.current]
+        elif self.numbers:
+            raise UserError(f"{self.name}: a whole sample cannot be read (exit {self.process.exitcode})")
+        return (self.name, self.numbers) if self.numbers else None
+
+
+def _keep(name: str, number: int, seed: int, what: str, out: Path | None) -> None:
+    print(f"crash: {name}, input {number}: {what}", file=sys.stderr, flush=True)
+    if out is not None:
+        reader = next(r for r in READERS if r.name == name)
+        with tempfile.TemporaryDirectory() as folder:
+            raw = input_of(reader, reader.samples(Path(folder)), seed, number)
+        (out / f"{name.replace(' ', '_')}-{number}{reader.suffix}").write_bytes(raw)
+
+
+def table(counts: dict[str, Counter[str]]) -> str:
+    """A line for each reader, Markdown."""
+    lines = ["| reader | inputs | read | refused | crashes |", "|---|---|---|---|---|"]
+    total: Counter[str] = Counter()
+    for name, count in counts.items():
+        total += count
+        lines.append(f"| {name} | {count.total():,} | {count['read']:,} | {count['refused']:,} | {count['crashes']} |")
+    lines.append(f"| all | {total.total():,} | {total['read']:,} | {total['refused']:,} | {total['crashes']} |")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """The command line; 1 where a reader crashed. Raises UserError."""
+    parser = Parser(
+        prog="python -m evaluation.fuzzing.run", description="Damaged files of every format, to every reader."
+    )
+    add = parser.add_argument
+    add("--inputs", type=int, default=10_000, metavar="N", help="over all readers")
+    add("--seconds", type=float, default=3600.0, metavar="S", help="ends then, whatever was tried")
+    add("--seed", type=int, default=0, metavar="N", help="the same seed gives the same inputs")
+    add("--reader", action="append", metavar="NAME", help=f"one of: {', '.join(r.name for r in READERS)}")
+    add("--processes", type=int, default=1, metavar="N", help="at once")
+    add("--out", type=Path, metavar="DIR", help="where inputs are kept that crash, and the table")
+    options = parser.parse_args()
+    names = options.reader or [r.name for r in READERS]
+    if unknown := [n for n in names if n not in {r.name for r in READERS}]:
+        raise UserError(f"--reader {unknown[0]}: no such reader; see --help")
+    if options.out is not None:
+        options.out.mkdir(parents=True, exist_ok=True)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    counts = fuzz(names, options.inputs, options.seconds, options.seed, options.out, options.processes)
+    text = table(counts)
+    print(text)
+    if options.out is not None:
+        (options.out / "fuzz.md").write_text(text + "\n")
+    return int(any(count["crashes"] for count in counts.values()))
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,110 @@
+"""The measures of a cell of the matching benchmark, from its rows."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from evaluation.matching_benchmark.rows import Row, Tally
+from evaluation.metrics.bootstrap import Estimate, most_of, ratio
+from evaluation.metrics.calibration import Bin, calibration_error, merged
+from evaluation.metrics.statistics import Score
+
+LARGE = 34  # rooms of a large plan, and more
+SIZES = ("small", "large")
+
+
+def size_of(rooms: int) -> str:
+    """The size of a plan of so many rooms: "small" below 34, "large" from there on."""
+    return SIZES[rooms >= LARGE]
+
+
+@dataclass(frozen=True)
+class NodeMeasures:
+    """Of rooms or of wall surfaces. Macro is the mean over pairs, micro that over all nodes together.
+
+    Accuracy is the share of the S nodes that are answered as they should be: matched with their true match, or left
+    alone where they have none.
+    """
+
+    precision: Estimate | None
+    recall: Estimate | None
+    f1: Estimate | None
+    accuracy: Estimate | None
+    micro_precision: Estimate | None
+    micro_recall: Estimate | None
+    micro_f1: Estimate | None
+    micro_accuracy: Estimate | None
+    calibration_error: float | None
+    bins: tuple[Bin, ...]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Of a set of rows. `unique`, `ambiguous` and `none` are shares of all pairs; a pair is `perfect` where all
+    rooms and walls that have a true match are matched with it and nothing else is matched; `decided` is the share of
+    unique answers among the pairs that no other place of the plan explains as well. `wrong` of `uniques` unique
+    answers are wrong, a share of at most `wrong_bound` (one-sided 97.5 %)."""
+
+    pairs: int
+    rooms: NodeMeasures
+    walls: NodeMeasures
+    perfect: Estimate | None
+    unique: Estimate | None
+    ambiguous: Estimate | None
+    none: Estimate | None
+    decided: Estimate | None
+    wrong: int
+    uniques: int
+    wrong_bound: float
+    median_s: float
+    slow_s: float  # 95 % are faster
+    completed: float
+    failed: int
+
+
+def measure(rows: Sequence[Row]) -> Measures:
+    """All measures of at least one row."""
+    building = [f"{r.plans}/{r.building}" for r in rows]
+
+    def share(of: Callable[[Row], bool], among: Callable[[Row], bool] = lambda r: True) -> Estimate | None:
+        base = [among(r) for r in rows]
+        return ratio([b and of(r) for b, r in zip(base, rows, strict=True)], base, building)
+
+    uniques = sum(r.status == "unique" for r in rows)
+    wrong = sum(r.wrong for r in rows)
+    seconds = np.array([r.seconds for r in rows])
+    to_find = share(_perfect, lambda r: r.room_tally.true + r.wall_tally.true > 0)
+    return Measures(
+        len(rows), _nodes([r.room_tally for r in rows], building), _nodes([r.wall_tally for r in rows], building),
+        to_find, share(lambda r: r.status == "unique"), share(lambda r: r.status == "ambiguous"),
+        share(lambda r: r.status == "none"),
+        decided=share(lambda r: r.status == "unique", lambda r: r.twin is False), wrong=wrong, uniques=uniques,
+        wrong_bound=most_of(wrong, uniques), median_s=float(np.median(seconds)),
+        slow_s=float(np.percentile(seconds, 95)), completed=sum(r.completed for r in rows) / len(rows),
+        failed=sum(r.status == "failed" for r in rows),
+    )  # fmt: skip
+
+
+def _perfect(row: Row) -> bool:
+    return all(t.right == t.answered == t.true for t in (row.room_tally, row.wall_tally))
+
+
+def _nodes(tallies: list[Tally], building: list[str]) -> NodeMeasures:
+    scores = [Score(t.right, t.answered, t.right, t.true) for t in tallies]
+    right, answered, true, spare, left = np.array(
+        [(t.right, t.answered, t.true, t.spare, t.left) for t in tallies], dtype=float
+    ).T
+    nodes, fair = true + spare, right + left
+    bins = merged(t.bins for t in tallies)
+    accuracy = [f / n if n else None for f, n in zip(fair, nodes, strict=True)]
+    return NodeMeasures(
+        _mean([s.precision for s in scores], building), _mean([s.recall for s in scores], building),
+        _mean([s.f1 for s in scores], building), _mean(accuracy, building), ratio(right, answered, building),
+        ratio(right, true, building), ratio(2 * right, answered + true, building), ratio(fair, nodes, building),
+        calibration_error(bins), bins,
+    )  # fmt: skip
+
+
+def _mean(values: Sequence[float | None], building: list[str]) -> Estimate | None:
+    return ratio([v or 0.0 for v in values], [v is not None for v in values], building)

@@ -1,0 +1,51 @@
+"""The methods of the matching benchmark: the matcher's own, and three that show what the network's proposals are worth.
+
+These lay proposals into the plan, verify and complete them as `learned` does. `proposals-voting`: the proposals are
+those that the map's corners vote for, as in `voting`; `proposals-parts`: each room and its neighbours vote as well,
+which `voting` does not do; `proposals-shuffled`: they are the network's, each wall's given to another wall.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from data import SceneGraph
+from matching import Matcher
+from matching.arrays.walls import Walls
+from matching.search.proposals import Proposals, TopK
+
+
+def load_method(name: str) -> Matcher:
+    """The matcher of a name; raises UserError for one that does not exist."""
+    arms: dict[str, Callable[[], Matcher]] = {
+        "proposals-voting": lambda: _voting(by_parts=False), "proposals-parts": lambda: _voting(by_parts=True),
+        "proposals-shuffled": _shuffled,
+    }  # fmt: skip
+    return arms[name]() if name in arms else Matcher.load(name)
+
+
+def _voting(by_parts: bool) -> Matcher:
+    from matching.deformation.matcher import BentMatcher
+    from matching.search.voting_proposals import voting_proposals
+
+    return Matcher(BentMatcher(partial(voting_proposals, by_parts=by_parts)))
+
+
+def _shuffled() -> Matcher:
+    from matching.deformation.matcher import BentMatcher
+    from matching.learned.proposer import LearnedProposer
+
+    network = LearnedProposer.load()
+
+    def propose(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
+        proposals = network.propose(s, a, known)
+        rng = np.random.default_rng(len(s.wall_surfaces))
+        return Proposals(_mixed(proposals.walls, rng), _mixed(proposals.rooms, rng))
+
+    return Matcher(BentMatcher(propose))
+
+
+def _mixed(of: TopK, rng: np.random.Generator) -> TopK:
+    order = rng.permutation(len(of.partner))
+    return TopK(of.partner[order], of.score[order])

@@ -1,0 +1,50 @@
+"""The method `oracle`: each room's true motion is given, our own assignment of walls and rooms does the rest.
+
+What it misses is what the noise leaves to no method that assigns as we do: walls that lie beside a wrong wall, or
+none, though the room is where it truly is. It is no bound: a method may do better by knowing more than places.
+"""
+
+import time
+
+import numpy as np
+
+from data import SceneGraph
+from data.geometry import se2
+from data.synthetic_maps.noise_models import DrawnGraph
+from matching.arrays.walls import Walls, arrays, storeys
+from matching.result import Hypothesis, MatchResult
+from matching.search.assignment import complete
+from matching.search.hypotheses import Placement, groups_of
+from matching.search.scoring import SIGMA_SCORE, Pairing, fit
+
+
+def oracle_match(drawn: DrawnGraph, a: SceneGraph) -> MatchResult:
+    """The answer of the oracle, always `unique`, for an S-graph whose truth is known, and its A-graph.
+
+    A surface without a room moves as the nearest one that has a room, a room whose motion is not known as the map.
+    """
+    began = time.perf_counter()
+    s = arrays(drawn.s_graph, None, list(drawn.s_graph.wall_surfaces))
+    storey = next((w for w in storeys(a) if w.floor == drawn.floor), None)
+    if storey is None:
+        return MatchResult("none", "the true floor has no wall surface")
+    pairs = complete(_true_placement(drawn, s, storey))
+    rooms = tuple((s.rooms[r].id, storey.rooms[q].id, c) for r, q, c in pairs.rooms)
+    walls = tuple((s.ids[i], storey.ids[j], c) for i, j, c in pairs.surfaces)
+    sole = Hypothesis(0.0, drawn.T_a_s, storey.floor, tuple((r, q) for r, q, _ in rooms))
+    seconds = time.perf_counter() - began
+    return MatchResult("unique", "the true place was given", rooms, walls, drawn.T_a_s, storey.floor, (sole,), seconds)
+
+
+def _true_placement(drawn: DrawnGraph, s: Walls, storey: Walls) -> Placement:
+    group = groups_of(s)
+    T_own_a = se2.inverse(storey.T_graph_own)
+    motion = se2.compose(se2.compose(T_own_a, np.array(drawn.T_a_s)), s.T_graph_own)
+    pairing = Pairing.near(s, storey, float(motion[0]), group)
+    state = np.empty((1, len(pairing.centre), 3))
+    for g, centre in enumerate(pairing.centre):
+        housed = s.room[(group == g) & (s.room >= 0)]
+        T_a_s = drawn.T_a_s_by_room.get(s.rooms[housed[0]].id, drawn.T_a_s) if len(housed) else drawn.T_a_s
+        T = se2.compose(se2.compose(T_own_a, np.array(T_a_s)), s.T_graph_own)
+        state[0, g] = T[0], *se2.apply(T, centre)
+    return Placement(storey, motion, np.array(drawn.T_a_s), pairing, state, fit(pairing, state, SIGMA_SCORE), 0.0)

@@ -1,0 +1,125 @@
+"""The rows of the matching benchmark: one line of JSON a pair and method, appended, so that a killed run goes on."""
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Any, Protocol
+
+from data.common.errors import UserError
+from evaluation.metrics.calibration import Bin
+
+FILE = "rows.jsonl"
+ORACLE = "oracle"  # the method that is given the true place
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Rooms or wall surfaces of one pair, by the contract: of `answered`, `right` are true; `true` were to be found.
+
+    `spare` S nodes have no true match, `left` of them were left alone. `bins` are the confidences of all answers.
+    """
+
+    right: int = 0
+    answered: int = 0
+    true: int = 0
+    spare: int = 0
+    left: int = 0
+    bins: tuple[Bin, ...] = ()
+
+
+@dataclass(frozen=True)
+class Row:
+    """One pair, one method. `rooms` is how many were to be seen (None: all), `size` how many rooms the plan has.
+
+    `source` is the plan that the S-graph was drawn from; `status` is the answer's, "late" where the limit of time
+    stopped the method, "failed" where it raised. `twin` says whether another place explains the map as well, None
+    where that is not known; `rival` is the evidence for the truth over the nearest twin that is to be expected, nats
+    (`matching.ambiguity.symmetries`), None where there is no twin. `seconds` are the matcher's alone.
+    """
+
+    method: str
+    regime: str
+    plans: str
+    plan: str
+    building: str
+    source: str
+    rooms: int | None
+    index: int
+    seed: int
+    size: int
+    s_rooms: int
+    s_walls: int
+    status: str
+    reason: str
+    wrong: bool
+    twin: bool | None
+    rival: float | None
+    seconds: float
+    room_tally: Tally
+    wall_tally: Tally
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What makes a row one of its kind."""
+        return self.method, self.regime, self.plans, self.plan, self.source, self.rooms, self.index, self.seed
+
+    @property
+    def completed(self) -> bool:
+        """Whether the method came to an answer within the limit of time."""
+        return self.status not in ("late", "failed")
+
+
+class Append(Protocol):
+    """Adds one row to the file."""
+
+    def __call__(self, row: Row) -> None:
+        """Writes the row at once."""
+
+
+def read_rows(path: Path) -> list[Row]:
+    """All whole rows of the file, the last of each key; none where there is no file. A half-written last line is
+    not one. Raises UserError for a line that is no row."""
+    if not path.exists():
+        return []
+    rows = {}
+    lines = path.read_text().split("\n")[:-1]
+    for number, line in enumerate(lines, 1):
+        try:
+            row = _row(json.loads(line))
+        except (ValueError, KeyError, TypeError):
+            raise UserError(f"{path}:{number}: no row that this version writes; give another --out") from None
+        rows[row.key] = row
+    return list(rows.values())
+
+
+@contextmanager
+def appending(path: Path) -> Iterator[Append]:
+    """Opens the file for more rows; what a killed run left of a last line is cut off first."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("ab+") as file:
+        file.seek(0)
+        whole = file.read().rfind(b"\n") + 1
+        file.truncate(whole)
+
+        def append(row: Row) -> None:
+            file.write((json.dumps(_plain(row), separators=(",", ":"), allow_nan=False) + "\n").encode())
+            file.flush()
+            os.fsync(file.fileno())
+
+        yield append
+
+
+def _plain(row: Row) -> dict[str, Any]:
+    plain = {f.name: getattr(row, f.name) for f in fields(row)}
+    return plain | {of: astuple(plain[of]) for of in ("room_tally", "wall_tally")}
+
+
+def _row(value: dict[str, Any]) -> Row:
+    def tally(of: list[Any]) -> Tally:
+        right, answered, true, spare, left, bins = of
+        return Tally(right, answered, true, spare, left, tuple(Bin(*b) for b in bins))
+
+    return Row(**value | {of: tally(value[of]) for of in ("room_tally", "wall_tally")})

@@ -1,0 +1,83 @@
+"""One run of the ablation in a process of its own, on this machine or on a worker of a Dask cluster."""
+
+import threading
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from data.common.children import apart, may_have_children
+from data.common.cluster_worker import scratch
+from evaluation.harness.conditions import Conditions
+from evaluation.harness.sequences import SequenceSpec, prepare
+from evaluation.slam_ablation.rows import KEY, Records, as_record, errors_file
+from evaluation.slam_ablation.variants import config_of, run_arms
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run; `arms` are those that it gives rows of."""
+
+    spec: SequenceSpec
+    seed: int
+    arms: tuple[str, ...]
+    conditions: Conditions
+
+    def key(self, arm: str) -> tuple[str, ...]:
+        """What a record is known by."""
+        return (self.spec.name, self.conditions.name, str(self.seed), arm)
+
+    def told(self) -> str:
+        """For messages."""
+        return f"{self.spec.name}, {self.conditions.name}, seed {self.seed}, {' and '.join(self.arms)}"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a run leaves: its rows, and the texts of files by their paths in the folder of the results."""
+
+    records: Records
+    files: dict[str, str]
+
+
+def run_apart(task: Task, drives: Path) -> Answer:
+    """Runs with the drive that is in the folder `drives`, or is made there. Raises what the run raises, and
+    ProcessEndedError."""
+    return apart(_run, task, drives, what=task.told())
+
+
+_preparing, _ready = threading.Lock(), set[tuple[object, ...]]()  # of a worker of a cluster
+
+
+def run_there(task: Task) -> Answer:
+    """Runs on a worker of a cluster, which makes each drive once, in a folder of its own."""
+    may_have_children()
+    drives, drive = scratch(), (task.spec, task.seed, task.conditions)
+    with _preparing:
+        if drive not in _ready:
+            apart(_prepare, task, drives, what=task.told())
+            _ready.add(drive)
+    return run_apart(task, drives)
+
+
+def _prepare(task: Task, drives: Path) -> None:
+    prepare(task.spec, task.seed, drives, task.conditions)
+
+
+def _run(task: Task, drives: Path) -> Answer:
+    """One run; the errors over time and the configuration go into files of their own."""
+    import yaml
+
+    from sgslam.config.loading import save_config
+
+    sequence = prepare(task.spec, task.seed, drives, task.conditions)
+    config = save_config(config_of(task.arms[0], sequence))
+    config += yaml.safe_dump({"ablation": dict(zip(KEY, task.key(" ".join(task.arms)), strict=True))})
+    name = f"configs/{sha256(config.encode()).hexdigest()[:12]}.yaml"
+    files, records = {name: config}, []
+    for run in run_arms(task.arms, sequence):
+        record = as_record(run.row) | {"config": name}
+        if run.errors is not None:
+            lines = [f"{t:.3f},{e:.5f}" for t, e in run.errors.tolist()]
+            files[errors_file(Path(), record).as_posix()] = "\n".join(["seconds,error_m", *lines]) + "\n"
+        records.append(record)
+    return Answer(records, files)

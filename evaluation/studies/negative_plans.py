@@ -1,0 +1,135 @@
+"""Each drive with the plans of the other buildings.
+
+    python -m evaluation.studies.negative_plans --out DIR --list FILE
+
+No map may be anchored to a plan that is not its building's, not for a single scan; said is why it was not.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from data.scans import ScanFolder
+from data.scene_graph import SceneGraph
+from evaluation.harness.sequences import Sequence, SequenceSpec, chosen, plan_of, prepare, read_specs
+from matching import Matcher, MatchResult
+from sgslam.slam import SceneGraphSlam
+
+HEAD = ("scans of", "seed", "plan of", "scans", "rooms seen", "rooms planned", "answers", "anchored", "what was said")
+STATUSES = ("unique", "ambiguous", "none")
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """One drive with another building's plan. `anchored_scans`: after how many scans it was anchored (none may be)."""
+
+    sequence: str
+    seed: int
+    plan: str
+    scans: int
+    rooms_seen: int
+    rooms_planned: int
+    answers: dict[str, int]  # how often the matcher gave each status
+    anchored_scans: int
+    reason: str
+
+    def cells(self) -> tuple[str, ...]:
+        """By HEAD."""
+        answers = ", ".join(f"{self.answers[s]} {s}" for s in STATUSES if self.answers.get(s)) or "none was asked for"
+        anchored = f"**for {self.anchored_scans} scans**" if self.anchored_scans else "never"
+        return (
+            self.sequence, str(self.seed), self.plan, str(self.scans), str(self.rooms_seen), str(self.rooms_planned),
+            answers, anchored, self.reason,
+        )  # fmt: skip
+
+
+class _Counting:
+    """A matcher whose answers are counted by their status."""
+
+    def __init__(self, method: str) -> None:
+        self._matcher, self.answers = Matcher.load(method), Counter[str]()
+
+    def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
+        """As any matcher."""
+        answer = self._matcher.match(s, a)
+        self.answers[answer.status] += 1
+        return answer
+
+
+def run_with(sequence: Sequence, plan: str, a_graph: SceneGraph, method: str = "learned") -> Pairing:
+    """Runs the scans of `sequence` with another building's A-graph, called `plan`."""
+    matcher = _Counting(method)
+    slam = SceneGraphSlam(a_graph, matcher)
+    anchored = sum(slam.add_scan(scan.stamp_ns, scan.points).anchored for scan in ScanFolder(sequence.scan_dir))
+    result = slam.finish()
+    return Pairing(
+        sequence.name, sequence.seed, plan, len(result.trajectory), len(result.s_graph.rooms), len(a_graph.rooms),
+        dict(matcher.answers), anchored + result.anchored, result.reason,
+    )  # fmt: skip
+
+
+def pairings(specs: list[SequenceSpec], seeds: list[int], folder: Path, method: str = "learned") -> Iterator[Pairing]:
+    """Every drive with the plan of every other building of the list; drives that `folder` lacks are simulated.
+
+    Raises UserError where all are of one building.
+    """
+    if len({spec.bim for spec in specs}) < 2:
+        raise UserError("sequences of two buildings or more are needed; name more with --sequences")
+    for spec in specs:
+        others = {other.bim: other for other in reversed(specs) if other.bim != spec.bim}
+        for seed in seeds if spec.simulated else seeds[:1]:
+            sequence = prepare(spec, seed, folder)
+            for other in reversed(others.values()):
+                yield run_with(sequence, other.name, plan_of(other, folder), method)
+
+
+def table(found: list[Pairing]) -> str:
+    """Markdown: a line for each pairing, and what they come to."""
+    rows = [HEAD, ("---",) * len(HEAD), *(pairing.cells() for pairing in found)]
+    wrong = sum(pairing.anchored_scans > 0 for pairing in found)
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return "\n".join([*lines, "", f"Anchored at any time: {wrong} of {len(found)} pairings."]) + "\n"
+
+
+def main() -> int:
+    """The command line."""
+    parser = Parser(
+        prog="python -m evaluation.studies.negative_plans", description="Drives with other buildings' plans."
+    )
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="for other_buildings.md, and the drives")
+    add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
+    add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
+    add("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the drives (default 0)")
+    add("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section is to be written")
+    options = parser.parse_args()
+    specs = chosen(read_specs(options.list), options.sequences)
+    options.out.mkdir(parents=True, exist_ok=True)
+    found: list[Pairing] = []
+    for pairing in pairings(specs, options.seeds, options.out, options.method):
+        print("  ".join(pairing.cells()), flush=True)
+        found.append(pairing)
+    text = table(found)
+    write_atomically(options.out / "other_buildings.md", f"# Plans of other buildings\n\n{text}")
+    if options.benchmarks is not None:
+        from evaluation.harness.benchmark_page import made_by, write_section
+
+        names = f" --sequences {' '.join(options.sequences)}" if options.sequences else ""
+        command = f"python -m evaluation.studies.negative_plans --out {options.out.name} --list {options.list}{names}"
+        told = f"{ABOUT}\n\n{text}\nBy {made_by(command)}."
+        write_section(options.benchmarks, "other-buildings", f"## Plans of other buildings\n\n{told}")
+    return 0
+
+
+ABOUT = (
+    "Each drive with the plan of every other building of the list. It is looked at after every scan whether the map is "
+    "anchored, not at the end only."
+)
+
+if __name__ == "__main__":
+    run_command(main)

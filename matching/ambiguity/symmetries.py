@@ -1,0 +1,174 @@
+"""Pairs that no method can be blamed for leaving ambiguous: where the building repeats itself.
+
+What the S-graph saw of the building, the true A surfaces of its surfaces, is laid elsewhere into the A-graph: turned,
+in another row of offices, on another storey. The S-graph's own noise plays no part, only what it saw does (a wall
+that was seen short of its end by more than noise counts as far as it was seen). Another place is a twin when even an
+observer who knows the noise of maps (`data.synthetic_maps.wall_noise`: walls are off by 0.061 m across, each end by
+0.346 m along, one wall in ten is missing; `data.synthetic_maps.noise_models`: from room to room 0.15 m and 1.5 degrees,
+where the map is bent, in `warped` maps too) must expect less than ln(199) = 5.3 nats for the truth over it: in every
+second map such an observer would not be 99.5 % sure of the truth. In the others he would: only of places for which less
+than one nat is to be expected he is sure as good as never. (What is measured of a map gives an evidence that is spread
+about the expected one with twice that as its variance.)
+
+The evidence to be expected between two Gaussian hypotheses that differ by d_k in the measurements k is
+sum d_k^2 / (2 sigma_k^2), least over the motion of the map and, where it is bent, of its rooms with the drift as
+prior (the same as the drift marginalised). A wall costs 7 nats at most (2, if shorter than 0.8 m; 14, if longer than
+clutter is): that much speaks against a place where there is none; a door, known to 0.1 m, costs 3. To that comes,
+for better or worse, what is not in the map though it stands in the rooms that were entered, walls and doors.
+Directions count with a sigma of 1 degree and must agree within 3: hardly a plan is drawn, or a wall built, as true as
+a LiDAR measures its direction.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import ndtr
+
+from data import SceneGraph
+from data.geometry import se2
+from data.geometry.se2 import Array
+from data.synthetic_maps.noise_models import DrawnGraph
+from data.synthetic_maps.wall_noise import MISSING, SHORTEST, SIGMA_END
+from matching.ambiguity.perfect_map import sight
+from matching.ambiguity.symmetry_doors import doors_at_home, doors_there, seen_doors
+from matching.ambiguity.symmetry_evidence import Laid, lay, part_of
+from matching.arrays.walls import Index, Walls, arrays, storeys
+from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
+from matching.search.scoring import explained
+from matching.search.voting import candidates
+
+SURE = float(np.log(199))  # nats
+EQUAL = 1.0  # nats to be expected: in fewer than one map of a thousand of such a place it comes to SURE
+ENTERED = 0.5  # of a room's walls, by length, are in the map
+SIGMA_SEARCH = 0.35  # metres
+HOPEFUL = 0.7  # of the weight of what was seen is explained by a rigid motion,
+FEW, HOPEFUL_OF_FEW = 16, 0.5  # and of its longest walls
+MOST = 20  # places that are worked out on each storey
+
+
+@dataclass(frozen=True)
+class Twin:
+    """Another place: `T_a_s` (yaw, x, y), A floor id, and the evidence for the truth over it to be expected, nats."""
+
+    T_a_s: tuple[float, float, float]
+    floor: str | None
+    nats: float
+
+
+def is_twin(drawn: DrawnGraph, a: SceneGraph) -> bool:
+    """Whether another place in the A-graph explains as well what the S-graph saw."""
+    return bool(twins(drawn, a))
+
+
+def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
+    """The other places, least told apart from the truth first; distinct as the hypotheses of an answer are.
+
+    Raises KeyError where the truth names what is not in the A-graph.
+    """
+    seen = sight(drawn, a)
+    if not seen.surfaces:
+        return []
+    part = part_of(arrays(a, drawn.floor, list(seen.surfaces)), seen.goes_on, drawn.bent)
+    floors = storeys(a)
+    home = next(s for s in floors if part.walls.ids[0] in s.ids)
+    index = {key: n for n, key in enumerate(home.ids)}
+    at_home = np.array([index[key] for key in part.walls.ids])
+    entered = _entered(home, at_home, part.walls.half)
+    entered_rooms = np.unique(entered[entered >= 0])
+    doors, own = seen_doors(drawn, a, part), set(drawn.rooms.values())  # of rooms that were merged no doors are known
+    apart = entered_rooms[[home.rooms[r].id in own for r in entered_rooms]]
+    truth = _completeness(home, entered_rooms, at_home) + doors_at_home(doors, part, a, home, apart)
+    found = []
+    for storey in floors:
+        for laid in lay(part, storey, np.reshape(_elsewhere(part.walls, storey, home), (-1, 3))):
+            nats = laid.nats + truth
+            if nats >= SURE:  # what follows only tells against the place
+                continue
+            rooms = _rooms(laid, entered, storey)
+            nats += doors_there(doors, part, laid, a, storey, rooms) - _completeness(storey, rooms, laid.partner)
+            T_a_a = between_graphs(part.walls, storey, laid.motion(part))
+            yaw, x, y = se2.compose(T_a_a, np.array(drawn.T_a_s)).tolist()
+            found.append(Twin((yaw, x, y), storey.floor, nats))
+    return _distinct(sorted(found, key=lambda twin: twin.nats), drawn)
+
+
+def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
+    """Motions between own frames that lay most walls on walls, roughly, the best first; none near the truth."""
+    rough: list[tuple[float, Array]] = []
+    few = _longest(seen, FEW)
+    for voted in candidates(seen, storey):
+        motions = voted.motions
+        for walls, share in ((few, HOPEFUL_OF_FEW), (seen, HOPEFUL)):
+            worth = explained(walls, storey, voted.yaw, motions, SIGMA_SEARCH) / walls.weight.sum()
+            motions, worth = motions[worth >= share], worth[worth >= share]
+            if not len(motions):
+                break
+        rough += zip(worth.tolist(), motions, strict=True)
+    taken = [se2.compose(se2.inverse(storey.T_graph_own), seen.T_graph_own)] if storey is home else []
+    given = len(taken)
+    for _, motion in sorted(rough, key=lambda r: -r[0]):
+        if len(taken) == given + MOST:
+            break
+        if all(_apart(motion, other) for other in taken):
+            taken.append(motion)
+    return taken[given:]
+
+
+def _longest(walls: Walls, most: int) -> Walls:
+    """So many of the walls, by length: to try many places with."""
+    chosen = np.argsort(-walls.half, kind="stable")[:most]
+    return replace(
+        walls, ids=tuple(walls.ids[n] for n in chosen), centre=walls.centre[chosen], heading=walls.heading[chosen],
+        half=walls.half[chosen], known=walls.known[chosen], room=walls.room[chosen],
+    )  # fmt: skip
+
+
+def _apart(motion: Array, other: Array) -> bool:
+    """Whether two motions differ, at the origin of the frame that they move."""
+    off, turned = np.hypot(*(motion - other)[1:]), abs(se2.wrap(motion[:1] - other[:1])[0])
+    return bool(off > DISTINCT_M or turned > DISTINCT_RAD)
+
+
+def _distinct(found: list[Twin], drawn: DrawnGraph) -> list[Twin]:
+    """Those below the limit that differ, at the S-graph's centroid, from the truth and from all before them."""
+    middle = drawn.s_graph.centroid()
+
+    def at(T_a_s: tuple[float, float, float]) -> Array:
+        return np.array([T_a_s[0], *se2.apply(np.array(T_a_s), middle)])
+
+    kept: list[tuple[str | None, Array]] = [(drawn.floor, at(drawn.T_a_s))]
+    twins = []
+    for twin in found:
+        new = twin.floor, at(twin.T_a_s)
+        if twin.nats < SURE and all(new[0] != floor or _apart(new[1], place) for floor, place in kept):
+            kept.append(new)
+            twins.append(twin)
+    return twins
+
+
+def _entered(home: Walls, seen: Index, half: Array) -> Index:
+    """(N,) the room of each seen wall, -1 where most of the room's walls, by length, are not in the map."""
+    housed = home.room >= 0
+    size = np.bincount(home.room[housed], home.half[housed], len(home.rooms) + 1)
+    rooms = home.room[seen]
+    share = np.bincount(rooms[rooms >= 0], half[rooms >= 0], len(size)) / np.maximum(size, 1e-9)
+    return np.where((rooms >= 0) & (share[rooms] >= ENTERED), rooms, -1)
+
+
+def _rooms(laid: Laid, entered: Index, storey: Walls) -> Index:
+    """The rooms there on which most of the walls of each entered room lie."""
+    on = (laid.partner >= 0) & (entered >= 0)
+    there = storey.room[laid.partner]
+    on &= there >= 0
+    pairs, count = np.unique(np.column_stack((entered[on], there[on])), axis=0, return_counts=True)
+    order = np.lexsort((-count, pairs[:, 0]))
+    first = np.unique(pairs[order, 0], return_index=True)[1]
+    return np.unique(pairs[order][first, 1])
+
+
+def _completeness(storey: Walls, rooms: Index, seen: Index) -> float:
+    """Nats of which walls of the rooms were seen, and which were not: some are missing, short ones vanish."""
+    walls = np.flatnonzero(np.isin(storey.room, rooms))
+    vanish = np.where(storey.known[walls], ndtr((SHORTEST - 2 * storey.half[walls]) / (np.sqrt(2) * SIGMA_END)), 0.0)
+    missing = MISSING + (1 - MISSING) * vanish
+    return float(np.log(np.where(np.isin(walls, seen), 1 - missing, missing)).sum())

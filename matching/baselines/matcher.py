@@ -1,0 +1,101 @@
+"""The relatives as methods of their own: the assignment that each comes with is the answer, and nothing is checked."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from scipy.optimize import linear_sum_assignment
+
+from data.common.errors import UserError
+from data.scene_graph import SceneGraph
+from matching.arrays.walls import Index
+from matching.baselines.registry import Network, kind_of
+from matching.baselines.torch_weights import load_network
+from matching.network.encoder import GraphTensors
+from matching.network.features import PairRows, map_features, plan_features
+from matching.result import MatchResult, Pair
+from matching.se2 import Array
+from matching.search.rigid_fit import fit_pairs
+from matching.search.start import Start
+from matching.search.unchecked import unchecked
+
+WEIGHTS = Path(__file__).parents[1] / "weights"
+FORBIDDEN = -1e4
+
+
+class RelativeMatcher:
+    """Asks the network; PCA-GM's answer is the best assignment as a whole, SuperGlue's are mutual bests."""
+
+    def __init__(self, network: Network) -> None:
+        self._network = network
+        self._assigned = mutual_best if kind_of(network) == "superglue" else best_as_a_whole
+
+    @staticmethod
+    def load(kind: str, weights: Path | str | None = None) -> "RelativeMatcher":
+        """With the weights of a file, the shipped ones unless told; raises UserError where it holds no such network."""
+        path = Path(weights or WEIGHTS / f"{kind}.pt")
+        if weights is None and not path.is_file():
+            raise UserError(f"the weights of '{kind}' are not installed; give a file that matching.train wrote")
+        return RelativeMatcher(load_network(path, kind))
+
+    def match(
+        self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
+    ) -> MatchResult:
+        """As `Matcher.match`. `unique` wherever anything is paired: the method has no doubts to tell.
+
+        `T_a_s`, which the method does not give, fits its pairs; `start` only drops an answer that is far from it.
+        """
+        began = time.perf_counter()
+        a = a if floor is None else a.on_floor(floor)
+        for what, graph in (("S-graph", s), ("A-graph", a)):
+            if not graph.wall_surfaces:
+                return MatchResult("none", f"the {what} has no wall surface")
+        rooms, walls = self._pairs(s, a)
+        if not rooms and not walls:
+            return MatchResult("none", "nothing of the map has a partner", seconds=time.perf_counter() - began)
+        reason = "the network's own assignment, of which nothing was checked"
+        return unchecked(a, rooms, walls, _fitted(s, a, rooms, walls), start, reason, began)
+
+    def _pairs(self, s: SceneGraph, a: SceneGraph) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
+        seen, plan = map_features(s), plan_features(a)
+        sizes = (seen.walls, plan.walls, seen.rooms, plan.rooms)
+        with torch.inference_mode():
+            encoded = [self._network.encode(GraphTensors.of(g)) for g in (seen, plan)]
+            output = self._network(*encoded, [PairRows(*((0, len(x)) for x in sizes))])
+            tables = [t.log_softmax(dim=-1).double().numpy() for t in (output.rooms[-1], output.walls[-1][1])]
+        found = []
+        for table, ours, theirs in zip(tables, (seen.rooms, seen.walls), (plan.rooms, plan.walls), strict=True):
+            at = self._assigned(table)
+            found.append(tuple((ours[i], theirs[j], float(np.exp(table[i, j]))) for i, j in enumerate(at) if j >= 0))
+        return found[0], found[1]
+
+
+def best_as_a_whole(table: Array) -> Index:
+    """(n,) the columns, or -1 for none, of the assignment with the highest sum of a table (n, m + 1) (Hungarian)."""
+    n, m = len(table), table.shape[1] - 1
+    alone = np.full((n, n), FORBIDDEN)
+    np.fill_diagonal(alone, table[:, -1])
+    _, column = linear_sum_assignment(np.hstack((table[:, :-1], alone)), maximize=True)
+    return np.where(column < m, column, -1)
+
+
+def mutual_best(table: Array) -> Index:
+    """(n,) the columns that are best of their rows, none included, whose best rows they are; -1 for none."""
+    if not table.size or table.shape[1] == 1:
+        return np.full(len(table), -1)
+    best = table.argmax(axis=1)
+    back = table[:, :-1].argmax(axis=0)
+    mutual = (best < len(back)) & (back[np.minimum(best, len(back) - 1)] == np.arange(len(table)))
+    return np.where(mutual, best, -1)
+
+
+def _fitted(s: SceneGraph, a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> Array:
+    def lines(graph: SceneGraph, side: int) -> Array:
+        own = [graph.surface_by_id[str(p[side])] for p in walls]
+        return np.array([(*w.centroid, *w.normal) for w in own], dtype=float).reshape(-1, 4)
+
+    def places(graph: SceneGraph, side: int) -> Array:
+        return np.array([graph.room_by_id[str(p[side])].centroid for p in rooms], dtype=float).reshape(-1, 2)
+
+    return fit_pairs(lines(s, 0), lines(a, 1), places(s, 0), places(a, 1))

@@ -1,0 +1,93 @@
+"""A network's file: its settings and its weights in half precision, nothing that runs code when it is read.
+
+Its name says its form: torch's own, or the learned network's `.npz` (`learned_file`).
+"""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from matching.baselines.registry import Network, kind_of, network_of, settings_of
+from matching.learned.weights_file import SUFFIX, read_learned, write_learned
+from matching.network.dimensions import LARGEST
+from matching.network.network import MatchingNetwork
+
+VERSION = 1
+
+
+def save_network(path: Path, network: Network) -> None:
+    """Writes the network atomically; raises ValueError where a relative shall be an `.npz`."""
+    state = {k: v.detach().cpu().half() for k, v in network.state_dict().items()}
+    if path.suffix != SUFFIX:
+        write_weights(path, _version(kind_of(network)), network.to_dict(), state)
+    elif isinstance(network, MatchingNetwork):
+        write_learned(path, network.to_dict(), {k: v.numpy() for k, v in state.items()})
+    else:
+        raise ValueError(f"{path}: this form is the learned network's alone")
+
+
+def load_network(path: Path, kind: str = "learned") -> Network:
+    """The network of a file, in single precision, ready to be asked.
+
+    Raises UserError where the file is missing or is not a network of this kind and version.
+    """
+    settings, state = _read(path, kind)
+    try:
+        if not all(type(value) in (int, float) and 0 <= value <= LARGEST for value in settings.values()):
+            raise TypeError("a setting is out of all bounds")
+        with torch.device("meta"):  # takes no memory: what the file claims is first held against what it holds
+            wanted = {k: v.shape for k, v in network_of(settings_of(kind, settings)).state_dict().items()}
+        if wanted != {k: v.shape for k, v in state.items()}:
+            raise TypeError("the weights are of another network")
+        if not all(v.isfinite().all() for v in state.values()):
+            raise ValueError("weights are not finite")
+        network = network_of(settings_of(kind, settings))
+        network.load_state_dict({k: v.float() for k, v in state.items()}, strict=True)
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError):
+        raise UserError(f"{path}: its network does not fit this program; train it again") from None
+    return network.eval().requires_grad_(False)
+
+
+def _read(path: Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    if path.suffix != SUFFIX:
+        return read_weights(path, _version(kind), "python -m matching.train")
+    settings, state = read_learned(path)
+    return {**settings}, {k: torch.from_numpy(v) for k, v in state.items()}
+
+
+def _version(kind: str) -> int | str:
+    return VERSION if kind == "learned" else f"{kind} {VERSION}"
+
+
+def write_weights(path: Path, version: int | str, settings: Mapping[str, Any], state: Mapping[str, Tensor]) -> None:
+    """Writes settings and weights of any network atomically."""
+    kept = {k: v.detach().cpu() for k, v in state.items()}
+    buffer = io.BytesIO()
+    torch.save({"version": version, "settings": dict(settings), "state": kept}, buffer)
+    write_atomically(path, buffer.getvalue())
+
+
+def read_weights(path: Path, version: int | str, maker: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """The settings and the weights of a file that `maker`, a command, writes.
+
+    Raises UserError where the file is missing, is no network's, or is of another version.
+    """
+    try:
+        value = torch.load(path, map_location="cpu", weights_only=True)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); give a network's file (.pt)") from None
+    except Exception:  # torch's reader, which runs no code of the file's, raises whatever it stumbles on
+        raise UserError(f"{path}: not a network's file; '{maker}' writes one") from None
+    try:
+        found, settings, state = value["version"], dict(value["settings"]), dict(value["state"])
+    except (KeyError, TypeError, ValueError, IndexError):
+        raise UserError(f"{path}: its network does not fit this program; train it again") from None
+    if found != version:
+        raise UserError(f"{path}: a network of version {found}, not {version}; train it again")
+    return settings, state

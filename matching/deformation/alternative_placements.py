@@ -1,0 +1,118 @@
+"""Where else a hypothesis may lie: the plan's own likenesses of the place.
+
+What the map explains of the plan is laid upon the plan itself, without noise and without bend, by the same votes of
+corners that match a map. Every other place where it fits is a rival, however the first one was found.
+"""
+
+import numpy as np
+
+from data.common.compiled import compiled
+from data.geometry.se2_compiled import wrapped
+from matching import se2
+from matching.arrays.walls import Index
+from matching.deformation.field import Fields, Scene, judge
+from matching.deformation.field_loops import of_direction, off_lines
+from matching.se2 import Array
+from matching.search.corners import corners
+from matching.search.evidence import SEEN
+from matching.search.plan_walls import PlanWalls
+from matching.search.scoring import FAR, SAME_DIRECTION, SIGMA_HEADING, SIGMA_SCORE
+from matching.search.voting import Marks, vote
+
+PLACES, MOST_PLACES = 12, 192  # of each yaw mode; more where all of those are equal
+SIGMA = 0.4  # metres across: places that are alike, not equal
+LEAST = 0.4  # of the walls' weight that a likeness explains
+ITSELF_M, ITSELF_RAD = 0.4, float(np.radians(4))  # nearer ones are the place itself
+EQUAL = 1e-9  # metres, radians
+MOST, EQUALLY, MOST_EQUAL = 6, 0.9, 120  # but all that are so alike: only doors tell equal rooms apart
+LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere,
+MOST_CORNERS, MOST_ASKED = 80, 40  # of which vote, and are asked whether they lie well there
+
+
+def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
+    """Fields that are the best one (K = 1), moved to where the plan is alike; `table` (Ns, P) its partners."""
+    storey, plan = int(best.storey[0]), scene.plan
+    quality = judge(scene, table[None], best.state, SIGMA_SCORE).quality[0]
+    used = np.unique(table[quality > SEEN]) - int(plan.first[storey])
+    used = used[:: -(-len(used) // MOST_WALLS) or 1]
+    if len(used) < LEAST_WALLS:
+        return Fields(np.zeros(0, dtype=np.int64), np.zeros((0, *best.state.shape[1:])))
+    own = corners(plan.storeys[storey], used)
+    own = own[:: -(-len(own) // MOST_CORNERS) or 1]
+    found = [_likenesses(plan, storey, used, own, st) for st in range(len(plan.storeys))]
+    worth, motion = (np.concatenate([f[n] for f in found]) for n in (0, 1))
+    at = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
+    most = np.argsort(-worth, kind="stable")[: max(MOST, min(int(np.sum(worth > EQUALLY)), MOST_EQUAL))]
+    most = most[_unlike(at[most], motion[most])]
+    return Fields(at[most], _moved(best.state[0], motion[most]))
+
+
+def _unlike(storey: Index, motion: Array) -> Index:
+    """The first of each that is there several times: a place where votes gather may be the peak of several bins."""
+    same = (np.abs(motion[:, None] - motion).max(axis=2) < EQUAL) & (storey[:, None] == storey)
+    return np.flatnonzero(~(same & np.tri(len(same), k=-1, dtype=bool)).any(axis=1))
+
+
+def _likenesses(
+    plan: PlanWalls, home: int, used: Index, own: Marks, storey: int, places: int = PLACES
+) -> tuple[Array, Array]:
+    """(K,) shares explained and (K, 3) motions of the places in a storey that are like some walls at home, which have
+    these corners; their own place aside."""
+    voted = [c.motions for c in vote(own, plan.corners[storey], places)]
+    if not voted:
+        return np.zeros(0), np.zeros((0, 3))
+    motions, a = np.concatenate(voted), plan.storeys[home]
+    some = used[:: -(-len(used) // MOST_ASKED)]
+    _, headings, lines = plan.by_heading
+    own_lines, own_centre, weight = a.lines[some], a.centre[some], a.weight[some]
+    stretch = int(plan.first[storey]), int(plan.first[storey + 1])
+    worth = _explained(own_lines, own_centre, weight, headings, lines, stretch, motions) / weight.sum()
+    if np.sum(worth > EQUALLY) >= places < MOST_PLACES:  # there may be more
+        return _likenesses(plan, home, used, own, storey, 4 * places)
+    alike = worth > LEAST
+    if storey == home:
+        middle = a.centre[used].mean(axis=0)
+        off = np.hypot(*(se2.apply(motions, middle) - middle).T)
+        alike &= (off >= ITSELF_M) | (np.abs(se2.wrap(motions[:, 0])) >= ITSELF_RAD)
+    return worth[alike], motions[alike]
+
+
+@compiled
+def _explained(
+    own: Array, centre: Array, weight: Array, headings: Array, lines: Array, storey: tuple[int, int], motions: Array
+) -> Array:
+    """(K,) the weight of walls, their lines and centres given, that motions (K, 3) lay on lines (6, N), those of a
+    storey, whose headings ascend: as `scoring.explained` judges; 0 where it is less than is asked for."""
+    total, whole, off = np.zeros(len(motions)), weight.sum(), np.empty(storey[1] - storey[0])
+    for k in range(len(motions)):
+        yaw, shift_x, shift_y = motions[k]
+        cos, sin, left = np.cos(yaw), np.sin(yaw), whole
+        for i in range(len(own)):
+            if total[k] + left < LEAST * whole:
+                total[k] = 0.0
+                break
+            half, heading, best, span = own[i, 0], wrapped(own[i, 1] + yaw), 0.0, 1.6 * min(own[i, 0], 4.0)
+            x, y = cos * centre[i, 0] - sin * centre[i, 1] + shift_x, sin * centre[i, 0] + cos * centre[i, 1] + shift_y
+            stretch = of_direction(headings, storey[0], storey[1], heading, SAME_DIRECTION)
+            for first, last in (stretch[:2], stretch[2:]):
+                off_lines(lines, first, last, x, y, off)
+                for n in range(first, last):
+                    across = off[n - first]
+                    if across >= FAR * SIGMA:
+                        continue
+                    along = abs(lines[2, n] * y - lines[3, n] * x - lines[5, n])
+                    common = min(half + lines[0, n] - along, 2 * min(half, lines[0, n]))
+                    beside = min(common / span, 1.0)
+                    if beside > best:
+                        turned = wrapped(heading - lines[1, n])
+                        strange = (0.5 / SIGMA**2) * across**2 + (0.5 / SIGMA_HEADING**2) * turned**2
+                        best = max(best, beside * np.exp(-strange))
+            total[k] += weight[i] * best
+            left -= weight[i]
+    return total
+
+
+def _moved(state: Array, motions: Array) -> Array:
+    """(K, G, 3) the state (G, 3) after motions (K, 3) of the plan."""
+    at = se2.apply(motions[:, None], state[:, 1:])
+    return np.concatenate((se2.wrap(state[:, 0] + motions[:, :1])[..., None], at), axis=-1)

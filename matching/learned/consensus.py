@@ -1,0 +1,219 @@
+"""`consensus` for one pair of graphs, compiled: a round of support between candidates, and what rooms make of it."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from data.common.compiled import compiled, compiled_within
+from matching.arrays.walls import Index
+from matching.learned.candidates import Choice, agreement, expanded, log_softmax
+from matching.learned.named_weights import NamedWeights
+from matching.network.arithmetic import Linear, Norm, linear, linear_gelu, normed, sigmoid, softmax, tanh
+from matching.network.dimensions import (
+    COMPARED_SIZE,
+    COMPATIBLE_WIDTHS,
+    LEAST_ODDS,
+    NOTHING,
+    PAIR_SIZE,
+    REASONS,
+    ROOM_WIDTH,
+    SHARE_SIZE,
+)
+from matching.network.features import Array32
+from matching.network.support_loops import WallRows, combinations
+
+BLOCK = 512  # combinations that are in the processor's nearest memory at once
+_0, _1, _2, _4, _5, _8, _10 = (np.float32(x) for x in (0, 1, 2, 4, 5, 8, 10))
+_SHORT, _LONG = np.float32(0.35), np.float32(6)  # metres: walls count by the roots of their lengths
+_NOTHING, _ODDS, _LEAST_LOGIT = np.float32(NOTHING), np.float32(LEAST_ODDS), np.float32(-30)
+_TINY, _SMALL, _LITTLE = np.float32(1e-4), np.float32(1e-3), np.float32(1e-2)
+
+
+class ConsensusWeights(NamedTuple):
+    """The weights of `consensus.Consensus`, and of the network's step of rooms."""
+
+    compatible: Linear
+    compatible_again: Linear
+    compatible_last: Linear
+    begin: Linear
+    says: Linear
+    step: Linear
+    step_again: Linear
+    after: Norm
+    judge: Linear
+    room: Linear
+    room_again: Linear
+
+
+def consensus_of(w: NamedWeights, width: int) -> ConsensusWeights:
+    """The weights of a network whose state is `width` wide."""
+    first, second = COMPATIBLE_WIDTHS
+    return ConsensusWeights(
+        w.linear("consensus.compatible.0", COMPARED_SIZE, first), w.linear("consensus.compatible.2", first, second),
+        w.linear("consensus.compatible.4", second, REASONS),
+        w.linear("consensus.begin", PAIR_SIZE, width), w.linear("consensus.says", width, REASONS),
+        w.linear("consensus.step.0", width + 2 * REASONS + PAIR_SIZE, 2 * width),
+        w.linear("consensus.step.2", 2 * width, width), w.norm("consensus.after", width),
+        w.linear("consensus.judge", width, 1),
+        w.linear("room_step.0", SHARE_SIZE, ROOM_WIDTH), w.linear("room_step.2", ROOM_WIDTH, 1),
+    )  # fmt: skip
+
+
+class Combinations(NamedTuple):
+    """E combinations, as in `consensus.Support`, and how far each is a reason, (E, heads)."""
+
+    pair: Index
+    other: Index
+    weight: Array32
+
+
+@compiled
+def settled(
+    s: WallRows, a: WallRows, dense: Array32, choice: Choice, likely: Array32, rooms: Array32,
+    counts: tuple[int, int, int], enough: float, w: ConsensusWeights,
+) -> tuple[Index, Array32, Array32]:  # fmt: skip
+    """Cycles of consensus from first candidates, those that are `likely` (N, K), and log odds of rooms: candidates in
+    the end (N, K), how likely they are, and how likely rooms are (M, A rooms + 1). `counts` are those of cycles, of
+    rounds of each, and of candidates that each later cycle adds."""
+    (cycles, rounds, more), first = counts, rooms
+    for cycle in range(cycles):
+        if cycle > 0:
+            choice, likely = expanded(s, a, dense, choice, likely, more)
+        likely, rooms, sure = consensus(s, a, choice, likely, first, rooms, rounds, w)
+        if enough < 1 and sure >= enough:
+            break
+    return choice.column, likely, softmax(rooms)
+
+
+@compiled_within
+def consensus(
+    s: WallRows, a: WallRows, c: Choice, likely: Array32, first: Array32, rooms: Array32, rounds: int,
+    w: ConsensusWeights,
+) -> tuple[Array32, Array32, float]:  # fmt: skip
+    """Rounds of consensus among given candidates: how likely they are (N, K), and log odds of rooms (M, A rooms + 1),
+    as they are after; and the mean probability of the walls' best answers. `first` is the first guess of rooms."""
+    reasons, size, sure = support(s, a, c.column, w), np.empty(len(s.half), dtype=np.float32), 0.0
+    for i in range(len(size)):
+        size[i] = np.sqrt(min(max(_2 * s.half[i], _SHORT), _LONG))
+    whole = agreement(s, a, c, likely, size)
+    feature = features(s, a, c, likely, whole, rooms)
+    state = linear(feature, w.begin)
+    for k in range(rounds):
+        if k > 0:
+            feature = features(s, a, c, likely, whole, rooms)
+        state, table = one_round(state, feature, likely, c, reasons, w)
+        answer = softmax(table)
+        likely = np.ascontiguousarray(answer[:, :-1])
+        rooms = rooms_told(s, a, c, likely, size, first, w)
+        sure = 0.0
+        for i in range(len(answer)):
+            sure += answer[i].max() / len(answer)
+    return likely, rooms, sure
+
+
+@compiled_within
+def support(s: WallRows, a: WallRows, column: Index, w: ConsensusWeights) -> Combinations:
+    """All combinations of candidates that are roughly alike."""
+    pair, other, feature = combinations(s, a, column)
+    weight = np.empty((len(pair), w.compatible_last.weight.shape[1]), dtype=np.float32)
+    for first in range(0, len(pair), BLOCK):
+        seen = linear_gelu(linear_gelu(feature[first : first + BLOCK], w.compatible), w.compatible_again)
+        odds = linear(seen, w.compatible_last)
+        for e in range(len(odds)):
+            for k in range(odds.shape[1]):
+                weight[first + e, k] = sigmoid(odds[e, k] - _1)
+    return Combinations(pair, other, weight)
+
+
+@compiled
+def features(
+    s: WallRows, a: WallRows, c: Choice, likely: Array32, whole: Array32, rooms: Array32
+) -> Array32:
+    """(N K, PAIR_SIZE) what is known of each candidate by itself, of its rivals, of the `whole` map."""
+    n, k = likely.shape
+    found, taken = np.empty((n * k, PAIR_SIZE), dtype=np.float32), np.zeros(len(a.half) + 1, dtype=np.float32)
+    for i in range(n):
+        for t in range(k):
+            taken[c.column[i, t] + 1] += likely[i, t]
+    told = softmax(rooms)
+    for i in range(n):
+        for t in range(k):
+            row, p = found[i * k + t], max(c.column[i, t], 0)
+            housed = s.room[i] >= 0 and c.column[i, t] >= 0 and a.room[p] >= 0
+            longer = s.half[i] - a.half[p]
+            row[0], row[1] = max(c.logit[i, t], _LEAST_LOGIT) / _10, likely[i, t]
+            row[2] = likely[i, t] / (taken[c.column[i, t] + 1] + _SMALL)
+            row[3], row[4] = told[s.room[i], a.room[p]] if housed else _0, housed
+            row[5], row[6] = max(longer, _0), max(-longer, _0)
+            row[7:] = whole[i, t]
+    return found
+
+
+@compiled_within
+def one_round(
+    state: Array32, feature: Array32, likely: Array32, c: Choice, support: Combinations, w: ConsensusWeights
+) -> tuple[Array32, Array32]:
+    """State (N K, width) after one round, and (N, K + 1) log odds of the candidates, then of none."""
+    rows, width = state.shape
+    heads = support.weight.shape[1]
+    says, given = linear(state, w.says), likely.reshape(rows)
+    told = np.zeros((rows, width + 2 * heads + feature.shape[1]), dtype=np.float32)
+    told[:, :width], told[:, width + 2 * heads :] = state, feature
+    for row in range(rows):
+        for k in range(heads):
+            says[row, k] = given[row] * tanh(says[row, k])
+    for e in range(len(support.pair)):
+        heard, other = told[support.pair[e], width : width + 2 * heads], support.other[e]
+        for k in range(heads):
+            heard[k] += given[other] * support.weight[e, k]
+            heard[heads + k] += says[other, k] * support.weight[e, k]
+    state = normed(state + linear(linear_gelu(told, w.step), w.step_again), w.after)
+    judged = linear(state, w.judge)
+    n, k = likely.shape
+    table = np.empty((n, k + 1), dtype=np.float32)
+    for i in range(n):
+        for t in range(k):
+            table[i, t] = c.logit[i, t] + _5 * judged[i * k + t, 0] if c.column[i, t] >= 0 else _NOTHING
+        table[i, k] = c.dustbin[i]
+    return state, table
+
+
+@compiled_within
+def rooms_told(
+    s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array32, rooms: Array32, w: ConsensusWeights
+) -> Array32:
+    """(M, A rooms + 1) log odds of rooms: the first guess, and how far the walls of an S room are those of an A room.
+
+    `size` (N,) of the S walls.
+    """
+    m, plan = rooms.shape[0], rooms.shape[1] - 1
+    by_size, count = np.zeros((m, plan), dtype=np.float32), np.zeros((m, plan), dtype=np.float32)
+    own, found = np.zeros(m, dtype=np.float32), rooms.copy()
+    if m * plan == 0:
+        return found
+    for i in range(len(s.room)):
+        r = s.room[i]
+        if r < 0:
+            continue
+        own[r] += size[i]
+        for t in range(likely.shape[1]):
+            q = a.room[c.column[i, t]] if c.column[i, t] >= 0 else -1
+            if q >= 0:
+                by_size[r, q] += likely[i, t] * size[i]
+                count[r, q] += likely[i, t]
+    share, feature = np.empty_like(by_size), np.empty((m * plan, SHARE_SIZE), dtype=np.float32)
+    for r in range(m):
+        share[r] = by_size[r] / (own[r] + _SMALL)
+    claimed = np.full(plan, _LITTLE)
+    for r in range(m):
+        claimed += share[r]
+    for r in range(m):
+        guess = log_softmax(rooms[r])
+        for q in range(plan):
+            row, odds = feature[r * plan + q], max(guess[q], _ODDS) / _5
+            row[0], row[1] = share[r, q], np.sqrt(share[r, q] + _TINY)
+            row[2], row[3] = min(count[r, q], _8) / _4, share[r, q] / claimed[q]
+            row[4], row[5] = odds, np.exp(odds)
+    told = linear(linear_gelu(feature, w.room), w.room_again)
+    found[:, :plan] += told.reshape(m, plan)
+    return found

@@ -1,0 +1,201 @@
+"""Pairs of graphs with their truth, drawn afresh for every step: step k of a seed is always the same batch."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from data.generation.buildings import generate_plan
+from data.plans.sources import Plan
+from data.plans.splits import Split, split_of
+from data.scene_graph import SceneGraph, Xy
+from data.synthetic_maps.noise_models import DrawnGraph, draw
+from matching.arrays.walls import Index
+from matching.network.features import GraphFeatures, PairRows, joined, map_features, plan_features
+
+REGIMES = {"real": 0.32, "drift": 0.36, "messy": 0.26, "paper": 0.06}
+ROOMS: dict[int | None, float] = {1: 0.06, 2: 0.18, 3: 0.16, 4: 0.2, 6: 0.16, 9: 0.17, None: 0.07}
+KIND_SHARES = {
+    "apartment": 0.22, "office": 0.16, "corridor": 0.14, "l_shape": 0.14, "skewed": 0.12, "mirrored_twins": 0.08,
+    "tower": 0.12, "campus": 0.02,
+}  # fmt: skip
+FROM_FILES = 0.3
+FOREIGN = 0.04  # maps of another plan: nothing is to be found
+LENGTHLESS, ROOMLESS = 0.05, 0.04
+PLANS, DRAWS = 4, 3  # of a batch, and maps of each plan
+LEAST_WALLS, MOST_WALLS = 40, 320  # of a plan; larger ones are cut down to a part
+HELD_OUT_REGIMES, HELD_OUT_ROOMS = ("real", "drift", "messy"), (2, 4, 9, None)
+HELD_OUT_PLANS = 6  # for each regime and number of rooms, with two maps each
+STRETCH = 0.18  # plans are stretched along x and y by up to so much, and every other one is mirrored
+
+
+@dataclass(frozen=True)
+class Batch:
+    """P pairs of graphs; several maps may share one plan. Truth: columns counted from the plan's first, -1 for none."""
+
+    s: GraphFeatures
+    a: GraphFeatures
+    pairs: tuple[PairRows, ...]
+    walls: Index  # (N,) for all S walls
+    rooms: Index  # (M,) for all S rooms
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What batches are drawn from: the plans of files, and generated ones by their kinds and seeds."""
+
+    plans: tuple[Plan, ...]
+    seeds: Mapping[str, tuple[int, ...]]
+
+    def batch(self, seed: int, step: int) -> Batch:
+        """The batch of one step."""
+        rng = np.random.default_rng([seed, step])
+        groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
+        while len(groups) < PLANS:
+            most = int(LEAST_WALLS * (MOST_WALLS / LEAST_WALLS) ** rng.random())
+            a = part(varied(self.plan(rng).graph, rng), most, rng)
+            drawn = [d for _ in range(DRAWS) if (d := self._draw(a, rng)) is not None]
+            if drawn and a.wall_surfaces:
+                groups.append((a, drawn))
+        return batch_of(groups)
+
+    def plan(self, rng: np.random.Generator) -> Plan:
+        """One of the plans."""
+        if self.plans and (not self.seeds or rng.random() < FROM_FILES):
+            return self.plans[int(rng.integers(len(self.plans)))]
+        kind = str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
+        return _generated(kind, self.seeds[kind][int(rng.integers(len(self.seeds[kind])))])
+
+    def _draw(self, a: SceneGraph, rng: np.random.Generator) -> DrawnGraph | None:
+        foreign = rng.random() < FOREIGN
+        seen = varied(self.plan(rng).graph, rng) if foreign else a
+        regime = str(rng.choice(list(REGIMES), p=list(REGIMES.values())))
+        rooms = list(ROOMS)[int(rng.choice(len(ROOMS), p=list(ROOMS.values())))]
+        rooms = 6 if foreign and rooms is None else rooms
+        if not seen.rooms:
+            return None
+        drawn = draw(seen, regime, rng, rooms)
+        if not drawn.s_graph.wall_surfaces:
+            return None
+        if foreign:
+            return dataclasses.replace(drawn, rooms={}, wall_surfaces={})
+        return dataclasses.replace(drawn, s_graph=_poorer(drawn.s_graph, rng))
+
+
+def seeds_of(split: Split, below: int) -> dict[str, tuple[int, ...]]:
+    """The seeds below a number whose generated buildings are in a split, by kind."""
+    return {
+        kind: tuple(k for k in range(below) if split_of(f"generated/{kind}_{k}") == split) for kind in KIND_SHARES
+    }  # fmt: skip
+
+
+@lru_cache(maxsize=2048)
+def _generated(kind: str, seed: int) -> Plan:
+    return generate_plan(kind, seed)
+
+
+def _poorer(s: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+    """Now and then without lengths, or without rooms: maps of other programs may have none."""
+    lengthless, roomless = rng.random(2) < (LENGTHLESS, ROOMLESS)
+    if not lengthless and not roomless:
+        return s
+    walls = tuple(
+        dataclasses.replace(w, length=None if lengthless else w.length, room=None if roomless else w.room)
+        for w in s.wall_surfaces
+    )
+    return SceneGraph(s.frame, () if roomless else s.rooms, walls, () if roomless else s.doors, s.floors)
+
+
+def batch_of(groups: Sequence[tuple[SceneGraph, Sequence[DrawnGraph]]]) -> Batch:
+    """A batch of plans and of the maps that were drawn from each."""
+    s_parts, a_parts, pairs, walls, rooms = [], [], [], [], []
+    at = np.zeros(4, dtype=np.int64)  # S walls, A walls, S rooms, A rooms so far
+    for a, drawn in groups:
+        plan = plan_features(a)
+        a_parts.append(plan)
+        wall_of = {w: k for k, w in enumerate(plan.walls)}
+        room_of = {r: k for k, r in enumerate(plan.rooms)}
+        for d in drawn:
+            s = map_features(d.s_graph)
+            s_parts.append(s)
+            walls += [wall_of.get(d.wall_surfaces.get(w, ""), -1) for w in s.walls]
+            rooms += [room_of.get(d.rooms.get(r, ""), -1) for r in s.rooms]
+            size = np.array([len(s.walls), len(plan.walls), len(s.rooms), len(plan.rooms)])
+            ends = [(int(first), int(first + count)) for first, count in zip(at, size, strict=True)]
+            pairs.append(PairRows(*ends))
+            at += size * [1, 0, 1, 0]
+        at += [0, len(plan.walls), 0, len(plan.rooms)]
+    truth = (np.array(x, dtype=np.int64) for x in (walls, rooms))
+    return Batch(joined(s_parts), joined(a_parts), tuple(pairs), *truth)
+
+
+def varied(a: SceneGraph, rng: np.random.Generator) -> SceneGraph:
+    """The plan stretched along its axes, and mirrored every other time."""
+    x, y = rng.uniform(1 - STRETCH, 1 + STRETCH, 2) * [rng.choice([-1, 1]), 1]
+    turned = bool(x < 0)
+
+    def moved(p: Xy) -> Xy:
+        return (float(p[0] * x), float(p[1] * y))
+
+    surfaces = []
+    for w in a.wall_surfaces:
+        n = np.array([w.normal[0] / x, w.normal[1] / y])  # normals go with the inverse
+        n /= np.hypot(*n)
+        stretch = float(np.hypot(w.normal[1] * x, w.normal[0] * y))
+        length = None if w.length is None else w.length * stretch
+        normal = (float(n[0]), float(n[1]))
+        surfaces.append(dataclasses.replace(w, centroid=moved(w.centroid), normal=normal, length=length, plane=None))
+    rooms = []
+    for r in a.rooms:
+        ring = None if r.polygon is None else tuple(moved(p) for p in (r.polygon[::-1] if turned else r.polygon))
+        rooms.append(dataclasses.replace(r, centroid=moved(r.centroid), polygon=ring))
+    doors = tuple(dataclasses.replace(d, centroid=moved(d.centroid)) for d in a.doors)
+    return SceneGraph(a.frame, tuple(rooms), tuple(surfaces), doors, a.floors)
+
+
+def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
+    """About `most` wall surfaces of a larger plan: of one storey, or of two; the rooms about one of them."""
+    if len(a.wall_surfaces) <= most or not a.rooms:
+        return a
+    middle = a.rooms[int(rng.integers(len(a.rooms)))]
+    floors = [f for f in {r.floor: None for r in a.rooms} if f != middle.floor]
+    kept_floors = {middle.floor}
+    if floors and rng.random() < 0.4:
+        kept_floors.add(floors[int(rng.integers(len(floors)))])
+    place = np.array(middle.centroid)
+    rooms = [r for r in a.rooms if r.floor in kept_floors]
+    rooms.sort(key=lambda r: float(np.hypot(*(np.array(r.centroid) - place))))
+    kept: set[str] = set()
+    count = 0
+    for r in rooms:
+        if kept and count > most:
+            break
+        kept.add(r.id)
+        count += len(a.surfaces_of_room[r.id])
+    return SceneGraph(
+        a.frame, tuple(r for r in a.rooms if r.id in kept), tuple(w for w in a.wall_surfaces if w.room in kept),
+        tuple(
+            dataclasses.replace(d, rooms=tuple(r for r in d.rooms if r in kept))
+            for d in a.doors if kept.intersection(d.rooms)
+        ),
+        tuple(f for f in a.floors if f.id in kept_floors),
+    )  # fmt: skip
+
+
+def held_out(drawing: Drawing, seed: int) -> dict[str, Batch]:
+    """A batch for each regime and number of rooms, of plans as they are; the same for the same seed."""
+    found = {}
+    for k, regime in enumerate(HELD_OUT_REGIMES):
+        for m, rooms in enumerate(HELD_OUT_ROOMS):
+            rng = np.random.default_rng([seed, k, m])
+            groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
+            while len(groups) < HELD_OUT_PLANS:
+                a = part(drawing.plan(rng).graph, MOST_WALLS, rng)
+                drawn = [draw(a, regime, rng, rooms) for _ in range(2)] if len(a.rooms) >= (rooms or 1) else []
+                drawn = [d for d in drawn if d.s_graph.wall_surfaces]
+                if drawn:
+                    groups.append((a, drawn))
+            found[f"{regime} {rooms or 'all'}"] = batch_of(groups)
+    return found

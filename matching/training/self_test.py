@@ -1,0 +1,69 @@
+"""Small work: whether torch works here, a matcher's first answer, and a network's file to try readers on."""
+
+from pathlib import Path
+
+import numpy as np
+
+from data.common.compiling import helped
+from data.scene_graph import Door, Room, SceneGraph, WallSurface
+from matching.arrays.walls import Walls
+from matching.matcher import Matcher
+from matching.search.proposals import Proposals, TopK
+
+
+def work() -> None:
+    """Fails where torch does not work here."""
+    import torch  # slow to import
+
+    assert float((torch.eye(3) @ torch.ones(3)).sum()) == 3
+
+
+def make_ready(matcher: Matcher, method: str) -> None:
+    """Has a matcher answer on three small rooms: its compiled loops are loaded then, or compiled, and not when a robot
+    waits for its first answer. `method` is the name that it was loaded by."""
+    if method.partition("@")[0] == "learned":  # the one of which there is much to compile
+        helped(propose, [search])
+    plan = three_rooms()
+    matcher.match(plan, plan)
+
+
+def propose() -> None:
+    """The first half of what `learned` compiles."""
+    from matching.learned.proposer import LearnedProposer
+
+    LearnedProposer.load().propose(three_rooms(), three_rooms())
+
+
+def search() -> None:
+    """The other half: without a proposal all that finds, bends and judges a place is asked."""
+    from matching.deformation.matcher import BentMatcher
+    from matching.search.voting_proposals import voting_proposals
+
+    def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
+        return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0))) for n in (len(s.wall_surfaces), 0)))
+
+    BentMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
+
+
+def three_rooms() -> SceneGraph:
+    """A small plan."""
+    sizes = ((0.0, 0.0, 4.0, 3.0), (4.2, 0.0, 9.0, 3.5), (0.0, 3.2, 4.0, 8.0))
+    rooms, walls, doors = [], [], (Door("d0", ("r0", "r1"), (4.1, 1.5)), Door("d1", ("r0", "r2"), (2.0, 3.1)))
+    for n, (x0, y0, x1, y1) in enumerate(sizes):
+        x, y, room = (x0 + x1) / 2, (y0 + y1) / 2, f"r{n}"
+        rooms.append(Room(room, (x, y), polygon=((x0, y0), (x1, y0), (x1, y1), (x0, y1))))
+        sides = (((x0, y), (1.0, 0.0)), ((x1, y), (-1.0, 0.0)), ((x, y0), (0.0, 1.0)), ((x, y1), (0.0, -1.0)))
+        for k, (middle, normal) in enumerate(sides):
+            walls.append(WallSurface(f"{room}w{k}", room, middle, normal, y1 - y0 if normal[0] else x1 - x0))
+    return SceneGraph("bim", tuple(rooms), tuple(walls), doors)
+
+
+def write_small_network(path: Path) -> None:
+    """A network with more form than weights, always the same; untrained."""
+    import torch
+
+    from matching.baselines.registry import network_of, settings_of
+    from matching.baselines.torch_weights import save_network
+
+    torch.manual_seed(0)
+    save_network(path, network_of(settings_of("learned", {"width": 8, "layers": 1, "state": 4})))

@@ -1,0 +1,82 @@
+"""A small piece of work for each library with code of its own, which fails where the library does not work here."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+
+def _gtsam() -> None:
+    import gtsam
+
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(0, gtsam.Pose3())
+    graph.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(np.eye(4)), gtsam.noiseModel.Isotropic.Sigma(6, 0.1)))
+    assert gtsam.LevenbergMarquardtOptimizer(graph, values).optimize().size() == 1
+
+
+def _torch() -> None:
+    from matching.training.self_test import work
+
+    work()
+
+
+def _ifcopenshell() -> None:
+    from data.ifc.self_test import work
+
+    work()
+
+
+def _embreex() -> None:
+    from data.geometry.raycast import TriangleScene
+
+    scene = TriangleScene(np.array([[[0.0, 0, 1], [4, 0, 1], [0, 4, 1]]]))
+    assert abs(scene.distances(np.array([1.0, 1, 0]), np.array([[0.0, 0, 1]]))[0] - 1) < 1e-5
+
+
+def _kiss_icp() -> None:
+    _odometry("kiss")
+
+
+def _small_gicp() -> None:
+    _odometry("small_gicp")
+
+
+def _odometry(method: str) -> None:
+    """A box of 8 m, seen twice from one place."""
+    from sgslam.config import Config
+    from sgslam.config.loading import load_config
+    from sgslam.odometry import make_odometry
+
+    box = np.random.default_rng(0).uniform(-4, 4, (6000, 3))
+    sides = np.arange(len(box)), np.arange(len(box)) % 3
+    box[sides] = np.sign(box[sides]) * 4
+    config: Config = load_config(None, [f"odometry.method={method}"])
+    odometry = make_odometry(config.odometry)
+    steps = [odometry.register(box) for _ in range(2)]
+    assert np.allclose(steps[-1], np.eye(4), atol=0.05)
+
+
+def _shapely() -> None:
+    import shapely
+
+    assert shapely.box(0, 0, 1, 2).area == 2
+
+
+def _opencv() -> None:
+    import cv2
+
+    assert cv2.distanceTransform(np.ones((3, 3), np.uint8), cv2.DIST_L2, 3).any()
+
+
+def _weights() -> None:
+    from matching import Matcher
+    from matching.matcher import WITH_WEIGHTS
+
+    for name in WITH_WEIGHTS:
+        Matcher.load(name)
+
+
+SMALL_WORKS: dict[str, Callable[[], None]] = {
+    "gtsam": _gtsam, "torch": _torch, "ifcopenshell": _ifcopenshell, "embreex": _embreex, "kiss-icp": _kiss_icp,
+    "small_gicp": _small_gicp, "shapely": _shapely, "opencv": _opencv, "the matchers' weights": _weights,
+}  # fmt: skip

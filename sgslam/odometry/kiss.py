@@ -1,0 +1,136 @@
+"""KISS-ICP (Vizzo et al., RA-L 2023) with an indoor voxel size, and a check on each step."""
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import OdometrySettings
+from sgslam.geometry.frames import inverse, squared_up
+from sgslam.odometry.base import State
+from sgslam.odometry.steps import far_apart, plausible, search
+
+Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+_KERNEL = 0.5  # m, of the registration in a search
+_NEAR = 0.3  # m; a point this close to the map counts as explained by it
+_SPACING = 0.25  # m and rad between the scans of the local map while others find the steps
+
+
+class KissOdometry:
+    """KISS-ICP's steps, those of `KissICP.register_frame`.
+
+    A step that no sensor carried through a building makes (it tips over, or leaps) is searched anew, from standing
+    still and from turns about the vertical; if nothing fits, the local map is begun afresh where the sensor was last.
+    """
+
+    upright_only = True  # it pairs points with points, and those of floor and ceiling drag it along the scan rings
+
+    def __init__(self, settings: OdometrySettings) -> None:
+        from kiss_icp.config import KISSConfig
+        from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
+        from kiss_icp.kiss_icp import KissICP
+
+        self._settings = settings
+        data = DataConfig(max_range=settings.max_range, min_range=settings.min_range, deskew=False)
+        mapping = MappingConfig(voxel_size=settings.voxel_size)
+        registration = RegistrationConfig(
+            max_num_iterations=settings.iterations, convergence_criterion=settings.convergence, max_num_threads=1
+        )  # one thread: the same input gives the same output, and two are no faster
+        config = KISSConfig(data=data, mapping=mapping, registration=registration)
+        self._kiss = KissICP(config)
+        adaptive = config.adaptive_threshold
+        self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, settings.max_range)
+        self._scans = 0
+        self._mapped = np.eye(4)  # where the newest scan of the local map was taken
+
+    def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
+        """See `Odometry.register`."""
+        kiss = self._kiss
+        frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
+        source, for_map = kiss.voxelize(frame)
+        sigma = self._threshold.sigma
+        guess = kiss.last_pose @ (kiss.last_delta if expected_step is None else expected_step)
+        pose = self._align(source, guess, sigma)
+        if self._scans and not plausible(inverse(kiss.last_pose) @ pose, self._settings):
+            pose = self._search(source)
+            self._threshold.update(np.eye(4))
+        else:
+            self._threshold.update(inverse(guess) @ pose)
+        kiss.local_map.update(for_map, pose)
+        self._mapped = pose
+        kiss.last_delta = inverse(kiss.last_pose) @ pose
+        kiss.last_pose = pose
+        self._scans += 1
+        return pose.copy()
+
+    def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
+        """See `Odometry.follow`. The local map goes on growing, by scans some way apart."""
+        kiss = self._kiss
+        pose = squared_up(kiss.last_pose @ T_last_sensor)
+        if far_apart(self._mapped, pose, _SPACING):
+            frame = kiss.preprocessor.preprocess(points(), np.empty(0), kiss.last_delta)
+            kiss.local_map.update(kiss.voxelize(frame)[1], pose)
+            self._mapped = pose
+        kiss.last_delta, kiss.last_pose = T_last_sensor, pose
+        self._scans += 1
+        return pose.copy()
+
+    def state(self) -> dict[str, Floats]:
+        """See `Odometry.state`."""
+        kiss = self._kiss
+        return {
+            "map_points": kiss.local_map.point_cloud().reshape(-1, 3), "mapped": self._mapped.copy(),
+            "last_pose": np.array(kiss.last_pose), "last_delta": np.array(kiss.last_delta),
+            "threshold": np.array([self._threshold.squares, self._threshold.count]),
+            "scans": np.array([self._scans], float),
+        }  # fmt: skip
+
+    def restore(self, state: State) -> None:
+        """See `Odometry.restore`."""
+        kiss = self._kiss
+        kiss.local_map.clear()
+        kiss.local_map.add_points(np.ascontiguousarray(state["map_points"]))
+        kiss.last_pose, kiss.last_delta = np.array(state["last_pose"]), np.array(state["last_delta"])
+        self._mapped = np.array(state["mapped"])
+        self._threshold.squares, self._threshold.count = (float(value) for value in state["threshold"])
+        self._scans = int(state["scans"][0])
+
+    def _align(self, source: Floats, guess: Floats, sigma: float) -> Floats:
+        return self._kiss.registration.align_points_to_map(
+            points=source, voxel_map=self._kiss.local_map, initial_guess=guess,
+            max_correspondance_distance=3 * sigma, kernel=sigma,
+        )  # fmt: skip
+
+    def _search(self, source: Floats) -> Floats:
+        kiss = self._kiss
+        found = search(
+            source, kiss.last_pose, kiss.local_map.point_cloud().reshape(-1, 3), _NEAR,
+            lambda guess: self._align(source, guess, _KERNEL), self._settings,
+        )  # fmt: skip
+        if found is not None:
+            return found
+        _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+        kiss.local_map.clear()
+        return kiss.last_pose
+
+
+class _Threshold:
+    """KISS-ICP's adaptive threshold (section III-C of its paper), with its sums in sight, so that they can be kept."""
+
+    def __init__(self, initial: float, least_motion: float, max_range: float) -> None:
+        self._least, self._range = least_motion, max_range
+        self.squares, self.count = initial**2, 1.0
+
+    @property
+    def sigma(self) -> float:
+        """Metres."""
+        return float(np.sqrt(self.squares / self.count))
+
+    def update(self, deviation: Floats) -> None:
+        """Takes note of what the registration adds (4, 4) to what was expected."""
+        angle = float(np.arccos(np.clip((np.trace(deviation[:3, :3]) - 1) / 2, -1.0, 1.0)))
+        error = 2 * self._range * np.sin(angle / 2) + float(np.linalg.norm(deviation[:3, 3]))
+        if error > self._least:
+            self.squares, self.count = self.squares + error**2, self.count + 1.0

@@ -1,0 +1,227 @@
+"""A map that is known already, of earlier runs: the plan in which a new run finds itself, and what it is joined to."""
+
+import logging
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import SceneGraph, UserError
+from sgslam.anchoring.building_anchoring import BuildingAnchoring
+from sgslam.anchoring.matcher_protocol import AnyMatcher
+from sgslam.anchoring.wall_alignment import hold, in_plan_view
+from sgslam.backend.backend import Backend
+from sgslam.config import Config
+from sgslam.geometry.frames import inverse, level_map, transform_planes, transform_points
+from sgslam.mapping.floors import FloorMap, Floors
+from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
+from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.serialization.state_file import read_state
+from sgslam.session.checkpoints import FILE, about_run
+from sgslam.session.result import ScanPose
+from sgslam.session.state_types import TYPES
+
+Floats = NDArray[np.float64]
+_SAME_FLOOR = 1.0  # m between two floors that are one
+_ROUNDS = 6  # of optimising and joining walls, at most
+_log = logging.getLogger(__name__)
+
+
+@dataclass
+class KnownMap:
+    """What hangs together by one graph. `begins` are the places in `scans` at which its runs begin; `T_bim_map` (4, 4)
+    is None where it is not anchored; `height` (m) is the sensor's above the floor."""
+
+    backend: Backend
+    floors: Floors
+    scans: list[ScanPose]
+    begins: list[int]
+    height: float
+    T_bim_map: Floats | None
+    clouds: KeyframeClouds
+
+    @staticmethod
+    def load(folder: Path, config: Config) -> "KnownMap":
+        """The map of a finished run's folder. Raises UserError where there is none, or it is damaged."""
+        if not about_run(folder).get("finished"):
+            raise UserError(f"{folder}: that run was broken off; finish it by --resume before it is built on")
+        _, state = read_state(folder / FILE, TYPES)
+        backend, floors, clouds = Backend(config), Floors(config), folder / CLOUDS
+        try:
+            told = state["slam"]
+            backend.restore(told["backend"])
+            floors.restore(told["floors"])
+            height = told["front_end"]["sensor_height"]
+            height = config.surfaces.guessed_height if height is None else height
+            voxel = config.clouds.keyframe_voxel
+            points = KeyframeClouds.open(clouds, voxel=voxel) if clouds.is_file() else KeyframeClouds(voxel=voxel)
+            return KnownMap(backend, floors, told["scans"], told["begins"], height, told["T_bim_map"], points)
+        except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
+            why = f"{type(error).__name__}: {error}"
+            raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it anew") from None
+
+    @property
+    def T_plan_map(self) -> Floats:  # noqa: N802
+        """(4, 4) the map in the frame of `plan`: levelled by its first floor, which is z = 0."""
+        return level_map(self.backend.floors_in_map.get(0), self.height)
+
+    def plan(self) -> SceneGraph:
+        """The S-graph as a plan to be found in."""
+        T, parts = self.T_plan_map, [floor.scene.graph for floor in self.floors.maps if floor.scene is not None]
+        elevation = {f"floor-{k}": float(_foot(T, plane)[2]) for k, plane in self.backend.floors_in_map.items()}
+        return SceneGraph(
+            "bim",
+            tuple(room for g in parts for room in g.rooms),
+            tuple(replace(surface, plane=None) for g in parts for surface in g.wall_surfaces),
+            tuple(door for g in parts for door in g.doors),
+            tuple(replace(floor, elevation=elevation.get(floor.id, 0.0)) for g in parts for floor in g.floors),
+        )
+
+    def state(self) -> dict[str, Any]:
+        """As a tree (see `state_tree`), without the points."""
+        return {
+            "backend": self.backend.state(), "floors": self.floors.state(), "scans": self.scans, "begins": self.begins,
+            "height": self.height, "T_bim_map": self.T_bim_map,
+        }  # fmt: skip
+
+    @staticmethod
+    def restored(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "KnownMap":
+        """What `state` told."""
+        backend, floors = Backend(config), Floors(config)
+        backend.restore(state["backend"])
+        floors.restore(state["floors"])
+        return KnownMap(
+            backend, floors, state["scans"], state["begins"], state["height"], state["T_bim_map"], clouds
+        )  # fmt: skip
+
+    def join(self, other: "KnownMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
+        """Takes over another map that lies at `T_map_other` (4, 4): one graph, in which a wall that both saw is one.
+
+        `other` is not to be used any more.
+        """
+        storeys = self._storeys(other, T_map_other)
+        same = self._same_walls(other, T_map_other, storeys, config)
+        first, numbered = len(self.backend.keyframes), self.floors.register.walls
+        wall_of = {wall: same.get(wall, wall + numbered) for wall in range(other.floors.register.walls)}
+        for floor in other.floors.maps:
+            if storeys[floor.number] == len(self.floors.maps):
+                begun = self.floors.begin()
+                begun.walls.T_level_map = floor.walls.T_level_map @ inverse(T_map_other)
+            self.floors.maps[storeys[floor.number]].walls.absorb(floor.walls, first, wall_of)
+        self.floors.register.walls += other.floors.register.walls
+        self.backend.absorb(other.backend, T_map_other, len(self.scans), storeys)
+        for wall, plane in other.backend.planes_in_map.items():
+            self.backend.planes_in_map.setdefault(wall_of[wall], transform_planes(T_map_other, plane))
+        self._take_scans(other, T_map_other, first)
+        if not same_run:
+            self.begins = self.begins + [len(self.scans) - len(other.scans) + begin for begin in other.begins]
+        self._take_clouds(other, first)
+        count = len(other.backend.keyframes)
+        _log.info("joined %d keyframes to %d; %d walls were seen by both", count, first, len(same))
+        for _ in range(_ROUNDS):
+            self.backend.optimise(self.floors.seen, [], None, steps=20)
+            walls = len({s.wall for s in self.floors.seen})
+            self.floors.refresh(self.backend, self.height, last=False)
+            if len({s.wall for s in self.floors.seen}) == walls:
+                break
+        for floor in self.floors.maps:
+            floor.scene = self.floors.cut(floor, self.backend)
+
+    def take_back(
+        self, parts: "list[KnownMap]", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
+    ) -> "list[KnownMap]":
+        """Joins parts of the same run that were not found when they ended; the map has grown since. Returns those that
+        are not found now either. `bim` as in `plan_of`."""
+        left = parts
+        while True:
+            asked, left = left, []
+            for part in asked:
+                T_map_part = self._place_of(part, bim, matcher, config)
+                if T_map_part is None:
+                    left.append(part)
+                else:
+                    self.join(part, T_map_part, config, same_run=True)
+            if len(left) in (0, len(asked)):
+                return left
+
+    def _place_of(
+        self, part: "KnownMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
+    ) -> Floats | None:  # fmt: skip
+        plan, is_known = plan_of(self, bim)
+        anchoring = BuildingAnchoring(plan, matcher, config, partial=is_known)
+        anchors = anchoring.update(part.floors, None, last=True)
+        if anchors is None:
+            return None
+        T_plan_map = self.T_plan_map if is_known or self.T_bim_map is None else self.T_bim_map
+        return np.asarray(inverse(T_plan_map) @ anchoring.bim_from_map(anchors.T_map_bim))
+
+    def _storeys(self, other: "KnownMap", T_map_other: Floats) -> dict[int, int]:
+        """What another map's floors are called here: as those at the same height, else on from the last one."""
+        T, own, storeys = self.T_plan_map, self.backend.floors_in_map, dict[int, int]()
+        heights = {number: float(_foot(T, plane)[2]) for number, plane in own.items()}
+        for floor in other.floors.maps:
+            plane = other.backend.floors_in_map.get(floor.number)
+            free = [n for n in heights if n not in storeys.values()]
+            z = 0.0 if plane is None else float(_foot(T, transform_planes(T_map_other, plane))[2])
+            nearest = min(free, key=lambda n: abs(heights[n] - z), default=None)
+            beyond = len(self.floors.maps) + sum(n >= len(self.floors.maps) for n in storeys.values())
+            near = nearest is not None and (plane is None or abs(heights[nearest] - z) < _SAME_FLOOR)
+            storeys[floor.number] = nearest if near and nearest is not None else beyond
+        return storeys
+
+    def _same_walls(
+        self, other: "KnownMap", T_map_other: Floats, storeys: dict[int, int], config: Config
+    ) -> dict[int, int]:
+        """Walls of another map by those of this one that they are, as far as both agree on where they stand."""
+        plan, same = self.plan(), dict[int, dict[int, float]]()
+        origin = np.array(plan.centroid())
+        for floor in other.floors.maps:
+            known = self.floors.maps[storeys[floor.number]] if storeys[floor.number] < len(self.floors.maps) else None
+            if known is None or known.scene is None or floor.scene is None:
+                continue
+            T = self.T_plan_map @ T_map_other @ inverse(floor.walls.T_level_map)
+            place = in_plan_view(T) - np.array([0.0, *origin])
+            holding = hold(
+                floor.scene, floor.walls, plan.on_floor(_id(known)), origin, place, config.anchors
+            )  # fmt: skip
+            for held in holding.walls if holding is not None else ():
+                if held.agrees or held.bent:
+                    votes = same.setdefault(floor.scene.wall_of_surface[held.surface.id], {})
+                    wall = known.scene.wall_of_surface[held.planned.id]
+                    votes[wall] = votes.get(wall, 0.0) + (held.surface.length or 0.0)
+        return {wall: max(votes, key=lambda w: votes[w]) for wall, votes in same.items()}
+
+    def _take_scans(self, other: "KnownMap", T_map_other: Floats, keyframes: int) -> None:
+        begins = set(other.begins) | {0}
+        for i, scan in enumerate(other.scans):
+            T = T_map_other @ scan.T_map_sensor
+            previous = None if i in begins else scan.T_previous_sensor
+            own = replace(scan, T_map_sensor=T, keyframe=scan.keyframe + keyframes, T_previous_sensor=previous)
+            self.scans.append(own)
+
+    def _take_clouds(self, other: "KnownMap", keyframes: int) -> None:
+        both = KeyframeClouds(voxel=self.clouds.voxel)
+        for clouds, first in ((self.clouds, 0), (other.clouds, keyframes)):
+            for keyframe in clouds:
+                both.add(first + keyframe, clouds[keyframe])
+        self.clouds = both
+
+
+def _foot(T: Floats, plane: Floats) -> Floats:
+    """(3,) in the frame of `T` the point of a plane (4,) that is nearest to the map's origin."""
+    return np.asarray(transform_points(T, -plane[3] * plane[:3]))
+
+
+def _id(floor: FloorMap) -> str:
+    return f"floor-{floor.number}"
+
+
+def plan_of(known: KnownMap, bim: SceneGraph | None) -> tuple[SceneGraph, bool]:
+    """The plan in which a new run is to find itself, and whether it is the known map: where both are anchored to a BIM
+    they need not have seen the same rooms."""
+    if bim is not None and known.T_bim_map is not None:
+        return bim, False
+    return known.plan(), True
+
