@@ -110,7 +110,7 @@ def _paper(weights: Path | str | None) -> Method:
 
 
 def _relative(kind: str, weights: Path | str | None) -> Method:
-    from matching.baselines.matcher import RelativeMatcher
+    from matching.published.baselines import RelativeMatcher
 
     return RelativeMatcher.load(kind, weights)
 

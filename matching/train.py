@@ -29,9 +29,9 @@ def main(arguments: list[str] | None = None) -> int:
 
     import torch  # slow to import, as is what follows
 
-    from matching.baselines.registry import settings_of
-    from matching.baselines.torch_weights import save_network
+    from matching.learned.torch_weights import save_network
     from matching.learned.weights_file import SUFFIX
+    from matching.network.registry import settings_of
     from matching.training.data import Drawing, held_out, seeds_of
     from matching.training.report import draw_curve, write_card, write_curve
     from matching.training.stream import batches

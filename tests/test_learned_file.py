@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from data import UserError
 from matching import Matcher
-from matching.baselines.pca_gm import PcaGm, PcaGmSettings
-from matching.baselines.torch_weights import load_network, save_network
 from matching.learned.network import CompiledNetwork
+from matching.learned.torch_weights import load_network, save_network
 from matching.learned.weights_file import MOST_BYTES, load_learned, read_learned, write_learned
 from matching.network.dimensions import Settings
 from matching.network.network import MatchingNetwork
+from matching.network.pca_gm import PcaGm, PcaGmSettings
 
 Arrays = dict[str, NDArray[Any]]
 TINY = Settings(width=8, layers=1, candidates=4, cycles=2, rounds=1, state=4)

@@ -12,10 +12,10 @@ from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher
-from matching.baselines.matcher import RelativeMatcher, best_as_a_whole, mutual_best
-from matching.baselines.parts import sinkhorn
-from matching.baselines.registry import KINDS, network_of, settings_of
-from matching.baselines.torch_weights import load_network, save_network
+from matching.learned.torch_weights import load_network, save_network
+from matching.network.parts import sinkhorn
+from matching.network.registry import KINDS, network_of, settings_of
+from matching.published.baselines import RelativeMatcher, best_as_a_whole, mutual_best
 from matching.training.data import batch_of
 from matching.training.loss import accuracies, loss, run, surprise
 

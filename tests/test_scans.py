@@ -12,7 +12,8 @@ from pypcd4 import Encoding, PointCloud
 
 from data.common.errors import UserError
 from data.scans import ScanFolder, natural_key
-from data.scans.formats import UnreadableScanError, read_points
+from data.scans.formats import read_points
+from data.scans.reading_errors import UnreadableScanError
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
 
 REAL_SCANS = Path(__file__).parents[1] / "../shared/data/scans/vlp16_room_corridor"

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.plans.bim import load_bim
 from data.scans import ScanFolder
-from data.scans.formats import UnreadableScanError, read_points
+from data.scans.formats import read_points
+from data.scans.reading_errors import UnreadableScanError
 from data.scans.sources import open_scans
 
 laspy, pye57 = pytest.importorskip("laspy"), pytest.importorskip("pye57")

@@ -10,8 +10,9 @@ from typing import Any
 from data.common.errors import UserError
 from data.scans.bag_records import Record, Recovery, normal_type
 from data.scans.cloud_messages import CLOUDS, read_cloud
-from data.scans.folder import Scan, ScanSource, finished, natural_key
-from data.scans.formats import EndOfScansError, UnreadableScanError
+from data.scans.folder import natural_key
+from data.scans.reading_errors import EndOfScansError, UnreadableScanError
+from data.scans.scan import Scan, ScanSource, finished
 
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 _FOREIGN = "Profile is not ros2"  # what rosbags says of an MCAP file that was not recorded by ROS 2: nothing is wrong

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scans.formats import XYZ, UnreadableScanError
+from data.scans.formats import XYZ
 from data.scans.point_times import time_field
+from data.scans.reading_errors import UnreadableScanError
 from data.trajectory.stamps import NS
 
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"

@@ -14,8 +14,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
 from data.scans.point_times import time_field
+from data.scans.reading_errors import MissingReaderError, UnreadableScanError
 
 Points = NDArray[np.floating]
 Times = NDArray[Any] | None  # in whatever unit, from whatever origin: data.scans.point_times
@@ -23,18 +23,6 @@ Times = NDArray[Any] | None  # in whatever unit, from whatever origin: data.scan
 XYZ = ("x", "y", "z")
 LONGEST_RECORD = 4096  # values a PCD point may have, padding counted
 LZF_BEST_RATIO = 100  # LZF packs at most 264 bytes into 3
-
-
-class UnreadableScanError(Exception):
-    """A scan that cannot be read; the text is the reason."""
-
-
-class EndOfScansError(Exception):
-    """There are no more scans."""
-
-
-class MissingReaderError(UserError):
-    """A library is not installed that reads the format."""
 
 
 def read_points(path: Path) -> Points:
@@ -160,7 +148,7 @@ def _bytes_left(file: BinaryIO) -> int:
 
 
 def _read_las(path: Path) -> tuple[Points, Times]:
-    from data.scans.survey import read_las
+    from data.scans.las import read_las
 
     return read_las(path)
 

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from data.common.errors import UserError
-from data.scans.folder import ScanFolder, ScanSource
+from data.scans.folder import ScanFolder
 from data.scans.formats import READERS
+from data.scans.scan import ScanSource
 
 
 def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
@@ -20,7 +21,7 @@ def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
     if topic is not None:
         raise UserError(f"--topic {topic}: {path} is no bag and has no topics")
     if path.suffix.lower() == ".e57":
-        from data.scans.survey import E57Scans
+        from data.scans.e57 import E57Scans
 
         return E57Scans(path)
     return ScanFolder(path)

@@ -1,13 +1,5 @@
 """`SceneGraph`, the one type that S-graphs and A-graphs share, and the files that hold one."""
 
-from data.scene_graph.graph import (
-    Door,
-    Floor,
-    Keyframe,
-    Room,
-    SceneGraph,
-    WallSurface,
-    Xy,
-)
+from data.scene_graph.graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface, Xy
 
 __all__ = ["Door", "Floor", "Keyframe", "Room", "SceneGraph", "WallSurface", "Xy"]

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from data.common.errors import UserError
-from data.scans.formats import UnreadableScanError, read_timed
+from data.scans.formats import read_timed
+from data.scans.reading_errors import UnreadableScanError
 from evaluation.fuzzing import samples as samples
 from evaluation.fuzzing.mutations import mutated, mutated_e57, mutated_json, mutated_zip
 
@@ -89,7 +90,7 @@ def _mesh(path: Path) -> object:
 
 
 def _weights(path: Path) -> object:
-    from matching.baselines.torch_weights import load_network
+    from matching.learned.torch_weights import load_network
 
     return load_network(path)
 

@@ -48,7 +48,7 @@ class Recorder:
 def record(sequence: Sequence) -> SlamDrive:
     """Runs the pipeline on a drive and gives the S-graphs on its way, without their keyframes, and their truth."""
     from data.scans import ScanFolder
-    from evaluation.slam_ablation.variants import storey_of
+    from evaluation.harness.sequences import storey_of
     from sgslam.slam import SceneGraphSlam
 
     T_bim_map = sequence.truth.poses[0]

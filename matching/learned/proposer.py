@@ -64,7 +64,7 @@ class LearnedProposer:
 def _network(path: Path) -> CompiledNetwork:
     if path.suffix == SUFFIX:
         return load_learned(path)
-    from matching.baselines.torch_weights import load_network
+    from matching.learned.torch_weights import load_network
     from matching.network.network import MatchingNetwork  # torch is slow to import
 
     network = load_network(path)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from data.common.errors import UserError
-from matching.baselines.torch_weights import read_weights, write_weights
+from matching.learned.torch_weights import read_weights, write_weights
 from matching.published.network import PRESETS, PaperNetwork, PaperSettings
 
 VERSION = "paper 1"

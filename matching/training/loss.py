@@ -6,9 +6,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import cross_entropy
 
-from matching.baselines.registry import Network
 from matching.network.encoder import GraphTensors
 from matching.network.network import Output
+from matching.network.registry import Network
 from matching.training.data import Batch
 
 MOST_SURPRISE = 10.0  # nats of one wall, also of a partner that is no candidate

@@ -62,8 +62,8 @@ def write_small_network(path: Path) -> None:
     """A network with more form than weights, always the same; untrained."""
     import torch
 
-    from matching.baselines.registry import network_of, settings_of
-    from matching.baselines.torch_weights import save_network
+    from matching.learned.torch_weights import save_network
+    from matching.network.registry import network_of, settings_of
 
     torch.manual_seed(0)
     save_network(path, network_of(settings_of("learned", {"width": 8, "layers": 1, "state": 4})))

@@ -13,7 +13,7 @@ import torch
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from matching.baselines.registry import AnySettings, Network, network_of
+from matching.network.registry import AnySettings, Network, network_of
 from matching.training.data import Batch
 from matching.training.loss import accuracies, loss, run, surprise
 

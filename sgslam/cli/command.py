@@ -32,7 +32,7 @@ COMMANDS = {
     "train": Command("matching.train", "trains the matcher's network anew"),
     "evaluate": Command("", "measurements; 'sgslam evaluate' lists them"),
     "doctor": Command("sgslam.cli.doctor", "whether what is installed works here"),
-    "dump-config": Command("sgslam.config.dump", "every setting with what it means, as YAML for --config"),
+    "dump-config": Command("sgslam.cli.dump_config", "every setting with what it means, as YAML for --config"),
 }
 
 

@@ -1,14 +1,13 @@
 """`sgslam view OUT`: finished runs as a page in the browser, until Ctrl-C."""
 
-import sys
-import threading
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from data.common.cli import Parser, run_command
+from sgslam.viewer.page import stay
 
 if TYPE_CHECKING:
-    from sgslam.viewer.page import Page
+    pass
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -31,16 +30,6 @@ def main(arguments: list[str] | None = None) -> int:
     FinishedView(page, runs)
     stay(page)
     return 0
-
-
-def stay(page: "Page") -> None:
-    """Keeps a page until the user has seen enough."""
-    print(f"view: {page.url} (Ctrl-C ends it)", flush=True)
-    try:
-        threading.Event().wait()
-    except KeyboardInterrupt:
-        print(file=sys.stderr)
-    page.close()
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import re
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
-from sgslam.config.dump import choices_and_bounds, plain_yaml
+from sgslam.config.fields import choices_and_bounds, plain_yaml
 
 if TYPE_CHECKING:
     from pydantic import BaseModel

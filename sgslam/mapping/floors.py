@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from data import Keyframe, SceneGraph
 from data.geometry.poses import poses_to_xyzquat
-from sgslam.backend.backend import Backend, RoomNode
 from sgslam.config import BackendSettings, Config
 from sgslam.geometry.frames import level_map
+from sgslam.mapping.estimates import Estimates
+from sgslam.mapping.graph_nodes import RoomNode
 from sgslam.mapping.keyframes import KeyframeNode
 from sgslam.mapping.scene import Scene, build_scene
 from sgslam.mapping.wall_map import SeenWall, WallMap, WallRegister
@@ -83,27 +84,27 @@ class Floors:
         grown = own - (0 if scene is None else len(scene.graph.keyframes))
         return grown >= (1 if hurry else max(least, settings.scene_growth * own))
 
-    def refresh(self, backend: Backend, height: float, last: bool) -> None:
-        """Takes over the back end's estimates, joins walls that turn out to be one and parts those that turn out to be
+    def refresh(self, estimates: Estimates, height: float, last: bool) -> None:
+        """Takes over the newest estimates, joins walls that turn out to be one and parts those that turn out to be
         two; `height` is the sensor's above the floor. At the `last` time all walls stay those of the graph."""
         for floor in self.maps:
-            T_level_map = self._level_map(floor, backend, height)
-            floor.walls.refresh(backend.poses, backend.planes_in_map, T_level_map)
+            T_level_map = self._level_map(floor, estimates, height)
+            floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
             if not last and floor.walls.split_steps():
-                floor.walls.refresh(backend.poses, backend.planes_in_map, T_level_map)
+                floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
             if floor.walls.join_duplicates() and floor.scene is not None:
                 floor.scene = floor.scene.relabelled(floor.walls.current)
 
     @staticmethod
-    def _level_map(floor: FloorMap, backend: Backend, height: float) -> Floats:
+    def _level_map(floor: FloorMap, estimates: Estimates, height: float) -> Floats:
         """(4, 4) T_level_map of a floor; one whose plane was not seen yet stays where it is thought to be."""
-        plane = backend.floors_in_map.get(floor.number)
+        plane = estimates.floors_in_map.get(floor.number)
         return floor.walls.T_level_map if plane is None and floor.number else level_map(plane, height)
 
-    def cut(self, floor: FloorMap, backend: Backend) -> Scene:
+    def cut(self, floor: FloorMap, estimates: Estimates) -> Scene:
         """Rooms and wall surfaces of a floor as they are now."""
-        plane = backend.floors_in_map.get(floor.number)
-        return build_scene(backend.keyframes, floor.walls, plane, self._config, floor.number)
+        plane = estimates.floors_in_map.get(floor.number)
+        return build_scene(estimates.keyframes, floor.walls, plane, self._config, floor.number)
 
     def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
         """The S-graph of all floors, in the map frame, of their scenes; with the keyframes on stairs."""

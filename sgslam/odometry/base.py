@@ -9,11 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config import OdometrySettings
-
 Floats = NDArray[np.float64]
 State = Mapping[str, Floats]  # arrays by name, as np.savez takes them
-METHODS = ("kiss", "small_gicp")  # of `OdometrySettings.method`
 
 
 class Odometry(Protocol):
@@ -44,14 +41,3 @@ class Odometry(Protocol):
     def restore(self, state: State) -> None:
         """Takes over what `state` gave."""
         ...
-
-
-def make_odometry(settings: OdometrySettings) -> Odometry:
-    """The odometry of `settings.method`; raises UserError where its library is missing."""
-    if settings.method == "small_gicp":
-        from sgslam.odometry.small_gicp import SmallGicpOdometry
-
-        return SmallGicpOdometry(settings)
-    from sgslam.odometry.kiss import KissOdometry
-
-    return KissOdometry(settings)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from data.common.errors import UserError
 from sgslam.config import Config
-from sgslam.odometry.base import METHODS
 from sgslam.odometry.external import GivenOdometry
+from sgslam.odometry.factory import METHODS
 
 
 def choose(told: str, config: Config) -> tuple[Config, GivenOdometry | None]:

@@ -17,7 +17,8 @@ from sgslam.perception.column_scan import ColumnScan
 from sgslam.perception.deskew import deskewed, part_of
 from sgslam.serialization.state_tree import Stateful
 from sgslam.tracking.floor_transition import Climb
-from sgslam.tracking.front_end import FrontEnd, align, predict, upright_step
+from sgslam.tracking.front_end import FrontEnd, align
+from sgslam.tracking.motion import predict, upright_step
 from sgslam.tracking.step_uncertainty import Slack, surfaces_of, turned
 
 Floats = NDArray[np.float64]

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
-from sgslam.cli.view import stay
 from sgslam.session.snapshot import Snapshot
 from sgslam.viewer.errors import KNOWN, LiveErrors, rms
 from sgslam.viewer.finished import RED, SCAN_POINTS, FinishedRun, FinishedView
-from sgslam.viewer.page import Page, address
+from sgslam.viewer.page import Page, address, stay
 from sgslam.viewer.panel import Panel, metres
 from sgslam.viewer.scene import RunScene
 

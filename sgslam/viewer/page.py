@@ -5,6 +5,7 @@ import contextlib
 import io
 import re
 import socket
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -187,3 +188,13 @@ def _served(host: str, port: int, title: str) -> "viser.ViserServer":
         server = viser.ViserServer(host, port, title, verbose=False)
     server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
     return server
+
+
+def stay(page: "Page") -> None:
+    """Keeps a page until the user has seen enough."""
+    print(f"view: {page.url} (Ctrl-C ends it)", flush=True)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        print(file=sys.stderr)
+    page.close()

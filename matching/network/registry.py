@@ -7,10 +7,10 @@ are the same.
 from typing import Any
 
 from data.common.errors import UserError
-from matching.baselines.pca_gm import PcaGm, PcaGmSettings
-from matching.baselines.superglue import SuperGlue, SuperGlueSettings
 from matching.network.dimensions import Settings
 from matching.network.network import MatchingNetwork
+from matching.network.pca_gm import PcaGm, PcaGmSettings
+from matching.network.superglue import SuperGlue, SuperGlueSettings
 
 Network = MatchingNetwork | PcaGm | SuperGlue
 AnySettings = Settings | PcaGmSettings | SuperGlueSettings

@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import Tensor, nn
 
-from matching.baselines.parts import Embedded, Side, embedded, output_of, sinkhorn
 from matching.network.encoder import Encoder, GraphTensors, NeighbourAttention
 from matching.network.features import PairRows
 from matching.network.network import Output
+from matching.network.parts import Embedded, Side, embedded, output_of, sinkhorn
 
 
 @dataclass(frozen=True)

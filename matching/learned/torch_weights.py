@@ -13,10 +13,10 @@ from torch import Tensor
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from matching.baselines.registry import Network, kind_of, network_of, settings_of
 from matching.learned.weights_file import SUFFIX, read_learned, write_learned
 from matching.network.dimensions import LARGEST
 from matching.network.network import MatchingNetwork
+from matching.network.registry import Network, kind_of, network_of, settings_of
 
 VERSION = 1
 

@@ -1,0 +1,146 @@
+"""One scan, and sources of scans in order: what every format gives."""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.scans.point_times import seconds_after
+from data.scans.reading_errors import EndOfScansError, UnreadableScanError
+from data.scans.stamp_rule import LOOK_AHEAD, StampRule
+
+WORST_SHARE_SKIPPED = 0.2
+
+_FAR = 1e9  # m
+
+_AHEAD = LOOK_AHEAD  # scans read before they are asked for, so that a reader that is held up holds up nobody
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One scan: `points` (N, 3) float64, C-contiguous, metres, sensor frame, N >= 1, all finite.
+
+    `index` counts the source's scans, skipped ones too; `dropped` is how many NaN, infinite and zero returns
+    were taken out. `point_times` (N,) are seconds after the stamp, None where they are not known. `T_odom_sensor`
+    (4, 4) is the pose that the file gives, None where it gives none.
+    """
+
+    index: int
+    stamp_ns: int
+    points: NDArray[np.float64]
+    dropped: int
+    path: Path
+    point_times: NDArray[np.float64] | None = None
+    T_odom_sensor: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
+class SkippedScan:
+    """A scan that could not be used, and why."""
+
+    index: int
+    path: Path
+    reason: str
+    name: str
+
+
+class ScanSource(ABC):
+    """Scans in order; iterating reads them one by one, a few ahead.
+
+    Attributes: `path`, `note` (one line for the user where something is a guess, else None), `stamps_ns` ((N,) int64;
+    None where they are known only while reading), and, filled while iterating, `skipped` and `remarks` (one line each
+    on what the user should know of the data).
+    """
+
+    path: Path
+    note: str | None = None
+    stamps_ns: NDArray[np.int64] | None = None
+
+    def __init__(self) -> None:
+        self.skipped: list[SkippedScan] = []
+        self.remarks: list[str] = []
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many scans there are, readable or not."""
+
+    @abstractmethod
+    def _jobs(self) -> Iterator[Callable[[], Scan]]:
+        """What reads each scan, in order; it raises UnreadableScanError where it cannot, EndOfScansError at the end."""
+
+    def _name(self, index: int) -> tuple[Path, str]:
+        """The file of a scan and what to call it."""
+        return self.path, f"{self.path.name}, scan {index}"
+
+    def __iter__(self) -> Iterator[Scan]:
+        """Yields the usable scans; those skipped are listed in `skipped`.
+
+        Left out is also what cannot be in time: stamps that repeat, go back, or are far ahead of those that follow.
+        Raises UserError as soon as more than a fifth has been skipped.
+        """
+        self.skipped, self.remarks, rule = [], [], StampRule()
+        with ThreadPoolExecutor(1) as reader:
+            jobs = self._jobs()
+            ahead: deque[Future[Scan]] = deque(reader.submit(job) for job in islice(jobs, _AHEAD))
+            for index in count():
+                if not ahead:
+                    break
+                current = ahead.popleft()
+                ahead.extend(reader.submit(job) for job in islice(jobs, 1))
+                try:
+                    scan = current.result()
+                except UnreadableScanError as error:
+                    self._skip(index, str(error))
+                    continue
+                except EndOfScansError:
+                    break
+                if reason := rule.judge(index, scan.stamp_ns, lambda: self._stamps_of(ahead)):
+                    self._skip(index, reason)
+                else:
+                    yield scan
+        if remark := rule.remark():
+            self.remarks.append(remark)
+
+    @staticmethod
+    def _stamps_of(ahead: Iterable["Future[Scan]"]) -> list[int]:
+        return [future.result().stamp_ns for future in ahead if future.exception() is None]
+
+    def _skip(self, index: int, reason: str) -> None:
+        path, name = self._name(index)
+        self.skipped.append(SkippedScan(index, path, reason, name))
+        if len(self.skipped) > WORST_SHARE_SKIPPED * len(self):
+            first = self.skipped[0]
+            raise UserError(
+                f"{self.path}: at least {len(self.skipped)} of {len(self)} scans cannot be read, more than a fifth; "
+                f"the first is {first.name}: {first.reason}"
+            )
+
+
+def finished(
+    index: int, stamp_ns: int, points: NDArray[Any], times: NDArray[Any] | None, path: Path,
+    T_odom_sensor: NDArray[np.float64] | None = None,
+) -> Scan:  # fmt: skip
+    """A scan of points (N, 3) and their times (N,) as stored (see `point_times`), without NaN, infinite and zero
+    returns. Raises UnreadableScanError where nothing is left.
+    """
+    if not len(points):
+        raise UnreadableScanError("it is empty")
+    count_all, points = len(points), np.ascontiguousarray(points, dtype=np.float64)
+    if not (points.all() and points.min() > -_FAR and points.max() < _FAR):  # most scans need no second look
+        # squared ranges: NaN and infinity fail the comparison, and so does a return of all zeros
+        with np.errstate(over="ignore", invalid="ignore"):
+            squared = np.einsum("ij,ij->i", points, points)
+            good = (squared > 0) & (squared < np.inf)
+        if not good.any():
+            raise UnreadableScanError("all of its returns are NaN, infinite or zero")
+        points, times = points[good], None if times is None else times[good]
+    after = None if times is None else seconds_after(times, stamp_ns)
+    return Scan(index, stamp_ns, points, count_all - len(points), path, after, T_odom_sensor)

@@ -1,1 +1,0 @@
-"""Published networks on our features, and the registry of all networks."""

@@ -1,0 +1,34 @@
+"""What the map takes from the factor graph: the newest estimates, whoever keeps them."""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.mapping.keyframes import KeyframeNode
+
+Floats = NDArray[np.float64]
+
+
+class Estimates(Protocol):
+    """Estimates in the map frame; `Backend` is one."""
+
+    @property
+    def keyframes(self) -> list[KeyframeNode]:
+        """In the order in which they were taken."""
+        ...
+
+    @property
+    def poses(self) -> Floats:
+        """(K, 4, 4) T_map_sensor of all keyframes."""
+        ...
+
+    @property
+    def planes_in_map(self) -> dict[int, Floats]:
+        """(4,) the plane of each wall."""
+        ...
+
+    @property
+    def floors_in_map(self) -> dict[int, Floats]:
+        """(4,) the plane of each floor that was seen, by its number."""
+        ...
