@@ -4,46 +4,68 @@
     for stamp_ns, points in scans:
         update = slam.add_scan(stamp_ns, points)
     slam.finish().save("out")
+
+`__all__` lists the public names. Each is loaded on first use, so that importing the package takes no time.
 """
 
 import importlib
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
-_HOMES = {
-    "Config": "sgslam.config", "KissOdometry": "sgslam.odometry.kiss", "Result": "sgslam.session.result",
-    "SceneGraph": "data.scene_graph", "SceneGraphSlam": "sgslam.slam", "Update": "sgslam.session.result",
+from sgslam.own_packages import foreign_package
+
+if TYPE_CHECKING:
+    from data.common.errors import UserError
+    from data.plans.bim import load_bim
+    from data.scene_graph import SceneGraph
+    from matching.matcher import Matcher
+    from sgslam.config import Config
+    from sgslam.odometry.kiss import KissOdometry
+    from sgslam.session.result import Result, Update
+    from sgslam.slam import SceneGraphSlam
+
+    __version__: str
+
+_MODULES = {
+    "Config": "sgslam.config",
+    "KissOdometry": "sgslam.odometry.kiss",
+    "Matcher": "matching.matcher",
+    "Result": "sgslam.session.result",
+    "SceneGraph": "data.scene_graph",
+    "SceneGraphSlam": "sgslam.slam",
+    "Update": "sgslam.session.result",
+    "UserError": "data.common.errors",
     "load_bim": "data.plans.bim",
-}  # fmt: skip
-__all__ = [*_HOMES]
+}
+__all__ = [
+    "Config",
+    "KissOdometry",
+    "Matcher",
+    "Result",
+    "SceneGraph",
+    "SceneGraphSlam",
+    "Update",
+    "UserError",
+    "load_bim",
+]
+
+for _name in ("data", "matching", "factors"):
+    if _message := foreign_package(_name):
+        raise ImportError(_message)
+
+if not TYPE_CHECKING:  # a type checker that sees __getattr__ takes every name for Any
+
+    def __getattr__(name: str) -> object:
+        if name == "__version__":
+            from importlib.metadata import version  # slow to load
+
+            value = version("sgslam")
+        elif name in _MODULES:
+            value = getattr(importlib.import_module(_MODULES[name]), name)
+        else:
+            raise AttributeError(f"module 'sgslam' has no attribute '{name}'")
+        globals()[name] = value
+        return value
 
 
-def _check_siblings() -> None:
-    """Raises ImportError where another package of the same name stands before one of ours."""
-    here = Path(__file__).resolve().parent.parent
-    for name in ("data", "matching", "factors", "evaluation"):
-        found = _origin(name)
-        if found != here / name / "__init__.py":
-            raise ImportError(
-                f"sgslam needs its own package '{name}' from {here}, but Python finds "
-                f"{'none' if found is None else 'another, ' + str(found)}; run in an environment or folder without it"
-            )
-
-
-def _origin(name: str) -> Path | None:
-    try:
-        spec = find_spec(name)
-    except ValueError:  # somebody put a module of no origin in its place
-        return None
-    return Path(spec.origin).resolve() if spec is not None and spec.origin else None
-
-
-def __getattr__(name: str) -> Any:
-    # loaded on first use: importing the package costs nothing that --help would feel
-    if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
-    raise AttributeError(f"module 'sgslam' has no attribute '{name}'")
-
-
-_check_siblings()
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

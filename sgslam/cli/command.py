@@ -7,11 +7,10 @@ import difflib
 import importlib
 import sys
 from dataclasses import dataclass
-from importlib.util import find_spec
-from pathlib import Path
 
 from data.common.cli import called_as, run_command
 from data.common.errors import UserError
+from sgslam.own_packages import ROOT, foreign_package
 
 
 @dataclass(frozen=True)
@@ -37,11 +36,14 @@ COMMANDS = {
 
 
 def measurements() -> dict[str, Command]:
-    """The commands of `evaluation`, each with what the first line of its module says."""
-    spec = find_spec("evaluation")
-    folder = Path(spec.submodule_search_locations[0]) if spec and spec.submodule_search_locations else Path()
+    """The commands of `evaluation`, each with what the first line of its module says.
+
+    Raises UserError where Python finds another package of that name.
+    """
+    if message := foreign_package("evaluation"):
+        raise UserError(message)
     found = {}
-    for path in sorted(folder.rglob("*.py")):
+    for path in sorted((folder := ROOT / "evaluation").rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         if "run_command(main)" in text:
             name = ".".join(path.relative_to(folder).with_suffix("").parts)

@@ -4,13 +4,13 @@ import importlib.metadata as metadata
 import platform
 import tomllib
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from data.common.build import PACKAGES
+from sgslam.own_packages import package_file
 
 NAME = "sgslam"
 HERE = Path(__file__).resolve().parents[2]
@@ -53,8 +53,7 @@ def extras() -> Iterator[tuple[str, str]]:
 def siblings() -> Told:
     """Whether the packages that are found by our names, which are common ones, are ours, and nobody else's too."""
     for name in PACKAGES:
-        spec = find_spec(name)
-        found = Path(spec.origin).resolve() if spec is not None and spec.origin else None
+        found = package_file(name)
         if found != HERE / name / "__init__.py":
             return False, f"'{name}' is found at {found}, not in {HERE}: another package of that name"
     others = sorted({d for n in PACKAGES for d in metadata.packages_distributions().get(n, []) if d != NAME})

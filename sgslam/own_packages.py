@@ -1,0 +1,27 @@
+"""Our packages have common names. This tells when Python finds somebody else's package in the place of one of ours."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def foreign_package(name: str) -> str | None:
+    """One line for the user where `name` is not our own package; None where it is. The package is not loaded."""
+    found = package_file(name)
+    if found == ROOT / name / "__init__.py":
+        return None
+    other = "none" if found is None else f"another, {found}"
+    return (
+        f"sgslam needs its own package '{name}' from {ROOT}, but Python finds {other}; "
+        "run in an environment or folder without it"
+    )
+
+
+def package_file(name: str) -> Path | None:
+    """The file that an import of `name` would load; None where there is no such package or it has no file."""
+    try:
+        spec = find_spec(name)
+    except ValueError:  # a module without a spec stands in sys.modules
+        return None
+    return Path(spec.origin).resolve() if spec is not None and spec.origin else None
