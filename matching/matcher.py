@@ -60,13 +60,16 @@ class Matcher:
 
     @staticmethod
     def load(method: str = "learned", weights: Path | str | None = None) -> "Matcher":
-        """A matcher by name: `voting`, `learned` with the weights of a file (the shipped ones unless told), or
-        iS-Graphs' search: `combinatorial` as released, `combinatorial-grid` as its later branch has it.
-        `paper` is the published matcher with the weights of a file or of a preset (`published` unless told,
-        `repository`). `pca-gm` and `superglue` are what these networks say by themselves on our features.
-        `NAME@WEIGHTS` tells both in one, as `paper@repository`.
+        """Loads a matcher by the name of its method.
 
-        Raises UserError for a name that does not exist, and for a file that holds no weights.
+        - `learned`: a network proposes partners, geometry verifies them. `weights` is a file; default: the shipped one.
+        - `voting`: wall corners vote for motions, which are verified. It has no weights.
+        - `paper`: the published matcher. `weights` is a file, `published` (the default) or `repository`.
+        - `pca-gm`, `superglue`: these networks on our features; their own assignment is the answer.
+        - `combinatorial`, `combinatorial-grid`: the search of iS-Graphs, as released and as in its later branch.
+
+        `NAME@WEIGHTS` gives both in one, as in `paper@repository`. Raises UserError for a name that does not exist, for
+        weights where the method has none, and for a file that holds no weights.
         """
         name, _, told = method.partition("@")
         weights = told or weights
@@ -87,10 +90,14 @@ class Matcher:
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """Matches an S-graph (of one storey) with an A-graph of any number of storeys.
+        """Finds the place of an S-graph in an A-graph.
 
-        `floor` restricts the search to that A floor. `start` is a rough (x, y, yaw) of the map's origin in
-        the BIM frame, metres and radians: placements further than 3 m or 60 degrees from it are dropped.
+        `s` is a map of one storey, in the map frame with z up; `a` is a plan of any number of storeys, in the BIM
+        frame. `floor` is the id of the one A floor to search. `start` is a rough (x, y, yaw) of the map's origin in the
+        BIM frame, in metres and radians: placements further than 3 m or 60 degrees from it are dropped.
+
+        The answer's `T_a_s` is (yaw, x, y) in radians and metres, p_a = R(yaw) p_s + (x, y). Commit to it only where
+        its status is `unique`.
         """
         return self._method.match(s, a, floor=floor, start=start)
 

@@ -1,10 +1,37 @@
 """What a matcher answers: `MatchResult`, whose `to_dict` is the form of `matches.json`."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal, NotRequired, TypedDict
 
 Status = Literal["unique", "ambiguous", "none"]
 Pair = tuple[str, str, float]  # S id, A id, confidence in [0, 1]
+
+
+class HypothesisEntry(TypedDict):
+    """A hypothesis in `matches.json`: `T_a_s` is [yaw, x, y] in rad and m, `rooms` are [S id, A id]."""
+
+    score: float
+    T_a_s: list[float]
+    floor: str | None
+    rooms: list[list[str]]
+
+
+class MatchesFile(TypedDict):
+    """The form of `matches.json`; `rooms` and `wall_surfaces` are [S id, A id, confidence in [0, 1]].
+
+    `T_a_s` is [yaw, x, y] in rad and m, None where the status is `none`. `floors` is there in a run's file alone: the A
+    floor of each S floor.
+    """
+
+    status: Status
+    reason: str
+    rooms: list[list[str | float]]
+    wall_surfaces: list[list[str | float]]
+    T_a_s: list[float] | None
+    floor: str | None
+    hypotheses: list[HypothesisEntry]
+    seconds: float
+    floors: NotRequired[dict[str, str | None]]
 
 
 @dataclass(frozen=True)
@@ -19,7 +46,7 @@ class Hypothesis:
     floor: str | None
     rooms: tuple[tuple[str, str], ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> HypothesisEntry:
         """The form within `matches.json`."""
         rooms = [list(pair) for pair in self.rooms]
         return {"score": self.score, "T_a_s": list(self.T_a_s), "floor": self.floor, "rooms": rooms}
@@ -42,7 +69,7 @@ class MatchResult:
     hypotheses: tuple[Hypothesis, ...] = ()
     seconds: float = field(default=0.0, compare=False)
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> MatchesFile:
         """The form of `matches.json`."""
         return {
             "status": self.status,

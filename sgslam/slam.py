@@ -83,20 +83,25 @@ class SceneGraphSlam:
         self._first_anchor_ns: int | None = None
 
     def add_scan(
-        self, stamp_ns: int, points: Floats, point_times: Floats | None = None, T_odom_sensor: Floats | None = None
-    ) -> Update:
-        """Adds one scan: (N, 3) metres, sensor frame. `T_odom_sensor` (4, 4) replaces our own odometry for it.
+        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: NDArray[np.floating[Any]] | None = None,
+        T_odom_sensor: Floats | None = None,
+    ) -> Update:  # fmt: skip
+        """Adds one scan and returns where it was taken, as far as is known now.
 
-        `point_times` (N,) are seconds after the stamp: with them the scan is deskewed. Raises UserError for stamps that
-        do not increase, for points and times that are not finite, and for a `T_odom_sensor` that is no rigid motion;
-        the run goes on without that scan.
+        `stamp_ns` is in nanoseconds and must increase from scan to scan. `points` are (N, 3) metres in the sensor's
+        frame, N at least 1, float32 or float64. `point_times` (N,) are seconds after the stamp: with them the scan is
+        deskewed. `T_odom_sensor` (4, 4) is the sensor's pose in the frame of an odometry of yours; it replaces our own
+        odometry for this scan.
+
+        Raises UserError for stamps that do not increase, for points and times that are not finite or of another shape,
+        and for a `T_odom_sensor` that is no rigid motion; the run goes on without that scan.
 
         Where scan after scan cannot have been taken near those before, the sensor was carried elsewhere: a new map is
         begun, in which the run goes on until it is found in the old one, or in the building.
         """
-        points = checked_scan(stamp_ns, points, T_odom_sensor, self._newest_ns)
+        checked = checked_scan(stamp_ns, points, T_odom_sensor, self._newest_ns)
         self._newest_ns = int(stamp_ns)
-        return self._take(Doubted(int(stamp_ns), points, point_times, T_odom_sensor))
+        return self._take(Doubted(int(stamp_ns), checked, point_times, T_odom_sensor))
 
     def _take(self, scan: Doubted, trusted: bool = False) -> Update:
         stamp_ns, points, T_odom_sensor, offset_ns = scan.stamp_ns, scan.points, scan.T_odom_sensor, 0
@@ -247,7 +252,10 @@ class SceneGraphSlam:
         return taken(self._backend, self._floors, self._anchoring, self.clouds)
 
     def finish(self) -> Result:
-        """Matches and optimises a last time; raises UserError where no scan was added."""
+        """Matches and optimises a last time, and returns the trajectories, the S-graph, the matches and the deviations.
+
+        Raises UserError where no scan was added.
+        """
         if not self._scans:
             raise UserError("no scan was added: nothing to finish")
         self._settle()

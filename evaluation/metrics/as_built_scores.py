@@ -1,7 +1,7 @@
 """What a run says of walls that stand otherwise than planned, against what became of them."""
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,7 +35,7 @@ class Told:
 
 
 def told_of(
-    deviations: list[dict[str, Any]], s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array | None,
+    deviations: Sequence[Mapping[str, Any]], s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array | None,
     walls: list[TrueWall],
 ) -> dict[str, Told]:  # fmt: skip
     """By kind (`moved`, `absent`, `extra`), what the significant ones of deviations.json are worth.
@@ -61,7 +61,9 @@ def told_of(
     return result
 
 
-def _offset_errors(moved: list[dict[str, Any]], a_graph: SceneGraph, there: dict[str, TrueWall]) -> Iterator[float]:
+def _offset_errors(
+    moved: Sequence[Mapping[str, Any]], a_graph: SceneGraph, there: dict[str, TrueWall]
+) -> Iterator[float]:
     """For each wall that was rightly told, the median over its surfaces of how wrong the offset is."""
     by_wall = defaultdict(list)
     for d in moved:

@@ -143,8 +143,10 @@ def _match_numbers(result: Result, floor: SceneGraph, T_bim_map: NDArray[np.floa
     if result.matches is None or not result.anchored:
         return {}
     pairs: dict[str, tuple[tuple[str, str, float], ...]] = {}
-    for kind in ("rooms", "wall_surfaces"):
-        first = {s: (s, a, float(c)) for s, a, c in reversed(result.matches[kind])}  # of several answers the first
+    answers = {"rooms": result.matches["rooms"], "wall_surfaces": result.matches["wall_surfaces"]}
+    for kind, found in answers.items():
+        # of several answers the first
+        first = {str(s): (str(s), str(a), float(c)) for s, a, c in reversed(found)}
         pairs[kind] = tuple(first.values())
     answer = MatchResult("unique", "", pairs["rooms"], pairs["wall_surfaces"])
     truth = true_matches(result.s_graph, floor, T_bim_map)

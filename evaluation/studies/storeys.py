@@ -112,7 +112,8 @@ def _measured(
     on_floor, rooms = _on_their_floor(result, a_graph, truth)
     rmse, largest, on_stair = _errors(result, a_graph, truth, told["sensor_height_m"])
     return Row(
-        building=bim.stem, storeys=storeys, seed=seed, status=str((result.matches or {}).get("status", "none")),
+        building=bim.stem, storeys=storeys, seed=seed,
+        status="none" if result.matches is None else result.matches["status"],
         length_m=float(driven[-1]), entered=int(told["rooms_entered"]),
         wrong_storey=bool((np.abs(away[:, 2]) > WRONG_STOREY_M).any()),
         wrong_place=bool((np.linalg.norm(away, axis=1) > WRONG_M).any()),
@@ -125,7 +126,7 @@ def _measured(
 
 def _on_their_floor(result: Result, a_graph: SceneGraph, truth: Trajectory) -> tuple[int, int]:
     """How many of the map's rooms belong to a floor that is placed on their true storey, and how many there are."""
-    placed = (result.matches or {}).get("floors") or {}
+    placed = {} if result.matches is None else result.matches.get("floors", {})
     rows = {int(stamp): k for k, stamp in enumerate(truth.stamps_ns.tolist())}
     true: dict[str, Counter[str | None]] = {}
     for keyframe in result.s_graph.keyframes:
@@ -139,7 +140,7 @@ def _on_their_floor(result: Result, a_graph: SceneGraph, truth: Trajectory) -> t
         on_floor.setdefault(floor_of[room_id], Counter()).update(seen)
     for room in result.s_graph.rooms:  # one that was only looked into has the storey of its floor
         storeys = true.get(room.id) or on_floor.get(room.floor) or Counter()
-        right += bool(storeys) and result.anchored and placed.get(room.floor) == storeys.most_common(1)[0][0]
+        right += bool(storeys) and result.anchored and placed.get(room.floor or "") == storeys.most_common(1)[0][0]
     return right, len(result.s_graph.rooms)
 
 

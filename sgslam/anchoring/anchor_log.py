@@ -3,13 +3,32 @@
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 from sgslam.serialization.state_tree import Stateful
 
 State = Literal["tight", "loose", "withdrawn"]
 Key = tuple[int, str]  # wall, A surface
 _log = logging.getLogger(__name__)
+
+
+class AnchorEventEntry(TypedDict):
+    """`AnchorEvent` as plain values."""
+
+    stamp_ns: int
+    state: State
+    why: str
+
+
+class AnchorEntry(TypedDict):
+    """`AnchorRecord` as plain values: `wall` is its id in the S-graph, `a_id` a surface of the A-graph, `state` the
+    newest one."""
+
+    wall: str
+    a_id: str
+    by: str
+    state: State
+    events: list[AnchorEventEntry]
 
 
 @dataclass(frozen=True)
@@ -35,7 +54,7 @@ class AnchorRecord:
         """As it is now."""
         return self.events[-1].state
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> AnchorEntry:
         """Plain values; the wall is named as in the S-graph's ids."""
         return {
             "wall": f"w{self.wall}", "a_id": self.a_id, "by": self.by, "state": self.state,

@@ -1,7 +1,7 @@
 """When a floor of the S-graph is matched, what of a match becomes an anchor, and when an anchor is withdrawn."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -380,7 +380,7 @@ class Anchoring(Stateful):
         plane[3] += plane[:3] @ self.origin
         return plane
 
-    def answer(self, scene: Scene, holding: Holding | None) -> dict[str, Any] | None:
+    def answer(self, scene: Scene, holding: Holding | None) -> Mapping[str, Any] | None:
         """The answer in the form of matches.json, by the ids of `scene`: the committed one where there is one, less
         what the walls' positions contradict, and with what they add."""
         if self.committed is None or holding is None:

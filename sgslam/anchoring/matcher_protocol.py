@@ -1,5 +1,6 @@
 """What the system asks of a matcher."""
 
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 from data import SceneGraph
@@ -39,7 +40,7 @@ class Match(Protocol):
         """The storey of the first hypothesis."""
         ...
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Mapping[str, Any]:
         """The form of matches.json."""
         ...
 

@@ -1,6 +1,7 @@
 """How far a mapped wall lies off the plan, in bands of millimetres: one colour each, the same in every drawing."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 LIMITS_MM = (10, 30, 100)
@@ -36,7 +37,7 @@ def degrees(tilt_rad: float | None) -> str:
     return "" if tilt_rad is None else f"{_signed(math.degrees(tilt_rad), 2)}°"
 
 
-def deviation_text(deviation: dict[str, Any]) -> str:
+def deviation_text(deviation: Mapping[str, Any]) -> str:
     """One line for the one who points at the wall."""
     reason = [str(deviation["reason"])] if deviation.get("reason") else []
     if deviation["kind"] != "moved":

@@ -1,6 +1,5 @@
 """As built against as planned, of a finished map: the entries of deviations.json."""
 
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from sgslam.as_built.missing_and_extra_walls import absent, extra
 from sgslam.as_built.visibility import sights_of
 from sgslam.as_built.wall_solids import bodies_of, sides_of
 from sgslam.config import Config
+from sgslam.deviation_entries import Deviation
 from sgslam.mapping.keyframes import KeyframeNode
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 def deviations(
     pieces: list[Piece], holding: Holding, scene: Scene, walls: WallMap, keyframes: list[KeyframeNode],
     floor: SceneGraph, origin: Floats, config: Config,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[Deviation]:  # fmt: skip
     """What of a storey's walls is known to stand as planned or moved, is absent, or is extra.
 
     `pieces` are the measured walls of `holding`; `origin` (2,) is where the local frame lies in the BIM's.
@@ -33,8 +33,9 @@ def deviations(
     bodies = bodies_of(sides)
     sights = sights_of(floor, sides, keyframes, walls.T_level_map, holding.place, origin)
     judged = verdicts(pieces, bodies, sights, config)
-    found = moved(pieces, judged)
+    found: list[Deviation] = [*moved(pieces, judged)]
     found += absent(sides, bodies, holding, pieces, judged, sights, config)
     doors = np.array([door.centroid for door in floor.doors]).reshape(-1, 2)
     found += filled_openings(sides, doors, holding, scene, walls, origin, config)
-    return found + extra(scene, walls, floor, holding, origin)
+    found += extra(scene, walls, floor, holding, origin)
+    return found

@@ -1,7 +1,6 @@
 """Which walls stand otherwise than planned: each is judged by all that was seen of both its sides."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from sgslam.as_built.deviations import Piece
 from sgslam.as_built.visibility import Sight
 from sgslam.as_built.wall_solids import Body, Key
 from sgslam.config import Config
+from sgslam.deviation_entries import MovedDeviation
 
 _NICHE = (-0.35, -0.03)  # m that a pane may stand behind its wall
 _ALIKE = 0.05  # m between pieces of a wall that are off by the same
@@ -47,7 +47,7 @@ def as_planned(piece: Piece, config: Config) -> bool:
     return abs(piece.offset) <= max(config.anchors.tolerance, 3 * piece.sigma)
 
 
-def moved(pieces: list[Piece], judged: list[Verdict]) -> list[dict[str, Any]]:
+def moved(pieces: list[Piece], judged: list[Verdict]) -> list[MovedDeviation]:
     """The entries of deviations.json of the walls that stand at a planned one."""
     return [
         {

@@ -1,6 +1,5 @@
 """Walls that stand in the plane of planned ones where the plan has an opening, or far beyond their ends."""
 
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +8,7 @@ from sgslam.anchoring.wall_alignment import Held, Holding
 from sgslam.as_built.deviations import STEP, along_planned
 from sgslam.as_built.wall_solids import Side
 from sgslam.config import Config
+from sgslam.deviation_entries import ExtraDeviation
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 
@@ -22,13 +22,13 @@ _IN_PLANE = 0.05  # m
 
 def filled_openings(
     sides: list[Side], doors: Floats, holding: Holding, scene: Scene, walls: WallMap, origin: Floats, config: Config
-) -> list[dict[str, Any]]:
+) -> list[ExtraDeviation]:
     """The entries of deviations.json, as extra walls, of seen surfaces that stand as planned, and go on through an
     opening of the planned one, or far beyond its end. `doors` (K, 2) are in the BIM frame, `origin` (2,) is where the
     local frame lies in it. Where the plan does not tell its openings, nothing is told.
     """
     covered = walls.coverage(STEP)
-    found = []
+    found: list[ExtraDeviation] = []
     for held in holding.walls:
         if not held.planned.parts or abs(held.offset) > config.anchors.tolerance:
             continue

@@ -1,7 +1,7 @@
 """The deviations of a run wall by wall, in the forms that BIM viewers open."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from data.ifc.deviations import Status, UnplannedWall, WallFinding
 
 Floats = NDArray[np.float64]
-Deviation = dict[str, Any]  # an entry of deviations.json
+Deviation = Mapping[str, Any]  # an entry of deviations.json
 _COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
 _HEIGHT = 2.5  # m of a wall whose height is not known
 
 
-def by_wall(deviations: list[Deviation]) -> dict[str, list[Deviation]]:
+def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
     """The entries of each planned wall, by its source, in their order."""
     found: dict[str, list[Deviation]] = defaultdict(list)
     for deviation in deviations:
@@ -47,7 +47,7 @@ def bearing(entries: list[Deviation]) -> tuple["Status", Deviation]:
     return "unclear", min(moved, key=lambda d: d["sigma_m"])
 
 
-def wall_findings(deviations: list[Deviation], a_graph: SceneGraph) -> list["WallFinding"]:
+def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph) -> list["WallFinding"]:
     """One for each planned wall that something is known of."""
     from data.ifc.deviations import WallFinding
 
@@ -69,7 +69,7 @@ def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str
 
 
 def unplanned_walls(
-    deviations: list[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
+    deviations: Sequence[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
 ) -> list["UnplannedWall"]:
     """The extra walls in the BIM frame; `storeys` are the plan's of the map's floors."""
     from data.ifc.deviations import UnplannedWall
@@ -84,7 +84,7 @@ def unplanned_walls(
 
 
 def write_topics(
-    path: Path, deviations: list[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
+    path: Path, deviations: Sequence[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
     model: Model,
 ) -> int:  # fmt: skip
     """Writes a BCF topic for each wall that stands otherwise than planned, and for each extra surface; returns how

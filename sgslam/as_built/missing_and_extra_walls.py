@@ -1,6 +1,5 @@
 """Walls of the plan that are not there, because one sees through them; and walls that stand there unplanned."""
 
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from sgslam.as_built.deviations import Piece
 from sgslam.as_built.visibility import LOOKS, STEP, Sight
 from sgslam.as_built.wall_solids import Body, Key, Side
 from sgslam.config import Config
+from sgslam.deviation_entries import AbsentDeviation, ExtraDeviation
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 
@@ -35,7 +35,7 @@ _NEAR_PLANNED = 0.8  # m; before a planned wall this near stand cupboards
 def absent(
     sides: list[Side], bodies: list[Body], holding: Holding, pieces: list[Piece], judged: list[Verdict],
     sights: dict[Key, Sight], config: Config,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[AbsentDeviation]:  # fmt: skip
     """The entries of deviations.json of the sides of a storey's walls that are not there.
 
     A side is not where most of its length was seen through. A whole wall is not where nothing to speak of stands as
@@ -84,7 +84,7 @@ def _unexplained(sight: Sight, own: list[Piece]) -> float:
 
 def extra(
     scene: Scene, walls: WallMap, floor: SceneGraph, holding: Holding, origin: Floats
-) -> list[dict[str, Any]]:
+) -> list[ExtraDeviation]:
     """The entries of deviations.json of seen wall surfaces where the plan has none.
 
     A long surface that is seen higher than cupboards are, or whose other side is seen too, as thin as a wall, from
@@ -97,7 +97,7 @@ def extra(
     heights, count = walls.heights(), walls.counts()
     of = [scene.wall_of_surface[surface.id] for surface in surfaces]
     tall = np.array([heights[wall][1] > _SCREEN and count[wall] > LOOKS for wall in of], dtype=bool)
-    found = []
+    found: list[ExtraDeviation] = []
     for i, surface in enumerate(surfaces):
         wall = of[i]
         if surface.id in held or 2 * s.half[i] < _LEAST_EXTRA or count[wall] < LOOKS:

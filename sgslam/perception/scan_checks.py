@@ -1,5 +1,7 @@
 """What is refused of a scan before anything is made of it."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,9 @@ from sgslam.geometry.frames import is_rigid
 Floats = NDArray[np.float64]
 
 
-def checked_scan(stamp_ns: int, points: Floats, T_odom_sensor: Floats | None, newest_ns: int | None) -> Floats:
+def checked_scan(
+    stamp_ns: int, points: NDArray[np.floating[Any]], T_odom_sensor: Floats | None, newest_ns: int | None
+) -> Floats:
     """The points (N, 3) of a scan as float64, after those of `newest_ns`.
 
     Raises UserError for a stamp that is no whole number or does not come after, for points that are not finite or none,
@@ -17,12 +21,12 @@ def checked_scan(stamp_ns: int, points: Floats, T_odom_sensor: Floats | None, ne
     """
     where = f"scan at {stamp_ns} ns"
     try:
-        points = np.ascontiguousarray(points, dtype=np.float64)
+        checked: Floats = np.ascontiguousarray(points, dtype=np.float64)
     except (TypeError, ValueError):
         raise UserError(f"{where}: points must be an array (N, 3) of numbers") from None
-    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise UserError(f"{where}: points must be (N, 3), at least one, and finite; they are {points.shape}")
-    if not np.isfinite(points.sum()):  # only where every number is
+    if checked.ndim != 2 or checked.shape[1] != 3 or not len(checked):
+        raise UserError(f"{where}: points must be (N, 3), at least one, and finite; they are {checked.shape}")
+    if not np.isfinite(checked.sum()):  # only where every number is
         raise UserError(f"{where}: points must be finite; drop the others: points[np.isfinite(points).all(axis=1)]")
     if not isinstance(stamp_ns, (int, np.integer)):
         raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")
@@ -30,4 +34,4 @@ def checked_scan(stamp_ns: int, points: Floats, T_odom_sensor: Floats | None, ne
         raise UserError(f"{where}: stamps must increase; the last was {newest_ns} ns")
     if T_odom_sensor is not None and not is_rigid(T_odom_sensor):
         raise UserError(f"{where}: T_odom_sensor must be a finite rigid motion (4, 4)")
-    return points
+    return checked

@@ -1,5 +1,6 @@
 """What the report and the plan are made of, and where the map lies in the plan."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,9 +31,9 @@ class ReportData:
     trajectory_odometry: Trajectory
     truth: Trajectory | None
     T_bim_map: Array | None
-    matches: dict[str, Any] | None
+    matches: Mapping[str, Any] | None
     metrics: dict[str, Any]
-    deviations: list[dict[str, Any]]
+    deviations: Sequence[Mapping[str, Any]]
 
     @property
     def hypotheses(self) -> list[dict[str, Any]]:

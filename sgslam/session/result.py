@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from data import SceneGraph
 from data.geometry.poses import poses_to_xyzquat
 from data.trajectory import Trajectory
+from sgslam.anchoring.anchor_log import AnchorEntry
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
 from sgslam.anchoring.wall_alignment import Holding
 from sgslam.as_built.deviation_list import deviations
@@ -19,10 +20,14 @@ from sgslam.backend.backend import Backend
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog
 from sgslam.config import Config
+from sgslam.deviation_entries import Deviation
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.floors import Floors
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
 from sgslam.session.run_output import prepare_folder, save_result
+
+if TYPE_CHECKING:
+    from matching.result import MatchesFile  # loads the matchers
 
 Floats = NDArray[np.float64]
 _COVARIANCES = 50  # poses whose covariance is worked out
@@ -53,7 +58,12 @@ class Returned:
 
 @dataclass(frozen=True)
 class Update:
-    """What is known right after a scan: (4, 4) T_map_sensor, not smoothed yet."""
+    """What is known right after a scan.
+
+    `T_map_sensor` (4, 4) is the sensor's pose in the map frame (metres) at `stamp_ns` (nanoseconds). It is not smoothed
+    yet: the poses of a finished run are in `Result`. `keyframes` is how many there are so far, `anchored` whether the
+    map has its place in the plan.
+    """
 
     stamp_ns: int
     T_map_sensor: Floats
@@ -72,7 +82,15 @@ class PoseCovariances:
 
 @dataclass(frozen=True)
 class Result:
-    """A finished run. `trajectory` is in the BIM frame when `anchored`, else in the map frame."""
+    """A finished run, in metres, radians and seconds.
+
+    `anchored` says whether the map has its place in the plan, `reason` why or why not, in one line. `trajectory` is in
+    the BIM frame when `anchored`, else in the map frame, as `trajectory_map` always is; `trajectory_odometry` is the
+    odometry alone, in its own frame. `T_bim_map` (4, 4) is the map's pose in the BIM frame, None where the run is not
+    anchored. `s_graph` is in the map frame, `a_graph` in the BIM frame, None where no plan was given. `matches` has the
+    form of matches.json, None where nothing was matched; `deviations` has that of deviations.json, empty where the run
+    is not anchored. `first_anchor_s` is counted from the first scan. `seconds` is the time that each stage took.
+    """
 
     anchored: bool
     reason: str
@@ -82,9 +100,9 @@ class Result:
     T_bim_map: Floats | None
     s_graph: SceneGraph
     a_graph: SceneGraph | None
-    matches: dict[str, Any] | None
-    deviations: list[dict[str, Any]]
-    anchors: list[dict[str, Any]]  # the log: each with who added it, and what became of it when and why
+    matches: "MatchesFile | None"
+    deviations: list[Deviation]
+    anchors: list[AnchorEntry]  # the log: each with who added it, and what became of it when and why
     factors: FactorLog  # of the back end: all that hold, and what was added and withdrawn by whom and why
     pose_covariances: PoseCovariances | None  # where the run was anchored
     first_anchor_s: float | None
@@ -142,7 +160,7 @@ def finished(
     return Result(
         anchored, "no BIM was given" if anchoring is None else anchoring.reason,
         trajectory_map if T_bim_map is None else trajectory_map.transformed(T_bim_map),
-        trajectory_map, odometry, T_bim_map, s_graph, bim, matches,
+        trajectory_map, odometry, T_bim_map, s_graph, bim, cast("MatchesFile | None", matches),
         _deviations(anchoring, holdings, floors, backend, uncertainty, config),
         [record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         backend.log, _covariances(backend, uncertainty, T_bim_map, known, newest.start),
@@ -155,9 +173,9 @@ def finished(
 def _deviations(
     anchoring: BuildingAnchoring | None, holdings: dict[int, Holding], floors: Floors, backend: Backend,
     uncertainty: Uncertainty | None, config: Config,
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[Deviation]:  # fmt: skip
     """The form of deviations.json, storey after storey; empty where the run was not anchored."""
-    found: list[dict[str, Any]] = []
+    found: list[Deviation] = []
     if anchoring is None or uncertainty is None:
         return found
     for floor in floors.maps:

@@ -19,6 +19,7 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report.contents import ReportData
 
 if TYPE_CHECKING:
+    from matching.result import MatchesFile
     from sgslam.session.result import Result
 
 _log = logging.getLogger(__name__)
@@ -101,7 +102,7 @@ def _write_report(
     write_plan_png(data, out / "plan.png")
 
 
-def _no_match(reason: str) -> dict[str, Any]:
+def _no_match(reason: str) -> "MatchesFile":
     return {
         "status": "none", "reason": reason, "rooms": [], "wall_surfaces": [], "T_a_s": None, "floor": None,
         "hypotheses": [], "seconds": 0.0,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ class Doubted:
 
     stamp_ns: int
     points: Floats
-    point_times: Floats | None
+    point_times: NDArray[np.floating[Any]] | None
     T_odom_sensor: Floats | None
 
 

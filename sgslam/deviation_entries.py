@@ -1,0 +1,56 @@
+"""The entries of deviations.json: one wall surface each that differs from the plan, or that was checked against it.
+
+`s_id` is a surface of the S-graph, `a_id` one of the A-graph, `source` the id of the planned wall in its file.
+`significant` says whether the difference is larger than the measurement's own error, `reason` says why or why not.
+"""
+
+from typing import Literal, TypedDict
+
+
+class MovedDeviation(TypedDict):
+    """A mapped surface at a planned one.
+
+    `offset_m` is its distance from the planned place, along the plan's inward normal; `tilt_rad` is its turn about the
+    vertical; `sigma_m` is the standard deviation of the offset.
+    """
+
+    s_id: str
+    a_id: str
+    source: str
+    kind: Literal["moved"]
+    offset_m: float
+    tilt_rad: float
+    sigma_m: float
+    significant: bool
+    reason: str
+
+
+class AbsentDeviation(TypedDict):
+    """A planned surface that the scans see through."""
+
+    s_id: None
+    a_id: str
+    source: str
+    kind: Literal["absent"]
+    offset_m: None
+    tilt_rad: None
+    sigma_m: None
+    significant: bool
+    reason: str
+
+
+class ExtraDeviation(TypedDict):
+    """A mapped surface where the plan has no wall."""
+
+    s_id: str
+    a_id: None
+    source: str
+    kind: Literal["extra"]
+    offset_m: None
+    tilt_rad: None
+    sigma_m: None
+    significant: bool
+    reason: str
+
+
+Deviation = MovedDeviation | AbsentDeviation | ExtraDeviation
