@@ -24,9 +24,9 @@ from sgslam.config import Config
 from sgslam.config.reference import parameters_page
 
 DOCS = ROOT / "docs"
-PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md"])
+PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 PICTURE_BYTES = 300_000
-INCLUDED = ("ARCHITECTURE.md", "CHANGELOG.md")
+INCLUDED = ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md")
 
 
 def name(page: Path) -> str:
