@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from sgslam.anchoring.wall_alignment import Holding
+from sgslam.as_built.deviation_entries import Deviation
 from sgslam.as_built.deviation_tests import moved, verdicts
 from sgslam.as_built.deviations import Piece
 from sgslam.as_built.filled_openings import filled_openings
@@ -13,7 +14,6 @@ from sgslam.as_built.missing_and_extra_walls import absent, extra
 from sgslam.as_built.visibility import sights_of
 from sgslam.as_built.wall_solids import bodies_of, sides_of
 from sgslam.config import Config
-from sgslam.deviation_entries import Deviation
 from sgslam.mapping.keyframes import KeyframeNode
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sgslam.as_built.deviation_entries import MovedDeviation
 from sgslam.as_built.deviations import Piece
 from sgslam.as_built.visibility import Sight
 from sgslam.as_built.wall_solids import Body, Key
 from sgslam.config import Config
-from sgslam.deviation_entries import MovedDeviation
 
 _NICHE = (-0.35, -0.03)  # m that a pane may stand behind its wall
 _ALIKE = 0.05  # m between pieces of a wall that are off by the same

@@ -5,10 +5,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.anchoring.wall_alignment import Held, Holding
+from sgslam.as_built.deviation_entries import ExtraDeviation
 from sgslam.as_built.deviations import STEP, along_planned
 from sgslam.as_built.wall_solids import Side
 from sgslam.config import Config
-from sgslam.deviation_entries import ExtraDeviation
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 

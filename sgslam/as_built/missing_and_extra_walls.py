@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from sgslam.anchoring.wall_alignment import Holding
 from sgslam.anchoring.wall_association import WallArrays
+from sgslam.as_built.deviation_entries import AbsentDeviation, ExtraDeviation
 from sgslam.as_built.deviation_tests import OPENING, Verdict, as_planned, longest_opening
 from sgslam.as_built.deviations import Piece
 from sgslam.as_built.visibility import LOOKS, STEP, Sight
 from sgslam.as_built.wall_solids import Body, Key, Side
 from sgslam.config import Config
-from sgslam.deviation_entries import AbsentDeviation, ExtraDeviation
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 

@@ -14,13 +14,13 @@ from data.trajectory import Trajectory
 from sgslam.anchoring.anchor_log import AnchorEntry
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
 from sgslam.anchoring.wall_alignment import Holding
+from sgslam.as_built.deviation_entries import Deviation
 from sgslam.as_built.deviation_list import deviations
 from sgslam.as_built.deviations import measured_pieces
 from sgslam.backend.backend import Backend
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog
 from sgslam.config import Config
-from sgslam.deviation_entries import Deviation
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.floors import Floors
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
