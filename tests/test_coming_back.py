@@ -14,7 +14,7 @@ from matching import Matcher
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session.checkpoints import Checkpoints, load
-from sgslam.session.prior_map import KnownMap
+from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
@@ -39,7 +39,7 @@ def apart(run: Trajectory, truth: Array, T_truth_run: Array) -> float:
 
 def test_a_second_run_finds_itself_in_the_map_of_the_first_and_is_joined_to_it(tmp_path: Path) -> None:
     drive, first = small_drive(), first_run(tmp_path, anchored=False)
-    result = fed(SceneGraphSlam(known=KnownMap.load(tmp_path, Config())), back()).finish()
+    result = fed(SceneGraphSlam(prior=PriorMap.load(tmp_path, Config())), back()).finish()
     assert result.returned is not None and result.returned.found and not result.anchored
     T_bim_map = drive.truth.poses[0]  # the map's frame is the first pose of the first run
     before = apart(first.trajectory, drive.truth.positions, T_bim_map)
@@ -53,9 +53,9 @@ def test_a_second_run_finds_itself_in_the_map_of_the_first_and_is_joined_to_it(t
 
 def test_with_the_building_both_runs_are_in_its_frame(tmp_path: Path) -> None:
     drive, first = small_drive(), first_run(tmp_path, anchored=True)
-    known = KnownMap.load(tmp_path, Config())
+    known = PriorMap.load(tmp_path, Config())
     assert known.T_bim_map is not None and np.allclose(known.T_bim_map, first.T_bim_map)
-    result = fed(SceneGraphSlam(drive.bim, known=known), back()).finish()
+    result = fed(SceneGraphSlam(drive.bim, prior=known), back()).finish()
     assert result.anchored and result.returned is not None and result.returned.found
     assert apart(result.trajectory, drive.truth.positions[::-1], np.eye(4)) < 0.03
     assert apart(result.earlier[0], drive.truth.positions, np.eye(4)) < 0.03
@@ -66,22 +66,22 @@ def test_a_run_elsewhere_is_not_found_and_stays_its_own(tmp_path: Path) -> None:
     first_run(tmp_path, anchored=False)
     walls = scene_of(room(0, 0, 9, 4))
     scans = [(100_000_000 * i, scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(40)]
-    result = fed(SceneGraphSlam(known=KnownMap.load(tmp_path, Config())), scans).finish()
+    result = fed(SceneGraphSlam(prior=PriorMap.load(tmp_path, Config())), scans).finish()
     assert result.returned is not None and not result.returned.found and not result.earlier
     assert len(result.trajectory) == 40 and np.allclose(result.trajectory.poses[0], np.eye(4), atol=1e-6)
 
 
 def test_parts_of_a_run_that_were_not_found_at_first_are_asked_after_again(tmp_path: Path) -> None:
     first_run(tmp_path, anchored=False)
-    known, part = (KnownMap.load(tmp_path, Config()) for _ in range(2))
+    known, part = (PriorMap.load(tmp_path, Config()) for _ in range(2))
     walls = scene_of(room(0, 0, 9, 4))
     alone = fed(SceneGraphSlam(), [(100_000_000 * i, scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(12)])
     alone.finish()
     (tmp_path / "elsewhere").mkdir()
     Checkpoints(tmp_path / "elsewhere", {}).write(alone, {}, finished=True)
-    elsewhere = KnownMap.load(tmp_path / "elsewhere", Config())
+    elsewhere = PriorMap.load(tmp_path / "elsewhere", Config())
     keyframes, scans = len(known.backend.keyframes), len(known.scans)
-    left = known.take_back([elsewhere, part], None, Matcher.load("learned"), Config())
+    left = known.merge_unplaced([elsewhere, part], None, Matcher.load("learned"), Config())
     assert left == [elsewhere] and len(known.begins) == 1
     assert len(known.backend.keyframes) == 2 * keyframes and len(known.scans) == 2 * scans
     again = known.backend.poses[keyframes:]
@@ -90,10 +90,10 @@ def test_parts_of_a_run_that_were_not_found_at_first_are_asked_after_again(tmp_p
 
 def test_a_map_that_is_none_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="holds no run"):
-        KnownMap.load(tmp_path, Config())
+        PriorMap.load(tmp_path, Config())
     Checkpoints(tmp_path, {}).write(fed(SceneGraphSlam(), small_drive().scans[:5]), {})
     with pytest.raises(UserError, match="--resume"):
-        KnownMap.load(tmp_path, Config())
+        PriorMap.load(tmp_path, Config())
 
 
 def carried_off() -> tuple[list[tuple[int, Array]], Array]:

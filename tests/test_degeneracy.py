@@ -93,7 +93,7 @@ def driven(kind: str) -> tuple[SceneGraphSlam, Result, list[Array]]:
 def end_of(kind: str) -> tuple[Array, Array]:
     """(6, 6) the covariance of the last pose in scene axes, and (3,) its error."""
     slam, result, truth = driven(kind)
-    uncertainty = slam._backend.uncertainty()
+    uncertainty = slam._map.backend.uncertainty()
     assert uncertainty is not None
     covariance = uncertainty.pose_covariances([result.keyframes - 1])[0]
     error = inverse(inverse(truth[0]) @ truth[-1]) @ result.trajectory_map.poses[-1]
@@ -119,8 +119,8 @@ def test_in_an_open_hall_it_grows_in_all_directions() -> None:
 
 def test_in_a_furnished_room_no_step_is_widened() -> None:
     slam, _, _ = driven("room")
-    assert all(keyframe.slack is None for keyframe in slam._backend.keyframes)
-    assert not slam._backend.loose and driven("corridor")[0]._backend.loose
+    assert all(keyframe.slack is None for keyframe in slam._map.backend.keyframes)
+    assert not slam._map.backend.loose and driven("corridor")[0]._map.backend.loose
 
 
 def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam, Array, Array]:
@@ -175,7 +175,7 @@ def test_where_nothing_holds_a_leap_widens_its_step() -> None:
     for i in range(60):
         T = pose(0.08 * i + (2.0 if i >= 30 else 0.0), 0.0)
         slam.add_scan(i * 10**8, scan(scene, pose(0.08 * i, 0.0), SENSOR, i), T_odom_sensor=T)
-    sigmas = [0.0 if k.slack is None else float(np.sqrt(k.slack[3, 3])) for k in slam._backend.keyframes]
+    sigmas = [0.0 if k.slack is None else float(np.sqrt(k.slack[3, 3])) for k in slam._map.backend.keyframes]
     assert max(sigmas) > 0.9 and sorted(sigmas)[-2] < 0.1
 
 
@@ -193,7 +193,7 @@ class Slipping:
 
 def along_the_corridor(at: Array, told: Array, given: bool, monkeypatch: pytest.MonkeyPatch) -> Array:
     """(N,) where a run has the scans taken at `at` (N,), by an odometry, its own or a given one, that tells `told`."""
-    monkeypatch.setattr("sgslam.slam.make_odometry", lambda _: Slipping([pose(x, 0.0) for x in told]))
+    monkeypatch.setattr("sgslam.session.session.make_odometry", lambda _: Slipping([pose(x, 0.0) for x in told]))
     slam, scene, found = SceneGraphSlam(), scene_of(CORRIDOR), []
     for i, x in enumerate(at):
         T = pose(told[i], 0.0) if given else None

@@ -188,7 +188,7 @@ def test_a_run_outlives_failures_of_the_optimizer(caplog: pytest.LogCaptureFixtu
         slam.add_scan(stamp_ns, points)
         if k in (60, 180):
             stray = gtsam.BetweenFactorPose3(X(3), X(999), gtsam.Pose3(), factors.noise_of_pose(0.1, 0.1))
-            slam._backend.log.add(0, "start", ("stray", k), Entry(stray, "somebody", "to spoil it"))
+            slam._map.backend.log.add(0, "start", ("stray", k), Entry(stray, "somebody", "to spoil it"))
     result = slam.finish()
     assert caplog.text.count("rebuilt from the log") == 2
     assert result.anchored and drive.rmse(result) < 0.02

@@ -183,7 +183,7 @@ def closed(building: str, slip: tuple[float, float]) -> tuple[Array, LoopCloser]
     truth, keyframes, clouds = looked_at(building)
     keyframes = drifted(truth, keyframes, slip)
     walls = WallMap(SurfaceSettings())
-    walls.T_level_map = pose(0.0, 0.0, 0.8, 0.0)
+    walls.level_by(pose(0.0, 0.0, 0.8, 0.0))
     closer = LoopCloser(SETTINGS)
     for count in range(6, len(keyframes) + 6, 6):
         closer.look(keyframes[:count], 0, walls, clouds)
@@ -213,10 +213,10 @@ def test_no_loop_is_closed_along_equal_offices() -> None:
 
 def test_its_memory_can_be_kept() -> None:
     closer = LoopCloser(SETTINGS)
-    closer.closures = [closure(0, 9, np.eye(4))]
+    closer.withdrawn = [(closure(0, 9, np.eye(4)), "for a test")]
     other = LoopCloser(SETTINGS)
     other.restore(closer.state())
-    assert other.closures == closer.closures and other.state().keys() == closer.state().keys()
+    assert other.withdrawn == closer.withdrawn and other.state().keys() == closer.state().keys()
 
 
 def closure(earlier: int, later: int, T: Array) -> Closure:
@@ -247,14 +247,14 @@ def test_a_closure_is_a_factor_with_its_reason_that_pulls_the_map_together() -> 
 
 
 def test_a_closure_that_the_others_contradict_is_given_up() -> None:
-    backend, closer = back_end(10), LoopCloser(SETTINGS)
+    backend = back_end(10)
+    closer = LoopCloser(SETTINGS, backend.closures)
     last = len(backend.keyframes) - 1
     right = [closure(k, last - k, np.eye(4)) for k in range(4)]
-    closer.closures = [*right, closure(0, last - 1, pose(-3.0, 0.0, 0.0, 0.0))]
-    backend.closures = list(closer.closures)
+    backend.closures += [*right, closure(0, last - 1, pose(-3.0, 0.0, 0.0, 0.0))]
     backend.optimise([], [], None, steps=20)
     gone = closer.contradicted(backend.keyframes)
-    assert [c.T_earlier_later[0, 3] for c, _ in gone] == [-3.0] and closer.closures == right
+    assert [c.T_earlier_later[0, 3] for c, _ in gone] == [-3.0] and backend.closures == right
 
 
 def test_walls_are_parted_across_two_passes_only() -> None:

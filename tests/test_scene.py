@@ -32,7 +32,7 @@ def scene(request: pytest.FixtureRequest) -> tuple[Scene, Array]:
     T_level_map = pose(0.0, 0.0, HEIGHT)
     config = Config()
     walls = WallMap(config.surfaces)
-    walls.T_level_map = T_level_map
+    walls.level_by(T_level_map)
     raycast = scene_of(BOXES)
     azimuth = np.linspace(-np.pi, np.pi, 900, endpoint=False)
     beams = np.column_stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth])

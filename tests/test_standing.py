@@ -42,7 +42,7 @@ def test_the_graph_stands_still_with_the_robot() -> None:
         update = slam.add_scan(i * 100_000_000, noisy)
         found.append(update.T_map_sensor[:3, 3])
         if i in (STILL // 2, STILL - 1):
-            sizes.append((update.keyframes, slam._backend.log.graph().size()))
+            sizes.append((update.keyframes, slam._map.backend.log.graph().size()))
     part = STILL // 4
     assert np.linalg.norm(np.mean(found[-part:], axis=0) - np.mean(found[:part], axis=0)) < 0.005
     assert np.linalg.norm(found, axis=1).max() < 0.04

@@ -22,7 +22,7 @@ from sgslam.anchoring.storey_hypotheses import assignments, floor_named, joint
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session.checkpoints import Checkpoints
-from sgslam.session.prior_map import KnownMap
+from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.tracking.floor_transition import Climb
@@ -104,13 +104,13 @@ def test_who_enters_a_known_map_upstairs_is_found_upstairs(
     slam, result = run
     Checkpoints(tmp_path, {}).write(slam, {}, finished=True)
     result.clouds.copy_to(tmp_path / CLOUDS)
-    second = SceneGraphSlam(known=KnownMap.load(tmp_path, Config()))  # without the building
+    second = SceneGraphSlam(prior=PriorMap.load(tmp_path, Config()))  # without the building
     off = np.inf
     for one, T_bim_sensor in zip(ScanFolder(drive.out_dir / "scans"), drive.truth.poses, strict=True):
-        if T_bim_sensor[2, 3] > 3.99 and second.T_known_map is None:
+        if T_bim_sensor[2, 3] > 3.99 and second.T_prior_map is None:
             update = second.add_scan(one.stamp_ns, one.points)
-            if second.T_known_map is not None and result.T_bim_map is not None:
-                placed = result.T_bim_map @ second.T_known_map @ update.T_map_sensor
+            if second.T_prior_map is not None and result.T_bim_map is not None:
+                placed = result.T_bim_map @ second.T_prior_map @ update.T_map_sensor
                 off = float(np.linalg.norm((placed - T_bim_sensor)[:3, 3]))
     assert off < 0.1
 

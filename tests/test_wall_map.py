@@ -29,7 +29,7 @@ def piece(T_map_sensor: Array, first: tuple[float, float], last: tuple[float, fl
 
 def walls_of(*seen: tuple[Array, list[Piece]]) -> WallMap:
     walls = WallMap(SETTINGS)
-    walls.T_level_map = LEVEL
+    walls.level_by(LEVEL)
     for keyframe, (T, pieces) in enumerate(seen):
         walls.add(keyframe, T, pieces)
     return walls
@@ -86,7 +86,7 @@ def drifted() -> tuple[WallMap, Array]:
     """A wall taken for two because the second keyframe believed to be 20 cm off; and the true poses."""
     truth = np.stack([pose(0, 0, 0), pose(1, 0, 0), pose(2, 0, 0)])
     walls = WallMap(SETTINGS)
-    walls.T_level_map = LEVEL
+    walls.level_by(LEVEL)
     for keyframe, believed in enumerate([pose(0, 0, 0), pose(1, 0.2, 0), pose(2, 0.2, 0)]):
         T = truth[keyframe]
         walls.add(keyframe, believed, [piece(T, (-1, 3), (2, 3)), piece(T, (-1, -2), (2, -2))])
@@ -108,7 +108,7 @@ def test_duplicates_are_joined_when_the_estimates_bring_them_together() -> None:
 def test_a_wall_joined_twice_is_still_found() -> None:
     truth = np.stack([pose(0, 0, 0)] * 6)
     walls = WallMap(SETTINGS)
-    walls.T_level_map = LEVEL
+    walls.level_by(LEVEL)
     for keyframe, y in enumerate([0.0, 0.3, 0.3, 0.6, 0.6, 0.6]):
         walls.add(keyframe, pose(0, y, 0), [piece(truth[keyframe], (-1, 3), (1, 3))])
     assert labels(walls) == [0, 1, 1, 2, 2, 2]
@@ -177,7 +177,7 @@ def test_planes_of_the_back_end_move_the_lines_and_a_tilted_map_is_levelled() ->
     tilt = pose(0, 0, 0.9, 0.0, np.radians(5), np.radians(-4))  # the first sensor leaned: so does the map
     T_map = inverse(tilt) @ pose(0, 0, 0.9)
     walls = WallMap(SETTINGS)
-    walls.T_level_map = tilt
+    walls.level_by(tilt)
     upright = pose(0, 0, 0.9)
     observation, plane, ends = piece(upright, (-1, 3), (1, 3))
     walls.add(0, T_map, [(observation, plane, ends)])

@@ -27,20 +27,11 @@ from data.scans import ScanFolder
 from evaluation.harness.endless_drive import EndlessDrive, Way
 from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
 from sgslam.session.checkpoints import Checkpoints
-from sgslam.session.run_output import prepare_folder
+from sgslam.session.result import prepare_folder
+from sgslam.session.stopwatch import Stopwatch
 from sgslam.slam import SceneGraphSlam
 
 _ROWS = 10
-
-
-class ProcessorTimed(SceneGraphSlam):
-    """The same system; `seconds` are those of the processor."""
-
-    @contextmanager
-    def _clock(self, stage: str) -> Iterator[None]:
-        began = process_time()
-        yield
-        self.seconds[stage] += process_time() - began
 
 
 @dataclass(frozen=True)
@@ -76,7 +67,7 @@ def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
     Raises UserError for a building or a storey that cannot be driven.
     """
     bim, meter, samples, folder = load_bim(way.bim), _Meter(), list[Sample](), prepare_folder(out / "run")
-    slam = ProcessorTimed(bim, clouds=KeyframeClouds(folder / FILE))
+    slam = SceneGraphSlam(bim, clouds=KeyframeClouds(folder / FILE), stopwatch=Stopwatch(process_time))
     checkpoints = Checkpoints(folder, {})
     gc.freeze()
     with EndlessDrive(way) as drive:

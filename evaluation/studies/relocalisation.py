@@ -30,7 +30,7 @@ from sgslam.config import Config, MatchingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session.checkpoints import FILE, Checkpoints
-from sgslam.session.prior_map import KnownMap
+from sgslam.session.prior_map import PriorMap
 from sgslam.slam import SceneGraphSlam
 
 Array = NDArray[np.float64]
@@ -102,12 +102,12 @@ def measure(
 
 def _row(first: Sequence, second: Sequence, plan: str, start: float, out: Path, config: Config) -> Row:
     folder, before = _first_run(first, plan, out, config)
-    known = KnownMap.load(folder, config)
+    known = PriorMap.load(folder, config)
     first_graph = known.floors.graph(known.backend.keyframes, [f.scene for f in known.floors.maps if f.scene])
     T_bim_known = known.T_bim_map
     if T_bim_known is None:  # the best that can be said of where a map lies whose beginning nobody measured
         T_bim_known = ape(before, first.truth, "se3").T_truth_estimate
-    slam = SceneGraphSlam(second.a_graph if plan == "bim" else None, config=config, known=known)
+    slam = SceneGraphSlam(second.a_graph if plan == "bim" else None, config=config, prior=known)
     watch = _Watch(slam, second.truth, T_bim_known)
     scans = list(ScanFolder(second.scan_dir))
     for scan in scans[int(start * len(scans)) :]:
@@ -189,14 +189,14 @@ class _Watch:
         self.driven += 0.0 if self._last is None else float(np.linalg.norm(true[:3, 3] - self._last))
         self._last, self.T_bim_map = true[:3, 3], true @ inverse(T_map_sensor)
         self.places.append(true[:3, 3])
-        T_known_map = self._slam.T_known_map
-        if T_known_map is None:
+        T_prior_map = self._slam.T_prior_map
+        if T_prior_map is None:
             self.found_ns = self.seen = None
             return
         if self.found_ns is None:
             self.found_ns, self.metres = stamp_ns, self.driven
             self.seen = _Seen(np.array(self.places), self._slam.s_graph(), self.T_bim_map)
-        off = inverse(self._T_known_bim @ true) @ T_known_map @ T_map_sensor
+        off = inverse(self._T_known_bim @ true) @ T_prior_map @ T_map_sensor
         turned = abs(np.arctan2(off[1, 0], off[0, 0]))
         self.wrong += bool(np.linalg.norm(off[:3, 3]) > WRONG[0] or turned > WRONG[1])
 

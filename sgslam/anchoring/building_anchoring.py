@@ -38,7 +38,7 @@ class BuildingAnchoring:
         self._a, self._matcher, self._config = a_graph, matcher, config
         elevations = [floor.elevation for floor in a_graph.floors if floor.elevation is not None]
         self.origin = np.array([*a_graph.centroid(), min(elevations, default=0.0)])
-        self._start, self._partial = start, partial
+        self._start, self.partial = start, partial
         self._of: dict[int, Anchoring] = {}
         self._storeys: dict[str, SceneGraph] = {}
         self._possible: list[Assignment] | None = None
@@ -48,7 +48,7 @@ class BuildingAnchoring:
         """The anchoring of one floor of the S-graph."""
         if number not in self._of:
             self._of[number] = Anchoring(
-                self._a, self._matcher, self._config, self.origin, self._plan, number, self._partial
+                self._a, self._matcher, self._config, self.origin, self._plan, number, self.partial
             )
         return self._of[number]
 
@@ -125,9 +125,7 @@ class BuildingAnchoring:
         for floor in floors.maps:
             own = self.of(floor.number)
             storeys = [a[floor.number] for a in self._possible or () if floor.number in a]
-            own.accepted = storeys or None
-            if self._start is not None and storeys:
-                own.asked = storeys[0]
+            own.limit(storeys, storeys[0] if self._start is not None and storeys else None)
 
     def _ask_together(self, cut: Scened) -> None:
         """Commits to the one assignment and place that explains several floors, where there is one."""

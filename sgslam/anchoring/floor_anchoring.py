@@ -53,7 +53,7 @@ class Anchoring(Stateful):
 
     _STATE = (
         "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
-        "_moved", "asked", "accepted", "follows", "_confidence", "_said", "doubt",
+        "_moved", "_asked", "_accepted", "follows", "_confidence", "_said", "doubt",
         "_keyframes_judged",
     )  # fmt: skip
 
@@ -65,8 +65,8 @@ class Anchoring(Stateful):
         self.origin, self.number, self._partial = origin, number, partial
         self.doubt = ""  # why the newest answer, though unique, was not committed to
         self._keyframes_judged = 0  # of the map that was last held against a partial plan
-        self.asked: str | None = None  # the storey that the matcher is asked about; all of them, where it is None
-        self.accepted: list[str] | None = None  # the storeys that this floor can be, where it is known
+        self._asked: str | None = None  # the storey that the matcher is asked about; all of them, where it is None
+        self._accepted: list[str] = []  # the storeys that this floor can be, all where it is empty
         self._confidence = 0.0  # of a commitment that follows another one
         self.follows = False  # whether the commitment is that of another floor
         self.match: Match | None = None  # the newest answer
@@ -160,9 +160,15 @@ class Anchoring(Stateful):
         """Whether there is an answer about a partial plan that waits only for a larger map to say the same."""
         return self._partial and self.committed is None and self._unique
 
+    def limit(self, storeys: list[str], asked: str | None) -> None:
+        """The storeys that this floor can be (all, where there are none), and the one that the matcher is asked about
+        from now on, where that is known."""
+        self._accepted = storeys
+        self._asked = asked or self._asked
+
     def ask_about(self, storey: str) -> None:
         """From now on the matcher is asked about this storey alone, and at once."""
-        self.asked, self._tried = storey, Growth()
+        self._asked, self._tried = storey, Growth()
 
     @property
     def confidence(self) -> float:
@@ -183,7 +189,7 @@ class Anchoring(Stateful):
             self.committed = None
             return False
         self.match, self._matched, self.follows, self._pairs = self.committed, scene, True, set()
-        self.asked, self._confidence = storey, confidence
+        self._asked, self._confidence = storey, confidence
         return True
 
     def held_share(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> float:
@@ -230,7 +236,7 @@ class Anchoring(Stateful):
         An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
         """
         self.doubt = ""
-        s, plan, settings, by_room = scene.graph, self._plan(self.asked), self._config.anchors, None
+        s, plan, settings, by_room = scene.graph, self._plan(self._asked), self._config.anchors, None
         match = self._matcher.match(s, plan)
         if self._partial:
             match = tenable(match, s, self._plan, settings)
@@ -279,7 +285,7 @@ class Anchoring(Stateful):
         there is none, or where something speaks against it."""
         assert match.T_a_s is not None  # a unique answer has a motion
         place = None
-        if self.accepted is not None and match.floor not in self.accepted:
+        if self._accepted and match.floor not in self._accepted:
             self.doubt = "the way from floor to floor speaks against it"
         else:
             pairs = [(scene.graph.surface_by_id[s], self._a.surface_by_id[a]) for s, a, _ in match.wall_surfaces]

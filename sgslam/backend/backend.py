@@ -38,7 +38,7 @@ class Backend:
         self.planes_in_map: dict[int, Floats] = {}
         self.floors_in_map: dict[int, Floats] = {}
         self.T_map_bim: Floats | None = None
-        self.closures: list[Closure] = []  # places seen again
+        self.closures: list[Closure] = []  # places seen again; `LoopCloser` adds to them and takes them out
         self._found: dict[int, Floats] = {}  # keyframes to which no odometry leads: where they were found to be
         self.log = FactorLog()
         self._builder = GraphBuilder(config, self.keyframes, self.log)
@@ -73,7 +73,7 @@ class Backend:
         """
         self.keyframes[:] = state["keyframes"]
         self.planes_in_map, self.floors_in_map = state["planes_in_map"], state["floors_in_map"]
-        self.closures, self._found = list(state["closures"]), dict(state["found"])
+        self.closures[:], self._found = state["closures"], dict(state["found"])
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)

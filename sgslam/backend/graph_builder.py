@@ -3,6 +3,7 @@
 Everything goes into the log; a factor whose measurement and variables did not change is kept as it is.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -79,10 +80,13 @@ class GraphBuilder:
                 keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
         before, entries = self._log.held("wall"), dict[Key, Entry]()
-        for number, s in enumerate(seen):
-            if s.wall not in anchor_of or wrong[number]:
+        observations: Counter[int] = Counter()  # of each keyframe so far
+        for s, out in zip(seen, wrong, strict=True):
+            number = observations[s.keyframe]
+            observations[s.keyframe] += 1
+            if s.wall not in anchor_of or out:
                 continue
-            key = (number, s.wall, anchor_of[s.wall])
+            key = (s.keyframe, number, s.wall, anchor_of[s.wall])
             if key in before:
                 entries[key] = before[key]
             else:

@@ -25,7 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     from data.plans.bim import load_bim
     from sgslam.inspection.inspection import Ask, inspect
     from sgslam.inspection.page import inspection_html
-    from sgslam.session.run_output import prepare_folder
+    from sgslam.session.result import prepare_folder
 
     bim = load_bim(options.bim, layers=options.layer)
     out = prepare_folder(options.out)

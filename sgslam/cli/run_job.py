@@ -32,9 +32,8 @@ from sgslam.odometry.choice import choose
 from sgslam.odometry.external import GivenOdometry
 from sgslam.report.accuracy import accuracy, associate
 from sgslam.session.checkpoints import Checkpoints, load
-from sgslam.session.prior_map import KnownMap
-from sgslam.session.result import Result
-from sgslam.session.run_output import prepare_folder, save_result
+from sgslam.session.prior_map import PriorMap
+from sgslam.session.result import Result, prepare_folder, save_result
 from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
@@ -54,7 +53,7 @@ class Job:
     given: GivenOdometry | None
     start: Start | None
     matcher: Any
-    earlier: KnownMap | None
+    earlier: PriorMap | None
     scans: ScanSource
     truth: Trajectory | None
     bim: Bim | None
@@ -81,7 +80,7 @@ def read_job(options: argparse.Namespace) -> Job:
     matcher = _matcher(config.matching.method)
     if options.demo:
         _make_demo(options)
-    earlier = None if options.map is None else _known_map(options, config)
+    earlier = None if options.map is None else _prior_map(options, config)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start say where in the building; give --bim too")
     scans = open_scans(options.scan_dir, options.topic)
@@ -143,7 +142,7 @@ class Run:
         else:
             clouds = KeyframeClouds.open(out / CLOUDS, before["keyframes"], voxel)
         self.slam = SceneGraphSlam(
-            job.a_graph, job.matcher, job.config, clouds=clouds, known=job.earlier, storey=options.storey
+            job.a_graph, job.matcher, job.config, clouds=clouds, prior=job.earlier, storey=options.storey
         )  # fmt: skip
         self.progress = Progress() if before is None else Progress(**load(out, self.slam))
         self.checkpoints = Checkpoints(out, {**inputs, "arguments": told_by(options)})
@@ -181,10 +180,10 @@ class Run:
         return metrics
 
 
-def _known_map(options: argparse.Namespace, config: Config) -> KnownMap:
+def _prior_map(options: argparse.Namespace, config: Config) -> PriorMap:
     if options.out is not None and options.out.resolve() == options.map.resolve():
         raise UserError(f"--map {options.map}: is the --out folder too; give another --out")
-    earlier = KnownMap.load(options.map, config)
+    earlier = PriorMap.load(options.map, config)
     plan = options.map / "a_graph.json"
     if options.bim is None and earlier.T_bim_map is not None and plan.is_file():
         options.bim = plan  # the building that the map is anchored to

@@ -58,16 +58,20 @@ class _Map:
 
 
 class LoopCloser:
-    """Looks for places seen again; keyframes, walls and estimates are told anew each time."""
+    """Looks for places seen again; keyframes, walls and estimates are told anew each time.
 
-    def __init__(self, settings: LoopSettings) -> None:
+    `closures` are those that hold, the factor graph's own list: new ones are added to it, contradicted ones taken out.
+    Places that the first `looked` keyframes came back to are not looked for.
+    """
+
+    def __init__(self, settings: LoopSettings, closures: list[Closure] | None = None, looked: int = 0) -> None:
         self._settings = settings
-        self.closures: list[Closure] = []  # that hold
+        self.closures = [] if closures is None else closures
         self.withdrawn: list[tuple[Closure, str]] = []  # that held once, and why they no longer do
         self._pending: list[Closure] = []
         self._tied = np.empty((0, 2), dtype=np.int64)
         self._widths: dict[int, Widths] = {}  # of keyframes, found once
-        self._looked, self._last_way = 0, -np.inf  # keyframes looked at; way at the last search
+        self._looked, self._last_way = looked, -np.inf  # keyframes looked at; way at the last search
 
     def look(
         self, keyframes: list[KeyframeNode], storey: int, walls: WallMap, clouds: Clouds, scene: Scene | None = None
@@ -95,10 +99,6 @@ class LoopCloser:
                 believed += self._believed(known)
         return believed
 
-    def go_on_from(self, closures: list[Closure], keyframes: int) -> None:
-        """Takes over closures of graphs that were joined; what was seen up to now is not looked at again."""
-        self.closures, self._looked = list(closures), keyframes
-
     def part_walls(self, closures: list[Closure], walls: WallMap, keyframes: list[KeyframeNode]) -> None:
         """Parts the walls that were taken for one across two passes that a closure moves by more than walls may be
         off each other: what was joined while the map was off may be a neighbour's. Those that lie on one another
@@ -120,20 +120,20 @@ class LoopCloser:
             if off > self._settings.contradicted:
                 gone.append((closure, f"the walls and the other closures keep the map {off:.2f} m off it"))
         lost = {id(closure) for closure, _ in gone}
-        self.closures = [closure for closure in self.closures if id(closure) not in lost]
+        self.closures[:] = [closure for closure in self.closures if id(closure) not in lost]
         self.withdrawn += gone
         return gone
 
     def state(self) -> dict[str, Any]:
-        """What it remembers, as a tree (see `state_tree`)."""
+        """What it remembers beside the closures, as a tree (see `state_tree`)."""
         return {
-            "closures": list(self.closures), "withdrawn": list(self.withdrawn), "pending": list(self._pending),
-            "tied": self._tied, "looked": self._looked, "last_way": self._last_way,
+            "withdrawn": list(self.withdrawn), "pending": list(self._pending), "tied": self._tied,
+            "looked": self._looked, "last_way": self._last_way,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
         """Goes on from what `state` told."""
-        self.closures, self._pending, self._tied = state["closures"], state["pending"], state["tied"]
+        self._pending, self._tied = state["pending"], state["tied"]
         self._looked, self._last_way, self.withdrawn = state["looked"], state["last_way"], state["withdrawn"]
 
     def _alike(self, known: _Map, chosen: list[int], walls: WallMap, scene: Scene | None) -> dict[int, Alike]:

@@ -30,6 +30,20 @@ class FloorMap:
     walls: WallMap
     scene: Scene | None = None
 
+    def scene_now(self, estimates: Estimates, config: Config) -> Scene:
+        """Rooms and wall surfaces as they are now; `scene` stays."""
+        plane = estimates.floors_in_map.get(self.number)
+        return build_scene(estimates.keyframes, self.walls, plane, config, self.number)
+
+    def cut(self, estimates: Estimates, config: Config) -> None:
+        """Cuts rooms and wall surfaces anew."""
+        self.scene = self.scene_now(estimates, config)
+
+    def relabel(self) -> None:
+        """After walls were joined: the scene calls them what they are called now."""
+        if self.scene is not None:
+            self.scene = self.scene.relabelled(self.walls.current)
+
 
 class Floors:
     """All floors that were seen, in the order in which they were; the robot is on `current`, unless it is on a stair
@@ -92,19 +106,14 @@ class Floors:
             floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
             if not last and floor.walls.split_steps():
                 floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
-            if floor.walls.join_duplicates() and floor.scene is not None:
-                floor.scene = floor.scene.relabelled(floor.walls.current)
+            if floor.walls.join_duplicates():
+                floor.relabel()
 
     @staticmethod
     def _level_map(floor: FloorMap, estimates: Estimates, height: float) -> Floats:
         """(4, 4) T_level_map of a floor; one whose plane was not seen yet stays where it is thought to be."""
         plane = estimates.floors_in_map.get(floor.number)
         return floor.walls.T_level_map if plane is None and floor.number else level_map(plane, height)
-
-    def cut(self, floor: FloorMap, estimates: Estimates) -> Scene:
-        """Rooms and wall surfaces of a floor as they are now."""
-        plane = estimates.floors_in_map.get(floor.number)
-        return build_scene(estimates.keyframes, floor.walls, plane, self._config, floor.number)
 
     def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
         """The S-graph of all floors, in the map frame, of their scenes; with the keyframes on stairs."""

@@ -102,6 +102,10 @@ class WallMap(Stateful):
         self._joined_into: dict[int, int] = {}
         self._lines: Lines | None = None
 
+    def level_by(self, T_level_map: Floats) -> None:
+        """(4, 4) the floor that the walls stand on is z = 0 by it, from now on."""
+        self.T_level_map = T_level_map
+
     def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
         """Adds what a keyframe saw: (observation, plane (4,) and ends (2, 3) in the sensor frame) each."""
         if not pieces:

@@ -1,5 +1,6 @@
 """What is refused of a scan before anything is made of it."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,17 @@ from data import UserError
 from sgslam.geometry.frames import is_rigid
 
 Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RawScan:
+    """A scan as it came: points (N, 3) in the sensor frame; their times (N,) in seconds after the stamp, and
+    T_odom_sensor (4, 4), where these were given."""
+
+    stamp_ns: int
+    points: Floats
+    point_times: Floats | None
+    T_odom_sensor: Floats | None
 
 
 def checked_scan(

@@ -3,19 +3,33 @@
 import logging
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from data import UserError
 from sgslam.serialization.state_file import read_about, read_state, write_state
 from sgslam.session.state_types import TYPES
 
-if TYPE_CHECKING:
-    from sgslam.slam import SceneGraphSlam
-
 FILE = "state.npz"  # in a run's folder
 LONGEST_S = 60.0  # that may be lost
 SHARE = 0.005  # of a run that writing its state may take
 _log = logging.getLogger(__name__)
+
+
+class Resumable(Protocol):
+    """What can be kept and gone on with; `SceneGraphSlam` is."""
+
+    @property
+    def keyframes(self) -> int:
+        """How many there are so far."""
+        ...
+
+    def state(self) -> dict[str, Any]:
+        """All that it knows, as a tree (see `state_tree`)."""
+        ...
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `state` told; raises KeyError, TypeError or ValueError where it was unlike."""
+        ...
 
 
 class Checkpoints:
@@ -29,12 +43,12 @@ class Checkpoints:
         self._written, self._took = perf_counter(), 0.0
         self._failed = False
 
-    def write_if_due(self, slam: "SceneGraphSlam", progress: dict[str, Any]) -> None:
+    def write_if_due(self, slam: Resumable, progress: dict[str, Any]) -> None:
         """Writes where it is time to; `progress` is what the caller goes on from."""
         if perf_counter() - self._written >= min(self._took / SHARE, LONGEST_S):
             self.write(slam, progress)
 
-    def write(self, slam: "SceneGraphSlam", progress: dict[str, Any], finished: bool = False) -> bool:
+    def write(self, slam: Resumable, progress: dict[str, Any], finished: bool = False) -> bool:
         """Whether the state could be written."""
         began = perf_counter()
         about = {**self._about, "finished": finished, "keyframes": slam.keyframes}
@@ -59,7 +73,7 @@ def about_run(folder: Path) -> dict[str, Any]:
     return read_about(folder / FILE)
 
 
-def load(folder: Path, slam: "SceneGraphSlam") -> dict[str, Any]:
+def load(folder: Path, slam: Resumable) -> dict[str, Any]:
     """Takes a run's state into `slam`, which was made for the same building and with the same settings; returns the
     progress that was written with it.
 

@@ -20,7 +20,7 @@ from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
 from sgslam.serialization.state_file import read_state
 from sgslam.session.checkpoints import FILE, about_run
-from sgslam.session.result import ScanPose
+from sgslam.session.scan_poses import ScanPose
 from sgslam.session.state_types import TYPES
 
 Floats = NDArray[np.float64]
@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass
-class KnownMap:
+class PriorMap:
     """What hangs together by one graph. `begins` are the places in `scans` at which its runs begin; `T_bim_map` (4, 4)
     is None where it is not anchored; `height` (m) is the sensor's above the floor."""
 
@@ -43,21 +43,21 @@ class KnownMap:
     clouds: KeyframeClouds
 
     @staticmethod
-    def load(folder: Path, config: Config) -> "KnownMap":
+    def load(folder: Path, config: Config) -> "PriorMap":
         """The map of a finished run's folder. Raises UserError where there is none, or it is damaged."""
         if not about_run(folder).get("finished"):
             raise UserError(f"{folder}: that run was broken off; finish it by --resume before it is built on")
         _, state = read_state(folder / FILE, TYPES)
         backend, floors, clouds = Backend(config), Floors(config), folder / CLOUDS
         try:
-            told = state["slam"]
+            told = state["slam"]["map"]
             backend.restore(told["backend"])
             floors.restore(told["floors"])
-            height = told["front_end"]["sensor_height"]
-            height = config.surfaces.guessed_height if height is None else height
             voxel = config.clouds.keyframe_voxel
             points = KeyframeClouds.open(clouds, voxel=voxel) if clouds.is_file() else KeyframeClouds(voxel=voxel)
-            return KnownMap(backend, floors, told["scans"], told["begins"], height, told["T_bim_map"], points)
+            return PriorMap(
+                backend, floors, told["scans"], told["begins"], told["sensor_height"], told["T_bim_map"], points
+            )
         except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
             why = f"{type(error).__name__}: {error}"
             raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it anew") from None
@@ -87,16 +87,16 @@ class KnownMap:
         }  # fmt: skip
 
     @staticmethod
-    def restored(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "KnownMap":
+    def restored(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "PriorMap":
         """What `state` told."""
         backend, floors = Backend(config), Floors(config)
         backend.restore(state["backend"])
         floors.restore(state["floors"])
-        return KnownMap(
+        return PriorMap(
             backend, floors, state["scans"], state["begins"], state["height"], state["T_bim_map"], clouds
         )  # fmt: skip
 
-    def join(self, other: "KnownMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
+    def join(self, other: "PriorMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
         """Takes over another map that lies at `T_map_other` (4, 4): one graph, in which a wall that both saw is one.
 
         `other` is not to be used any more.
@@ -108,7 +108,7 @@ class KnownMap:
         for floor in other.floors.maps:
             if storeys[floor.number] == len(self.floors.maps):
                 begun = self.floors.begin()
-                begun.walls.T_level_map = floor.walls.T_level_map @ inverse(T_map_other)
+                begun.walls.level_by(floor.walls.T_level_map @ inverse(T_map_other))
             self.floors.maps[storeys[floor.number]].walls.absorb(floor.walls, first, wall_of)
         self.floors.register.walls += other.floors.register.walls
         self.backend.absorb(other.backend, T_map_other, len(self.scans), storeys)
@@ -127,11 +127,11 @@ class KnownMap:
             if len({s.wall for s in self.floors.seen}) == walls:
                 break
         for floor in self.floors.maps:
-            floor.scene = self.floors.cut(floor, self.backend)
+            floor.cut(self.backend, config)
 
-    def take_back(
-        self, parts: "list[KnownMap]", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
-    ) -> "list[KnownMap]":
+    def merge_unplaced(
+        self, parts: "list[PriorMap]", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
+    ) -> "list[PriorMap]":
         """Joins parts of the same run that were not found when they ended; the map has grown since. Returns those that
         are not found now either. `bim` as in `plan_of`."""
         left = parts
@@ -147,7 +147,7 @@ class KnownMap:
                 return left
 
     def _place_of(
-        self, part: "KnownMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
+        self, part: "PriorMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
     ) -> Floats | None:  # fmt: skip
         plan, is_known = plan_of(self, bim)
         anchoring = BuildingAnchoring(plan, matcher, config, partial=is_known)
@@ -157,7 +157,7 @@ class KnownMap:
         T_plan_map = self.T_plan_map if is_known or self.T_bim_map is None else self.T_bim_map
         return np.asarray(inverse(T_plan_map) @ anchoring.bim_from_map(anchors.T_map_bim))
 
-    def _storeys(self, other: "KnownMap", T_map_other: Floats) -> dict[int, int]:
+    def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
         """What another map's floors are called here: as those at the same height, else on from the last one."""
         T, own, storeys = self.T_plan_map, self.backend.floors_in_map, dict[int, int]()
         heights = {number: float(_foot(T, plane)[2]) for number, plane in own.items()}
@@ -172,7 +172,7 @@ class KnownMap:
         return storeys
 
     def _same_walls(
-        self, other: "KnownMap", T_map_other: Floats, storeys: dict[int, int], config: Config
+        self, other: "PriorMap", T_map_other: Floats, storeys: dict[int, int], config: Config
     ) -> dict[int, int]:
         """Walls of another map by those of this one that they are, as far as both agree on where they stand."""
         plan, same = self.plan(), dict[int, dict[int, float]]()
@@ -193,7 +193,7 @@ class KnownMap:
                     votes[wall] = votes.get(wall, 0.0) + (held.surface.length or 0.0)
         return {wall: max(votes, key=lambda w: votes[w]) for wall, votes in same.items()}
 
-    def _take_scans(self, other: "KnownMap", T_map_other: Floats, keyframes: int) -> None:
+    def _take_scans(self, other: "PriorMap", T_map_other: Floats, keyframes: int) -> None:
         begins = set(other.begins) | {0}
         for i, scan in enumerate(other.scans):
             T = T_map_other @ scan.T_map_sensor
@@ -201,7 +201,7 @@ class KnownMap:
             own = replace(scan, T_map_sensor=T, keyframe=scan.keyframe + keyframes, T_previous_sensor=previous)
             self.scans.append(own)
 
-    def _take_clouds(self, other: "KnownMap", keyframes: int) -> None:
+    def _take_clouds(self, other: "PriorMap", keyframes: int) -> None:
         both = KeyframeClouds(voxel=self.clouds.voxel)
         for clouds, first in ((self.clouds, 0), (other.clouds, keyframes)):
             for keyframe in clouds:
@@ -218,7 +218,7 @@ def _id(floor: FloorMap) -> str:
     return f"floor-{floor.number}"
 
 
-def plan_of(known: KnownMap, bim: SceneGraph | None) -> tuple[SceneGraph, bool]:
+def plan_of(known: PriorMap, bim: SceneGraph | None) -> tuple[SceneGraph, bool]:
     """The plan in which a new run is to find itself, and whether it is the known map: where both are anchored to a BIM
     they need not have seen the same rooms."""
     if bim is not None and known.T_bim_map is not None:

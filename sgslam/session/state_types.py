@@ -10,14 +10,14 @@ from sgslam.mapping.keyframes import KeyframeNode
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import Lines, SeenWall
 from sgslam.perception.floor_extraction import FloorObservation
-from sgslam.session.result import ScanPose
-from sgslam.tracking.kidnap import Doubted
+from sgslam.perception.scan_checks import RawScan
+from sgslam.session.scan_poses import ScanPose
 from sgslam.tracking.scan_tracker import Located
 
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        AnchorEvent, AnchorRecord, Anchors, Closure, Door, Doubted, FactorEvent, Floor, FloorObservation, Growth,
+        AnchorEvent, AnchorRecord, Anchors, Closure, Door, RawScan, FactorEvent, Floor, FloorObservation, Growth,
         Hypothesis, Keyframe, KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, Said, ScanPose,
         Scene, SceneGraph, SeenWall, WallSurface,
     )

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +19,6 @@ _ALIKE = 0.6  # of the directions; from scan to scan of a drive it is 0.8 and mo
 _TURNS, _WITHIN = 12, 0.15  # of the search; m from what was seen before
 _EXPLAINED = 0.55  # of a scan that what was seen before must explain, whichever way it is turned
 _POINTS, _REACH = 700, 1.5  # of a scan that are registered; m
-
-
-@dataclass(frozen=True, eq=False)
-class Doubted:
-    """A scan as it came, of which it is not known yet whether it was taken near the one before."""
-
-    stamp_ns: int
-    points: Floats
-    point_times: NDArray[np.floating[Any]] | None
-    T_odom_sensor: Floats | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +45,7 @@ def _distances(points: Floats, sector: NDArray[np.int64]) -> Floats:
     return total / count  # NaN where there are none
 
 
-class LeapWatch(Stateful):
+class KidnapWatch(Stateful):
     """Remembers the newest scan that fitted."""
 
     _STATE = ("_points", "_distances")
@@ -92,7 +81,7 @@ class LeapWatch(Stateful):
 def all_fit(scans: list[ColumnScan]) -> bool:
     """Whether each may have been taken near the one before it: a sensor that was carried elsewhere is somewhere then;
     where none fits to another, the scans are only far apart."""
-    watch = LeapWatch()
+    watch = KidnapWatch()
     for scan in scans:
         if not watch.fits(scan):
             return False

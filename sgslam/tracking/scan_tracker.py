@@ -14,7 +14,8 @@ from sgslam.mapping.floors import Floors
 from sgslam.mapping.wall_map import WallMap
 from sgslam.odometry import Odometry
 from sgslam.perception.column_scan import ColumnScan
-from sgslam.perception.deskew import deskewed, part_of
+from sgslam.perception.deskew import checked_times, deskewed, part_of
+from sgslam.perception.scan_checks import RawScan
 from sgslam.serialization.state_tree import Stateful
 from sgslam.tracking.floor_transition import Climb
 from sgslam.tracking.front_end import FrontEnd, align
@@ -43,6 +44,17 @@ class Located:
     T_map_landed: Floats | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class PreparedScan:
+    """A scan with its points (N, 3) as of one instant, `offset_ns` after its stamp, and sorted into columns."""
+
+    stamp_ns: int
+    offset_ns: int
+    points: Floats
+    columns: ColumnScan
+    T_odom_sensor: Floats | None
+
+
 @dataclass(frozen=True)
 class _Guessed:
     """T_map_sensor after the correction of a guess, the `share` of the points that it explains, whether walls hold it
@@ -58,7 +70,7 @@ class _Guessed:
         return self.firm > other.firm or (self.firm == other.firm and self.share > other.share + _CLEARLY)
 
 
-class Locator(Stateful):
+class ScanTracker(Stateful):
     """Locates scan after scan.
 
     A robot moves nearly as it did a scan ago, which indoors foretells more exactly than KISS-ICP does, where few rings
@@ -70,8 +82,9 @@ class Locator(Stateful):
         "_lurches_ns",
     )  # fmt: skip
 
-    def __init__(self, config: Config, odometry: Odometry, front_end: FrontEnd, floors: Floors) -> None:
-        self._config, self._odometry, self._front_end, self._floors = config, odometry, front_end, floors
+    def __init__(self, config: Config, odometry: Odometry, floors: Floors) -> None:
+        self._config, self._odometry, self._floors = config, odometry, floors
+        self.front_end = FrontEnd(config)
         self._last: Located | None = None
         self._step: Floats | None = None  # T_last_sensor as it was found
         self._stamp_ns, self._interval_ns = 0, 0
@@ -84,14 +97,21 @@ class Locator(Stateful):
         self.slack = Slack(config.odometry, config.tracking)
         self._climb = Climb(config.tracking)
 
+    @property
+    def _parts(self) -> dict[str, Any]:
+        return {
+            "climb": self._climb, "slack": self.slack, "front_end": self.front_end, "odometry": self._odometry,
+        }  # fmt: skip
+
     def state(self) -> dict[str, Any]:
-        """See `Stateful`; with what is known of stairs."""
-        return {**super().state(), "climb": self._climb.state()}
+        """See `Stateful`; with what its parts know."""
+        return {**super().state(), **{name: part.state() for name, part in self._parts.items()}}
 
     def restore(self, state: dict[str, Any]) -> None:
         """See `Stateful`."""
         super().restore(state)
-        self._climb.restore(state["climb"])
+        for name, part in self._parts.items():
+            part.restore(state[name])
 
     @property
     def climbing(self) -> bool:
@@ -113,7 +133,16 @@ class Locator(Stateful):
         """Of the floor that the robot is on."""
         return self._floors.current.walls
 
-    def deskewed(self, stamp_ns: int, points: Floats, seconds: Floats, given: Floats | None) -> tuple[Floats, int]:
+    def prepare(self, raw: RawScan) -> PreparedScan:
+        """Deskews a scan and sorts it into columns. Raises UserError for times of points that are none."""
+        points, offset_ns = raw.points, 0
+        if raw.point_times is not None:
+            seconds = checked_times(raw.point_times, len(points), raw.stamp_ns)
+            points, offset_ns = self._deskewed(raw.stamp_ns, points, seconds, raw.T_odom_sensor)
+        columns = self.front_end.columns(points, whole=self.climbing)
+        return PreparedScan(raw.stamp_ns, offset_ns, points, columns, raw.T_odom_sensor)
+
+    def _deskewed(self, stamp_ns: int, points: Floats, seconds: Floats, given: Floats | None) -> tuple[Floats, int]:
         """(N, 3) a scan's points as if they had been measured in one instant, and that instant, in ns after the stamp;
         `seconds` (N,) after the stamp they were measured. The sensor is taken to move on as in its last step.
 
@@ -142,9 +171,10 @@ class Locator(Stateful):
             return T_map_sensor
         return T_map_sensor @ part_of(self._step, -offset_ns / self._interval_ns)
 
-    def locate(self, stamp_ns: int, scan: ColumnScan, last_map: Floats | None, given: Floats | None) -> Located:
+    def locate(self, prepared: PreparedScan, last_map: Floats | None) -> Located:
         """Locates a scan. `last_map` (4, 4) is T_map_sensor of the scan before it by the newest estimates, None for the
-        first scan; `given` T_odom_sensor of this one by somebody else's odometry."""
+        first scan."""
+        stamp_ns, scan, given = prepared.stamp_ns + prepared.offset_ns, prepared.columns, prepared.T_odom_sensor
         interval_ns = stamp_ns - self._stamp_ns
         regular, leap = self._is_regular(interval_ns), False
         given = None if given is None else self._shown(given, True)
@@ -152,7 +182,7 @@ class Locator(Stateful):
             leap = self._told(self._leap(inverse(self._last.T_odom_sensor) @ given, interval_ns), stamp_ns)
         self._stamp_ns, self._interval_ns = stamp_ns, interval_ns
         if last_map is None or self._last is None:
-            self._walls.T_level_map = level_map(None, self._front_end.height)
+            self._walls.level_by(level_map(None, self.front_end.height))
             T_odom_sensor = self._shown(self._odometry.register(self._points(scan)), False) if given is None else given
             self._last = Located(T_odom_sensor, np.eye(4))
             return self._last
@@ -189,19 +219,19 @@ class Locator(Stateful):
         assert self._last is not None
         T_map_sensor = self._last.T_map_sensor
         if not self._climb.active:
-            carried = self._front_end.carried()
+            carried = self.front_end.carried()
             left = self._climb.watch(scan, self._walls.lines, T_map_sensor, self.T_ground_map, carried)
             if left is None and not self._climb.suspected:
-                self._front_end.follow(self.T_ground_map @ T_map_sensor)
+                self.front_end.follow(self.T_ground_map @ T_map_sensor)
             elif left is not None:
                 self._last = replace(self._last, T_map_sensor=left)
             return
         T_level_map = self._walls.T_level_map
-        arrival = self._climb.follow(scan, T_map_sensor, T_level_map, self._front_end.height, self._floors)
+        arrival = self._climb.follow(scan, T_map_sensor, T_level_map, self.front_end.height, self._floors)
         if arrival is None:
             return
         if arrival.floor is None:
-            self._floors.begin().walls.T_level_map = raised(T_level_map, -arrival.height)
+            self._floors.begin().walls.level_by(raised(T_level_map, -arrival.height))
             _log.info("a new floor begins, %+.2f m from the one that was left", arrival.height)
         else:
             self._floors.current = arrival.floor
@@ -343,7 +373,7 @@ class Locator(Stateful):
             tracked = self._climb.align(scan, walls, self.T_ground_map @ guess)
             tracked = replace(tracked, T=squared_up(inverse(self.T_ground_map) @ tracked.T))
         else:
-            tracked = align(scan, walls, guess, self.T_ground_map, self._front_end.carried(), self._config)
+            tracked = align(scan, walls, guess, self.T_ground_map, self.front_end.carried(), self._config)
         missed = inverse(guess) @ tracked.T
         turn = angle_of(missed)
         return _Guessed(

@@ -1,0 +1,233 @@
+"""The map that a run builds now: its scans, keyframes, floors and factor graph, and its place in the plan."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import SceneGraph
+from sgslam.anchoring.building_anchoring import BuildingAnchoring
+from sgslam.backend.backend import Backend
+from sgslam.config import Config
+from sgslam.geometry.frames import inverse, level_map, transform_planes
+from sgslam.loops.closure import LoopCloser
+from sgslam.mapping.floors import Floors
+from sgslam.mapping.graph_nodes import Anchors
+from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.mapping.keyframes import KeyframeNode, KeyframeRule
+from sgslam.odometry import Odometry
+from sgslam.perception.scan_checks import RawScan
+from sgslam.session.scan_poses import ScanPose
+from sgslam.session.stopwatch import Stopwatch
+from sgslam.tracking.front_end import level_to_sensor
+from sgslam.tracking.scan_tracker import Located, PreparedScan, ScanTracker
+
+Floats = NDArray[np.float64]
+_LOOP_ROUNDS = 3  # of closing loops and optimising, at most
+
+
+class ActiveMap:
+    """The map under construction. `begins` are the places in `scans` at which runs begin: the first one's, and those of
+    the runs that were joined to it. `first_anchor_ns` is the stamp of the keyframe from which on it has a place in the
+    plan without a break; None while it has none."""
+
+    def __init__(
+        self, config: Config, odometry: Odometry, anchoring: BuildingAnchoring | None, clouds: KeyframeClouds,
+        stopwatch: Stopwatch,
+    ) -> None:  # fmt: skip
+        self._config = config
+        self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
+        self.floors = Floors(config)
+        self.tracker = ScanTracker(config, odometry, self.floors)
+        self._keyframe_rule = KeyframeRule(config.keyframes)
+        self.backend = Backend(config)
+        self.loops = LoopCloser(config.loops, self.backend.closures)
+        self.scans: list[ScanPose] = []
+        self.begins = [0]
+        self.first_anchor_ns: int | None = None
+
+    @property
+    def plan_is_prior(self) -> bool:
+        """Whether the plan is a prior map, not the building's."""
+        return self.anchoring is not None and self.anchoring.partial
+
+    @property
+    def placed(self) -> bool:
+        """Whether the map has a place in its plan now."""
+        return self.backend.T_map_bim is not None
+
+    @property
+    def T_bim_map(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the map in the BIM frame; None while it is not anchored to a building."""
+        return None if self.plan_is_prior else self.T_plan_map
+
+    @property
+    def T_plan_map(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the map in the frame of its plan, a prior map's too; None while it has no place in it."""
+        if self.anchoring is None or self.backend.T_map_bim is None:
+            return None
+        return self.anchoring.bim_from_map(self.backend.T_map_bim)
+
+    @property
+    def last_pose(self) -> Floats | None:
+        """(4, 4) T_map_sensor of the newest scan by the newest estimates; None before the first."""
+        return self.scans[-1].T_map_sensor if self.scans else None
+
+    def prepare(self, raw: RawScan) -> PreparedScan:
+        """A scan deskewed to one instant and sorted into columns; raises UserError for times that are none."""
+        return self.tracker.prepare(raw)
+
+    def locate(self, scan: PreparedScan) -> Located:
+        """Where a scan was taken: predicted, and aligned to the walls and the floor that are known."""
+        return self.tracker.locate(scan, self.last_pose)
+
+    def add_scan(self, scan: PreparedScan, located: Located) -> bool:
+        """Adds a scan where it was located; returns whether a keyframe is due."""
+        T_map_sensor, keyframes = located.T_map_sensor, self.backend.keyframes
+        since = np.eye(4) if not self.scans else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
+        pose = ScanPose(
+            scan.stamp_ns, located.T_odom_sensor, T_map_sensor, len(keyframes) - 1, since, offset_ns=scan.offset_ns
+        )
+        self.scans.append(pose)
+        if located.T_map_landed is not None:  # the step stays as measured: the drift is of all of the climb
+            pose.T_map_sensor = located.T_map_landed
+        return self._keyframe_rule.wants(T_map_sensor) or located.T_map_landed is not None
+
+    def add_keyframe(self, points: Floats | None) -> None:
+        """Makes the newest scan a keyframe, with the walls and the floor that its points (N, 3) show."""
+        scan = self.scans[-1]
+        before = self.backend.keyframes[-1].T_odom_sensor if self.backend.keyframes else np.eye(4)
+        tracked = before @ scan.T_keyframe_sensor  # the map jumps when it is optimised, this does not
+        storey = None if self.tracker.climbing else self.floors.current.number
+        keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
+        keyframe.slack = self.tracker.leave_keyframe()
+        if points is not None:
+            with self.stopwatch("surfaces"):
+                if storey is not None:
+                    self._observe(keyframe, points)
+                self.clouds.add(len(self.backend.keyframes), points)
+        self.backend.add_keyframe(keyframe)
+        scan.keyframe = len(self.backend.keyframes) - 1
+        scan.T_previous_sensor, scan.T_keyframe_sensor = scan.T_keyframe_sensor, np.eye(4)
+
+    def _observe(self, keyframe: KeyframeNode, points: Floats) -> None:
+        """Takes what a keyframe's scan shows of its floor into the keyframe and the floor's map."""
+        floor, known, front_end = self.floors.current, self.backend.floors_in_map, self.tracker.front_end
+        T_level_map = self.tracker.T_ground_map
+        height = float((T_level_map @ keyframe.T_map_sensor)[2, 3]) if floor.number in known else None
+        seen = front_end.look(points, level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3]), height)
+        keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
+        if self.tracker.ground:
+            keyframe.floor = None
+        elif seen.floor is not None and floor.number not in known:
+            floor_in_map = transform_planes(keyframe.T_map_sensor, seen.floor.plane)
+            floor.walls.level_by(level_map(floor_in_map, front_end.height))
+        floor.walls.add(len(self.backend.keyframes), keyframe.T_map_sensor, seen.walls)
+
+    @property
+    def has_grown(self) -> bool:
+        """Whether the map has grown enough since the last `update`."""
+        return self.backend.due or self._scene_due(if_placed=False)
+
+    def update(self, last: bool = False) -> None:
+        """Optimises, closes loops, cuts rooms, matches and anchors; all floors are cut at the `last` time."""
+        anchors = self._anchors(last)
+        self._estimate(anchors, last)
+        self._close_loops(anchors)
+        if last:
+            self._cut_scenes()
+        elif self._scene_due():
+            with self.stopwatch("rooms"):
+                self.floors.current.cut(self.backend, self._config)
+            if not self.placed and (anchors := self._anchors(last)) is not None:
+                self._estimate(anchors, last)
+
+    def complete(self) -> None:
+        """Matches and optimises a last time."""
+        if self.backend.keyframes[-1].scan != len(self.scans) - 1:
+            self.add_keyframe(None)
+            if self.has_grown:
+                self.update()
+        self.update()
+        self._cut_scenes()
+        self.update(last=True)
+        if self.anchoring is None:
+            return
+        with self.stopwatch("matching"):  # the answer that is given is the one on the final map
+            confirmed = self.anchoring.confirm(self.floors, self.backend.T_map_bim)
+        if not confirmed or (self.anchoring.committed is not None and not self.placed):
+            self.update(last=True)
+
+    def _anchors(self, last: bool) -> Anchors | None:
+        """What the map hangs on in the plan, where it has a place in it."""
+        if self.anchoring is None:
+            return None
+        with self.stopwatch("matching"):
+            return self.anchoring.update(self.floors, self.backend.T_map_bim, last)
+
+    def _close_loops(self, anchors: Anchors | None) -> None:
+        """Closes and opens loops, and optimises, until nothing changes. An anchored map needs none, unless it may have
+        slipped."""
+        for _ in range(_LOOP_ROUNDS):
+            if self.placed and not self.backend.loose:
+                return
+            keyframes, floor = self.backend.keyframes, self.floors.current
+            with self.stopwatch("loops"):
+                opened = self.loops.contradicted(keyframes)
+                closed = self.loops.look(keyframes, floor.number, floor.walls, self.clouds, floor.scene)
+                self.loops.part_walls(closed, floor.walls, keyframes)
+            if not closed and not opened:
+                return
+            self._estimate(anchors, last=True)
+
+    def _estimate(self, anchors: Anchors | None, last: bool) -> None:
+        """Moves the map to the optimum and joins the walls that turn out to be one."""
+        with self.stopwatch("optimisation"):
+            self.backend.optimise(self.floors.seen, self.floors.rooms, anchors, steps=20 if last else 6)
+        newest = self.backend.keyframes[-1]
+        self.scans[-1].T_map_sensor = newest.T_map_sensor
+        if not self.placed:
+            self.first_anchor_ns = None
+        elif self.first_anchor_ns is None:
+            self.first_anchor_ns = newest.stamp_ns
+        with self.stopwatch("surfaces"):
+            self.floors.refresh(self.backend, self.tracker.front_end.height, last)
+
+    def _scene_due(self, if_placed: bool = True) -> bool:
+        """Whether there is a plan, and the floor that the robot is on has grown enough since it was last cut."""
+        if self.anchoring is None or (self.placed and not if_placed):
+            return False
+        hurry = self.anchoring.all_but_sure
+        return self.floors.due(self.backend.keyframes, self._config.backend, not self.placed, hurry)
+
+    def _cut_scenes(self) -> None:
+        with self.stopwatch("rooms"):
+            for floor in self.floors.maps:
+                floor.cut(self.backend, self._config)
+
+    def s_graph(self) -> SceneGraph:
+        """The S-graph as it is now, map frame; the floors' own scenes stay as they are."""
+        scenes = [floor.scene_now(self.backend, self._config) for floor in self.floors.maps]
+        return self.floors.graph(self.backend.keyframes, scenes)
+
+    @property
+    def _parts(self) -> dict[str, Any]:
+        parts = {
+            "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
+            "tracker": self.tracker,
+        }  # fmt: skip
+        return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
+
+    def state(self) -> dict[str, Any]:
+        """All that it knows but the keyframes' points, as a tree (see `state_tree`); it is not a copy."""
+        own = {
+            "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
+            "T_bim_map": self.T_bim_map, "sensor_height": self.tracker.front_end.height,
+        }  # fmt: skip
+        return own | {name: part.state() for name, part in self._parts.items()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Goes on from what `state` told; raises KeyError, TypeError or ValueError where it was unlike."""
+        for name, part in self._parts.items():
+            part.restore(state[name])
+        self.scans, self.begins, self.first_anchor_ns = state["scans"], state["begins"], state["first_anchor_ns"]

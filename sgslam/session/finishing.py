@@ -1,0 +1,105 @@
+"""A run's result, put together from its parts."""
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import SceneGraph
+from data.trajectory import Trajectory
+from sgslam.anchoring.building_anchoring import BuildingAnchoring
+from sgslam.anchoring.wall_alignment import Holding
+from sgslam.as_built.deviation_entries import Deviation
+from sgslam.as_built.deviation_list import deviations
+from sgslam.as_built.deviations import measured_pieces
+from sgslam.backend.backend import Backend
+from sgslam.backend.covariances import Uncertainty
+from sgslam.config import Config
+from sgslam.mapping.floors import Floors
+from sgslam.session.active_map import ActiveMap
+from sgslam.session.prior_map import PriorMap
+from sgslam.session.result import PoseCovariances, Result, Returned
+from sgslam.session.scan_poses import at_stamps, smooth, with_unplaced
+
+if TYPE_CHECKING:
+    from matching.result import MatchesFile  # loads the matchers
+
+Floats = NDArray[np.float64]
+_COVARIANCES = 50  # poses whose covariance is worked out
+
+
+def finished(
+    final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], returned: Returned | None, config: Config
+) -> Result:
+    """The result of a run whose map is `final`. `unplaced` are the parts that could not be placed: each is taken to
+    begin where the sensor was seen last. The map's place in a prior map is no place in the building."""
+    scans, backend, floors = final.scans, final.backend, final.floors
+    anchoring = None if final.plan_is_prior else final.anchoring
+    runs = [slice(a, b) for a, b in zip(final.begins, [*final.begins[1:], len(scans)], strict=True)]
+    poses, newest = smooth(scans, backend.poses), runs[-1]
+    *earlier, placed = [at_stamps(scans[run], poses[run]) for run in runs]
+    trajectory_map = with_unplaced(placed, [(part.scans, part.backend.poses) for part in unplaced])
+    of_run = sorted([*scans[newest], *(s for part in unplaced for s in part.scans)], key=lambda s: s.stamp_ns)
+    anchored = anchoring is not None and backend.T_map_bim is not None
+    T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
+    holdings = anchoring.holdings(floors, backend.T_map_bim) if anchoring is not None else {}
+    uncertainty = backend.uncertainty() if T_bim_map is not None else None
+    first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
+    return Result(
+        anchored=anchored,
+        reason="no BIM was given" if anchoring is None else anchoring.reason,
+        trajectory=trajectory_map if T_bim_map is None else trajectory_map.transformed(T_bim_map),
+        trajectory_map=trajectory_map,
+        trajectory_odometry=at_stamps(of_run, np.stack([s.T_odom_sensor for s in of_run])),
+        T_bim_map=T_bim_map,
+        s_graph=floors.graph(backend.keyframes, [floor.scene for floor in floors.maps if floor.scene is not None]),
+        a_graph=bim,
+        matches=cast("MatchesFile | None", anchoring.answer(floors, holdings) if anchoring is not None else None),
+        deviations=_deviations(anchoring, holdings, floors, backend, uncertainty, config),
+        anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
+        factors=backend.log,
+        pose_covariances=_covariances(backend, uncertainty, T_bim_map, placed, newest.start),
+        first_anchor_s=(first_ns - begin_ns) / 1e9 if anchored and first_ns is not None else None,
+        keyframes=len(backend.keyframes),
+        seconds=dict(final.stopwatch.seconds),
+        config=config,
+        clouds=final.clouds,
+        earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
+        returned=returned,
+    )
+
+
+def _deviations(
+    anchoring: BuildingAnchoring | None, holdings: dict[int, Holding], floors: Floors, backend: Backend,
+    uncertainty: Uncertainty | None, config: Config,
+) -> list[Deviation]:  # fmt: skip
+    """The form of deviations.json, storey after storey; empty where the run was not anchored."""
+    found: list[Deviation] = []
+    if anchoring is None or uncertainty is None:
+        return found
+    for floor in floors.maps:
+        holding, scene, own = holdings.get(floor.number), floor.scene, anchoring.of(floor.number)
+        if holding is None or scene is None:
+            continue
+        pieces = measured_pieces(holding, scene, floor.walls, uncertainty, anchoring.origin, own.height, config)
+        keyframes = [k for k in backend.keyframes if k.storey == floor.number]
+        found += deviations(
+            pieces, holding, scene, floor.walls, keyframes, own.storey, anchoring.origin[:2], config
+        )  # fmt: skip
+    return found
+
+
+def _covariances(
+    backend: Backend, uncertainty: Uncertainty | None, T_bim_map: Floats | None, in_map: Trajectory, begin: int
+) -> PoseCovariances | None:
+    if uncertainty is None or T_bim_map is None:
+        return None
+    own = [i for i, keyframe in enumerate(backend.keyframes) if keyframe.scan >= begin]
+    places = np.unique(np.linspace(0, len(own) - 1, min(len(own), _COVARIANCES)).astype(int))
+    chosen = np.array(own)[places]
+    scans = np.searchsorted(in_map.stamps_ns, [backend.keyframes[i].stamp_ns for i in chosen])
+    covariances = uncertainty.pose_covariances(chosen.tolist())
+    order = np.argsort(scans)
+    return PoseCovariances(
+        Trajectory(in_map.stamps_ns[scans[order]], T_bim_map @ in_map.poses[scans[order]]), covariances[order]
+    )

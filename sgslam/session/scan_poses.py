@@ -1,0 +1,68 @@
+"""Where the scans of a run were taken: live, and smoothed once the keyframes have moved."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from data.trajectory import Trajectory
+from sgslam.geometry.frames import inverse
+
+Floats = NDArray[np.float64]
+
+
+@dataclass
+class ScanPose:
+    """Where one scan was thought to be when it came; `keyframe` is the last keyframe at or before it. All poses are of
+    the instant that the scan was deskewed to, `offset_ns` after its stamp."""
+
+    stamp_ns: int
+    T_odom_sensor: Floats
+    T_map_sensor: Floats
+    keyframe: int
+    T_keyframe_sensor: Floats  # since that keyframe
+    T_previous_sensor: Floats | None = None  # of a keyframe: since the keyframe before it
+    offset_ns: int = 0
+
+
+def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
+    """(N, 4, 4) T_map_sensor of all scans: each keeps its motion since the keyframe before it, and what is then left
+    at the next keyframe is shared out over the scans between, in proportion."""
+    keyframe_of = np.array([scan.keyframe for scan in scans])
+    poses = keyframe_poses[keyframe_of] @ np.stack([scan.T_keyframe_sensor for scan in scans])
+    keyframes, first = np.unique(keyframe_of, return_index=True)
+    left, share = np.tile(np.eye(4), (len(scans), 1, 1)), np.zeros((len(scans), 1))
+    for keyframe, following, start, end in zip(keyframes, keyframes[1:], first, first[1:], strict=False):
+        arrived = scans[end].T_previous_sensor
+        if following == keyframe + 1 and arrived is not None:  # else nothing leads there: another run begins
+            left[start:end] = inverse(keyframe_poses[keyframe] @ arrived) @ keyframe_poses[following]
+            share[start:end, 0] = np.arange(end - start) / (end - start)
+    turn = Rotation.from_rotvec(share * Rotation.from_matrix(left[:, :3, :3]).as_rotvec()).as_matrix()
+    poses[:, :3, 3] += np.einsum("nij,nj->ni", poses[:, :3, :3], share * left[:, :3, 3])
+    poses[:, :3, :3] = poses[:, :3, :3] @ turn
+    return poses
+
+
+def at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
+    """The trajectory at the scans' stamps, of poses (N, 4, 4) at the instants that they were deskewed to; a part of a
+    run that was found late stands behind later ones."""
+    order = np.argsort([s.stamp_ns for s in scans], kind="stable")
+    scans, poses = [scans[i] for i in order], poses[order]
+    stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
+    offsets = np.array([s.offset_ns for s in scans], dtype=np.int64)
+    if not offsets.any():
+        return Trajectory(stamps, poses)
+    return Trajectory(stamps, Trajectory(stamps + offsets, poses).at(stamps))
+
+
+def with_unplaced(known: Trajectory, parts: list[tuple[list[ScanPose], Floats]]) -> Trajectory:
+    """With the poses of scans that nobody could place, each part from where the sensor was seen last before it."""
+    stamps, poses = [known.stamps_ns], [known.poses]
+    for scans, keyframes in parts:
+        part = at_stamps(scans, smooth(scans, keyframes))
+        before = max(int(np.searchsorted(known.stamps_ns, part.stamps_ns[0])) - 1, 0)
+        stamps.append(part.stamps_ns)
+        poses.append(known.poses[before] @ inverse(part.poses[0]) @ part.poses)
+    order = np.argsort(np.concatenate(stamps), kind="stable")
+    return Trajectory(np.concatenate(stamps)[order], np.concatenate(poses)[order])
