@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from data import Room, SceneGraph, WallSurface
-from matching import se2
+from data.geometry import se2
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ import pytest
 from plans import a_graph, box, flat, merged, moved, offices
 
 from data import Door, SceneGraph, UserError, WallSurface
+from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
-from matching import MatchResult, se2
+from matching import MatchResult
 from matching.arrays.blocks import elimination, solve
 from matching.arrays.cache import PLANS_KEPT, Kept
 from matching.arrays.walls import Walls, storeys

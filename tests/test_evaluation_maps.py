@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from data import Room, SceneGraph, WallSurface
 from data.common.errors import UserError
+from data.geometry import se2
 from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.surface_overlap import Limits, best_rigid_fit, plan_motion
 from evaluation.metrics.true_matches import bearers, true_matches
-from matching import se2
 from sgslam.geometry.frames import se2_to_se3
 
 PLAN = a_graph(offices([3.0, 4.0, 3.5], [5.0, 5.6]), "ground")

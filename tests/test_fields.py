@@ -8,8 +8,9 @@ import shapely
 import torch
 from plans import a_graph, flat
 
+from data.geometry import se2
+from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import draw
-from matching import se2
 from matching.arrays.doors import Doors
 from matching.arrays.walls import arrays
 from matching.deformation import deformed_hypotheses as bent
@@ -22,7 +23,6 @@ from matching.network import consensus
 from matching.network.encoder import GraphTensors
 from matching.network.features import map_features, plan_features
 from matching.network.support_loops import combinations
-from matching.se2 import Array
 from matching.search.groups import BESIDE, POINTS, groups
 from matching.search.plan_walls import PlanWalls
 from matching.search.proposals import TopK

@@ -9,7 +9,8 @@ from plans import a_graph, box, flat, merged, moved, offices
 from s_graph_noise import DRIFT, REAL, Drawn, draw
 
 from data import SceneGraph, UserError, WallSurface
-from matching import Matcher, MatchResult, se2
+from data.geometry import se2
+from matching import Matcher, MatchResult
 
 MATCHER = Matcher.load()
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")

@@ -9,7 +9,8 @@ from plans import SHARED, moved, swiss
 from s_graph_noise import draw
 
 from data import SceneGraph
-from matching import Matcher, se2
+from data.geometry import se2
+from matching import Matcher
 
 pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}")
 MATCHER = Matcher.load()

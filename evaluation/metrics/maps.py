@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.common.errors import UserError
+from data.geometry import se2
 from data.geometry.areas import overlap, united
 from data.geometry.intervals import united as united_intervals
 from evaluation.metrics.statistics import Score, Statistics
 from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, plan_motion
 from evaluation.metrics.true_matches import bearers, lie_over, own_surface, room_area, true_matches
-from matching import se2
 
 Array = NDArray[np.float64]
 LEAST_COVER = 0.5  # of a surface's length, for it to be found (A) or true (S)

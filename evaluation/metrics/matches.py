@@ -7,9 +7,9 @@ import numpy as np
 
 from data import SceneGraph
 from data.common.errors import UserError
+from data.geometry import se2
 from evaluation.metrics.statistics import Score
 from evaluation.metrics.true_matches import TrueMatches, bearers
-from matching import se2
 from matching.result import MatchResult, Pair
 
 MISPLACED_M, TURNED_RAD = 0.5, float(np.radians(5))

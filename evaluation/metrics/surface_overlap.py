@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.common.errors import UserError
+from data.geometry import se2
 from data.geometry.line_fit import fit_to_lines
-from matching import se2
 from matching.arrays.walls import arrays
 from sgslam.geometry.frames import is_rigid
 from sgslam.report.accuracy import yaw_errors

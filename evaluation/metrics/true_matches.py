@@ -8,10 +8,10 @@ import shapely
 from numpy.typing import NDArray
 
 from data import SceneGraph
+from data.geometry import se2
 from data.geometry.areas import Area, overlap, polygons_of
 from data.scene_graph import Room
 from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, overlaps, plan_motion, segments
-from matching import se2
 
 Array = NDArray[np.float64]
 LEAST_SHARE = 0.3  # of an S surface's length, or an S room's area, on the A surface or room that it is

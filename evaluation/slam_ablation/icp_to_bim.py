@@ -29,12 +29,10 @@ BELOW_M, ABOVE_M = 2.5, 4.0  # of the sensor, that the target reaches
 def register_to_bim(scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: Array) -> Trajectory:
     """T_bim_sensor of all scans; `surfaces_in_bim` (M, 3, 3) triangles, `T_bim_first` (4, 4) the true first pose.
 
-    Raises UserError where small_gicp is not installed or there is no surface around the start.
+    Raises UserError where there is no surface around the start.
     """
-    try:
-        import small_gicp
-    except ImportError:
-        raise UserError("arm icp-to-bim: small_gicp is not installed; pip install 'sgslam[bench]'") from None
+    import small_gicp
+
     z = surfaces_in_bim[:, :, 2] - T_bim_first[2, 3]
     near = surfaces_in_bim[(z.max(axis=1) > -BELOW_M) & (z.min(axis=1) < ABOVE_M)]
     if not len(near):

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled, compiled_within
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index
-from matching.se2 import Array
 
 
 class Elimination(NamedTuple):

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.geometry import se2
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
-from matching import se2
 from matching.arrays.walls import Index, Walls
-from matching.se2 import Array
 
 
 @dataclass(frozen=True)

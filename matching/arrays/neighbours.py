@@ -3,8 +3,8 @@
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index, Walls
-from matching.se2 import Array
 
 SAMPLED_M, SEARCHED = 2.0, 48  # points on walls, among the nearest of which the neighbours are looked up
 IN_CELL = 16  # points, in the mean, of a cell of the grid that they are kept in

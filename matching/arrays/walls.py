@@ -7,9 +7,9 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from data.geometry import se2
+from data.geometry.se2 import Array
 from data.scene_graph import Room, SceneGraph, WallSurface
-from matching import se2
-from matching.se2 import Array
 
 Index = NDArray[np.int64]
 BUILDING_GAP = 10.0  # metres

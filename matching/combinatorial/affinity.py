@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph, WallSurface
 from matching.arrays.walls import Index
 from matching.combinatorial.settings import CombinatorialSettings, Gaussian, Planes
-from matching.se2 import Array
 
 
 @dataclass(frozen=True)

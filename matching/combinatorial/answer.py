@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.combinatorial.affinity import Datums
 from matching.combinatorial.merge import Merged
 from matching.result import Hypothesis, MatchResult
-from matching.se2 import Array
 from matching.search.rigid_fit import fit_pairs
 
 LISTED = 10  # hypotheses in the answer

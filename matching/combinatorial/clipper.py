@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from matching.se2 import Array
+from data.geometry.se2 import Array
 
 INNER, OUTER = 200, 1000
 STEP_TOLERANCE, VALUE_TOLERANCE, ZERO = 1e-8, 1e-9, 1e-9

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.combinatorial.affinity import Compared, Datums, wall_affinity
 from matching.combinatorial.sets import AgreeingSet, Clock, Pairs
 from matching.combinatorial.settings import CombinatorialSettings, Planes
-from matching.se2 import Array
 
 CHUNK = 1 << 17  # combinations judged at once
 LEAST_COS, MOST_SIN = 0.8, 0.2  # of the plan's turn, where it must be upright

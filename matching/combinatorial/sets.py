@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.combinatorial.clipper import densest
-from matching.se2 import Array
 
 CHUNK, ENTRIES = 4096, 1 << 20  # tried at once: so many, of so many affinities together
 Affinity = Callable[[Index], Array]  # (B, n) A datums of the n S datums -> (B, n, n), 1 on the diagonal

@@ -7,12 +7,12 @@ corners that match a map. Every other place where it fits is a rival, however th
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry import se2
+from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching import se2
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene, judge
 from matching.deformation.field_loops import of_direction, off_lines
-from matching.se2 import Array
 from matching.search.corners import corners
 from matching.search.evidence import SEEN
 from matching.search.plan_walls import PlanWalls

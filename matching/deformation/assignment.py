@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index, Walls
 from matching.deformation.deformed_hypotheses import Bent
 from matching.deformation.field_loops import Loops, compared, laid, turns
-from matching.se2 import Array
 from matching.search.assignment import Pairs
 from matching.search.confidence import room_confidence, surface_confidence
 

@@ -12,8 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from data.geometry import se2
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
-from matching import se2
 from matching.arrays.doors import doors
 from matching.arrays.walls import Index, arrays
 from matching.deformation.alternative_placements import rivals
@@ -23,7 +24,6 @@ from matching.deformation.field_rigid import distinct, rigid
 from matching.deformation.guided_field import Led, begun, led
 from matching.deformation.local_motions import local_motions, seeds
 from matching.deformation.local_restarts import settled
-from matching.se2 import Array
 from matching.search.groups import groups
 from matching.search.hypotheses import between_graphs
 from matching.search.plan_walls import PlanWalls

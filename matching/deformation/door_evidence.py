@@ -8,9 +8,9 @@ in a room that the map took for two. Chance is a door of the plan at a random pl
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
-from matching.se2 import Array
 
 SIGMAS = np.array([0.15, 0.45])  # metres, of both axes
 SHARES = np.array([0.75, 0.25])  # of the doors that are off by so much

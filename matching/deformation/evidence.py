@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.deformation.door_evidence import door_evidence
 from matching.deformation.field import Fields, Judged, Scene, chi2, judge
-from matching.se2 import Array
 from matching.search.evidence import (
     END_SIGMAS,
     END_TRUST,

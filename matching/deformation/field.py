@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 
 from data.common.compiled import compiled
-from matching import se2
+from data.geometry import se2
+from data.geometry.se2 import Array
 from matching.arrays.blocks import elimination
 from matching.arrays.doors import Doors
 from matching.arrays.walls import Index, Walls
 from matching.deformation.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
-from matching.se2 import Array
 from matching.search.groups import Groups
 from matching.search.plan_walls import PlanWalls
 

@@ -3,11 +3,11 @@
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
 from matching.deformation.field_loops import Loops, laid, of_direction, off_lines, turns
-from matching.se2 import Array
 
 GATE_M = 2.0  # metres across and beyond the ends, of pairs that are considered at all
 GATE_RAD = float(np.radians(25))

@@ -3,11 +3,11 @@
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
 from matching.deformation.field_loops import Loops, laid, turns
-from matching.se2 import Array
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD
 
 LEAST_WEIGHT = 1e-6  # of a wall that is not explained

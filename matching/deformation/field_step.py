@@ -8,12 +8,12 @@ neighbours may have been met far apart on it.
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays.blocks import solve
 from matching.arrays.walls import Index
 from matching.deformation.field import Scene
 from matching.deformation.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
-from matching.se2 import Array
 from matching.search.scoring import SIGMA_ALONG
 
 ROBUST = 3.0  # of the deviations of a step, from where on neighbours hold one another less

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
 from matching.deformation.field_loops import Loops
 from matching.deformation.field_partners import nearest, partners
 from matching.deformation.field_step import stepped
-from matching.se2 import Array
 
 FRESH_M, FRESH_RAD = 0.6, float(np.radians(6))  # that a group may move before its walls' partners are sought anew
 

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene, chi2, explained
 from matching.deformation.field_step import step
-from matching.se2 import Array
 from matching.search.scoring import SIGMA_SCORE
 
 ASIDE = 0.45  # metres, along both axes of the plan, both ways

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays.neighbours import nearest_walls
 from matching.arrays.walls import Index, Walls, arrays, storeys
-from matching.se2 import Array
 
 Array32 = NDArray[np.float32]
 NEIGHBOURS = 16  # of each node

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching import se2
-from matching.se2 import Array
+from data.geometry import se2
+from data.geometry.se2 import Array
 from matching.search.confidence import room_confidence, surface_confidence
 from matching.search.hypotheses import Placement
 

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from matching.se2 import Array
+from data.geometry.se2 import Array
 
 RIVAL_SCALE = 1.0  # nats of evidence that count as one, between two places
 NOWHERE_SCALE = 1.5  # and between a place and none

@@ -7,8 +7,8 @@ with a density `rho` (walls a metre). The precision of the map is not known, so 
 
 import numpy as np
 
-from matching import se2
-from matching.se2 import Array
+from data.geometry import se2
+from data.geometry.se2 import Array
 from matching.search.scoring import BEND, SIGMA_HEADING, Fit, Pairing
 
 SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely beforehand

@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays.doors import Doors, doors
 from matching.arrays.walls import Index, Walls, storeys
-from matching.se2 import Array
 from matching.search.corners import corners
 from matching.search.voting import Marks
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays.walls import Index, Walls
-from matching.se2 import Array
 
 MOST = 8  # proposals that are kept of one S surface or room
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from data.geometry import se2
-from matching.se2 import Array
+from data.geometry.se2 import Array
 
 ROOM_WEIGHT = 0.1  # of a centre, beside a wall: it decides only where walls leave the place open
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from matching import se2
-from matching.se2 import Array
+from data.geometry import se2
+from data.geometry.se2 import Array
 
 START_M, START_RAD = 3.0, np.radians(60)
 Start = tuple[float, float, float]  # x, y, yaw of the map's origin in the BIM frame, metres and radians

@@ -3,9 +3,9 @@
 import time
 from collections import Counter
 
+from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.result import Hypothesis, MatchResult, Pair
-from matching.se2 import Array
 from matching.search.start import Start, near_start
 
 

@@ -23,7 +23,6 @@ from data.common.processes import cores, environment
 LIMIT_S = 120.0  # for a library to load and do its small piece
 LEAST_MEMORY_GB, ENOUGH_MEMORY_GB = 1.0, 2.0  # a run with the learned matcher takes 1 GB in its process
 EXTRAS = {
-    "bench": "measurements beside other systems",
     "dxf": "DXF drawings as plans",
     "scans": "LAS, LAZ and E57 scans",
     "mesh": "COLLADA meshes of buildings",
