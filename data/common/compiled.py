@@ -1,16 +1,53 @@
 """Functions compiled to machine code, for the few loops over points or pairs that numpy has no word for."""
 
-import gc
-import os
-from collections.abc import Callable, Iterator
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from hashlib import blake2b
+from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import njit, types
-from numba.core import event
-from numba.core.dispatcher import Dispatcher
+from numba import config, njit, types
 from numba.extending import intrinsic
 
+from data.common.build import PACKAGES
+
 _F = TypeVar("_F", bound=Callable[..., object])
+MOST_VERSIONS = 5  # on disk, of some 12 MB each
+
+
+def sources(root: Path) -> list[Path]:
+    """The files that compiled functions and the numbers in them are from: those with the word `compiled`."""
+    files = (path for package in PACKAGES for path in sorted((root / package).rglob("*.py")))
+    return [path for path in files if b"compiled" in path.read_bytes()]
+
+
+def version(root: Path) -> str:
+    """A hash of the sources. By itself numba looks at a function's own file alone, and goes on with the old functions
+    and numbers of others after an update."""
+    digest = blake2b(digest_size=8)
+    for path in sources(root):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def folder(parent: Path, version: str) -> Path:
+    """Where a version's machine code is kept, made if need be; the oldest of other versions then go.
+
+    Where it cannot be made numba looks for another place.
+    """
+    chosen = parent / f"sgslam-{version}"
+    with suppress(OSError):
+        if not chosen.is_dir():
+            chosen.mkdir(parents=True)
+            known = sorted(parent.glob("sgslam-*"), key=lambda path: path.stat().st_mtime)
+            for old in known[:-MOST_VERSIONS]:
+                shutil.rmtree(old, ignore_errors=True)
+    return chosen
+
+
+_HERE = Path(__file__).resolve().parent
+FOLDER = folder(Path(config.CACHE_DIR or _HERE / "__pycache__"), version(_HERE.parent))
 
 
 def compiled(function: _F) -> _F:
@@ -30,54 +67,14 @@ def compiled_within(function: _F) -> _F:
 
 def _compiled(function: _F, inline: str) -> _F:
     options = {"nogil": True, "error_model": "numpy", "inline": inline, "no_cfunc_wrapper": True}
+    others, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)  # for ours alone, not for an application's own functions
     try:
-        fast: Any = njit(function, cache=True, **options)
+        fast: _F = njit(function, cache=True, **options)
     except RuntimeError:  # "cannot cache function: no locator available"
         fast = njit(function, **options)
-    else:
-        key = fast._cache._index_key
-        fast._cache._index_key = lambda *kind: (*key(*kind), *_made_of(function, {function}))
-    kept: _F = fast
-    return kept
-
-
-def _made_of(function: Callable[..., object], known: set[Callable[..., object]]) -> Iterator[tuple[object, ...]]:
-    """What the machine code of a function holds of other files, to be kept with it: the compiled functions that it
-    calls, as their files are now, and the numbers. By itself numba looks at a function's own file alone, and goes on
-    with the old ones of others after an update."""
-    for name in function.__code__.co_names:
-        value = function.__globals__.get(name)
-        if isinstance(value, int | float | tuple):
-            yield name, repr(value)
-        elif isinstance(value, Dispatcher) and value.py_func not in known:
-            known.add(value.py_func)
-            path = value.py_func.__code__.co_filename
-            state = os.stat(path) if os.path.exists(path) else None
-            yield name, state and (state.st_mtime_ns, state.st_size)
-            yield from _made_of(value.py_func, known)
-
-
-class _Uncollected(event.Listener):  # type: ignore[misc]
-    """No search for garbage while functions are compiled: it takes a fifth of that time, and finds hardly any."""
-
-    def __init__(self) -> None:
-        self._depth, self._before = 0, False
-
-    def on_start(self, event: event.Event) -> None:
-        """A function may lead to others that are compiled within it."""
-        if self._depth == 0:
-            self._before = gc.isenabled()
-            gc.disable()
-        self._depth += 1
-
-    def on_end(self, event: event.Event) -> None:
-        """Also where it cannot be compiled."""
-        self._depth -= 1
-        if self._depth == 0 and self._before:
-            gc.enable()
-
-
-event.register("numba:compile", _Uncollected())
+    finally:
+        config.CACHE_DIR = others
+    return fast
 
 
 @intrinsic  # type: ignore[untyped-decorator]
@@ -91,11 +88,3 @@ def power_of_two(typing_context: Any, exponent: Any) -> Any:
         return builder.bitcast(bits, real)
 
     return types.float32(types.float32), code
-
-
-@compiled
-def _first(number: float) -> float:
-    return number
-
-
-_first(0.0)  # numba makes itself ready at its first call, a quarter of a second: at import, not in a robot's first scan

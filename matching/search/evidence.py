@@ -11,6 +11,7 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from matching.search.scoring import BEND, SIGMA_HEADING, Fit, Pairing
 
+# in compiled functions too, of `bent_evidence`
 SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely beforehand
 NOT_IN_PLAN = 0.3  # prior of an S wall, over its length in metres: cupboards are short
 NOT_IN_PLAN_BOUNDS = (0.04, 0.3)

@@ -20,7 +20,7 @@ RIVALS = 4  # beyond so many
 KEPT = 12  # placements that are worked out
 PER_STOREY = 3  # of them at least, from every storey
 CELL = 6.0  # metres
-DISTINCT_M, DISTINCT_RAD = 0.5, np.radians(5)
+DISTINCT_M, DISTINCT_RAD = 0.5, np.radians(5)  # in a compiled function too, of `field_rigid`
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,13 @@
 """Small work: whether torch works here, a matcher's first answer, and a network's file to try readers on."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from data.common.compiling import helped
+from data.common.compiled import FOLDER
+from data.common.compiling import on_two_cores
+from data.common.processes import cores
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
 from matching.arrays.walls import Walls
 from matching.matcher import Matcher
@@ -21,8 +24,11 @@ def work() -> None:
 def make_ready(matcher: Matcher, method: str) -> None:
     """Has a matcher answer on three small rooms: its compiled loops are loaded then, or compiled, and not when a robot
     waits for its first answer. `method` is the name that it was loaded by."""
-    if method.partition("@")[0] == "learned":  # the one of which there is much to compile
-        helped(propose, [search])
+    done = FOLDER / "learned"  # the one method of which there is much to compile
+    if method.partition("@")[0] == "learned" and FOLDER.is_dir() and not done.exists() and cores() > 1:
+        on_two_cores(propose, search)
+        with suppress(OSError):
+            done.touch()
     plan = three_rooms()
     matcher.match(plan, plan)
 
