@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from plans import a_graph, flat
-from s_graph_noise import draw
 
 from data import Room, SceneGraph, WallSurface
 from data.common.errors import UserError
+from data.synthetic_maps.noise_models import draw
 from evaluation.metrics.matches import matching_scores, unique_is_wrong
 from evaluation.metrics.statistics import Score
 from evaluation.metrics.true_matches import TrueMatches, true_matches
@@ -145,11 +145,11 @@ def test_a_unique_answer_without_a_motion_is_refused() -> None:
 
 def test_the_matcher_on_a_drawn_map_and_the_same_answer_against_a_wrong_place() -> None:
     plan = a_graph(flat(np.random.default_rng(3)), "ground")
-    drawn = draw(plan, np.random.default_rng(1), 6)
-    result = Matcher.load().match(drawn.s, plan)
-    truth = true_matches(drawn.s, plan, se2_to_se3(*drawn.T_a_s.tolist()))
-    scores = matching_scores(result, truth, drawn.s)
+    drawn = draw(plan, "real", np.random.default_rng(1), 6)
+    result = Matcher.load().match(drawn.s_graph, plan)
+    truth = true_matches(drawn.s_graph, plan, se2_to_se3(*drawn.T_a_s))
+    scores = matching_scores(result, truth, drawn.s_graph)
     assert result.status == "unique" and not unique_is_wrong(result, truth)
     assert scores.rooms.f1 == 1 and scores.wall_surfaces.f1 is not None and scores.wall_surfaces.f1 > 0.85
-    yaw, x, y = drawn.T_a_s.tolist()
-    assert unique_is_wrong(result, true_matches(drawn.s, plan, se2_to_se3(yaw + np.pi, x, y)))
+    yaw, x, y = drawn.T_a_s
+    assert unique_is_wrong(result, true_matches(drawn.s_graph, plan, se2_to_se3(yaw + np.pi, x, y)))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from commands import refused
 from plans import a_graph, flat, merged
-from s_graph_noise import draw
 
 from data import Floor, SceneGraph
+from data.synthetic_maps.noise_models import draw
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -24,7 +24,7 @@ def graphs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("graphs")
     plan = a_graph(flat(np.random.default_rng(3)), "ground")
     plan.save(folder / "a.json")
-    draw(plan, np.random.default_rng(1), 5).s.save(folder / "s.json")
+    draw(plan, "real", np.random.default_rng(1), 5).s_graph.save(folder / "s.json")
     return folder
 
 
@@ -60,7 +60,7 @@ def test_a_storey_of_a_map_of_several_is_matched_with_a_storey_of_the_plan(graph
     plan, part = (SceneGraph.load(graphs / name) for name in ("a.json", "s.json"))
     upper = a_graph(flat(np.random.default_rng(4)), "upper", "upper")
     merged(plan, upper).save(graphs / "storeys.json")
-    other = draw(upper, np.random.default_rng(1), 4).s
+    other = draw(upper, "real", np.random.default_rng(1), 4).s_graph
     merged(in_floor(part, "first"), in_floor(other, "second")).save(graphs / "both.json")
     given = ["--s-graph", graphs / "both.json", "--a-graph", graphs / "storeys.json", "--out", graphs / "one.json"]
     listed = "first (storey first), second (storey second)"

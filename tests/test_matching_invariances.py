@@ -1,4 +1,4 @@
-"""What must not matter to the voting matcher: frames, the order of nodes, and what stands far away."""
+"""What must not matter to a matcher, whatever proposes: frames, the order of nodes, and what stands far away."""
 
 from dataclasses import replace
 
@@ -11,25 +11,30 @@ from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import Matcher, MatchResult
 from matching.arrays.walls import storeys
+from matching.deformation.matcher import BentMatcher
+from matching.search.voting_proposals import voting_proposals
 
-MATCHER = Matcher.load()
+MATCHERS = {name: Matcher.load(name) for name in ("learned", "voting")}
+MATCHERS["voted"] = Matcher(BentMatcher(voting_proposals))
 PLANS = {
     "flat": a_graph(flat(np.random.default_rng(5)), "ground"),
     "offices": a_graph(offices([3.1, 4.2, 2.7, 5.0, 3.6], [4.4, 3.0, 6.1, 5.2]), "ground"),
 }
-FAR = moved(a_graph(flat(np.random.default_rng(6)), "ground", "far/"), 0.3, 700.0, -400.0)
+OTHER = a_graph(flat(np.random.default_rng(6)), "ground", "far/")
+FAR = moved(OTHER, 0.3, 700.0, -400.0)
 CASES = [
-    (plan, regime, rooms)
+    ("learned", plan, regime, rooms)
     for plan in PLANS
     for regime, rooms in (("real", 3), ("drift", 6), ("messy", 5), ("paper", None))
-]
+] + [(method, "flat", regime, 6) for method in ("voting", "voted") for regime in ("real", "drift")]
+Case = tuple[Matcher, SceneGraph, DrawnGraph, MatchResult]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=str)
-def case(request: pytest.FixtureRequest) -> tuple[SceneGraph, DrawnGraph, MatchResult]:
-    plan, regime, rooms = request.param
+def case(request: pytest.FixtureRequest) -> Case:
+    method, plan, regime, rooms = request.param
     drawn = draw(PLANS[plan], regime, np.random.default_rng(1), rooms)
-    return PLANS[plan], drawn, MATCHER.match(drawn.s_graph, PLANS[plan])
+    return MATCHERS[method], PLANS[plan], drawn, MATCHERS[method].match(drawn.s_graph, PLANS[plan])
 
 
 def assert_same(before: MatchResult, after: MatchResult, expected: se2.Array) -> None:
@@ -46,19 +51,19 @@ def assert_same(before: MatchResult, after: MatchResult, expected: se2.Array) ->
 
 
 @pytest.mark.parametrize("of", ["map", "plan"])
-def test_the_frames_may_lie_anywhere(case: tuple[SceneGraph, DrawnGraph, MatchResult], of: str) -> None:
-    plan, drawn, before = case
+def test_the_frames_may_lie_anywhere(case: Case, of: str) -> None:
+    matcher, plan, drawn, before = case
     T = np.array([2.3, 310.0, -45.0])
     T_a_s = np.array(before.hypotheses[0].T_a_s)
     if of == "map":
-        after, expected = MATCHER.match(moved(drawn.s_graph, *T), plan), se2.compose(T_a_s, se2.inverse(T))
+        after, expected = matcher.match(moved(drawn.s_graph, *T), plan), se2.compose(T_a_s, se2.inverse(T))
     else:
-        after, expected = MATCHER.match(drawn.s_graph, moved(plan, *T)), se2.compose(T, T_a_s)
+        after, expected = matcher.match(drawn.s_graph, moved(plan, *T)), se2.compose(T, T_a_s)
     assert_same(before, after, expected)
 
 
-def test_the_order_of_nodes_tells_nothing(case: tuple[SceneGraph, DrawnGraph, MatchResult]) -> None:
-    plan, drawn, before = case
+def test_the_order_of_nodes_tells_nothing(case: Case) -> None:
+    matcher, plan, drawn, before = case
     rng = np.random.default_rng(0)
 
     def shuffled(graph: SceneGraph) -> SceneGraph:
@@ -66,13 +71,15 @@ def test_the_order_of_nodes_tells_nothing(case: tuple[SceneGraph, DrawnGraph, Ma
         walls = tuple(graph.wall_surfaces[k] for k in rng.permutation(len(graph.wall_surfaces)))
         return replace(graph, rooms=rooms, wall_surfaces=walls)
 
-    after = MATCHER.match(shuffled(drawn.s_graph), shuffled(plan))
+    after = matcher.match(shuffled(drawn.s_graph), shuffled(plan))
     assert_same(before, after, np.array(before.hypotheses[0].T_a_s))
 
 
-def test_a_building_far_away_changes_nothing(case: tuple[SceneGraph, DrawnGraph, MatchResult]) -> None:
-    plan, drawn, before = case
-    assert_same(before, MATCHER.match(drawn.s_graph, merged(FAR, plan)), np.array(before.hypotheses[0].T_a_s))
+@pytest.mark.parametrize("at", [(700.0, -400.0), (80_000.0, -20_000.0)])
+def test_a_building_far_away_changes_nothing(case: Case, at: tuple[float, float]) -> None:
+    matcher, plan, drawn, before = case
+    site = merged(moved(OTHER, 0.3, *at), plan)
+    assert_same(before, matcher.match(drawn.s_graph, site), np.array(before.hypotheses[0].T_a_s))
 
 
 def test_land_that_is_not_built_on_does_not_count() -> None:

@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 from plans import SHARED, moved, swiss
-from s_graph_noise import draw
 
 from data import SceneGraph
 from data.geometry import se2
+from data.synthetic_maps.noise_models import draw
 from matching import Matcher
 
 pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}")
@@ -38,18 +38,18 @@ def test_real_floors_with_the_noise_of_real_scans():
     plans = {name: swiss(name) for name in names}
     unique = right = 0
     for n, name in enumerate(names):
-        truth = draw(plans[name], np.random.default_rng(n), 6)
-        result = MATCHER.match(truth.s, plans[name])
-        centre = truth.s.centroid()
+        truth = draw(plans[name], "real", np.random.default_rng(n), 6)
+        result = MATCHER.match(truth.s_graph, plans[name])
+        centre = truth.s_graph.centroid()
         T_a_s = np.array(result.hypotheses[0].T_a_s)
-        off = np.hypot(*(se2.apply(T_a_s, centre) - se2.apply(truth.T_a_s, centre)))
+        off = np.hypot(*(se2.apply(T_a_s, centre) - se2.apply(np.array(truth.T_a_s), centre)))
         right += bool(off < 0.5)
         if result.status == "unique":
             unique += 1
             assert off < 0.5
             assert {(s, a) for s, a, _ in result.rooms} <= set(truth.rooms.items())
         elsewhere = names[(n + 4) % len(names)]
-        assert MATCHER.match(truth.s, plans[elsewhere]).status != "unique", (name, elsewhere)
+        assert MATCHER.match(truth.s_graph, plans[elsewhere]).status != "unique", (name, elsewhere)
     assert unique >= 0.9 * len(names) and right >= 0.9 * len(names)
 
 
@@ -61,11 +61,11 @@ def test_a_storey_among_the_storeys_of_an_office_building_with_equal_offices():
     floor = next(f.id for f in loaded.graph.floors if f.elevation == 0)
     unique = 0
     for seed in range(6):
-        truth = draw(loaded.graph.on_floor(floor), np.random.default_rng(seed), 9)
-        result = MATCHER.match(truth.s, loaded.graph)
+        truth = draw(loaded.graph.on_floor(floor), "real", np.random.default_rng(seed), 9)
+        result = MATCHER.match(truth.s_graph, loaded.graph)
         if result.status == "unique":
             unique += 1
             assert result.floor == floor
             assert {(s, a) for s, a, _ in result.rooms} <= set(truth.rooms.items())
-        assert MATCHER.match(truth.s, office).status != "unique"
+        assert MATCHER.match(truth.s_graph, office).status != "unique"
     assert unique >= 4
