@@ -263,10 +263,6 @@ def test_the_best_proposals_are_kept_in_order():
     dense = np.array([[0.1, 0.0, 0.7, 0.2], [0.0, 0.0, 0.0, 0.0]])
     top = TopK.of_dense(dense, 2)
     assert top.partner.tolist() == [[2, 3], [-1, -1]] and top.score[0].tolist() == [0.7, 0.2]
-    i, j = np.nonzero(dense)
-    sparse = TopK.of_pairs(i, j, dense[i, j], 2, 2)
-    np.testing.assert_array_equal(sparse.partner, top.partner)
-    np.testing.assert_array_equal(sparse.score, top.score)
     with pytest.raises(UserError, match="probabilities"):
         TopK.of_dense(np.array([[1.2]]))
 

@@ -13,7 +13,7 @@ from evaluation.matching_benchmark.oracle import oracle_match
 from evaluation.metrics.matches import matching_scores, unique_is_wrong
 from evaluation.metrics.true_matches import TrueMatches
 from matching import MatchResult
-from matching.ambiguity.symmetries import is_twin, twins
+from matching.ambiguity.symmetries import twins
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 
@@ -35,7 +35,7 @@ def test_a_rectangular_room_alone_has_its_half_turn_as_a_twin() -> None:
     (twin,) = twins(seen(plan, ["room0"]), plan)
     assert abs(abs(twin.T_a_s[0]) - np.pi) < 1e-6 and np.allclose(twin.T_a_s[1:], (5, 3), atol=1e-6)
     assert abs(twin.nats) < 1e-6
-    assert not is_twin(seen(plan, ["room0", "room1"]), plan)
+    assert not twins(seen(plan, ["room0", "room1"]), plan)
 
 
 def test_a_mirrored_flat_is_a_twin_only_if_a_motion_reaches_it() -> None:
@@ -44,7 +44,7 @@ def test_a_mirrored_flat_is_a_twin_only_if_a_motion_reaches_it() -> None:
     mirrored = merged(left, moved(right, 0, 30, 0, mirror=True))
     turned = merged(left, moved(right, np.pi, 30, 0))
     drawn = seen(left, ["room0", "room1", "room2"])
-    assert not is_twin(drawn, mirrored)
+    assert not twins(drawn, mirrored)
     (twin,) = twins(drawn, turned)
     assert np.allclose(np.abs(twin.T_a_s), (np.pi, 30, 0), atol=1e-6)
 
@@ -58,8 +58,8 @@ def test_equal_offices_are_twins_as_far_as_noise_hides_their_difference(deeper: 
 
 def test_a_row_of_offices_hides_where_one_is_until_its_end_is_seen() -> None:
     row = a_graph([*offices([3.0] * 6, [3.0] * 6), box(19, -4, 6, 5.5)])
-    assert is_twin(seen(row, ["room1", "room2"]), row)
-    assert not is_twin(seen(row, [r.id for r in row.rooms]), row)  # the odd room breaks the symmetry
+    assert twins(seen(row, ["room1", "room2"]), row)
+    assert not twins(seen(row, [r.id for r in row.rooms]), row)  # the odd room breaks the symmetry
 
 
 def test_equal_storeys_are_twins_and_others_are_not() -> None:
@@ -67,7 +67,7 @@ def test_equal_storeys_are_twins_and_others_are_not() -> None:
     other = merged(PLAN, a_graph(flat(np.random.default_rng(4)), "upper", "upper"))
     for seed in range(3):
         drawn = draw(PLAN, "drift", np.random.default_rng(seed), 6)
-        assert not is_twin(drawn, other)
+        assert not twins(drawn, other)
         (twin,) = twins(drawn, equal)
         assert twin.floor == "upper" and twin.nats < 0.1
         assert np.allclose(twin.T_a_s, drawn.T_a_s, atol=0.05)
@@ -100,8 +100,8 @@ def test_a_bent_map_may_lie_where_a_rigid_one_cannot() -> None:
     """The two rows differ by 0.3 m in how far their rooms are shifted against each other."""
     rooms = [box(0, 0, 5, 3), box(5.1, 1.0, 4, 6), box(40, 0, 5, 3), box(45.1, 1.3, 4, 6)]
     plan = a_graph(rooms)
-    assert not is_twin(seen(plan, ["room0", "room1"]), plan)
-    assert is_twin(seen(plan, ["room0", "room1"], bent=True), plan)
+    assert not twins(seen(plan, ["room0", "room1"]), plan)
+    assert twins(seen(plan, ["room0", "room1"], bent=True), plan)
 
 
 def test_the_frames_do_not_matter() -> None:
@@ -158,8 +158,8 @@ def test_doors_that_stand_otherwise_make_equal_offices_no_twins() -> None:
 
     alike = dataclasses.replace(row, doors=doors([-1.0] * 12))
     otherwise = dataclasses.replace(row, doors=doors([-1.0, 1.0, -0.6, -1.0, -1.0, -1.0, *[1.2, 0.0] * 3]))
-    assert is_twin(of_two(row), row) and is_twin(of_two(alike), alike)
-    assert not is_twin(of_two(otherwise), otherwise)
+    assert twins(of_two(row), row) and twins(of_two(alike), alike)
+    assert not twins(of_two(otherwise), otherwise)
 
 
 def test_no_clutter_is_as_long_as_a_corridor() -> None:

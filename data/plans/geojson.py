@@ -9,7 +9,6 @@ import math
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ import shapely.geometry
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.common.json_files import read_json
 from data.geometry.areas import Area, polygons_of, united
 from data.plans.flat_plan import FlatStorey, graph_of_storeys
 from data.plans.polygons_json import is_room
@@ -67,11 +65,6 @@ class _Feature:
             if abs(value) < LARGEST:
                 return value
         return None
-
-
-def read_geojson(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
-    """The A-graph of a file; see `plan_of`. Raises UserError where it is no GeoJSON as well."""
-    return plan_of(read_json(path, "a plan as GeoJSON"), str(path))
 
 
 def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:

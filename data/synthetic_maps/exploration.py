@@ -239,15 +239,18 @@ def _neighbours(pairs: list[tuple[int, int]], count: int) -> list[list[int]]:
     return [sorted(n) for n in near]
 
 
+def components(neighbours: list[list[int]]) -> Index:
+    """(rooms,) labels from 0 up, equal for rooms that hang together."""
+    from scipy.sparse import csr_array  # slow to import
+    from scipy.sparse.csgraph import connected_components
+
+    near = np.array([k for of in neighbours for k in of], dtype=np.int64)
+    ends = np.cumsum([0, *map(len, neighbours)])
+    graph = csr_array((np.ones(len(near)), near, ends), shape=(len(neighbours), len(neighbours)))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
 def _sizes(neighbours: list[list[int]], walls_of: list[Index]) -> Index:
-    size = np.zeros(len(neighbours), dtype=np.int64)
-    for start in range(len(neighbours)):
-        if size[start]:
-            continue
-        component, todo = {start}, [start]
-        while todo:
-            new = [k for k in neighbours[todo.pop()] if k not in component]
-            component.update(new)
-            todo += new
-        size[list(component)] = max(1, sum(len(walls_of[k]) > 0 for k in component))
-    return size
+    label = components(neighbours)
+    walled = np.bincount(label[[len(walls) > 0 for walls in walls_of]], minlength=len(neighbours))
+    return np.maximum(walled, 1)[label]

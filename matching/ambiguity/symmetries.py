@@ -55,11 +55,6 @@ class Twin:
     nats: float
 
 
-def is_twin(drawn: DrawnGraph, a: SceneGraph) -> bool:
-    """Whether another place in the A-graph explains as well what the S-graph saw."""
-    return bool(twins(drawn, a))
-
-
 def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
     """The other places, least told apart from the truth first; distinct as the hypotheses of an answer are.
 

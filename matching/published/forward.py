@@ -11,12 +11,12 @@ from matching.published.network import Nodes
 from matching.published.weights import load_paper_network
 
 
-def paper_forward(s: SceneGraph, a: SceneGraph, preset: str = "published") -> Callable[[], Tensor]:
+def paper_forward(s: SceneGraph, a: SceneGraph) -> Callable[[], Tensor]:
     """What computes the (A nodes, S nodes) assignment, each time anew; the graphs' tensors are made here, once.
 
-    Raises UserError where the preset's weights are missing.
+    Raises UserError where the weights are missing.
     """
-    network = load_paper_network(preset)
+    network = load_paper_network("published")
     settings = network.settings
     ours, theirs = (Nodes.of([paper_graph(g, settings.edges, settings.without)]) for g in (a, s))
 

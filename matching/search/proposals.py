@@ -37,19 +37,6 @@ class TopK:
         value = np.clip(np.take_along_axis(score, best, axis=1), 0.0, 1.0)
         return TopK(np.where(value > 0, best, -1), value)
 
-    @staticmethod
-    def of_pairs(rows: Index, columns: Index, score: Array, count: int, most: int = MOST) -> "TopK":
-        """The best `most` of each of `count` rows, from pairs (E,), none given twice."""
-        order = np.lexsort((columns, -score, rows))
-        rows, columns, score = rows[order], columns[order], score[order]
-        rank = np.arange(len(rows)) - np.searchsorted(rows, rows)
-        kept = (rank < most) & (score > 0)
-        wide = int(rank[kept].max(initial=-1)) + 1
-        partner, value = np.full((count, wide), -1), np.zeros((count, wide))
-        partner[rows[kept], rank[kept]] = columns[kept]
-        value[rows[kept], rank[kept]] = np.clip(score[kept], 0.0, 1.0)
-        return TopK(partner, value)
-
 
 @dataclass(frozen=True)
 class Proposals:
@@ -59,9 +46,9 @@ class Proposals:
     rooms: TopK
 
     @staticmethod
-    def of_dense(walls: NDArray[np.floating[Any]], rooms: NDArray[np.floating[Any]], most: int = MOST) -> "Proposals":
+    def of_dense(walls: NDArray[np.floating[Any]], rooms: NDArray[np.floating[Any]]) -> "Proposals":
         """From tables (surfaces of S, surfaces of A) and (rooms of S, rooms of A) of probabilities."""
-        return Proposals(TopK.of_dense(walls, most), TopK.of_dense(rooms, most))
+        return Proposals(TopK.of_dense(walls), TopK.of_dense(rooms))
 
 
 Proposer = Callable[[SceneGraph, SceneGraph, Walls], Proposals]  # of a map, a plan, and the map's wall surfaces

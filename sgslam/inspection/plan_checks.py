@@ -10,7 +10,7 @@ import shapely
 
 from data import Door, Room, SceneGraph
 from data.geometry.areas import overlap, polygons_of
-from data.synthetic_maps.exploration import Storey, storeys_of
+from data.synthetic_maps.exploration import Storey, components, storeys_of
 
 SHARED_M2, SHARED = 0.5, 0.05  # of a room's area: more of it in another room's than walls drawn twice leave
 STOREY_M = (1.8, 12.0)  # from floor to floor
@@ -132,18 +132,8 @@ def _units(a: SceneGraph) -> Iterator[Gap]:
 
 def _parts(neighbours: list[list[int]]) -> list[list[int]]:
     """Rooms that hang together, the largest part first."""
-    left, parts = set(range(len(neighbours))), []
-    while left:
-        todo = [min(left)]
-        left -= set(todo)
-        part = []
-        while todo:
-            part.append(todo.pop())
-            new = [k for k in neighbours[part[-1]] if k in left]
-            left -= set(new)
-            todo += new
-        parts.append(sorted(part))
-    return sorted(parts, key=len, reverse=True)
+    label = components(neighbours)
+    return sorted((np.flatnonzero(label == k).tolist() for k in np.unique(label)), key=len, reverse=True)
 
 
 def _named(rooms: list[Room], most: int = 5) -> str:
