@@ -1,28 +1,35 @@
 """KISS-ICP (Vizzo et al., RA-L 2023) with an indoor voxel size, and a check on each step."""
 
+import functools
 import logging
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import State
-from sgslam.odometry.steps import far_apart, plausible, search
+from sgslam.odometry.steps import explained, far_apart, plausible, search
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _KERNEL = 0.5  # m, of the registration in a search
 _NEAR = 0.3  # m; a point this close to the map counts as explained by it
 _SPACING = 0.25  # m and rad between the scans of the local map while others find the steps
+_SUDDEN = 0.4  # m or rad by which a step may differ from the expected one before the map is asked
+_LEAST = 20  # points that a registration needs
+_PATIENCE = 5  # scans in a row that may find no place in the map, before it is begun afresh
 
 
 class KissOdometry:
     """KISS-ICP's steps, those of `KissICP.register_frame`.
 
-    A step that no sensor carried through a building makes (it tips over, or leaps) is searched anew, from standing
-    still and from turns about the vertical; if nothing fits, the local map is begun afresh where the sensor was last.
+    A step that no sensor carried through a building makes (it tips over, or leaps), or that is unexpected and leaves
+    most of the scan unexplained, is searched anew, from standing still and from turns about the vertical. A scan that
+    fits nowhere, or has next to no points, is taken to go on as the last one did and leaves the local map alone; after
+    some in a row that fit nowhere, the map is begun afresh.
     """
 
     upright_only = True  # it pairs points with points, and those of floor and ceiling drag it along the scan rings
@@ -42,24 +49,26 @@ class KissOdometry:
         self._kiss = KissICP(config)
         adaptive = config.adaptive_threshold
         self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, settings.max_range)
-        self._scans = 0
+        self._lost, self._scans = 0, 0  # scans in a row that found no place in the map, and all
         self._mapped = np.eye(4)  # where the newest scan of the local map was taken
 
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """See `Odometry.register`."""
         kiss = self._kiss
         frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
-        source, for_map = kiss.voxelize(frame)
-        sigma = self._threshold.sigma
-        guess = kiss.last_pose @ (kiss.last_delta if expected_step is None else expected_step)
-        pose = self._align(source, guess, sigma)
-        if self._scans and not plausible(inverse(kiss.last_pose) @ pose, self._settings):
-            pose = self._search(source)
-            self._threshold.update(np.eye(4))
-        else:
-            self._threshold.update(inverse(guess) @ pose)
-        kiss.local_map.update(for_map, pose)
-        self._mapped = pose
+        pose = kiss.last_pose @ (kiss.last_delta if expected_step is None else expected_step)
+        if len(frame) >= _LEAST:
+            source, for_map = kiss.voxelize(frame)
+            found = self._found(source, pose)
+            self._lost = 0 if found is not None else self._lost + 1
+            if self._lost > _PATIENCE:
+                _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+                kiss.local_map.clear()
+                self._lost = 0
+            pose = pose if found is None else found
+            if not self._lost:
+                kiss.local_map.update(for_map, pose)
+                self._mapped = pose
         kiss.last_delta = inverse(kiss.last_pose) @ pose
         kiss.last_pose = pose
         self._scans += 1
@@ -84,7 +93,7 @@ class KissOdometry:
             "map_points": kiss.local_map.point_cloud().reshape(-1, 3), "mapped": self._mapped.copy(),
             "last_pose": np.array(kiss.last_pose), "last_delta": np.array(kiss.last_delta),
             "threshold": np.array([self._threshold.squares, self._threshold.count]),
-            "scans": np.array([self._scans], float),
+            "lost": np.array([self._lost], float), "scans": np.array([self._scans], float),
         }  # fmt: skip
 
     def restore(self, state: State) -> None:
@@ -95,7 +104,7 @@ class KissOdometry:
         kiss.last_pose, kiss.last_delta = np.array(state["last_pose"]), np.array(state["last_delta"])
         self._mapped = np.array(state["mapped"])
         self._threshold.squares, self._threshold.count = (float(value) for value in state["threshold"])
-        self._scans = int(state["scans"][0])
+        self._lost, self._scans = int(state["lost"][0]), int(state["scans"][0])
 
     def _align(self, source: Floats, guess: Floats, sigma: float) -> Floats:
         return self._kiss.registration.align_points_to_map(
@@ -103,17 +112,22 @@ class KissOdometry:
             max_correspondance_distance=3 * sigma, kernel=sigma,
         )  # fmt: skip
 
-    def _search(self, source: Floats) -> Floats:
-        kiss = self._kiss
-        found = search(
-            source, kiss.last_pose, kiss.local_map.point_cloud().reshape(-1, 3), _NEAR,
-            lambda guess: self._align(source, guess, _KERNEL), self._settings,
-        )  # fmt: skip
-        if found is not None:
-            return found
-        _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
-        kiss.local_map.clear()
-        return kiss.last_pose
+    def _found(self, source: Floats, guess: Floats) -> Floats | None:
+        """T_odom_sensor where the scan finds its place in the map, else None."""
+        kiss, settings = self._kiss, self._settings
+        pose = self._align(source, guess, self._threshold.sigma)
+        if not self._scans:
+            return pose
+        likely = plausible(inverse(kiss.last_pose) @ pose, settings)
+        if likely and not far_apart(guess, pose, _SUDDEN):
+            self._threshold.update(inverse(guess) @ pose)
+            return pose
+        map_points = kiss.local_map.point_cloud().reshape(-1, 3)
+        if likely and len(map_points) and explained(source, pose, cKDTree(map_points), _NEAR) >= settings.min_share:
+            self._threshold.update(inverse(guess) @ pose)
+            return pose
+        align = functools.partial(self._align, source, sigma=_KERNEL)
+        return search(source, kiss.last_pose, map_points, _NEAR, align, settings)
 
 
 class _Threshold:

@@ -25,6 +25,12 @@ def plausible(T_last_sensor: Floats, settings: OdometrySettings) -> bool:
     return bool(moved < settings.max_step and cosine > np.cos(settings.max_turn) and upright)
 
 
+def explained(source: Floats, pose: Floats, tree: cKDTree, near: float) -> float:
+    """The share of a scan's points (N, 3), N >= 1, that lie `near` (m) those of the map, from a pose T_odom_sensor."""
+    distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=near)
+    return float(np.mean(np.isfinite(distance)))
+
+
 def search(
     source: Floats, last: Floats, map_points: Floats, near: float, align: Callable[[Floats], Floats],
     settings: OdometrySettings,
@@ -40,8 +46,7 @@ def search(
         step = inverse(last) @ pose
         if not (step[2, 2] > np.cos(settings.max_tip) and np.linalg.norm(step[:3, 3]) <= settings.max_step):
             continue
-        distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=near)
-        share = float(np.mean(np.isfinite(distance)))
+        share = explained(source, pose, tree, near)
         if share > best_share + 0.02:
             best, best_share = pose, share
     return best if best_share >= settings.min_share else None
