@@ -19,6 +19,7 @@ FURNISHED: list[Box] = [
     (3.9, -0.5, 0.0, 5.0, 0.0, 2.6),
 ]  # fmt: skip
 ONE_WALL: list[Box] = [(-20.0, 2.0, 0.0, 20.0, 2.2, 2.6)]
+_DRIVES = 5
 
 
 def way(count: int = 24) -> list[Array]:
@@ -34,8 +35,14 @@ def way(count: int = 24) -> list[Array]:
 @functools.cache
 def bow() -> tuple[list[Array], list[Array]]:
     """Scans (N, 3) of a furnished room, and where they were taken."""
+    return bows()[0]
+
+
+@functools.cache
+def bows() -> list[tuple[list[Array], list[Array]]]:
+    """The same way again and again, each time with other noise: what one run measures, the last bit may turn over."""
     scene, poses = scene_of(FURNISHED), way()
-    return [scan(scene, T, SENSOR, seed) for seed, T in enumerate(poses)], poses
+    return [([scan(scene, T, SENSOR, 100 * k + seed) for seed, T in enumerate(poses)], poses) for k in range(_DRIVES)]
 
 
 def steps(poses: list[Array]) -> list[Array]:
@@ -49,21 +56,27 @@ def off(T_a: Array, T_b: Array) -> tuple[float, float]:
 
 
 class OdometryContract(ABC):
-    """For any odometry: scans go in, T_odom_sensor comes out."""
+    """For any odometry: scans go in, T_odom_sensor comes out.
 
-    step_error = 0.01  # m, of a step of 8 cm
+    Its bounds are for the median of the drives, on any processor."""
+
+    step_error, end_turn = 0.01, 1.0  # m, of a step of 8 cm; degrees, of the whole way
 
     @abstractmethod
     def tracked(self, scans: list[Array], truth: list[Array]) -> list[Array]:
         """T_odom_sensor of each scan by a new odometry; `truth` is for those that are told where they go."""
 
     def test_it_recovers_the_true_steps(self) -> None:
-        scans, truth = bow()
-        found = self.tracked(scans, truth)
-        errors = np.array([off(a, b) for a, b in zip(steps(found), steps(truth), strict=True)])
-        assert np.median(errors[:, 0]) < self.step_error and np.median(errors[:, 1]) < np.radians(1.0)
-        metres, radians = off(inverse(found[0]) @ found[-1], inverse(truth[0]) @ truth[-1])
-        assert metres < 4 * self.step_error and radians < np.radians(2.0)
+        medians, ends = [], []
+        for scans, truth in bows():
+            found = self.tracked(scans, truth)
+            errors = np.array([off(a, b) for a, b in zip(steps(found), steps(truth), strict=True)])
+            medians.append(np.median(errors, axis=0))
+            ends.append(off(inverse(found[0]) @ found[-1], inverse(truth[0]) @ truth[-1]))
+        metres, radians = np.median(medians, axis=0)
+        assert metres < self.step_error and radians < np.radians(1.0)
+        metres, radians = np.median(ends, axis=0)
+        assert metres < 4 * self.step_error and radians < np.radians(self.end_turn)
 
     def test_the_same_scans_give_the_same_bits(self) -> None:
         scans, truth = bow()
@@ -72,13 +85,14 @@ class OdometryContract(ABC):
 
     def test_a_covered_sensor_is_survived(self) -> None:
         """Three scans of three points, and three of one wall."""
-        scans, truth = bow()
         wall = scene_of(ONE_WALL)
-        poor = [s[:3] if 8 <= i < 11 else scan(wall, truth[i], SENSOR, i) if 14 <= i < 17 else s
-                for i, s in enumerate(scans)]  # fmt: skip
-        found = self.tracked(poor, truth)
-        assert all(is_rigid(T) for T in found)
-        assert off(inverse(found[0]) @ found[-1], inverse(truth[0]) @ truth[-1])[0] < 0.35
+        for scans, truth in bows():
+            poor = [s[:3] if 8 <= i < 11 else scan(wall, truth[i], SENSOR, i) if 14 <= i < 17 else s
+                    for i, s in enumerate(scans)]  # fmt: skip
+            found = self.tracked(poor, truth)
+            assert all(is_rigid(T) for T in found)
+            # in 120 drives by KISS-ICP at most 0.24, by small_gicp 0.01; standing still meanwhile would be 0.5
+            assert off(inverse(found[0]) @ found[-1], inverse(truth[0]) @ truth[-1])[0] < 0.35
 
     def test_scans_of_next_to_nothing_are_survived(self) -> None:
         scans = [np.random.default_rng(i).uniform(-2, 2, (count, 3)) for i, count in enumerate([0, 1, 3, 10, 1, 0, 25])]
@@ -136,7 +150,8 @@ class RegistrationContract(OdometryContract):
             found.append(odometry.follow(lambda points=points: self.given(odometry, points), step))  # type: ignore[misc]
         assert off(inverse(found[0]) @ found[-1], inverse(truth[0]) @ truth[-1])[0] < 1e-6
         # and the map has grown on the way: the next scan finds its place in it
-        assert off(odometry.register(self.given(odometry, scans[-1]), np.eye(4)), found[-1])[0] < 0.05
+        # in 120 drives by KISS-ICP at most 0.058
+        assert off(odometry.register(self.given(odometry, scans[-1]), np.eye(4)), found[-1])[0] < 0.1
 
     def test_a_robot_that_stands_stays(self) -> None:
         scene, place = scene_of(FURNISHED), pose(0.0, 0.5, 0.8, 0.4)

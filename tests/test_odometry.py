@@ -23,7 +23,11 @@ NS = 1_000_000_000
 
 
 class TestKiss(RegistrationContract):
-    step_error = 0.04  # with voxels of a metre, in a room of eight by five
+    """With voxels of a metre, in a room of eight by five. In 120 drives with other noise, shifts of 0.1 mm and two
+    processors: step 0.026 to 0.046 m and 0.5 to 1.05 degrees, end 0.005 to 0.24 m (median 0.04) and 0.4 to 5.2 degrees
+    (median 1.2)."""
+
+    step_error, end_turn = 0.05, 3.0
 
     def make(self) -> Odometry:
         return make_odometry(OdometrySettings(method="kiss"))
