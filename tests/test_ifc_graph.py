@@ -18,6 +18,7 @@ from data.plans.bim import load_bim
 from tests.ifc_models import IfcModel, box
 
 SHARED = Path(__file__).parents[2] / "shared"
+SCHEMA = Path(__file__).parents[1] / "data" / "scene_graph.schema.json"
 REAL = sorted((SHARED / "data" / "ifc").glob("*.ifc"))
 Side = tuple[str, float, float, float, float]  # room, normal x y, offset along the normal, length
 
@@ -293,7 +294,7 @@ def test_zip_json_and_cache_give_the_same_graph(tmp_path: Path, monkeypatch: pyt
 def test_real_models(path: Path, tmp_path: Path) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     graph = load_bim(path, tmp_path).graph
-    schema = json.loads((SHARED / "schemas" / "scene_graph.schema.json").read_text())
+    schema = json.loads(SCHEMA.read_text())
     jsonschema.validate(json.loads(json.dumps(graph.to_dict())), schema)
     areas = {r.id: shapely.Polygon(r.polygon) for r in graph.rooms}
     assert graph.wall_surfaces and all(a.is_valid and a.area >= 1 for a in areas.values())

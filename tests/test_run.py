@@ -14,7 +14,9 @@ from small_ifc import write_small_ifc
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 
-SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
+ROOT = Path(__file__).resolve().parents[1]
+SCHEMA = ROOT / "data" / "scene_graph.schema.json"
+SHARED_SCHEMA = ROOT.parent / "shared" / "schemas" / "scene_graph.schema.json"
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -95,12 +97,16 @@ def test_each_matched_room_is_the_one_that_was_seen(demo: Path) -> None:
 
 def test_scene_graphs_keep_the_schema(demo: Path) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    path = SHARED / "schemas" / "scene_graph.schema.json"
-    if not path.is_file():
-        pytest.skip("the scene graph's schema is not at ../shared")
-    schema = json.loads(path.read_text())
+    schema = json.loads(SCHEMA.read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    if SHARED_SCHEMA.is_file():
+        assert schema == json.loads(SHARED_SCHEMA.read_text())
     for name in ("s_graph.json", "a_graph.json"):
-        jsonschema.validate(json.loads((demo / name).read_text()), schema)
+        graph = json.loads((demo / name).read_text())
+        jsonschema.validate(graph, schema)
+        del graph["wall_surfaces"][0]["normal"]
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(graph, schema)
 
 
 @pytest.fixture(scope="module")

@@ -69,7 +69,7 @@ def test_every_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
     ours = {name for name in ours if "__pycache__" not in name}
     assert held == ours
     assert {f"{name}/py.typed" for name in PACKAGES} <= held
-    assert "matching/weights/learned.npz" in held and "sgslam/report.css" in held
+    assert {"matching/weights/learned.npz", "sgslam/report.css", "data/scene_graph.schema.json"} <= held
 
 
 def test_the_commands_work_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
