@@ -12,17 +12,54 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).resolve().parent
+WORKERS = 4  # at most; each takes up to 1.5 GB
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # on small arrays more threads only wait for each other
     os.environ.setdefault(_name, "1")
 # a shell that runs the tests in the background has all of their children ignore interrupts
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Folders of tests are shared out over the cores, file by file, where pytest-xdist is there and nothing else is
+    told (`-n 0` for one process)."""
+    from data.common.processes import cores
+
+    option = config.option
+    if hasattr(config, "workerinput") or not config.pluginmanager.hasplugin("xdist") or cores() == 1:
+        return
+    told = option.numprocesses is not None or option.dist != "no" or option.tx or option.usepdb or option.collectonly
+    if told or not all(Path(word).is_dir() for word in config.args):
+        return
+    option.numprocesses, option.dist, option.loadscopereorder = min(cores(), WORKERS), "loadfile", False
+    _compiled()
+
+
+def _compiled() -> None:
+    """The large compiled loops, on two cores at once; the workers load them, and do not compile each of them twice."""
+    from data.common.processes import environment
+
+    code = "from matching.training.self_test import {0}; {0}()"
+    lines = [[sys.executable, "-c", code.format(work)] for work in ("propose", "search")]
+    for process in [subprocess.Popen(line, cwd=HERE.parent, env=environment()) for line in lines]:
+        process.wait()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first, so that no worker begins one when the others are done."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """IFC files are read once for all tests, by today's code: what the user's cache holds plays no part."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent  # that of all workers
+    (folder / "plans").mkdir(exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("SGSLAM_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("SGSLAM_CACHE_DIR", str(folder / "plans"))
         yield
 
 
