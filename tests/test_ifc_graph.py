@@ -18,7 +18,7 @@ from data.plans.bim import load_bim
 from tests.ifc_models import IfcModel, box
 
 SHARED = Path(__file__).parents[2] / "shared"
-SCHEMA = Path(__file__).parents[1] / "data" / "scene_graph.schema.json"
+SCHEMA = Path(__file__).parents[1] / "data" / "scene_graph" / "scene_graph.schema.json"
 REAL = sorted((SHARED / "data" / "ifc").glob("*.ifc"))
 Side = tuple[str, float, float, float, float]  # room, normal x y, offset along the normal, length
 

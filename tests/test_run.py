@@ -15,7 +15,7 @@ from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
-SCHEMA = ROOT / "data" / "scene_graph.schema.json"
+SCHEMA = ROOT / "data" / "scene_graph" / "scene_graph.schema.json"
 SHARED_SCHEMA = ROOT.parent / "shared" / "schemas" / "scene_graph.schema.json"
 
 

@@ -18,9 +18,10 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 from small_ifc import write_small_ifc
 
+from data.common.build import PACKAGES
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-PACKAGES = PROJECT["tool"]["setuptools"]["packages"]
 
 
 def called(*command: object, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -69,7 +70,7 @@ def test_every_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
     ours = {name for name in ours if "__pycache__" not in name}
     assert held == ours
     assert {f"{name}/py.typed" for name in PACKAGES} <= held
-    assert {"matching/weights/learned.npz", "sgslam/report.css", "data/scene_graph.schema.json"} <= held
+    assert {"matching/weights/learned.npz", "sgslam/report/report.css", "data/scene_graph/scene_graph.schema.json"} <= held
 
 
 def test_the_commands_work_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:

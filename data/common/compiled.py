@@ -27,7 +27,7 @@ def version(root: Path) -> str:
     and numbers of others after an update."""
     digest = blake2b(digest_size=8)
     for path in sources(root):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 
 
@@ -47,7 +47,8 @@ def folder(parent: Path, version: str) -> Path:
 
 
 _HERE = Path(__file__).resolve().parent
-FOLDER = folder(Path(config.CACHE_DIR or _HERE / "__pycache__"), version(_HERE.parent))
+_ROOT = _HERE.parents[1]
+FOLDER = folder(Path(config.CACHE_DIR or _HERE / "__pycache__"), version(_ROOT))
 
 
 def compiled(function: _F) -> _F:
