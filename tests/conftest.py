@@ -39,7 +39,7 @@ def _compiled() -> None:
     """The large compiled loops, on two cores at once; the workers load them, and do not compile each of them twice."""
     from data.common.processes import environment
 
-    code = "from matching.training.self_test import {0}; {0}()"
+    code = "from matching.self_test import {0}; {0}()"
     lines = [[sys.executable, "-c", code.format(work)] for work in ("propose", "search")]
     for process in [subprocess.Popen(line, cwd=HERE.parent, env=environment()) for line in lines]:
         process.wait()

@@ -155,7 +155,7 @@ def _graph_sample(folder: Path) -> list[bytes]:
 
 def _weights_sample(suffix: str, folder: Path) -> list[bytes]:
     """A small network: those that are shipped have more weights than form."""
-    from matching.training.self_test import write_small_network
+    from matching.self_test import write_small_network
 
     write_small_network(folder / f"a{suffix}")
     return [(folder / f"a{suffix}").read_bytes()]

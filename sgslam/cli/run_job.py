@@ -105,7 +105,7 @@ def read_job(options: argparse.Namespace) -> Job:
 
 
 def _made_ready(matcher: Any, method: str) -> None:
-    from matching.training.self_test import make_ready
+    from matching.self_test import make_ready
 
     told = Timer(_SILENT, print, ["compiling, once for an installation: half a minute or more"], {"file": sys.stderr})
     told.start()

@@ -15,7 +15,7 @@ def _gtsam() -> None:
 
 
 def _torch() -> None:
-    from matching.training.self_test import work
+    from matching.self_test import work
 
     work()
 
