@@ -7,20 +7,21 @@ A-graph, `map` for an S-graph.
 import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, TypeAdapter, ValidationError
 
 from data.common.errors import UserError
 from data.common.files import write_json
 from data.common.json_files import read_json
-from data.scene_graph.fields import check_item
 
-Xy = tuple[float, float]
-T = TypeVar("T")
+FARTHEST = 1e9  # m: no coordinate on the earth is larger, and squares of it stay exact enough
+Number = Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)]  # no text and no truth value in JSON
+Xy = tuple[Number, Number]
 SCHEMA_VERSION = 1
 
 
@@ -30,7 +31,7 @@ class Floor:
 
     id: str
     name: str = ""
-    elevation: float | None = None
+    elevation: Number | None = None
 
 
 @dataclass(frozen=True)
@@ -58,12 +59,12 @@ class WallSurface:
     room: str | None
     centroid: Xy
     normal: Xy
-    length: float | None = None
+    length: Number | None = None
     floor: str | None = None
     source: str = ""
-    height: tuple[float, float] | None = None
-    plane: tuple[float, float, float, float] | None = None
-    parts: tuple[tuple[str, float, float, bool], ...] = ()
+    height: tuple[Number, Number] | None = None
+    plane: tuple[Number, Number, Number, Number] | None = None
+    parts: tuple[tuple[str, Number, Number, Annotated[bool, Field(strict=True)]], ...] = ()
 
     def ends(self) -> tuple[Xy, Xy]:
         """The footprint's two end points, the first to the left of one who looks along the normal."""
@@ -86,8 +87,8 @@ class Keyframe:
     """`pose` is T_map_sensor as x y z qx qy qz qw; `observes` are ids of wall surfaces."""
 
     id: str
-    stamp_ns: int
-    pose: tuple[float, float, float, float, float, float, float]
+    stamp_ns: Annotated[int, Field(strict=True, ge=-(2**63), lt=2**63)]
+    pose: tuple[Number, Number, Number, Number, Number, Number, Number]
     floor: str | None = None
     room: str | None = None
     observes: tuple[str, ...] = ()
@@ -174,14 +175,15 @@ class SceneGraph:
         """
         if not isinstance(value, dict) or value.get("schema_version") != SCHEMA_VERSION:
             raise UserError("scene graph: not a scene graph of schema_version 1")
+        if missing := [name for name in ("frame", "rooms", "wall_surfaces") if name not in value]:
+            raise UserError(f"scene graph: '{missing[0]}' is missing")
         try:
-            return SceneGraph(
-                str(value["frame"]), _read(Room, value["rooms"]), _read(WallSurface, value["wall_surfaces"]),
-                _read(Door, value.get("doors", ())), _read(Floor, value.get("floors", ())),
-                _read(Keyframe, value.get("keyframes", ())),
-            )  # fmt: skip
-        except (KeyError, TypeError, ValueError) as error:
-            raise UserError(f"scene graph: a required property is missing or of the wrong kind ({error})") from None
+            return _form().validate_python(value)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = ".".join(map(str, first["loc"]))
+            told = first["msg"].replace("tuple", "list")
+            raise UserError(f"scene graph: {where}: {told} (given: {str(first['input'])[:40]})") from None
 
     def save(self, path: Path | str) -> None:
         """Writes JSON atomically."""
@@ -200,23 +202,15 @@ class SceneGraph:
             raise UserError(f"{path}: {error}") from None
 
 
+@cache
+def _form() -> TypeAdapter[SceneGraph]:
+    return TypeAdapter(SceneGraph)
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(v) for v in value]
     return {k: _plain(v) for k, v in asdict(value).items()} if hasattr(value, "__dataclass_fields__") else value
-
-
-def _frozen(value: Any) -> Any:
-    return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
-
-
-def _read(kind: type[T], items: Iterable[dict[str, Any]]) -> tuple[T, ...]:
-    names = {f.name for f in fields(kind)}  # type: ignore[arg-type]
-    if not isinstance(items, (list, tuple)):
-        raise ValueError(f"{str(items)[:40]} is no list")
-    for item in items:
-        check_item(item)
-    return tuple(kind(**{k: _frozen(v) for k, v in item.items() if k in names}) for item in items)
 
 
 def _numbers(value: Any) -> Iterable[float]:
