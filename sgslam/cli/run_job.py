@@ -107,7 +107,7 @@ def read_job(options: argparse.Namespace) -> Job:
 def _made_ready(matcher: Any, method: str) -> None:
     from matching.self_test import make_ready
 
-    told = Timer(_SILENT, print, ["compiling, once for an installation: half a minute or more"], {"file": sys.stderr})
+    told = Timer(_SILENT, print, ["compiling, once for a version: half a minute or more"], {"file": sys.stderr})
     told.start()
     try:
         make_ready(matcher, method)
