@@ -25,6 +25,8 @@ from evaluation.slam_ablation.run import ablate
 from evaluation.slam_ablation.tables import ACCURACY, against_oracle, latex, markdown
 from evaluation.slam_ablation.variants import checked_arm
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def own(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:

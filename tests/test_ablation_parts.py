@@ -21,6 +21,7 @@ from evaluation.studies.growth import STAGES, measure, picture, table
 from matching import MatchResult
 
 
+@pytest.mark.slow
 def test_growth_is_told_by_stage(tmp_path: Path) -> None:
     stages = {f"seconds_{stage}": "1.5" for stage in STAGES}
     records = [
@@ -134,6 +135,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[SmallBuilding, Sim
     return building, simulate(building.path, STOREY, folder / "drive", seed=2, min_rooms=2, min_length=5.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["ifc", "graph"])
 def test_scans_are_registered_to_the_buildings_surfaces(driven: tuple[SmallBuilding, SimulatedRun], of: str) -> None:
     building, run = driven

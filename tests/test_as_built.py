@@ -139,6 +139,7 @@ def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
     assert pair_by_position(in_place, alone, 0.4, 0.07).tolist() == [0]
 
 
+@pytest.mark.slow
 def test_what_no_plan_shows_is_taken_from_the_plan(tmp_path: Path) -> None:
     building = write_small_ifc(tmp_path / "small.ifc")
     graph = load_bim(building.path, tmp_path).graph

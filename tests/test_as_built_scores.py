@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import yaml
 from commands import called
 from small_ifc import STOREY, write_small_ifc
@@ -15,6 +16,8 @@ from small_ifc import STOREY, write_small_ifc
 from data import SceneGraph, WallSurface
 from evaluation.metrics.as_built_scores import told_of
 from evaluation.metrics.true_walls import TrueWall
+
+pytestmark = pytest.mark.slow
 
 
 def wall(name: str, kind: str, y: float, views: int = 5, shift: float = 0.0) -> TrueWall:

@@ -242,6 +242,7 @@ def fed_to(backend: Backend, run: Run, count: int) -> list[SeenWall]:
     return [s for s in run.seen if s.keyframe < count]
 
 
+@pytest.mark.slow
 def test_three_thousand_keyframes_cost_hardly_more_each_than_three_hundred() -> None:
     """What one optimisation takes, shared out over the keyframes that came since the one before it."""
     run, share = Run(count=3300), dict[int, float]()

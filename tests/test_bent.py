@@ -63,6 +63,7 @@ def errors_by_room(found: bent.Bent, truth: DrawnGraph) -> tuple[np.ndarray, np.
     return tuple(np.array(errors).T)
 
 
+@pytest.mark.slow
 def test_every_room_of_a_drifting_map_finds_its_own_motion():
     plan = a_graph(flat(np.random.default_rng(5), 30, 20), "ground")
     truth = drawn_from(plan, "drift", 4)
@@ -72,6 +73,7 @@ def test_every_room_of_a_drifting_map_finds_its_own_motion():
     assert np.median(field_error) < 0.4 * np.median(rigid_error)
 
 
+@pytest.mark.slow
 def test_a_drifting_map_is_matched_and_decided(drifted):
     result = MATCHER.match(drifted.s_graph, PLAN)
     assert result.status == "unique", result.reason

@@ -45,6 +45,7 @@ def without_times(rows: list[Row]) -> list[Row]:
     return sorted((replace(r, seconds=0.0) for r in rows), key=lambda r: repr(r.key))
 
 
+@pytest.mark.slow
 def test_interrupted_and_with_a_worker_killed_the_rows_are_those_of_one_machine(
     scheduler: str, plan: Path, tmp_path: Path
 ) -> None:
@@ -97,6 +98,7 @@ def test_a_task_that_ends_its_worker_each_time_is_named_and_the_others_are_done(
     assert "number -3: is too few" in str(error.value) and "2 failed twice" in str(error.value)
 
 
+@pytest.mark.slow
 def test_answers_in_order_without_end(scheduler: str) -> None:
     with connected(scheduler) as cluster:
         answers = cluster.in_order(iter(int, 1), doubled, str)

@@ -18,6 +18,8 @@ from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
+pytestmark = pytest.mark.slow
+
 
 def back() -> list[tuple[int, Array]]:
     """The drive from its end to its beginning, on another clock."""

@@ -40,6 +40,7 @@ def test_every_name_is_a_module_with_a_line_of_its_own() -> None:
         assert len(command.about.split()) > 1 and "python -m" not in command.about, command
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("names", "module"),
     [
@@ -60,6 +61,7 @@ def test_help_and_mistakes_are_those_of_the_module_under_the_commands_name(names
     assert len(mistaken.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_users_mistake_ends_with_2_through_the_command_too() -> None:
     done = run("run", "--scan-dir", "nowhere")
     assert done.returncode == 2 and done.stderr.startswith("error: nowhere") and len(done.stderr.splitlines()) == 1
@@ -74,6 +76,7 @@ def test_an_unknown_command_is_told_with_the_nearest_name(arguments: list[str], 
     assert done.returncode == 2 and near in done.stderr and len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_help_lists_all_and_takes_less_time_than_numpy_thrice() -> None:
     """In processor time, so that a busy machine does not matter: 0.15 s where `import numpy` takes 0.1 s."""
     times = []
@@ -92,6 +95,7 @@ def _seconds(command: list[str]) -> float:
     return children_seconds() - before
 
 
+@pytest.mark.slow
 def test_what_is_dumped_is_read_back_and_explained(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
     done = run("dump-config", "--set", "odometry.voxel_size=0.4", "--set", "tracking.gates=[0.5, 0.2]", "--out", file)

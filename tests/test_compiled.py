@@ -48,8 +48,26 @@ def test_what_cannot_be_kept_on_disk_is_compiled_all_the_same() -> None:
     assert compiled(names["twice"])(21.0) == 42.0  # type: ignore[type-var, operator]
 
 
+<<<<<<< HEAD
 def test_after_an_update_of_any_compiled_file_nothing_old_is_loaded(tmp_path: Path) -> None:
     (tmp_path / "matching").mkdir()
+=======
+INNER = "from data.common.compiled import compiled\n\nSUM = {}\n\n@compiled\ndef inner(x):\n    return {} * x\n"
+CALLER = """
+from data.common.compiled import compiled
+from inner import SUM, inner
+
+@compiled
+def outer(x):
+    return inner(x) + SUM
+"""
+
+
+@pytest.mark.slow
+def test_after_an_update_nothing_old_is_loaded(tmp_path: Path) -> None:
+    """Of functions that are called, and of numbers, though the file of the caller stays as it was."""
+    (tmp_path / "caller.py").write_text(CALLER)
+>>>>>>> b3b1813 (Tests: the marker slow, by measured durations; -m 'not slow' is the quick tier)
     told = []
     for name, text in (
         ("inner", "compiled"), ("outer", "compiled"), ("other", "no loop"), ("inner", "otherwise compiled"),

@@ -64,6 +64,7 @@ def place(material: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [p for p in PAGES if any(blocks(p))], ids=name)
 def test_every_snippet_of_the_page_runs(page: Path, place: Path) -> None:
     """In order, in one folder; Python knows the names of the blocks before, and `scans`."""

@@ -17,6 +17,8 @@ from matching import Matcher
 from matching.result import MatchResult
 from sgslam.geometry.frames import se2_to_se3
 
+pytestmark = pytest.mark.slow
+
 
 def wall(name: str, length: float | None) -> WallSurface:
     return WallSurface(name, "R1", (0.0, 0.0), (1.0, 0.0), length)

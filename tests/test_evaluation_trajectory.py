@@ -297,6 +297,7 @@ def noisy(covariance: Array, count: int = 400) -> tuple[Trajectory, Trajectory]:
     return Trajectory(truth.stamps_ns, truth.poses @ np.linalg.inv(error)), truth
 
 
+@pytest.mark.slow
 def test_nees_knows_right_covariances_from_wrong_ones() -> None:
     half = np.random.default_rng(0).normal(size=(6, 6)) * np.array([[0.01] * 3 + [0.05] * 3]).T
     covariance = half @ half.T + 1e-6 * np.eye(6)

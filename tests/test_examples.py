@@ -39,6 +39,7 @@ def test_a_pose_graph_of_ones_own_is_anchored_in_forty_lines() -> None:
     assert len((EXAMPLES / "own_pose_graph.py").read_text().splitlines()) <= 40
 
 
+@pytest.mark.slow
 def test_a_graph_of_s_graphs_is_matched_and_anchored(tmp_path: Path) -> None:
     drawn = drawn_graph()
     unset = "EDGE_SE3_PLANE 100 200 1 0 0 3.3e-312 10 0 0 10 0 10"
@@ -61,6 +62,7 @@ def test_the_published_graph_is_matched_and_anchored() -> None:
     assert anchored < laid and len(done.stdout.splitlines()) == 20
 
 
+@pytest.mark.slow
 def test_a_graph_without_a_place_and_files_that_are_none_are_told_in_a_line(tmp_path: Path) -> None:
     drawn = drawn_graph()
     graph, plan = drawn.write(tmp_path)
@@ -80,6 +82,7 @@ def drive() -> Drive:
     return small_drive()
 
 
+@pytest.mark.slow
 def test_scans_are_fed_one_by_one_and_the_graph_is_read_between(drive: Drive, tmp_path: Path) -> None:
     building = write_small_ifc(tmp_path / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
     scans = tmp_path / "scans"
@@ -96,6 +99,7 @@ def test_scans_are_fed_one_by_one_and_the_graph_is_read_between(drive: Drive, tm
     np.testing.assert_allclose([x, y], drive.truth.positions[SCANS - 1][:2], atol=0.1)
 
 
+@pytest.mark.slow
 def test_reading_the_graph_between_scans_changes_nothing(drive: Drive) -> None:
     quiet = fed(SceneGraphSlam(drive.bim), drive.scans[:SCANS])
     curious = SceneGraphSlam(drive.bim)

@@ -361,6 +361,7 @@ print(factors.__file__)
 """
 
 
+@pytest.mark.slow
 def test_the_factors_work_alone_beside_gtsam_and_numpy(tmp_path: Path) -> None:
     """Taken out of the project, with every other package blocked, they carry the example."""
     root = Path(__file__).parents[1]

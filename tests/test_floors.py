@@ -51,6 +51,7 @@ def forbidden(package: str, code: str) -> list[tuple[int, str]]:
     return found
 
 
+<<<<<<< HEAD
 def sources(package: str) -> dict[str, str]:
     """The code of a package's modules by their names."""
     paths = sorted((ROOT / package).rglob("*.py"))
@@ -84,6 +85,9 @@ def circles(modules: Mapping[str, str]) -> list[set[str]]:
     return [found for found in networkx.strongly_connected_components(graph) if len(found) > 1]
 
 
+=======
+@pytest.mark.slow
+>>>>>>> b3b1813 (Tests: the marker slow, by measured durations; -m 'not slow' is the quick tier)
 @pytest.mark.parametrize("package", BELOW)
 def test_no_file_imports_what_its_floor_may_not(package: str) -> None:
     found = {module: forbidden(package, code) for module, code in sources(package).items()}

@@ -78,6 +78,7 @@ def _fails(path: Path) -> None:
         signal.pause()
 
 
+@pytest.mark.slow
 def test_crashes_of_every_kind_are_counted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     texts = [b"one 1", b"two 2", b"three 3", b"four 4", b"five 5"]
     bad = Reader("bad", ".x", lambda folder: [b"whole"], _fails, lambda seeds, rng: texts[rng.randrange(5)])

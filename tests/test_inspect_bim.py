@@ -206,6 +206,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
 
 
+@pytest.mark.slow
 def test_the_command_writes_page_and_values(tmp_path: Path, house: Inspection) -> None:
     two_storeys().save(tmp_path / "house.json")
     done = run(tmp_path / "house.json", "--out", tmp_path / "out", "--method", "voting", "--maps", 1, "--jobs", 2)

@@ -14,6 +14,8 @@ from data.scans import ScanFolder
 from evaluation.harness import endless_drive
 from evaluation.harness.endless_drive import EndlessDrive, Way
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def bim(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -86,6 +86,7 @@ def test_what_is_measured_already_is_not_run_again(tmp_path: Path) -> None:
     assert measure(["ring"], [], ["weak"], [0], tmp_path) == rows
 
 
+@pytest.mark.slow
 def test_the_command_line_refuses_an_unknown_route(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "evaluation.studies.loops", "--out", str(tmp_path), "--routes", "up"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -27,6 +27,8 @@ from evaluation.matching_benchmark.worker import Task, blank_row, judged, run_ta
 from matching import Matcher
 from matching.result import MatchResult
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def plans(tmp_path_factory: pytest.TempPathFactory) -> Path:

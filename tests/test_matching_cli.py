@@ -13,6 +13,8 @@ from plans import a_graph, flat, merged
 from data import Floor, SceneGraph
 from data.synthetic_maps.noise_models import draw
 
+pytestmark = pytest.mark.slow
+
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "matching.match", *map(str, arguments)]

@@ -11,6 +11,8 @@ from evaluation.metrics.calibration import binned, calibration_error
 from matching import Matcher
 from matching.search.confidence import place_probability, room_confidence, surface_confidence
 
+pytestmark = pytest.mark.slow
+
 MATCHER = Matcher.load()
 PLANS = [a_graph(flat(np.random.default_rng(seed))) for seed in range(20, 25)]
 

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 from evaluation.matching_benchmark.timing import (
     CASES,
     Case,
@@ -22,6 +24,7 @@ def test_sizes_are_the_published_ones():
     assert (len(a.rooms) + len(a.wall_surfaces), len(s.rooms) + len(s.wall_surfaces)) == (95, 69)
 
 
+@pytest.mark.slow
 def test_everything_is_timed():
     t = in_new_process(measured, SMALL, 1)
     assert min(t.forward, t.published, t.proposals, t.match, t.first) > 0  # which is longer, one run cannot tell
@@ -39,6 +42,7 @@ def test_the_page_tells_the_ratio():
     assert "| 95 and 69 |" in page and "| 6.0 |" in page and "| 900 |" in page and "least of 3" in page
 
 
+@pytest.mark.slow
 def test_a_number_of_runs_below_one_is_refused():
     command = [sys.executable, "-m", "evaluation.matching_benchmark.timing", "--repeat", "0"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)

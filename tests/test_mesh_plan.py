@@ -126,6 +126,7 @@ def test_files_that_are_no_buildings_are_refused(tmp_path: Path) -> None:
             read_mesh(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_the_command_writes_an_a_graph(stl: Path, tmp_path: Path) -> None:
     words = [sys.executable, "-m", "data.plans.mesh_plan", "--mesh", str(stl), "--out", str(tmp_path / "a.json")]
     done = subprocess.run(words, capture_output=True, text=True, check=False)

@@ -161,6 +161,7 @@ def learned_pair(plan: SceneGraph, drawn: DrawnGraph) -> tuple[MatchingNetwork, 
     return network, batch, losses
 
 
+@pytest.mark.slow
 def test_a_pair_is_learned_by_heart(plan: SceneGraph, drawn: DrawnGraph):
     network, batch, losses = learned_pair(plan, drawn)
     assert losses[1] < losses[0] and losses[-1] < 0.3 * losses[0]

@@ -16,6 +16,8 @@ from matching.training.data import Drawing
 from matching.training.stream import batches
 from matching.training.trainer import Limits, Training, train
 
+pytestmark = pytest.mark.slow
+
 TINY = Settings(width=16, layers=1, candidates=4, cycles=1, rounds=1, state=16)
 CPU = torch.device("cpu")
 

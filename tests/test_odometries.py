@@ -15,6 +15,8 @@ from evaluation.harness.sequences import SequenceSpec, odometry_of_run
 from evaluation.studies import moving_scans, odometries
 from sgslam.config import Config, OdometrySettings
 
+pytestmark = pytest.mark.slow
+
 
 @dataclass(frozen=True)
 class Row:

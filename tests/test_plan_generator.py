@@ -17,6 +17,7 @@ def rooms_of(graph: SceneGraph, floor: str) -> np.ndarray:
     return np.array([shapely.Polygon(r.polygon) for r in graph.rooms if r.floor == floor], dtype=object)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "campus"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_geometry(kind: str, seed: int) -> None:
@@ -40,6 +41,7 @@ def test_geometry(kind: str, seed: int) -> None:
         assert all(0.01 < outline[r].distance(at) < 0.45 for r in door.rooms)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["apartment", "office", "corridor", "l_shape", "skewed", "tower"])
 def test_every_room_can_be_reached(kind: str) -> None:
     """Doors join all rooms of a storey."""
@@ -53,6 +55,7 @@ def test_every_room_can_be_reached(kind: str) -> None:
         assert len(set(group.values())) == len(graph.floors)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "campus"])
 def test_same_seed_same_plan(kind: str) -> None:
     """And another seed another one."""
@@ -62,6 +65,7 @@ def test_same_seed_same_plan(kind: str) -> None:
     assert other.building != first.building and other.graph != first.graph
 
 
+@pytest.mark.slow
 def test_sizes_are_as_promised() -> None:
     """Rooms by kind."""
     rooms = {k: [len(generate_plan(k, s).graph.rooms) for s in SEEDS] for k in ("apartment", "office")}
@@ -92,6 +96,7 @@ def test_skewed_walls_are_not_at_right_angles() -> None:
         assert abs(fourfold.mean()) < 0.999
 
 
+@pytest.mark.slow
 def test_campus_is_large_and_quick() -> None:
     """Over a thousand wall surfaces, at most 5,000; its buildings do not overlap."""
     began = time.process_time()

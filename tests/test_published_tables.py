@@ -105,6 +105,7 @@ def test_the_page_holds_published_numbers_and_ours():
     assert "| MSD apartments | without ring edges | 1 | 0.500" in text
 
 
+@pytest.mark.slow
 def test_the_command_goes_on_and_writes_all(known: Path, tmp_path: Path):
     torch.manual_seed(0)
     save_paper_network(tmp_path / "w.pt", PaperNetwork(REPOSITORY))
@@ -129,6 +130,7 @@ def test_the_command_goes_on_and_writes_all(known: Path, tmp_path: Path):
     assert "| untrained |" in page.read_text() and "`voting`" in page.read_text() and figure.stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_mistakes_are_told(tmp_path: Path):
     out = ["--out", str(tmp_path)]
     for wrong, about in ((["--ablation", "x"], "NAME=FILE"), (["--pairs", "0"], "--pairs"), ([], "nothing to match")):

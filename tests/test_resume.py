@@ -20,6 +20,8 @@ from sgslam.session.checkpoints import FILE, Checkpoints, about_run, load
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
+pytestmark = pytest.mark.slow
+
 PART = 150  # scans
 
 

@@ -48,6 +48,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.slow
 def test_demo_is_anchored_within_three_centimetres(demo: Path) -> None:
     metrics = json.loads((demo / "metrics.json").read_text())
     assert metrics["anchored"] is True
@@ -59,6 +60,7 @@ def test_demo_is_anchored_within_three_centimetres(demo: Path) -> None:
     assert metrics["first_anchor_s"] > 0
 
 
+@pytest.mark.slow
 def test_demo_leaves_the_folder_of_the_contract(demo: Path) -> None:
     scans = json.loads((demo / "metrics.json").read_text())["scans"]
     final, in_map, odometry = (
@@ -82,6 +84,7 @@ def test_demo_leaves_the_folder_of_the_contract(demo: Path) -> None:
     assert (demo / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_each_matched_room_is_the_one_that_was_seen(demo: Path) -> None:
     shapely = pytest.importorskip("shapely")
     s_graph, a_graph = SceneGraph.load(demo / "s_graph.json"), SceneGraph.load(demo / "a_graph.json")
@@ -95,6 +98,7 @@ def test_each_matched_room_is_the_one_that_was_seen(demo: Path) -> None:
         assert polygon is not None and shapely.Polygon(polygon).contains(shapely.Point(place)), (s_id, a_id)
 
 
+@pytest.mark.slow
 def test_scene_graphs_keep_the_schema(demo: Path) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     schema = json.loads(SCHEMA.read_text())
@@ -142,6 +146,7 @@ def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
     assert "0.1 s apart" in done.stderr  # the stamps are a guess, and the user is told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planned", [False, True])
 def test_a_run_takes_no_torch(scans: Path, building: Path, tmp_path: Path, planned: bool) -> None:
     code = "import sys; from sgslam.run import main; assert main(sys.argv[1:]) == 0 and 'torch' not in sys.modules"
@@ -150,6 +155,7 @@ def test_a_run_takes_no_torch(scans: Path, building: Path, tmp_path: Path, plann
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_one_bad_scan_is_skipped_and_counted(scans: Path, tmp_path: Path) -> None:
     folder = copied(scans, tmp_path)
     np.save(folder / "5.npy", np.full((100, 3), np.nan))
@@ -159,6 +165,7 @@ def test_one_bad_scan_is_skipped_and_counted(scans: Path, tmp_path: Path) -> Non
     assert (metrics["scans"], metrics["scans_skipped"]) == (11, 1)
 
 
+@pytest.mark.slow
 def test_more_than_a_fifth_unreadable_is_refused_but_what_was_computed_is_there(scans: Path, tmp_path: Path) -> None:
     folder = copied(scans, tmp_path)
     for i in (8, 9, 10, 11):
@@ -175,6 +182,7 @@ def copied(scans: Path, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_mistakes_with_the_scans(scans: Path, tmp_path: Path) -> None:
     assert_refused(process(), "--scan-dir")
     assert_refused(run("--scan-dir", tmp_path / "nowhere"), "nowhere")
@@ -207,6 +215,7 @@ def test_mistakes_with_the_building(scans: Path, building: Path, tmp_path: Path)
     assert_refused(run("--scan-dir", scans, "--bim", tmp_path / "cut.ifc"), "cut.ifc", "cut off")
 
 
+@pytest.mark.slow
 def test_a_demo_with_a_wrong_storey_is_refused_before_the_drive(tmp_path: Path) -> None:
     assert_refused(run("--demo", "--storey", "attic", "--out", tmp_path / "out"), "attic", "there are")
     assert not (tmp_path / "out" / "demo_drive").exists()
@@ -231,6 +240,7 @@ def test_mistakes_with_settings_and_the_rest(scans: Path, tmp_path: Path) -> Non
     assert_refused(run("--scan-dir", scans, "--demo"), "--demo")
 
 
+@pytest.mark.slow
 def test_a_mistake_leaves_earlier_results_alone(scans: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert run("--scan-dir", scans, "--out", out).returncode == 0
@@ -239,6 +249,7 @@ def test_a_mistake_leaves_earlier_results_alone(scans: Path, tmp_path: Path) -> 
     assert {file.name: file.read_bytes() for file in out.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_config_of_a_run_repeats_it(scans: Path, tmp_path: Path) -> None:
     first, second = tmp_path / "first", tmp_path / "second"
     assert run("--scan-dir", scans, "--out", first, "--set", "odometry.voxel_size=0.6").returncode == 0

@@ -119,6 +119,7 @@ def test_an_ascii_file_cut_short_is_unreadable(name: str, files: dict[str, bytes
             read_points(tmp_path / name)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(form=st.sampled_from(FORMS), place=st.floats(0, 1), header=st.booleans(), junk=st.binary(max_size=6))
 def test_damage_never_escapes(

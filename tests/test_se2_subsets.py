@@ -16,6 +16,8 @@ from data.synthetic_maps.noise_models import draw
 from evaluation.published.se2_subsets import Known, outcomes, parts
 from matching import Matcher
 
+pytestmark = pytest.mark.slow
+
 PLAN = a_graph(flat(np.random.default_rng(5)), "ground")
 DRAWN = draw(PLAN, "real", np.random.default_rng(2), 4)
 

@@ -315,6 +315,7 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
     out, asked = tmp_path / "a" / "out", ["--bim", str(building.path), "--storey", "Ground", "--seed", "3"]
     sizes = ["--min-rooms", "1", "--min-length", "2", "--speed", "0.5", "--format", "ply"]

@@ -52,6 +52,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_one_command_lays_a_session_out_and_anchors_it(dataset: Path, tmp_path: Path):
     command = [sys.executable, "-m", "evaluation.studies.slabim", "--dataset", str(dataset), "--session", SESSION]
     done = subprocess.run(

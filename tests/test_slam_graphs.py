@@ -17,6 +17,8 @@ from evaluation.harness.slam_graph_files import SlamDrive, drive_file, read_driv
 from evaluation.harness.slam_graphs import make, record, specs_of
 from evaluation.metrics.surface_overlap import best_rigid_fit
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def spec(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:

@@ -65,6 +65,7 @@ def result(run: tuple[SceneGraphSlam, Result]) -> Result:
     return run[1]
 
 
+@pytest.mark.slow
 def test_the_robot_climbs_the_stair_and_comes_back(drive: SimulatedRun) -> None:
     height = drive.truth.positions[:, 2]
     assert (height[0], height.max(), height[-1]) == pytest.approx((0.8, 4.0, 0.8), abs=1e-6)
@@ -76,6 +77,7 @@ def test_the_robot_climbs_the_stair_and_comes_back(drive: SimulatedRun) -> None:
     assert 0.03 < lean.max() < 0.15 and lean[:20].max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_climbed_storey_is_a_floor_of_its_own(drive: SimulatedRun, result: Result) -> None:
     ground, upper = result.s_graph.floors
     assert ground.elevation is not None and upper.elevation is not None
@@ -93,11 +95,13 @@ def test_a_climbed_storey_is_a_floor_of_its_own(drive: SimulatedRun, result: Res
     assert all(w.room is None or rooms[w.room].floor == w.floor for w in result.s_graph.wall_surfaces)
 
 
+@pytest.mark.slow
 def test_coming_back_goes_on_with_the_first_floor(drive: SimulatedRun, result: Result) -> None:
     assert len(result.s_graph.floors) == 2
     assert result.s_graph.keyframes[-1].floor == result.s_graph.floors[0].id
 
 
+@pytest.mark.slow
 def test_who_enters_a_known_map_upstairs_is_found_upstairs(
     drive: SimulatedRun, run: tuple[SceneGraphSlam, Result], tmp_path: Path
 ) -> None:
@@ -115,6 +119,7 @@ def test_who_enters_a_known_map_upstairs_is_found_upstairs(
     assert off < 0.1
 
 
+@pytest.mark.slow
 def test_every_floor_is_placed_on_its_storey(drive: SimulatedRun, result: Result, bim: Bim) -> None:
     assert result.anchored and result.matches is not None
     names = {floor.id: floor.name for floor in bim.graph.floors}
@@ -133,6 +138,7 @@ def test_every_floor_is_placed_on_its_storey(drive: SimulatedRun, result: Result
             assert bim.graph.surface_by_id[deviation["a_id"]].floor == result.matches["floors"][floor]
 
 
+@pytest.mark.slow
 def test_the_graph_of_two_floors_is_read_back(result: Result, tmp_path: Path) -> None:
     result.s_graph.save(tmp_path / "s.json")
     read = SceneGraph.load(tmp_path / "s.json")

@@ -38,6 +38,7 @@ def spec(folder: Path, name: str) -> SequenceSpec:
     return SequenceSpec(name, str(folder / f"{name}.json"), scans=str(scans), truth=str(truth))
 
 
+@pytest.mark.slow
 def test_a_drive_is_run_with_every_plan_but_its_own(folder: Path, tmp_path: Path) -> None:
     own, other = spec(folder, "own"), spec(folder, "other")
     found = list(other_buildings.pairings([own, other], [0], tmp_path))

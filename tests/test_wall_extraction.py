@@ -46,6 +46,7 @@ def place(observation: WallObservation, T: Array) -> tuple[int, float, float, fl
     return which, angle, abs(offset), float(np.hypot(*(ends[1] - ends[0])))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("yaw", np.arange(0.0, 6.28, 0.7))
 def test_the_walls_of_a_room_are_found_at_any_heading(yaw: float) -> None:
     T = pose(0.7, -0.4, 0.8, yaw)

@@ -18,7 +18,11 @@ from packaging.requirements import Requirement
 from packaging.version import Version
 from small_ifc import write_small_ifc
 
+<<<<<<< HEAD
 from data.common.build import PACKAGES
+=======
+pytestmark = pytest.mark.slow
+>>>>>>> b3b1813 (Tests: the marker slow, by measured durations; -m 'not slow' is the quick tier)
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
