@@ -15,7 +15,7 @@ from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.run import main as run
 from sgslam.viewer.finished import FinishedRun, FinishedView, told_truth
 from sgslam.viewer.page import Page
-from tests.chromium import Chromium
+from tests.helpers.chromium import Chromium
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 SIZE = (1240, 800)

@@ -1,0 +1,138 @@
+"""Which packages may import which: lower floors know nothing of upper ones, nothing goes in a circle, and heavy
+libraries have one home each."""
+
+import ast
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import networkx
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BELOW = {
+    "data": set[str](),
+    "matching": {"data"},
+    "factors": set[str](),
+    "sgslam": {"data", "matching", "factors"},
+    "evaluation": {"data", "matching", "factors", "sgslam"},
+}
+HOMES = {"torch": "matching", "ifcopenshell": "data"}
+FLOORS = {  # sub-packages and modules of each package, the lowest first
+    "data": "common geometry scene_graph trajectory scans ifc plans datasets generation simulation synthetic_maps "
+    "simulate",
+    "matching": "result arrays search deformation network learned training published combinatorial ambiguity matcher "
+    "match train self_test",
+    "factors": "noise planes rooms bim",
+    "sgslam": "own_packages config geometry serialization perception odometry mapping backend loops tracking anchoring "
+    "as_built report session slam inspection viewer export cli run",
+    "evaluation": "metrics harness slam_ablation matching_benchmark published studies fuzzing",
+}
+MOST_MODULES = 15  # in a folder, so that its list is taken in at a glance
+
+
+def imported(code: str) -> Iterator[tuple[int, str]]:
+    """Line and module of every import, also of those within functions; `from a import b` gives a.b."""
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+
+
+def forbidden(package: str, code: str) -> list[tuple[int, str]]:
+    """The imports that a file of this package may not have."""
+    upper = BELOW.keys() - BELOW[package] - {package}
+    elsewhere = {library for library, home in HOMES.items() if home != package}
+    found = [(line, name) for line, name in imported(code) if name.partition(".")[0] in upper | elsewhere]
+    if package == "factors":
+        may = {"gtsam", "gtsam_unstable", "numpy", "factors", *sys.stdlib_module_names}
+        found += [(line, name) for line, name in imported(code) if name.partition(".")[0] not in may]
+    return found
+
+
+def sources(package: str) -> dict[str, str]:
+    """The code of a package's modules by their names."""
+    paths = sorted((ROOT / package).rglob("*.py"))
+    return {".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p.read_text() for p in paths}
+
+
+def upwards(package: str, modules: Mapping[str, str]) -> list[tuple[str, str]]:
+    """The imports within a package that go from a lower floor to an upper one; its `__init__` may import all."""
+    order = {name: floor for floor, name in enumerate(FLOORS[package].split())}
+
+    def floor(module: str) -> int:
+        return order[module.split(".")[1]]
+
+    found = []
+    for module, code in modules.items():
+        if "." not in module or module.endswith("__main__"):
+            continue
+        inner = {name for _, name in imported(code) if name.startswith(f"{package}.") and name.split(".")[1] in order}
+        found += [(module, name) for name in inner if floor(name) > floor(module)]
+    return found
+
+
+def circles(modules: Mapping[str, str]) -> list[set[str]]:
+    """Modules that import one another, directly or not, also within functions."""
+    graph = networkx.DiGraph()
+    for module, code in modules.items():
+        for _, name in imported(code):
+            target = name if name in modules else name.rpartition(".")[0]
+            if target in modules and target != module:
+                graph.add_edge(module, target)
+    return [found for found in networkx.strongly_connected_components(graph) if len(found) > 1]
+
+
+@pytest.mark.parametrize("package", BELOW)
+def test_no_file_imports_what_its_floor_may_not(package: str) -> None:
+    found = {module: forbidden(package, code) for module, code in sources(package).items()}
+    assert found and not {module: lines for module, lines in found.items() if lines}
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_sub_packages_import_downwards_only(package: str) -> None:
+    modules = sources(package)
+    assert {m.split(".")[1] for m in modules if "." in m} - {"__main__"} == set(FLOORS[package].split())
+    assert not upwards(package, modules)
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    modules = {module: code for package in BELOW for module, code in sources(package).items()}
+    assert len(modules) > 300 and not circles(modules)
+
+
+def test_every_sub_package_tells_its_purpose_and_is_taken_in_at_a_glance() -> None:
+    for folder in {path.parent for package in BELOW for path in (ROOT / package).rglob("*.py")}:
+        files = sorted(path.name for path in folder.glob("*.py") if path.name != "__init__.py")
+        assert len(files) <= MOST_MODULES, f"{folder.relative_to(ROOT)} holds {len(files)} modules"
+        purpose = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+        assert purpose and purpose.partition("\n")[0].endswith("."), folder
+
+
+@pytest.mark.parametrize(
+    ("package", "code"),
+    [
+        ("data", "from matching.arrays.walls import Walls"),
+        ("matching", "def f():\n    import sgslam.slam"),
+        ("sgslam", "from evaluation import slam_ablation"),
+        ("sgslam", "def f():\n    import torch"),
+        ("evaluation", "def f():\n    from torch import nn"),
+        ("matching", "import ifcopenshell.geom as geom"),
+        ("factors", "import scipy.linalg"),
+        ("factors", "from data.geometry.poses import inverse"),
+    ],
+)
+def test_an_import_that_breaks_the_rule_is_found(package: str, code: str) -> None:
+    assert forbidden(package, code)
+    assert not forbidden(package, "import json\nimport numpy as np\nfrom . import own")
+
+
+def test_an_import_upwards_or_in_a_circle_is_found() -> None:
+    modules = {
+        "data.common.low": "def f():\n    from data.scans.high import g",
+        "data.scans.high": "from data.common import low",
+    }
+    assert upwards("data", modules) == [("data.common.low", "data.scans.high.g")]
+    assert circles(modules) == [set(modules)]
+    assert not circles({"data.common.low": "import json", "data.scans.high": "from data.common.low import f"})

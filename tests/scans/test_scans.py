@@ -1,0 +1,335 @@
+"""Scan folders: every format and its damaged forms, order, stamps, and what is skipped."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from pypcd4 import Encoding, PointCloud
+
+from data.common.errors import UserError
+from data.scans import ScanFolder, natural_key
+from data.scans.formats import read_points
+from data.scans.reading_errors import UnreadableScanError
+from data.trajectory.stamps import ns_to_seconds, seconds_to_ns
+
+REAL_SCANS = Path(__file__).parents[2] / "../shared/data/scans/vlp16_room_corridor"
+POINTS = np.random.default_rng(0).normal(size=(60, 3)).astype(np.float32) * 5
+
+
+def xyzi(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    return np.c_[points, np.full(len(points), 0.5, np.float32)].astype("<f4")
+
+
+def npy(points: NDArray[np.float32]) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, points)
+    return buffer.getvalue()
+
+
+def text_rows(values: NDArray[np.float32], separator: str = " ", end: str = "\n") -> bytes:
+    return "".join(separator.join(f"{v:.9g}" for v in row) + end for row in values).encode()
+
+
+def ply(points: NDArray[np.float32], form: str) -> bytes:
+    header = f"ply\nformat {form} 1.0\ncomment made here\nelement vertex {len(points)}\n"
+    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "intensity")) + "end_header\n"
+    data = text_rows(xyzi(points)) if form == "ascii" else xyzi(points).astype(
+        ">f4" if "big" in form else "<f4").tobytes()  # fmt: skip
+    return header.encode() + data
+
+
+def pcd(points: NDArray[np.float32], form: str) -> bytes:
+    """With a double `time` and a `ring` of 2 bytes; the binary forms with padding of 10 bytes too."""
+    padded = form != "ascii"
+    kind = [("pad", "u1", 10)] if padded else []
+    records = np.zeros(len(points), np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("ring", "<u2"),
+                                              *kind, ("time", "<f8")]))  # fmt: skip
+    for i, name in enumerate("xyz"):
+        records[name] = points[:, i]
+    pad = (lambda text: f" {text}") if padded else (lambda text: "")
+    header = (
+        f"# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z ring{pad('_')} time\n"
+        f"SIZE 4 4 4 2{pad('1')} 8\nTYPE F F F U{pad('U')} F\nCOUNT 1 1 1 1{pad('10')} 1\n"
+        f"WIDTH {len(points)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {len(points)}\nDATA {form}\n"
+    )
+    data = text_rows(np.c_[points, np.zeros((len(points), 2))]) if form == "ascii" else records.tobytes()
+    return header.encode() + data
+
+
+def compressed_pcd(points: NDArray[np.float32], folder: Path) -> bytes:
+    ring = np.arange(len(points), dtype=np.uint16)
+    types = (np.float32, np.float32, np.float32, np.uint16)
+    cloud = PointCloud.from_points([*points.T, ring], ("x", "y", "z", "ring"), types)
+    cloud.save(folder / "c", encoding=Encoding.BINARY_COMPRESSED)
+    return (folder / "c").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """One good file of each kind, all of POINTS; keyed by a name whose suffix is the format's."""
+    folder = tmp_path_factory.mktemp("forms")
+    return {
+        "kitti.bin": xyzi(POINTS).tobytes(),
+        "single.npy": npy(POINTS),
+        "double.npy": npy(np.c_[POINTS, POINTS].astype(np.float64)),
+        "columns.npy": npy(np.asfortranarray(POINTS)),
+        "ascii.ply": ply(POINTS, "ascii"),
+        "little.ply": ply(POINTS, "binary_little_endian"),
+        "big.ply": ply(POINTS, "binary_big_endian"),
+        "ascii.pcd": pcd(POINTS, "ascii"),
+        "binary.pcd": pcd(POINTS, "binary"),
+        "compressed.pcd": compressed_pcd(POINTS, folder),
+    }
+
+
+FORMS = ["kitti.bin", "single.npy", "double.npy", "columns.npy", "ascii.ply", "little.ply", "big.ply",
+         "ascii.pcd", "binary.pcd", "compressed.pcd"]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_every_format_gives_the_same_points(name: str, files: dict[str, bytes], tmp_path: Path) -> None:
+    (tmp_path / name.upper()).write_bytes(files[name])
+    (scan,) = ScanFolder(tmp_path)
+    assert scan.points.dtype == np.float64 and scan.points.flags.c_contiguous
+    assert np.allclose(scan.points, POINTS, rtol=1e-6, atol=0)
+    assert (scan.index, scan.stamp_ns, scan.dropped) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("name", [f for f in FORMS if f not in ("ascii.ply", "ascii.pcd")])
+def test_a_binary_file_cut_anywhere_is_unreadable(name: str, files: dict[str, bytes], tmp_path: Path) -> None:
+    whole = files[name]
+    path = tmp_path / name
+    for length in sorted({*range(1, min(len(whole), 400), 7), len(whole) // 2, len(whole) - 1}):
+        path.write_bytes(whole[:length])
+        if name == "kitti.bin" and length % 16 == 0:
+            continue
+        with pytest.raises(UnreadableScanError):
+            read_points(path)
+
+
+@pytest.mark.parametrize("name", ["ascii.ply", "ascii.pcd"])
+def test_an_ascii_file_cut_short_is_unreadable(name: str, files: dict[str, bytes], tmp_path: Path) -> None:
+    for rows in (1, 20, len(POINTS)):
+        (tmp_path / name).write_bytes(b"\n".join(files[name].splitlines()[:-rows]))
+        with pytest.raises(UnreadableScanError):
+            read_points(tmp_path / name)
+
+
+@pytest.mark.slow
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(form=st.sampled_from(FORMS), place=st.floats(0, 1), header=st.booleans(), junk=st.binary(max_size=6))
+def test_damage_never_escapes(
+    form: str, place: float, header: bool, junk: bytes,
+    files: dict[str, bytes], tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    whole = files[form]
+    at = int(place * (min(300, len(whole)) if header else len(whole)))
+    path = tmp_path_factory.mktemp("damaged") / form
+    path.write_bytes(whole[:at] + junk + whole[at + len(junk) :])
+    try:
+        points = read_points(path)
+    except UnreadableScanError as error:
+        assert "\n" not in str(error)
+    else:
+        assert points.ndim == 2 and points.shape[1] == 3
+
+
+BILLION = 10**9
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("binary.pcd", b"POINTS 60", b"POINTS %d" % BILLION),
+        ("ascii.pcd", b"POINTS 60", b"POINTS %d" % BILLION),
+        ("compressed.pcd", b"POINTS 60", b"POINTS %d" % BILLION),
+        ("binary.pcd", b"COUNT 1 1 1 1 10 1", b"COUNT 1 1 1 1 %d 1" % BILLION),
+        ("little.ply", b"vertex 60", b"vertex %d" % BILLION),
+        ("ascii.ply", b"vertex 60", b"vertex %d" % BILLION),
+        ("single.npy", b"(60, 3)", b"(%d, 3)" % BILLION),
+    ],
+)
+def test_a_header_cannot_make_us_allocate(
+    name: str, old: bytes, new: bytes, files: dict[str, bytes], tmp_path: Path
+) -> None:
+    import tracemalloc
+
+    assert old in files[name]
+    (tmp_path / name).write_bytes(files[name].replace(old, new))
+    tracemalloc.start()
+    with pytest.raises(UnreadableScanError):
+        read_points(tmp_path / name)
+    assert tracemalloc.get_traced_memory()[1] < 50e6
+    tracemalloc.stop()
+
+
+def test_arrays_that_are_no_points_are_unreadable(tmp_path: Path) -> None:
+    for name, array in {"flat": np.zeros(9), "two": np.zeros((5, 2)), "whole": np.zeros((5, 3), int)}.items():
+        np.save(tmp_path / f"{name}.npy", array)
+        with pytest.raises(UnreadableScanError):
+            read_points(tmp_path / f"{name}.npy")
+    np.save(tmp_path / "pickle.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(UnreadableScanError):
+        read_points(tmp_path / "pickle.npy")
+
+
+def test_ascii_pcd_may_be_spaced_freely(tmp_path: Path) -> None:
+    rows = np.c_[POINTS, np.zeros((60, 2))]
+    loose = pcd(POINTS, "ascii").replace(text_rows(rows), text_rows(rows, "  ", " \r\n"))
+    (tmp_path / "a.pcd").write_bytes(loose)
+    assert np.allclose(read_points(tmp_path / "a.pcd"), POINTS, rtol=1e-6)
+
+
+def write_bins(folder: Path, names: list[str], points: NDArray[np.float32] = POINTS) -> None:
+    folder.mkdir(exist_ok=True)
+    for name in names:
+        xyzi(points).tofile(folder / name)
+
+
+def test_bad_returns_are_dropped_and_counted(tmp_path: Path) -> None:
+    dirty = np.vstack([POINTS, [[np.nan, 0, 0], [0, 0, 0], [1, np.inf, 1], [-0.0, 0, 0]]])
+    write_bins(tmp_path, ["0.bin"], dirty)
+    (scan,) = ScanFolder(tmp_path)
+    assert scan.dropped == 4
+    assert np.array_equal(scan.points, POINTS.astype(np.float64))
+
+
+def test_one_bad_scan_is_skipped_and_named(tmp_path: Path) -> None:
+    write_bins(tmp_path, [f"{i}.bin" for i in range(12)])
+    (tmp_path / "3.bin").write_bytes(b"")
+    write_bins(tmp_path, ["7.bin"], np.full((4, 3), np.nan))
+    folder = ScanFolder(tmp_path)
+    for _ in range(2):  # the second pass counts afresh
+        scans = list(folder)
+        assert [s.index for s in scans] == [0, 1, 2, 4, 5, 6, 8, 9, 10, 11]
+        assert [s.stamp_ns for s in scans] == [s.index * 100_000_000 for s in scans]
+        assert [(s.index, s.path.name) for s in folder.skipped] == [(3, "3.bin"), (7, "7.bin")]
+        assert "empty" in folder.skipped[0].reason and "NaN" in folder.skipped[1].reason
+
+
+def test_exactly_a_fifth_may_be_unreadable_and_not_one_more(tmp_path: Path) -> None:
+    names = [f"{i}.bin" for i in range(10)]
+    write_bins(tmp_path, names)
+    for name in names[8:]:
+        (tmp_path / name).write_bytes(b"17 bytes, no scan")
+    assert len(list(ScanFolder(tmp_path))) == 8
+    (tmp_path / "1.bin").write_bytes(b"x")
+    seen = []
+    with pytest.raises(UserError, match=r"3 of 10 .* fifth.* 1\.bin"):
+        for scan in ScanFolder(tmp_path):
+            seen.append(scan.index)
+    assert seen == [0, 2, 3, 4, 5, 6, 7]
+
+
+def test_a_hopeless_folder_ends_as_soon_as_that_is_certain(tmp_path: Path) -> None:
+    write_bins(tmp_path, [f"{i}.bin" for i in range(10)])
+    for i in range(3):
+        (tmp_path / f"{i}.bin").write_bytes(b"x")
+    with pytest.raises(UserError, match="3 of 10"):
+        next(iter(ScanFolder(tmp_path)))
+
+
+def test_natural_order() -> None:
+    names = ["2.pcd", "10.pcd", "1.pcd", "a10b2", "a2b10", "a2b9", "010.pcd"]
+    assert sorted(names, key=natural_key) == ["1.pcd", "2.pcd", "010.pcd", "10.pcd", "a2b9", "a2b10", "a10b2"]
+
+
+def test_folder_order_and_guessed_stamps(tmp_path: Path) -> None:
+    write_bins(tmp_path, ["10.bin", "2.bin", "1.bin", ".hidden.bin"])
+    (tmp_path / "notes.md").write_text("not a scan")
+    folder = ScanFolder(tmp_path)
+    assert [f.name for f in folder.files] == ["1.bin", "2.bin", "10.bin"]
+    assert folder.stamps_ns.tolist() == [0, 100_000_000, 200_000_000]
+    assert folder.note is not None and "0.1 s" in folder.note
+
+
+@pytest.mark.parametrize(
+    ("names", "stamps"),
+    [
+        (["1700000000.100000001.bin", "1700000000.2.bin"], [1700000000100000001, 1700000000200000000]),
+        (["1.5.bin", "1.25.bin", "1.1.bin"], [1_100_000_000, 1_250_000_000, 1_500_000_000]),
+        (["scan_9.5.bin", "scan_10.25.bin"], [9_500_000_000, 10_250_000_000]),
+        (["1700000000000000002.bin", "1700000000000000001.bin"], [1700000000000000001, 1700000000000000002]),
+        (["cloud_1700000000000000.bin"], [1700000000000000]),
+    ],
+)
+def test_stamps_in_names(names: list[str], stamps: list[int], tmp_path: Path) -> None:
+    write_bins(tmp_path, names)
+    folder = ScanFolder(tmp_path)
+    assert folder.stamps_ns.tolist() == stamps and folder.note is None
+    assert [s.stamp_ns for s in folder] == stamps
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_times_txt_wins_over_names(beside: bool, tmp_path: Path) -> None:
+    scans = tmp_path / "velodyne"
+    write_bins(scans, ["5.5.bin", "6.5.bin", "7.5.bin"])
+    ((tmp_path if beside else scans) / "times.txt").write_text("0.000000e+00\n1.036224e-01\n\n0.25\n")
+    folder = ScanFolder(scans)
+    assert folder.stamps_ns.tolist() == [0, 103_622_400, 250_000_000] and folder.note is None
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ("0.1\n0.2\n", "2 stamps for the 3 scans"),
+        ("0.1\n0.2\n0.3\n0.4", "4 stamps for the 3 scans"),
+        ("0.1\n0.3\n0.2\n", "goes backwards from '2.bin'.* to '3.bin'"),
+        ("0.1\n0.1\n0.2\n", "repeats from '1.bin'"),
+        ("0.1\nsoon\n0.3\n", "line 2: 'soon'"),
+        ("0.1\nnan\n0.3\n", "line 2"),
+        ("0.1\n1700000000000000000\n0.3\n", "line 2"),
+    ],
+)
+def test_bad_times_are_refused_before_anything_is_read(times: str, message: str, tmp_path: Path) -> None:
+    for name in ("1.bin", "2.bin", "3.bin"):
+        (tmp_path / name).write_bytes(b"not a scan")
+    (tmp_path / "times.txt").write_text(times)
+    with pytest.raises(UserError, match=message):
+        ScanFolder(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ([], "no scans in it"),
+        (["1.bin", "2.pcd", "3.pcd"], "1 .bin, 2 .pcd"),
+        (["1.5.bin", "1.50.bin"], "repeats"),
+        (["1.5.bin", "2.bin"], "'1.5.bin' carries a stamp and '2.bin' does not"),
+        (["99999999999999999999.bin"], "too large"),
+    ],
+)
+def test_bad_folders_are_refused(names: list[str], message: str, tmp_path: Path) -> None:
+    write_bins(tmp_path, names)
+    with pytest.raises(UserError, match=message) as caught:
+        ScanFolder(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_folder_at_all(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="does not exist"):
+        ScanFolder(tmp_path / "nowhere")
+    write_bins(tmp_path, ["1.bin"])
+    with pytest.raises(UserError, match="is a file"):
+        ScanFolder(tmp_path / "1.bin")
+
+
+@given(st.integers(-(2**63), 2**63 - 1))
+def test_stamps_survive_text(stamp: int) -> None:
+    assert seconds_to_ns(ns_to_seconds(stamp)) == stamp
+
+
+def test_real_scans_with_padding_and_ring() -> None:
+    if not REAL_SCANS.is_dir():
+        pytest.skip("the shared VLP-16 scans are not here")
+    scans = list(ScanFolder(REAL_SCANS))
+    assert [s.path.stem for s in scans] == [str(i) for i in range(30)]
+    ranges = np.linalg.norm(scans[0].points, axis=1)
+    assert 20_000 < len(ranges) < 30_000 and 0.3 < np.median(ranges) < 30 and ranges.max() < 150
+    # sixteen beams, 2 degrees apart
+    elevation = np.degrees(np.arcsin(scans[0].points[:, 2] / ranges))
+    assert np.abs(elevation - (2 * np.round((elevation - 1) / 2) + 1)).max() < 0.1
