@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from data.common.build import PACKAGES
-from data.common.compiled import MOST_VERSIONS, compiled, folder, sources, version
+from data.common.compiled import FOLDER, MOST_VERSIONS, compiled, folder, sources, version
 from sgslam.geometry.normal_equations import add_row, solved
 from sgslam.tracking.floor_transition import nearest_in_plan
 
@@ -62,7 +62,7 @@ def test_after_an_update_of_any_compiled_file_nothing_old_is_loaded(tmp_path: Pa
 def test_all_that_compiled_functions_are_made_of_counts_as_their_source() -> None:
     """Other functions and numbers of ours that they name; each is found where it is written down."""
     known = {".".join(path.relative_to(ROOT).with_suffix("").parts): path.read_text() for path in sources(ROOT)}
-    assert "data.geometry.se2_compiled" in known
+    assert "data.geometry.se2_compiled" in known and FOLDER.name == f"sgslam-{version(ROOT)}"
     seen = 0
     for name, text in known.items():
         tree = ast.parse(text)
