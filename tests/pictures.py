@@ -1,6 +1,7 @@
-"""`python -m tests.pictures`: takes the pictures of the documentation, docs/pictures/*.png, with the tests' browser.
+"""Takes the pictures of the documentation, docs/pictures/*.png: `python -m tests.pictures`.
 
-They show the demo's run, or with `--out DIR` one that was made by `sgslam run --demo --out DIR`.
+The browser's show the demo's run, or with `--out DIR` one that was made by `sgslam run --demo --out DIR`. The README's
+shows a longer drive through the same building, by KISS-ICP alone and anchored (`--drift` makes it alone).
 """
 
 import argparse
@@ -9,10 +10,16 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
+from matplotlib.figure import Figure
 from PIL import Image
 
+from data.scans import ScanFolder
+from evaluation.harness.sequences import SequenceSpec, odometry_alone, prepare
 from sgslam.cli.inspect_bim import main as inspect_bim
+from sgslam.geometry.frames import inverse
 from sgslam.run import main as run
+from sgslam.slam import SceneGraphSlam
 from sgslam.viewer.finished import FinishedRun, FinishedView, told_truth
 from sgslam.viewer.page import Page
 from tests.helpers.chromium import Chromium
@@ -21,16 +28,22 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 SIZE = (1240, 800)
 COLOURS = 256
 LIFT_M = 3.0  # of the map over the plan, so that what is matched is seen
+DRIFT_M, DRIFT_SEED = 300.0, 1  # m to drive at least
 DRAWN_S = 20.0  # without a GPU a picture takes its time
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, help="a demo's folder, made already")
-    out: Path | None = parser.parse_args().out
+    parser.add_argument("--drift", action="store_true", help="the README's picture alone")
+    options = parser.parse_args()
+    out: Path | None = options.out
     FOLDER.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as name:
         scratch = Path(name)
+        drift(scratch)
+        if options.drift:
+            return
         if out is None:
             out = scratch / "demo"
             run(["--demo", "--out", str(out)])
@@ -58,6 +71,36 @@ def view(out: Path, profile: Path) -> None:
         time.sleep(DRAWN_S)
         keep(browser.picture(), "view")
     opened.close()
+
+
+def drift(scratch: Path) -> None:
+    """The same scans located by KISS-ICP alone, its start given, and by us, nothing given; half a page high."""
+    spec = SequenceSpec("demo", "demo", min_rooms=6, min_length=DRIFT_M)
+    sequence = prepare(spec, DRIFT_SEED, scratch)
+    alone = odometry_alone(ScanFolder(sequence.scan_dir))
+    alone = alone.transformed(sequence.truth.poses[0] @ inverse(alone.poses[0]))
+    slam = SceneGraphSlam(bim=sequence.a_graph)
+    for scan in ScanFolder(sequence.scan_dir):
+        slam.add_scan(scan.stamp_ns, scan.points)
+    result = slam.finish()
+    figure = Figure(figsize=(12.4, 3.8), layout="constrained")
+    for k, (title, path) in enumerate((("KISS-ICP alone", alone), ("anchored to the plan", result.trajectory))):
+        off = np.linalg.norm(path.positions - sequence.truth.positions, axis=1)
+        axes = figure.add_subplot(1, 2, k + 1)
+        floor = min(sequence.a_graph.floors, key=lambda floor: floor.elevation or 0.0)
+        for wall in sequence.a_graph.on_floor(floor.id).wall_surfaces:
+            along = np.array([-wall.normal[1], wall.normal[0]]) * (wall.length or 0.0) / 2
+            axes.plot(*np.stack([wall.centroid - along, wall.centroid + along], axis=1), color="#a3a9b2", lw=1.0)
+        axes.plot(*sequence.truth.positions[:, :2].T, color="#1c1f23", lw=0.8, ls=":", label="true way")
+        axes.plot(*path.positions[:, :2].T, color=("#c2410c", "#6d28d9")[k], lw=1.2, label=title)
+        rmse = float(np.sqrt(np.mean(off**2)))
+        axes.set_title(f"{title}: RMSE {100 * rmse:.1f} cm, at most {100 * off.max():.0f} cm", fontsize=12)
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.legend(loc="lower center", ncols=2, frameon=False, bbox_to_anchor=(0.5, -0.08))
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=100)
+    keep(buffer.getvalue(), "drift")
 
 
 def keep(png: bytes, name: str) -> None:
