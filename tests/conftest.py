@@ -32,17 +32,10 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     if told or not all(Path(word).is_dir() for word in config.args):
         return
     option.numprocesses, option.dist, option.loadscopereorder = min(cores(), WORKERS), "loadfile", False
-    _compiled()
+    from data.common.compiling import helped
+    from matching.self_test import propose, search
 
-
-def _compiled() -> None:
-    """The large compiled loops, on two cores at once; the workers load them, and do not compile each of them twice."""
-    from data.common.processes import environment
-
-    code = "from matching.self_test import {0}; {0}()"
-    lines = [[sys.executable, "-c", code.format(work)] for work in ("propose", "search")]
-    for process in [subprocess.Popen(line, cwd=HERE.parent, env=environment()) for line in lines]:
-        process.wait()
+    helped(propose, [search])  # on two cores at once: the workers load it, and do not compile all of it twice
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
