@@ -159,6 +159,7 @@ def test_what_no_plan_shows_is_taken_from_the_plan(tmp_path: Path) -> None:
     assert {w.source for w in graph.wall_surfaces} - {w.source for w in driven.wall_surfaces} == {change.id}
 
 
+@pytest.mark.slow
 def test_rooms_that_were_entered_and_have_no_match_are_told() -> None:
     drive = small_drive()
     _, result = small_run(with_bim=True)

@@ -126,6 +126,7 @@ def plan_with(graph: SceneGraph, shifts: dict[str, float]) -> SceneGraph:
     ))  # fmt: skip
 
 
+@pytest.mark.slow
 def test_moved_walls_are_told_by_how_much_and_bend_nothing(drive: Drive, clean: Result) -> None:
     """Two walls of six stand otherwise: the one between the office and the store, and the hall's outer one."""
     graph = drive.bim.graph

@@ -93,6 +93,7 @@ def rmse(result: Result, truth: Trajectory) -> float:
     return float(np.sqrt(np.mean(np.sum((result.trajectory.positions - truth.positions) ** 2, axis=1))))
 
 
+@pytest.mark.slow
 def test_on_a_fast_drive_the_times_of_points_help() -> None:
     bim, scans, truth = fast_drive()
     plain, timed = run(scans, bim, False), run(scans, bim, True)

@@ -217,6 +217,7 @@ def test_walls_without_rooms_or_lengths_are_enough(drifted):
         assert result.rooms == () and share_right(result, drifted) > 0.6
 
 
+@pytest.mark.slow
 def test_a_wall_is_matched_whole_beside_a_better_seen_piece_of_it():
     plan_wall = max(PLAN.wall_surfaces, key=lambda w: w.length)
     along = np.array([-plan_wall.normal[1], plan_wall.normal[0]])

@@ -12,7 +12,10 @@ from data.geometry import se2
 from data.synthetic_maps.noise_models import draw
 from matching import Matcher
 
-pytestmark = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not SHARED.is_dir(), reason=f"no folder of real plans at {SHARED}"),
+]
 MATCHER = Matcher.load()
 
 

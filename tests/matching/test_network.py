@@ -338,6 +338,7 @@ def test_weights_are_for_the_learned_method_alone(tmp_path: Path):
         Matcher.load("learned", weights=tmp_path / "nowhere.pt")
 
 
+@pytest.mark.slow
 def test_a_match_takes_no_torch(tmp_path: Path, plan: SceneGraph, drawn: DrawnGraph):
     for name, graph in (("s", drawn.s_graph), ("a", plan)):
         graph.save(tmp_path / f"{name}.json")

@@ -54,6 +54,7 @@ def test_pairs_of_a_batch_do_not_disturb_each_other_and_the_frame_does_not_matte
     assert np.isfinite(surprise(both, truth)) and accuracies(both, truth)["within"][0] == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", RELATIVES)
 def test_it_learns_and_answers_with_its_own_assignment(kind: str, tmp_path: Path):
     torch.manual_seed(0)

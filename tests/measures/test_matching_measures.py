@@ -76,6 +76,7 @@ def test_what_there_is_nothing_of_is_not_measured() -> None:
     assert (m.wrong, m.uniques) == (1, 1)
 
 
+@pytest.mark.slow
 def test_an_interval_covers_the_truth_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
     covered = 0

@@ -201,6 +201,7 @@ def test_four_rooms_tell_where_one_is(bim: Bim, name: str, seen: tuple[str, ...]
     assert np.allclose(result.T_a_s, 0.0, atol=0.02)
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_same_bytes_whatever_the_path(ifc: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "data.generation.demo_building", "--out", "other.ifc"]
     environment = {**os.environ, "PYTHONHASHSEED": "7"}

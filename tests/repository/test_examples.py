@@ -54,6 +54,7 @@ def test_a_graph_of_s_graphs_is_matched_and_anchored(tmp_path: Path) -> None:
         assert np.abs(found[:3, :3] - true[:3, :3]).max() < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (SE2 / "SE2_s_graph.g2o").exists(), reason=f"{SE2}/SE2_s_graph.g2o is not there")
 def test_the_published_graph_is_matched_and_anchored() -> None:
     done = run("anchor_s_graphs.py", SE2 / "SE2_s_graph.g2o", SE2 / "SE2.json")

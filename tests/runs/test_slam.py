@@ -83,6 +83,7 @@ def test_the_same_scans_give_the_same_bits(drive: Drive, anchored: Result) -> No
     assert again.s_graph == anchored.s_graph and again.deviations == anchored.deviations
 
 
+@pytest.mark.slow
 def test_a_sensor_that_leans_and_stands_higher_is_levelled(drive: Drive) -> None:
     T_sensor_leaning = pose(0.0, 0.0, 0.0, -0.8, np.radians(4), np.radians(-3))
     scans = [(stamp, points @ T_sensor_leaning[:3, :3]) for stamp, points in drive.scans]

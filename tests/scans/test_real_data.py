@@ -13,6 +13,8 @@ from data.simulation.sensor import SpinningSensor
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 
+pytestmark = pytest.mark.slow
+
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
 INSTITUTE = SHARED / "ifc" / "AC11-Institute-Var-2-IFC.ifc"
 OFFICE = SHARED / "ifc" / "Office_A_20110811.ifc"

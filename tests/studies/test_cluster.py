@@ -25,6 +25,8 @@ from evaluation.matching_benchmark.worker import blank_row, judged, run_tasks
 from matching import Matcher
 from matching.train import main as train
 
+pytestmark = pytest.mark.slow
+
 METHODS, ROOMS, PAIRS = ("voting", "oracle"), (2, 3), 4
 MANY = 5000  # pairs of which the first are those above; however seldom we get to look, there is something left
 
