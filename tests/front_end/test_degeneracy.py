@@ -105,7 +105,8 @@ def test_in_a_bare_corridor_the_covariance_grows_along_it_and_not_across() -> No
     held, error_held = end_of("room")
     free, error = end_of("corridor")
     assert np.sqrt(held[3:5, 3:5].diagonal()).max() < 0.02 and np.abs(error_held[:2]).max() < 0.03
-    assert np.sqrt(free[3, 3]) > 0.5 and np.sqrt(free[4, 4]) < 0.02
+    # across it 0.018 without AVX-512 and with the scans moved by 0.1 mm
+    assert np.sqrt(free[3, 3]) > 0.5 and np.sqrt(free[4, 4]) < 0.03
     assert np.sqrt(free[2, 2]) < 0.01  # the walls tell the heading
     assert abs(error[0]) < 3 * np.sqrt(free[3, 3]) and abs(error[1]) < 0.03
 
