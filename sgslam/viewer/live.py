@@ -7,7 +7,7 @@ import queue
 import threading
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import perf_counter, thread_time
+from time import perf_counter, sleep, thread_time
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -115,8 +115,9 @@ class LiveView:
         return f"Anchored{on}"
 
     def wait(self) -> None:
-        """Until what was told is drawn."""
-        self._moments.join()
+        """Until what was told is drawn, or nothing is drawn any more."""
+        while self._moments.unfinished_tasks and self._thread.is_alive():
+            sleep(0.002)
 
     def stop(self) -> None:
         """Draws nothing more."""
