@@ -32,10 +32,10 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     if told or not all(Path(word).is_dir() for word in config.args):
         return
     option.numprocesses, option.dist, option.loadscopereorder = min(cores(), WORKERS), "loadfile", False
-    from data.common.compiling import helped
-    from matching.self_test import propose, search
+    from matching import Matcher
+    from matching.self_test import make_ready
 
-    helped(propose, [search])  # on two cores at once: the workers load it, and do not compile all of it twice
+    make_ready(Matcher.load(), "learned")  # on two cores at once: the workers load it, and do not compile it twice
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
