@@ -53,7 +53,7 @@ def test_files_are_read_as_they_were_written(drive: SlamDrive, tmp_path: Path) -
     drive_file(tmp_path, "own", 0).write_text('{"graphs": []}')
     with pytest.raises(UserError, match=r"own-0.*make it anew"):
         list(read_drives(tmp_path))
-    with pytest.raises(UserError, match=r"evaluation\.slam_graphs"):
+    with pytest.raises(UserError, match=r"evaluation\.harness\.slam_graphs"):
         list(read_drives(tmp_path / "drives"))
 
 
