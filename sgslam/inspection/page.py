@@ -1,73 +1,54 @@
 """`inspection.html`: what was found in a building's plan, on its storeys' plans and in tables."""
 
 import math
-from html import escape
+from collections.abc import Iterator
 from statistics import median_high
 
 from data import Floor
 from sgslam.inspection.inspection import Inspection, RoomInspection
 from sgslam.inspection.plan_svg import heat_legend, short, storey_svg
 from sgslam.inspection.self_similarity import Likeness
-from sgslam.report.html_page import page
-from sgslam.report.html_parts import NOTHING, card, table
-
-STYLES = ("report.css", "inspection.css")
+from sgslam.report.html_page import TEMPLATES
+from sgslam.report.number_formats import NOTHING
 
 
 def inspection_html(inspection: Inspection, name: str) -> str:
     """The page; `name` is the building's. All strings from data are escaped."""
-    parts = [f"<header><h1>{escape(name)}</h1></header>", _tiles(inspection), _lacks(inspection), _twins(inspection)]
+    return TEMPLATES.get_template("inspection/inspection.html").render(
+        name=name, tiles=_tiles(inspection), gaps=_gap_rows(inspection), legend=heat_legend(),
+        twins=[_twin_row(inspection, like) for like in inspection.storey_twins], storeys=_storeys(inspection),
+    )  # fmt: skip
+
+
+def _storeys(inspection: Inspection) -> Iterator[tuple[str, str, list[list[str]]]]:
+    """Name, SVG, and rows of the table of rooms of each storey that is not empty, the highest first."""
     floors = [*inspection.graph.floors]
     known = {f.id for f in floors}
     others = dict.fromkeys(w.floor for w in inspection.graph.wall_surfaces if w.floor not in known)
     floors += [Floor(f or "", f or "no storey") for f in others]
-    for floor in reversed(floors):  # the highest first, as the building stands
+    for floor in reversed(floors):
         of = floor.id or None
         if svg := storey_svg(inspection, of):
-            parts.append(card(_storey_name(inspection, of), svg + heat_legend() + _rooms(inspection, of), NOTE))
-    return page(f"Inspection of {name}", "\n".join(parts), STYLES)
+            yield _storey_name(inspection, of), svg, _room_rows(inspection, of)
 
 
-NOTE = (
-    "The number in a room: how many rooms, that one among them, a robot that starts there and goes on to the nearest "
-    "ones must see until, in most maps with the noise of real scans, its place is the only one that explains the map. "
-    "Dots are doors, pale ones lead out; dotted lines go to the rooms that they join; walls of another colour are in "
-    "no room."
-)
-
-
-def _tiles(inspection: Inspection) -> str:
+def _tiles(inspection: Inspection) -> dict[str, int | str]:
     graph, found = inspection.graph, [r.needed for r in inspection.rooms.values()]
     known = [n.rooms for n in found if n.rooms is not None]
     told = sum(n.outcome == "never" for n in found)
-    tiles = {
+    return {
         "storeys": len(graph.floors), "rooms": len(graph.rooms), "wall surfaces": len(graph.wall_surfaces),
         "doors": len(graph.doors), "rooms to be seen, median": median_high(known) if known else NOTHING,
         "at the most": max(known, default=NOTHING), "start rooms that never do": told,
     }  # fmt: skip
-    inner = "".join(f'<div class="tile"><b>{value}</b><span>{label}</span></div>' for label, value in tiles.items())
-    return f'<div class="tiles">{inner}</div>'
 
 
-def _lacks(inspection: Inspection) -> str:
+def _gap_rows(inspection: Inspection) -> list[list[str]]:
     rows = [["the whole model", "notice", notice, ""] for notice in inspection.notices]
-    rows += [[_storey_name(inspection, g.floor), g.kind, g.told, str(len(g.ids) or "")] for g in inspection.gaps]
-    content = table(["where", "kind", "what", "how many"], rows, 3) if rows else "<p>Nothing that we look for.</p>"
-    return card("What the model lacks", content)
+    return rows + [[_storey_name(inspection, g.floor), g.kind, g.told, str(len(g.ids) or "")] for g in inspection.gaps]
 
 
-def _twins(inspection: Inspection) -> str:
-    rows = [
-        [_storey_name(inspection, _floor_of(inspection, t)), *_likeness(inspection, t)] for t in inspection.storey_twins
-    ]
-    content = table(["storey", "could as well be", "evidence against it"], rows, 2) if rows else (
-        "<p>No storey, seen as a whole, could be taken for another or for itself turned.</p>"
-    )  # fmt: skip
-    note = "Even a perfect map of the whole storey fits there; below 5.3 nats nobody can be 99.5 % sure."
-    return card("Where the building is its own twin", content, note if rows else "")
-
-
-def _rooms(inspection: Inspection, floor: str | None) -> str:
+def _room_rows(inspection: Inspection, floor: str | None) -> list[list[str]]:
     graph = inspection.graph
     doors = [room for d in graph.doors for room in d.rooms]
     rows = []
@@ -80,10 +61,7 @@ def _rooms(inspection: Inspection, floor: str | None) -> str:
         reach = f"{n.by_doors} of {n.reachable}"
         name = graph.room_by_id[room].name or room
         rows.append([name, _alone(inspection, found), *counts, reach, each, short(n) or NOTHING])
-    if not rows:
-        return ""
-    head = ["room", "seen alone, looks like", "walls", "doors", "reached by doors", "known maps", "rooms to be seen"]
-    return table(head, rows, 2)
+    return rows
 
 
 def _alone(inspection: Inspection, found: RoomInspection, most: int = 4) -> str:
@@ -98,10 +76,10 @@ def _place(inspection: Inspection, like: Likeness) -> str:
     return inspection.graph.room_by_id[other].name or other if other else "a place that is no room"
 
 
-def _likeness(inspection: Inspection, like: Likeness) -> list[str]:
+def _twin_row(inspection: Inspection, like: Likeness) -> list[str]:
     here = _floor_of(inspection, like)
     other = "itself" if like.floor == here else _storey_name(inspection, like.floor)
-    return [f"{other}, turned by {_degrees(like.turned)}", f"{like.nats:.1f} nats"]
+    return [_storey_name(inspection, here), f"{other}, turned by {_degrees(like.turned)}", f"{like.nats:.1f} nats"]
 
 
 def _floor_of(inspection: Inspection, like: Likeness) -> str | None:

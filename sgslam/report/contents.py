@@ -118,7 +118,7 @@ def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
         inside = _inside(room, in_bim)
         if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
             continue
-        if inside.mean() * _way(on_map) >= ENTERED_M:
+        if inside.mean() * path_length(on_map) >= ENTERED_M:
             shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
             most = max(shared, key=shared.__getitem__, default=None)
             found.append((most if most is not None and shared[most] else None, room.id))
@@ -134,8 +134,8 @@ def _inside(room: Room, places: Array) -> NDArray[np.bool_] | None:
     return np.asarray(shapely.contains_xy(shapely.Polygon(room.polygon), places))
 
 
-def _way(places: Array) -> float:
-    """Metres driven."""
+def path_length(places: Array) -> float:
+    """Metres along places (N, 2 or 3)."""
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 

@@ -13,7 +13,7 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from sgslam.report.accuracy import align_se3, associate
 from sgslam.report.contents import ReportData
-from sgslam.report.html_parts import metres
+from sgslam.report.number_formats import metres
 from sgslam.report.plan_drawing import PlanDrawing, thinned
 from sgslam.report.plan_svg import Pen
 
