@@ -10,8 +10,8 @@ from data import SceneGraph
 from data.synthetic_maps.exploration import Storey, storeys_of, walk
 from data.synthetic_maps.noise_models import draw_walk
 from evaluation.metrics.maps import wall_scores
-from sgslam.anchoring.matcher_protocol import AnyMatcher
-from sgslam.inspection.match_cache import is_right
+from matching.ambiguity.match_cache import is_right
+from matching.protocol import AnyMatcher
 
 Array = NDArray[np.float64]
 MOST_ASKED = 9  # rooms; the benchmark's walks go no further

@@ -9,10 +9,10 @@ from typing import Any
 
 from data import SceneGraph
 from data.synthetic_maps.exploration import storeys_of
-from sgslam.inspection.match_cache import AskedMaps
-from sgslam.inspection.plan_checks import Gap, gaps
-from sgslam.inspection.rooms_to_localise import RoomsNeeded, needed_from
-from sgslam.inspection.self_similarity import Likeness, OwnTwins
+from matching.ambiguity.match_cache import AskedMaps
+from matching.ambiguity.plan_checks import Gap, gaps
+from matching.ambiguity.rooms_to_localise import RoomsNeeded, needed_from
+from matching.ambiguity.self_similarity import Likeness, OwnTwins
 
 BLOCK = 12  # start rooms of a storey of which one answer spares another; the same with any number of processes
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

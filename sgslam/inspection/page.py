@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from statistics import median_high
 
 from data import Floor
+from matching.ambiguity.self_similarity import Likeness
 from sgslam.inspection.inspection import Inspection, RoomInspection
 from sgslam.inspection.plan_svg import heat_legend, short, storey_svg
-from sgslam.inspection.self_similarity import Likeness
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.number_formats import NOTHING
 

@@ -5,8 +5,8 @@ from html import escape
 import numpy as np
 
 from data import Room, SceneGraph
+from matching.ambiguity.rooms_to_localise import RoomsNeeded
 from sgslam.inspection.inspection import Inspection
-from sgslam.inspection.rooms_to_localise import RoomsNeeded
 from sgslam.report.plan_drawing import DrawnRoom, PlanDrawing, planned_wall
 from sgslam.report.plan_svg import Pen, scale_bar, view_box
 

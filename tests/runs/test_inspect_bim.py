@@ -18,11 +18,11 @@ from data.synthetic_maps.walks import nearest_first, seen_in
 from evaluation.studies.rooms_to_localise import Side, Start, sides_of, table
 from matching import Matcher
 from sgslam.inspection.inspection import Ask, Inspection, inspect
-from sgslam.inspection.match_cache import Answers, AskedMaps
+from matching.ambiguity.match_cache import Answers, AskedMaps
 from sgslam.inspection.page import inspection_html
-from sgslam.inspection.plan_checks import gaps
-from sgslam.inspection.rooms_to_localise import dividing
-from sgslam.inspection.self_similarity import OwnTwins
+from matching.ambiguity.plan_checks import gaps
+from matching.ambiguity.rooms_to_localise import dividing
+from matching.ambiguity.self_similarity import OwnTwins
 
 VOTING = Ask("voting", maps=1)
 

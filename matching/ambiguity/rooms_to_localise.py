@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from data.synthetic_maps.walks import nearest_first
-from sgslam.inspection.match_cache import Answers, AskedMaps, Rooms
-from sgslam.inspection.self_similarity import OwnTwins
+from matching.ambiguity.match_cache import Answers, AskedMaps, Rooms
+from matching.ambiguity.self_similarity import OwnTwins
 
 EACH = 8  # so many rooms are asked after one by one,
 GROWTH = 1.15  # then this many times more each

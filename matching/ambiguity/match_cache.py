@@ -9,7 +9,7 @@ from data.geometry import se2
 from data.synthetic_maps.exploration import Storey, Walk
 from data.synthetic_maps.noise_models import DrawnGraph, draw_walk
 from data.synthetic_maps.walks import perfect_map
-from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
+from matching.protocol import AnyMatcher, Match
 
 NEAR_M, NEAR_RAD = 0.5, float(np.radians(5))  # of the truth, at the map's middle
 AHEAD, BEHIND = 4, 5  # maps; where so many more are known than not, or fewer, no more are asked
