@@ -1,4 +1,4 @@
-"""What the matcher answers on maps of rooms of one storey, kept: ways from different rooms lead to the same ones."""
+"""Cached results of a matcher on synthetic maps of one storey: walks from different rooms see the same rooms."""
 
 from dataclasses import dataclass, field
 
@@ -11,95 +11,100 @@ from data.synthetic_maps.noise_models import DrawnGraph, draw_walk
 from data.synthetic_maps.walks import perfect_map
 from matching.protocol import AnyMatcher, Match
 
-NEAR_M, NEAR_RAD = 0.5, float(np.radians(5))  # of the truth, at the map's middle
-AHEAD, BEHIND = 4, 5  # maps; where so many more are known than not, or fewer, no more are asked
-CLEAR = 0.75  # of the maps
+NEAR_M, NEAR_RAD = 0.5, float(np.radians(5))  # from the true pose, at the map's centroid
+STOP_AHEAD, STOP_BEHIND = 4, 5  # trials stop when this many more maps are localised than not, or fewer
+CLEAR_SHARE = 0.75  # of the maps
 
-Rooms = frozenset[int]  # by their places in the storey
+Rooms = frozenset[int]  # indices into the storey's rooms
 
 
 @dataclass(frozen=True)
-class Answers:
-    """On `of` maps of the same rooms: how many were known."""
+class Trials:
+    """`localised` of `total` noisy maps of the same rooms are localised correctly."""
 
-    known: int
-    of: int
+    localised: int
+    total: int
 
     @property
     def share(self) -> float:
-        """Of the maps."""
-        return self.known / self.of
+        """The share of maps that are localised."""
+        return self.localised / self.total
 
     @property
     def lead(self) -> int:
-        """By how many maps the known ones are ahead."""
-        return 2 * self.known - self.of
+        """How many more maps are localised than not."""
+        return 2 * self.localised - self.total
 
     @property
-    def clearly_known(self) -> bool:
-        """Whether most are known beyond much doubt."""
-        return self.lead >= AHEAD and self.share >= CLEAR
+    def clearly_localised(self) -> bool:
+        """Whether most maps are localised beyond reasonable doubt."""
+        return self.lead >= STOP_AHEAD and self.share >= CLEAR_SHARE
 
-    def decided(self, most: int) -> bool:
-        """Whether it is clear, or of `most` maps the rest cannot change, whether most are known."""
-        return self.lead >= AHEAD or self.lead <= -BEHIND or self.of >= most or abs(self.lead) > most - self.of
+    def decided(self, max_maps: int) -> bool:
+        """Whether further trials, up to `max_maps`, are unnecessary or cannot change the majority."""
+        decided = self.lead >= STOP_AHEAD or self.lead <= -STOP_BEHIND
+        return decided or self.total >= max_maps or abs(self.lead) > max_maps - self.total
 
 
 @dataclass
-class AskedMaps:
-    """Asks the matcher after maps of rooms of one storey, the `place`th of `storeys_of`; at most `most` of each set.
+class MatchCache:
+    """Draws maps of rooms of one storey, matches them and caches the results; at most `max_maps` for each set of rooms.
 
-    Each map depends on seed, storey, rooms and its number alone, not on what was asked before.
+    `index` is the storey's place in `storeys_of`. Each map depends on the seed, the storey, the rooms and its number
+    alone, not on earlier calls.
     """
 
     a: SceneGraph
     storey: Storey
-    place: int
+    index: int
     matcher: AnyMatcher
     seed: int
-    most: int
-    _drawn: dict[Rooms, Answers] = field(default_factory=dict)
-    _known: list[Rooms] = field(default_factory=list)
-    _unknown: list[Rooms] = field(default_factory=list)
+    max_maps: int
+    _trials: dict[Rooms, Trials] = field(default_factory=dict)
+    _sufficient: list[Rooms] = field(default_factory=list)
+    _insufficient: list[Rooms] = field(default_factory=list)
 
-    def perfect_is_known(self, rooms: Rooms) -> bool:
-        """Whether the matcher knows a perfect map. With more rooms it knows it too, with fewer than unknown ones it
-        does not: what follows from earlier answers is not asked."""
-        if any(rooms >= fewer for fewer in self._known):
+    def localises_perfect_map(self, rooms: Rooms) -> bool:
+        """Whether the matcher localises a perfect map of these rooms.
+
+        Adding rooms to a localised map keeps it localised, and removing rooms from one that is not does not help:
+        results that follow from earlier ones are not computed.
+        """
+        if any(rooms >= fewer for fewer in self._sufficient):
             return True
-        if any(rooms <= more for more in self._unknown):
+        if any(rooms <= more for more in self._insufficient):
             return False
-        known = self._is_known(perfect_map(self.a, {self.storey.rooms[k].id for k in rooms}))
-        (self._known if known else self._unknown).append(rooms)
-        return known
+        localised = self._localises(perfect_map(self.a, {self.storey.rooms[k].id for k in rooms}))
+        (self._sufficient if localised else self._insufficient).append(rooms)
+        return localised
 
-    def answers(self, rooms: Rooms) -> Answers:
-        """On maps with the noise of real scans, until it is clear whether most are known."""
-        if rooms not in self._drawn:
-            now = Answers(0, 0)
-            while not now.decided(self.most):
-                now = Answers(now.known + self._is_known(self._map(rooms, now.of)), now.of + 1)
-            self._drawn[rooms] = now
-        return self._drawn[rooms]
+    def trials(self, rooms: Rooms) -> Trials:
+        """Results on maps with the noise of real scans, drawn until the majority is decided."""
+        if rooms not in self._trials:
+            now = Trials(0, 0)
+            while not now.decided(self.max_maps):
+                now = Trials(now.localised + self._localises(self._map(rooms, now.total)), now.total + 1)
+            self._trials[rooms] = now
+        return self._trials[rooms]
 
-    def forget_perfect(self) -> None:
-        """Nothing more follows from what was answered before on perfect maps."""
-        self._known.clear()
-        self._unknown.clear()
+    def clear_perfect_maps(self) -> None:
+        """Discards the results on perfect maps, so that nothing is inferred from them."""
+        self._sufficient.clear()
+        self._insufficient.clear()
 
     def _map(self, rooms: Rooms, number: int) -> DrawnGraph:
         order = sorted(rooms)
-        rng = np.random.default_rng((self.seed, self.place, number, *order))
+        rng = np.random.default_rng((self.seed, self.index, number, *order))
         return draw_walk(self.storey, Walk(tuple(order), (-1,) * len(order)), "real", rng)
 
-    def _is_known(self, drawn: DrawnGraph) -> bool:
-        return bool(drawn.s_graph.wall_surfaces) and is_right(self.matcher.match(drawn.s_graph, self.a), drawn)
+    def _localises(self, drawn: DrawnGraph) -> bool:
+        return bool(drawn.s_graph.wall_surfaces) and is_correct(self.matcher.match(drawn.s_graph, self.a), drawn)
 
 
-def is_right(result: Match, drawn: DrawnGraph) -> bool:
-    """Whether the answer is unique and the true place."""
+def is_correct(result: Match, drawn: DrawnGraph) -> bool:
+    """Whether the match is unique and within 0.5 m and 5 degrees of the true pose."""
     if result.status != "unique" or result.T_a_s is None or result.floor != drawn.floor:
         return False
-    ours, true, middle = np.array(result.T_a_s), np.array(drawn.T_a_s), drawn.s_graph.centroid()
-    off = float(np.hypot(*(se2.apply(ours, middle) - se2.apply(true, middle))))
-    return off < NEAR_M and abs(float(se2.wrap(ours[:1] - true[:1])[0])) < NEAR_RAD
+    estimate, true, middle = np.array(result.T_a_s), np.array(drawn.T_a_s), drawn.s_graph.centroid()
+    error = float(np.hypot(*(se2.apply(estimate, middle) - se2.apply(true, middle))))
+    return error < NEAR_M and abs(float(se2.wrap(estimate[:1] - true[:1])[0])) < NEAR_RAD

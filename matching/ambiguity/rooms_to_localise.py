@@ -1,10 +1,10 @@
-"""How many rooms a robot must see, from each room on, before it can know where in the building it is.
+"""How many rooms a robot must see, starting from a given room, before its place in the building is determined.
 
-From a start room the rooms are entered in the order of the way there. While the matcher does not know even a perfect
-map it knows none; from there on it is asked after maps with the noise of real scans (regime `real` of
-`data.synthetic_maps.noise_models`), room after room, until it clearly knows most of them. With more rooms a map is not
-always better known (walls that are not in the plan cost trust, a room may tell nothing new), so the number told is the
-one that divides the answers best into unknown maps before it and known ones from it on.
+Rooms are entered in the order of the shortest way from the start. As long as the matcher cannot localise even a perfect
+map, it cannot localise a noisy one. From there on it is tested on maps with the noise of real scans (regime `real` of
+`data.synthetic_maps.noise_models`), one more room at a time, until it clearly localises most of them. More rooms do not
+always help (walls that are not in the plan reduce confidence, a room may add no information), so the reported number is
+the one that best splits the results into maps that are not localised below it and maps that are from it on.
 """
 
 import math
@@ -13,92 +13,98 @@ from dataclasses import dataclass
 from typing import Literal
 
 from data.synthetic_maps.walks import nearest_first
-from matching.ambiguity.match_cache import Answers, AskedMaps, Rooms
-from matching.ambiguity.self_similarity import OwnTwins
+from matching.ambiguity.match_cache import MatchCache, Rooms, Trials
+from matching.ambiguity.self_similarity import SelfSimilarity
 
-EACH = 8  # so many rooms are asked after one by one,
-GROWTH = 1.15  # then this many times more each
+SINGLE_STEPS = 8  # up to this many rooms each count is tested
+STEP_GROWTH = 1.15  # ratio of successive counts above
 
-Outcome = Literal["known", "never", "not found", "nothing to see"]
+Outcome = Literal["known", "never", "not found", "no walls"]
 
 
 @dataclass(frozen=True)
-class RoomsNeeded:
-    """`rooms`: from so many on most of the maps that were drawn are known; None where most are not in the end.
+class RoomsToLocalise:
+    """How many rooms must be seen from one start room.
 
-    Then the outcome is `never` where a twin explains all that can be seen from there, `not found` where the matcher
-    does not find it, `nothing to see` where the start has no walls. With fewer than `apart` rooms the matcher does not
-    know a perfect map, None where it never does. `asked`: after how many rooms, how many maps were known, of how many.
-    `reachable` rooms are reached in all, `by_doors` of them through the model's doors.
+    `rooms`: with this many or more, most of the drawn maps are localised; None where most never are. `outcome` is then
+    `never` where all reachable rooms fit another place as well, `not found` where the matcher fails, `no walls` where
+    the start room has none. `rooms_if_perfect`: the fewest rooms with which a perfect map is localised, None where it
+    never is. `trials`: for each tested count the rooms, the maps localised and the maps drawn. `reachable` rooms can be
+    reached in all, `by_doors` of them through the model's doors.
     """
 
     room: str
     floor: str | None
     outcome: Outcome
     rooms: int | None
-    apart: int | None
-    asked: tuple[tuple[int, int, int], ...]
+    rooms_if_perfect: int | None
+    trials: tuple[tuple[int, int, int], ...]
     reachable: int
     by_doors: int
 
 
-def needed_from(maps: AskedMaps, start: int, own: OwnTwins) -> RoomsNeeded:
-    """Of one start room of the storey that is asked after. `own` are the A-graph's twins."""
-    storey = maps.storey
-    walked, by_doors = nearest_first(storey, start)
-    order = walked.rooms
+def rooms_to_localise(cache: MatchCache, start: int, similarity: SelfSimilarity) -> RoomsToLocalise:
+    """The result for the start room of that index in the cache's storey; `similarity` is the A-graph's."""
+    storey = cache.storey
+    walk, by_doors = nearest_first(storey, start)
+    order = walk.rooms
 
-    def told(outcome: Outcome, rooms: int | None, apart: int | None, asked: dict[int, Answers]) -> RoomsNeeded:
-        each = tuple((count, of.known, of.of) for count, of in asked.items())
-        return RoomsNeeded(storey.rooms[start].id, storey.floor, outcome, rooms, apart, each, len(order), by_doors)
+    def result(
+        outcome: Outcome, rooms: int | None, if_perfect: int | None, trials: dict[int, Trials]
+    ) -> RoomsToLocalise:
+        rows = tuple((count, of.localised, of.total) for count, of in trials.items())
+        room = storey.rooms[start].id
+        return RoomsToLocalise(room, storey.floor, outcome, rooms, if_perfect, rows, len(order), by_doors)
 
     if not len(storey.walls_of[start]):
-        return told("nothing to see", None, None, {})
-    apart = _apart(maps, order)
-    if apart is None:
-        twins = own.of([storey.rooms[k].id for k in order])
-        return told("never" if twins else "not found", None, None, {})
-    asked = {}
-    for count in _stages(apart, len(order)):
-        asked[count] = maps.answers(_first(order, count))
-        if asked[count].clearly_known:
+        return result("no walls", None, None, {})
+    if_perfect = _rooms_if_perfect(cache, order)
+    if if_perfect is None:
+        symmetric = similarity.symmetries([storey.rooms[k].id for k in order])
+        return result("never" if symmetric else "not found", None, None, {})
+    trials = {}
+    for count in _tested_counts(if_perfect, len(order)):
+        trials[count] = cache.trials(_first(order, count))
+        if trials[count].clearly_localised:
             break
-    rooms = dividing(asked)
-    return told("not found" if rooms is None else "known", rooms, apart, asked)
+    rooms = best_split(trials)
+    return result("not found" if rooms is None else "known", rooms, if_perfect, trials)
 
 
 def _first(order: Sequence[int], count: int) -> Rooms:
     return frozenset(order[:count])
 
 
-def _apart(maps: AskedMaps, order: Sequence[int]) -> int | None:
-    """After how many rooms, entered in this order, a perfect map is known: the more it holds, the better it is."""
+def _rooms_if_perfect(cache: MatchCache, order: Sequence[int]) -> int | None:
+    """The fewest rooms, in this order, of which a perfect map is localised: more rooms never make it worse."""
     low, high = 0, 1
-    while not maps.perfect_is_known(_first(order, high)):
+    while not cache.localises_perfect_map(_first(order, high)):
         if high == len(order):
             return None
         low, high = high, min(2 * high, len(order))
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if maps.perfect_is_known(_first(order, middle)) else (middle, high)
+        low, high = (low, middle) if cache.localises_perfect_map(_first(order, middle)) else (middle, high)
     return high
 
 
-def dividing(asked: dict[int, Answers]) -> int | None:
-    """The count from which on the known maps outweigh the others most, None where they nowhere do; of equals the
-    smallest. It is the best guess of a share that grows."""
+def best_split(trials: dict[int, Trials]) -> int | None:
+    """The count from which on localised maps outweigh the others most: the best step fit to a share that grows.
+
+    The smallest of equals; None where localised maps nowhere outweigh the others.
+    """
     found, best, above = None, 0.0, 0.0
-    for count, answers in reversed(asked.items()):
-        above += answers.share - 0.5
+    for count, of in reversed(trials.items()):
+        above += of.share - 0.5
         if above > 0 and above >= best:
             found, best = count, above
     return found
 
 
-def _stages(first: int, last: int) -> Iterator[int]:
-    """After how many rooms the matcher is asked."""
+def _tested_counts(first: int, last: int) -> Iterator[int]:
+    """The numbers of rooms that are tested."""
     rooms = first
     while rooms < last:
         yield rooms
-        rooms = rooms + 1 if rooms < EACH else math.ceil(rooms * GROWTH)
+        rooms = rooms + 1 if rooms < SINGLE_STEPS else math.ceil(rooms * STEP_GROWTH)
     yield last

@@ -1,4 +1,4 @@
-"""Where a building is its own twin: rooms and storeys that even a perfect map cannot tell from others."""
+"""Where a building resembles itself: rooms and storeys that even a perfect map cannot tell from others."""
 
 from collections.abc import Collection
 from dataclasses import asdict, dataclass
@@ -14,16 +14,17 @@ from matching.ambiguity.symmetries import Twin, twins
 
 
 @dataclass(frozen=True)
-class Likeness:
-    """Another place where `rooms` could as well be: on storey `floor`, turned there by `turned` rad.
+class SimilarPlace:
+    """Another place that a map of `rooms` fits: on storey `floor`, after a rotation by `rotation` (rad).
 
-    `others` are the rooms that each of them would be there, None where there is none; for `nats` see `Twin`.
+    `counterparts` are the rooms that lie there, one for each of `rooms`, None where there is none. `nats` is the
+    expected evidence against the place (see `matching.ambiguity.symmetries`).
     """
 
     rooms: tuple[str, ...]
     floor: str | None
-    others: tuple[str | None, ...]
-    turned: float
+    counterparts: tuple[str | None, ...]
+    rotation: float
     nats: float
 
     def to_dict(self) -> dict[str, Any]:
@@ -31,34 +32,35 @@ class Likeness:
         return asdict(self)
 
 
-class OwnTwins:
-    """Asks for the twins of perfect maps, and keeps the answers: many ways through a storey see the same rooms."""
+class SelfSimilarity:
+    """Finds and caches the symmetries of perfect maps of an A-graph's rooms."""
 
     def __init__(self, a: SceneGraph) -> None:
         self._a = a
-        self._known: dict[frozenset[str], list[Twin]] = {}
+        self._cache: dict[frozenset[str], list[Twin]] = {}
         self._storeys = {s.floor: s for s in storeys_of(a)}
 
-    def of(self, rooms: Collection[str]) -> list[Twin]:
-        """The other places of these rooms, which lie on one storey (see `matching.ambiguity.symmetries`)."""
+    def symmetries(self, rooms: Collection[str]) -> list[Twin]:
+        """The other placements of a perfect map of these rooms, which lie on one storey."""
         key = frozenset(rooms)
-        if key not in self._known:
-            self._known[key] = twins(perfect_map(self._a, key), self._a)
-        return self._known[key]
+        if key not in self._cache:
+            self._cache[key] = twins(perfect_map(self._a, key), self._a)
+        return self._cache[key]
 
-    def likenesses(self, rooms: Collection[str]) -> list[Likeness]:
-        """The same, with what the rooms would be there, the closest first."""
+    def similar_places(self, rooms: Collection[str]) -> list[SimilarPlace]:
+        """The same placements with the rooms that lie there, the most similar first."""
         own = [r for r in self._a.rooms if r.id in rooms]
         found = []
-        for twin in self.of(rooms):
-            there = self._storeys[twin.floor]
-            at = se2.apply(np.array(twin.T_a_s), np.array([r.centroid for r in own]))
-            others = tuple(_room_at(there, place) for place in at)
-            turned = float(se2.wrap(np.array([twin.T_a_s[0]]))[0])
-            found.append(Likeness(tuple(r.id for r in own), twin.floor, others, turned, twin.nats))
+        for placement in self.symmetries(rooms):
+            storey = self._storeys[placement.floor]
+            centroids = se2.apply(np.array(placement.T_a_s), np.array([r.centroid for r in own]))
+            counterparts = tuple(_room_at(storey, point) for point in centroids)
+            rotation = float(se2.wrap(np.array([placement.T_a_s[0]]))[0])
+            ids = tuple(r.id for r in own)
+            found.append(SimilarPlace(ids, placement.floor, counterparts, rotation, placement.nats))
         return found
 
 
-def _room_at(storey: Storey, place: np.ndarray) -> str | None:
-    held = (r.id for k, r in enumerate(storey.rooms) if storey.holds(k, place[None]))
-    return next(held, None)
+def _room_at(storey: Storey, point: np.ndarray) -> str | None:
+    containing = (r.id for k, r in enumerate(storey.rooms) if storey.holds(k, point[None]))
+    return next(containing, None)
