@@ -1,4 +1,4 @@
-"""The templates of self-contained HTML pages, of this package and of `sgslam.inspection`; they escape all text."""
+"""The jinja2 templates of the self-contained HTML pages; all text is escaped."""
 
 import base64
 import hashlib
@@ -10,7 +10,7 @@ from sgslam.report.number_formats import metres, seconds, thousands
 
 
 def _file(path: str) -> str:
-    """A file of `sgslam`: a style or a script."""
+    """The text of a style sheet or script, by its path in `sgslam`."""
     return files("sgslam").joinpath(path).read_text(encoding="utf-8")
 
 

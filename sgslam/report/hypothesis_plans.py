@@ -1,4 +1,4 @@
-"""The places that the matcher considered, each drawn on its storey: small plans, the best first."""
+"""Small plans of the matcher's hypotheses, each drawn on its storey, the best first."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.deviation_bands import MINUS
-from sgslam.report.contents import ReportData, guessed
+from sgslam.report.contents import ReportData, hypothesis_pose
 from sgslam.report.plan_drawing import DrawnWall, mapped_walls, planned_walls
 from sgslam.report.plan_svg import Pen
 
@@ -20,7 +20,7 @@ MARGIN = 0.03
 
 @dataclass(frozen=True)
 class HypothesisFigure:
-    """One hypothesis: its texts, the number of its rooms, the SVG's viewBox and its layers, the lowest first."""
+    """One hypothesis: its texts, the number of matched rooms, the SVG's viewBox and its layers from bottom to top."""
 
     storey: str
     score: str
@@ -31,14 +31,14 @@ class HypothesisFigure:
 
 
 def hypothesis_figures(data: ReportData) -> list[HypothesisFigure]:
-    """Figures of the first hypotheses, all at one scale; empty where there are none, or no BIM."""
+    """The figures of the best hypotheses, at one scale; empty where there are none, or no BIM."""
     shown = data.hypotheses[:SHOWN]
     if data.a_graph is None or not shown:
         return []
     sides = []
     for hypothesis in shown:
         floor = data.floor_named(hypothesis.get("floor"))
-        ours = mapped_walls(data, guessed(data, hypothesis["T_a_s"], floor), 0.0)
+        ours = mapped_walls(data, hypothesis_pose(data, hypothesis["T_a_s"], floor), 0.0)
         sides.append((planned_walls(data, floor, 0.0), ours))
     ends = np.vstack([w.ends for planned, ours in sides for w in (*planned, *ours)])
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -70,7 +70,7 @@ def _figure(
 
 
 def hypothesis_texts(data: ReportData, hypothesis: dict[str, Any]) -> tuple[str, str, str]:
-    """Its storey's name, its score, and where it puts the map's origin."""
+    """The storey's name, the score, and the pose of the map's origin."""
     floor_id = hypothesis.get("floor")
     floor = data.floor_named(floor_id)
     storey = (floor.name or floor.id) if floor else str(floor_id or "the plan")

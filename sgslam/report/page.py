@@ -1,10 +1,10 @@
-"""`report.html`: one self-contained page that says what the run found, and shows it on the plan."""
+"""`report.html`: one self-contained page with the results of a run."""
 
 from pathlib import Path
 
 from data.common.files import write_atomically
 from sgslam.report import tables
-from sgslam.report.contents import ReportData, floor_by_floor
+from sgslam.report.contents import ReportData, split_by_floor
 from sgslam.report.error_chart import chart_data, error_chart, error_lines
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.hypothesis_plans import hypothesis_figures
@@ -14,13 +14,13 @@ from sgslam.report.scene_3d import scene_card, scene_data
 
 
 def write_report(data: ReportData, path: Path | str) -> None:
-    """Writes the page atomically; it opens from disk and loads nothing else."""
+    """Writes the page atomically; it loads no other files."""
     write_atomically(path, report_html(data))
 
 
 def report_html(data: ReportData) -> str:
-    """The page: verdict, key numbers, plan, 3D view, errors, and tables. All strings from data are escaped."""
-    drawing, *others = (plan_drawing(part) for part in floor_by_floor(data))
+    """The page: status, key figures, plan, 3D view, errors and tables. All strings from data are escaped."""
+    drawing, *others = (plan_drawing(part) for part in split_by_floor(data))
     anchored, lines = data.T_bim_map is not None, error_lines(data)
     embedded = {"scene-data": scene_data(drawing)}
     if lines:

@@ -6,7 +6,7 @@ from typing import Any
 
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import degrees, signed_mm
-from sgslam.report.contents import ReportData, entered_unmatched, floor_by_floor, path_length
+from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
 from sgslam.report.hypothesis_plans import hypothesis_texts
 from sgslam.report.number_formats import NOTHING, metres, seconds, thousands
 
@@ -14,11 +14,11 @@ LARGEST = 30  # deviations in the table
 
 
 def summary_rows(data: ReportData) -> list[tuple[str, str]]:
-    """What is told of the run as a whole: name and value."""
+    """Name and value of the figures of the whole run."""
     m = data.metrics
     rows = [
         ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
-        ("Length of the way", f"{path_length(data.trajectory_map.positions):.1f} m"),
+        ("Distance travelled", f"{path_length(data.trajectory_map.positions):.1f} m"),
     ]
     if data.T_bim_map is not None:
         x, y, z, *quaternion = poses_to_xyzquat(data.T_bim_map)
@@ -26,7 +26,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
         rows += [
             ("First anchored after", seconds(m.get("first_anchor_s"))),
             ("T_bim_map: x, y, z", f"{x:.3f}, {y:.3f}, {z:.3f} m"),
-            ("T_bim_map: heading", f"{yaw:.2f}°"),
+            ("T_bim_map: yaw", f"{yaw:.2f}°"),
             ("T_bim_map: qx, qy, qz, qw", ", ".join(f"{q:.6f}" for q in quaternion)),
         ]
     return rows + _accuracy(m.get("accuracy") or {})
@@ -36,19 +36,19 @@ def _accuracy(accuracy: dict[str, Any]) -> list[tuple[str, str]]:
     if not accuracy:
         return []
     yaw = accuracy.get("yaw_rmse_bim_deg")
-    told = [
-        ("RMSE in the BIM frame, not aligned", metres(accuracy.get("rmse_bim_m"))),
-        ("Largest error in the BIM frame", metres(accuracy.get("max_bim_m"))),
-        ("RMSE of the heading", NOTHING if yaw is None else f"{yaw:.2f}°"),
-        ("RMSE of the odometry, aligned (SE(3))", metres(accuracy.get("rmse_odometry_aligned_m"))),
-        ("Poses with a true pose", " of ".join(thousands(accuracy.get(f"{k}_poses")) for k in ("matched", "total"))),
-        ("Note on the accuracy", str(accuracy.get("note") or NOTHING)),
+    rows = [
+        ("RMSE in the BIM frame, without alignment", metres(accuracy.get("rmse_bim_m"))),
+        ("Maximum error in the BIM frame", metres(accuracy.get("max_bim_m"))),
+        ("RMSE of the yaw", NOTHING if yaw is None else f"{yaw:.2f}°"),
+        ("RMSE of the odometry, SE(3)-aligned", metres(accuracy.get("rmse_odometry_aligned_m"))),
+        ("Poses with ground truth", " of ".join(thousands(accuracy.get(f"{k}_poses")) for k in ("matched", "total"))),
+        ("Note on accuracy", str(accuracy.get("note") or NOTHING)),
     ]
-    return [(name, text) for name, text in told if text != NOTHING]
+    return [(name, text) for name, text in rows if text != NOTHING]
 
 
 def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str, str]]]:
-    """Cells of the largest deviations, the significant ones first, and attributes of their rows."""
+    """The cells of the largest deviations, significant ones first, and the HTML attributes of their rows."""
     ranked = sorted(data.deviations, key=lambda d: (not d["significant"], -abs(d["offset_m"] or 0.0)))
     planned = {w.id: w.room for w in data.a_graph.wall_surfaces} if data.a_graph else {}
     rooms = data.a_graph.room_by_id if data.a_graph else {}
@@ -68,7 +68,7 @@ def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str
 
 
 def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
-    """Room of the map, room of the BIM, confidence; in the end those that were entered and not matched."""
+    """Room of the map, room of the BIM and confidence; entered rooms without a match at the end."""
     pairs = (data.matches or {}).get("rooms") or ()
     if not pairs:
         return []
@@ -79,18 +79,18 @@ def room_rows(data: ReportData) -> list[tuple[str, str, str]]:
         return (rooms[room_id].name or room_id) if room_id in rooms else room_id
 
     rows = [(name(ours, s), name(planned, a), f"{c:.2f}") for s, a, c in pairs]
-    rows += [(f"none of its own; in {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched")
-             for part in floor_by_floor(data) for s, a in entered_unmatched(part)]  # fmt: skip
+    rows += [(f"none; part of {name(ours, s)}" if s else "none", name(planned, a), "entered, not matched")
+             for part in split_by_floor(data) for s, a in entered_unmatched(part)]  # fmt: skip
     return rows
 
 
 def hypothesis_rows(data: ReportData) -> list[tuple[str, str, str, str]]:
-    """Storey, score, place of the map's origin, number of rooms."""
+    """Storey, score, pose of the map's origin, number of matched rooms."""
     return [(*hypothesis_texts(data, h), str(len(h.get("rooms") or ()))) for h in data.hypotheses]
 
 
 def seconds_by_stage(data: ReportData) -> dict[str, float]:
-    """Each stage's seconds, in the end the total; empty where none were measured."""
+    """The seconds of each stage, and the `total` at the end; empty where none were measured."""
     stages = {k: v for k, v in (data.metrics.get("seconds") or {}).items() if isinstance(v, (int, float))}
     total = stages.pop("total", None) or sum(stages.values())
     return {**stages, "total": total} if stages or total else {}
