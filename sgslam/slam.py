@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.plans.bim import Bim
+from matching.protocol import AnyMatcher
 from sgslam.anchoring.anchor_log import AnchorRecord
-from sgslam.anchoring.matcher_protocol import AnyMatcher
 from sgslam.config import Config
 from sgslam.loops.closure import LoopCloser
 from sgslam.mapping.keyframe_clouds import KeyframeClouds

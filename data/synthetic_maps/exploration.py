@@ -12,6 +12,7 @@ from data.common.errors import UserError
 from data.geometry import se2
 from data.geometry.areas import Area, polygons_of
 from data.geometry.se2 import Array
+from data.geometry.wall_directions import WallDirections
 from data.scene_graph import Room, SceneGraph
 
 Index = NDArray[np.int64]
@@ -22,7 +23,7 @@ UNKNOWN_LENGTH = 2.0  # m, where only nearness matters
 
 
 @dataclass(frozen=True, eq=False)
-class Storey:
+class Storey(WallDirections):
     """The rooms of one floor and the N wall surfaces that face them, in the A-graph's frame."""
 
     floor: str | None
@@ -33,16 +34,6 @@ class Storey:
     length: Array  # (N,) metres, NaN where not known
     room: Index  # (N,) index into `rooms`
     doors: tuple[tuple[int, int, Array], ...]  # two rooms and the door's place (2,)
-
-    @cached_property
-    def normal(self) -> Array:
-        """(N, 2) inward normals."""
-        return np.stack((np.cos(self.heading), np.sin(self.heading)), axis=-1)
-
-    @cached_property
-    def tangent(self) -> Array:
-        """(N, 2) the normals turned left."""
-        return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
     @cached_property
     def walls_of(self) -> list[Index]:

@@ -21,7 +21,7 @@ def size_of(rooms: int) -> str:
 
 @dataclass(frozen=True)
 class NodeMeasures:
-    """Of rooms or of wall surfaces. Macro is the mean over pairs, micro that over all nodes together.
+    """Of rooms or of wall surfaces. Means over pairs; `micro_f1` is that of all nodes together.
 
     Accuracy is the share of the S nodes that are answered as they should be: matched with their true match, or left
     alone where they have none.
@@ -31,10 +31,7 @@ class NodeMeasures:
     recall: Estimate | None
     f1: Estimate | None
     accuracy: Estimate | None
-    micro_precision: Estimate | None
-    micro_recall: Estimate | None
     micro_f1: Estimate | None
-    micro_accuracy: Estimate | None
     calibration_error: float | None
     bins: tuple[Bin, ...]
 
@@ -100,8 +97,8 @@ def _nodes(tallies: list[Tally], building: list[str]) -> NodeMeasures:
     accuracy = [f / n if n else None for f, n in zip(fair, nodes, strict=True)]
     return NodeMeasures(
         _mean([s.precision for s in scores], building), _mean([s.recall for s in scores], building),
-        _mean([s.f1 for s in scores], building), _mean(accuracy, building), ratio(right, answered, building),
-        ratio(right, true, building), ratio(2 * right, answered + true, building), ratio(fair, nodes, building),
+        _mean([s.f1 for s in scores], building), _mean(accuracy, building),
+        ratio(2 * right, answered + true, building),
         calibration_error(bins), bins,
     )  # fmt: skip
 

@@ -1,7 +1,5 @@
 """Whether the covariances that come with an estimate say how wrong it is: the normalised error squared (NEES)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,37 +13,13 @@ Array = NDArray[np.float64]
 DOF = 6
 
 
-@dataclass(frozen=True, eq=False)
-class Nees:
-    """`per_pose` (M,): e^T P^-1 e; `mean_per_dof`: its mean over 6, one where the covariances are right.
-
-    `bounds_per_dof`: where the mean lies with 95 % for independent errors; `share_within`: of the poses, those below
-    the 95 % bound of one pose.
-    """
-
-    per_pose: Array
-    mean_per_dof: float
-    bounds_per_dof: tuple[float, float]
-    share_within: float
-    matched_poses: int
-    total_poses: int
-
-    @property
-    def verdict(self) -> str:
-        """`overconfident` above the bounds, `underconfident` below, else `consistent`."""
-        low, high = self.bounds_per_dof
-        return "overconfident" if self.mean_per_dof > high else (
-            "underconfident" if self.mean_per_dof < low else "consistent"
-        )  # fmt: skip
-
-
-def nees(estimate: Trajectory, truth: Trajectory, covariances: Array, tolerance_ns: int = TOLERANCE_NS) -> Nees:
-    """The normalised estimation error squared (Bar-Shalom, Li, Kirubarajan 2001, 5.4), without alignment.
+def nees(estimate: Trajectory, truth: Trajectory, covariances: Array, tolerance_ns: int = TOLERANCE_NS) -> float:
+    """The mean normalised estimation error squared per degree of freedom, without alignment: 1 if the covariances are
+    right, above if they are overconfident (Bar-Shalom, Li, Kirubarajan 2001, 5.4).
 
     `covariances` (N, 6, 6), one for each pose of the estimate, as GTSAM's marginals: rotation (rad) first, then
-    translation (m), in the pose's own axes, T_true = T_estimate Exp(e). A trajectory's errors are correlated in
-    time, so that the mean scatters more than the bounds say. Raises UserError where no pose matches or a covariance
-    is not symmetric and positive definite.
+    translation (m), in the pose's own axes, T_true = T_estimate Exp(e). Raises UserError where no pose matches or a
+    covariance is not symmetric and positive definite.
     """
     covariances = np.asarray(covariances, dtype=float)
     if covariances.shape != (len(estimate), DOF, DOF):
@@ -58,16 +32,7 @@ def nees(estimate: Trajectory, truth: Trajectory, covariances: Array, tolerance_
     squared = [
         _squared(error, covariances[k], k) for error, k in zip(errors, both.indices.tolist(), strict=True)
     ]  # fmt: skip
-    return _summary(np.array(squared), both.total)
-
-
-def _summary(per_pose: Array, total: int) -> Nees:
-    from scipy.stats import chi2
-
-    count = len(per_pose)
-    low, high = chi2.ppf([0.025, 0.975], DOF * count) / (DOF * count)
-    within = float(np.mean(per_pose <= chi2.ppf(0.95, DOF)))
-    return Nees(per_pose, float(per_pose.mean() / DOF), (float(low), float(high)), within, count, total)
+    return float(np.mean(squared) / DOF)
 
 
 def _squared(error: Array, covariance: Array, pose: int) -> float:

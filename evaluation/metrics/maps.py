@@ -25,30 +25,27 @@ LEAST_IOU = 0.5
 
 @dataclass(frozen=True, eq=False)
 class WallScores:
-    """`score` counts surfaces, the shares `..._by_length` count metres (None where there are none).
+    """`score` counts surfaces.
 
     `pairs` (K) are (S id, A id), each S surface with the A surface that it is; `offset_m` (K,) its distance along the
-    plan's inward normal, `angle_rad` (K,) its turn against the plan; `offset_mm` and `angle_deg` their statistics and
-    `bias_mm` the median of the signed offsets, None where there is no pair.
+    plan's inward normal, `angle_rad` (K,) its turn against the plan; `offset_mm` and `angle_deg` their statistics,
+    None where there is no pair.
     """
 
     score: Score
-    precision_by_length: float | None
-    recall_by_length: float | None
     missed: tuple[str, ...]
     false: tuple[str, ...]
     pairs: tuple[tuple[str, str], ...]
     offset_m: Array
     angle_rad: Array
     offset_mm: Statistics | None
-    bias_mm: float | None
     angle_deg: Statistics | None
 
 
 @dataclass(frozen=True)
 class RoomScores:
     """`pairs` are (S id, A id), for each A room the S room that bears its answer; `centroid_m` and `iou` belong to
-    them. An IoU is None where a polygon is missing. Statistics are None where there is nothing to take them of."""
+    them. An IoU is None where a polygon is missing. `centroid` is None where there is no pair."""
 
     score: Score
     missed: tuple[str, ...]
@@ -57,7 +54,6 @@ class RoomScores:
     centroid_m: tuple[float, ...]
     iou: tuple[float | None, ...]
     centroid: Statistics | None
-    mean_iou: float | None
 
 
 def wall_scores(
@@ -84,12 +80,10 @@ def wall_scores(
     offset, angle = lying.offset[i, chosen[i]], lying.angle[i, chosen[i]]
     return WallScores(
         Score(int(true.sum()), len(true), int((found & counts).sum()), int(counts.sum())),
-        _share(on_plan.sum(), s_length.sum()), _share(covered[counts].sum(), a_length[counts].sum()),
         tuple(lying.a.ids[j] for j in np.flatnonzero(~found & counts)),
         tuple(lying.s.ids[k] for k in np.flatnonzero(~true)),
         tuple((lying.s.ids[k], lying.a.ids[chosen[k]]) for k in i), offset, angle,
-        Statistics.of(1000 * offset) if len(i) else None, float(1000 * np.median(offset)) if len(i) else None,
-        Statistics.of(np.degrees(angle)) if len(i) else None,
+        Statistics.of(1000 * offset) if len(i) else None, Statistics.of(np.degrees(angle)) if len(i) else None,
     )  # fmt: skip
 
 
@@ -116,22 +110,16 @@ def room_scores(
         se2.apply(T_a_s, np.array(s_graph.room_by_id[s].centroid)) - a_graph.room_by_id[a].centroid for s, a in pairs
     ]
     apart = [float(np.hypot(*error)) for error in errors]
-    known = [iou for iou in ious if iou is not None]
     return RoomScores(
         Score(len(right), len(s_graph.rooms), len(found.intersection(expected)), len(expected)),
         tuple(key for key in expected if key not in found), tuple(r.id for r in s_graph.rooms if r.id not in true),
         pairs, tuple(apart), ious, Statistics.of(np.array(apart)) if apart else None,
-        float(np.mean(known)) if known else None,
     )  # fmt: skip
 
 
 def _known(visible: Collection[str] | None, ids: Collection[str], what: str) -> None:
     if unknown := sorted(set(visible or ()) - set(ids)):
         raise UserError(f"visible: no {what} '{unknown[0]}' in the plan ({len(unknown)} such ids)")
-
-
-def _share(part: float, whole: float) -> float | None:
-    return float(part / whole) if whole > 0 else None
 
 
 def _covered(lying: Overlaps, j: int) -> float:

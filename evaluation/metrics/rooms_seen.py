@@ -10,8 +10,8 @@ from data import SceneGraph
 from data.synthetic_maps.exploration import Storey, storeys_of, walk
 from data.synthetic_maps.noise_models import draw_walk
 from evaluation.metrics.maps import wall_scores
-from sgslam.anchoring.matcher_protocol import AnyMatcher
-from sgslam.inspection.match_cache import is_right
+from matching.ambiguity.match_cache import is_correct
+from matching.protocol import AnyMatcher
 
 Array = NDArray[np.float64]
 MOST_ASKED = 9  # rooms; the benchmark's walks go no further
@@ -69,7 +69,7 @@ def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher
         while len(known) < PAIRS or (len(known) < SURE_PAIRS and known.count(False) <= MISSED):
             rng = np.random.default_rng((seed, start, count, len(known)))
             drawn = draw_walk(storey, walk(storey, rng, count, start), "real", rng)
-            known.append(bool(drawn.s_graph.wall_surfaces) and is_right(matcher.match(drawn.s_graph, a_graph), drawn))
+            known.append(bool(drawn.s_graph.wall_surfaces) and is_correct(matcher.match(drawn.s_graph, a_graph), drawn))
         if most is None and 2 * sum(known[:PAIRS]) > PAIRS:
             most = count
         if known.count(False) <= MISSED:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from data import SceneGraph
 from data.common.errors import UserError
 from data.geometry import se2
 from data.geometry.line_fit import fit_to_lines
+from data.geometry.wall_directions import WallDirections
 from matching.arrays.walls import arrays
 from sgslam.geometry.frames import is_rigid
 from sgslam.report.accuracy import yaw_errors
@@ -29,23 +29,13 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(WallDirections):
     """N wall surfaces as directed segments in plan, all in one frame; `half` (N,) is half the length."""
 
     ids: tuple[str, ...]
     centre: Array  # (N, 2)
     heading: Array  # (N,) of the inward normal
     half: Array  # (N,)
-
-    @cached_property
-    def normal(self) -> Array:
-        """(N, 2) inward normals."""
-        return np.stack((np.cos(self.heading), np.sin(self.heading)), axis=-1)
-
-    @cached_property
-    def tangent(self) -> Array:
-        """(N, 2) the normals turned left."""
-        return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,28 +79,15 @@ class Rpe:
 
 
 @dataclass(frozen=True)
-class DriftOverLength:
-    """Mean drift of the `count` sub-trajectories of one length (m)."""
-
-    length_m: float
-    count: int
-    percent: float
-    rad_per_m: float
-
-
-@dataclass(frozen=True)
 class Drift:
     """`end_percent`: the last pose's position error over the length travelled, first poses made to coincide.
 
-    `mean_percent` and `mean_rad_per_m` are the means over all sub-trajectories; None where the run is shorter than
-    the shortest length.
+    `mean_percent` is the mean over all sub-trajectories; None where the run is shorter than the shortest length.
     """
 
     travelled_m: float
     end_percent: float
     mean_percent: float | None
-    mean_rad_per_m: float | None
-    by_length: tuple[DriftOverLength, ...]
     matched_poses: int
     total_poses: int
 
@@ -190,7 +177,7 @@ def drift(
     if not way[-1] > 0:
         raise UserError(f"{len(way)} matched poses at one place: no way to measure a drift by")
     whole = _relative_errors(both, np.array([[0, len(way) - 1]]))
-    parts, percents, rates = [], [], []
+    percents = []
     for length in lengths_m:
         last = np.searchsorted(way, way + length, side="right")
         pairs = np.stack([np.arange(len(way)), last], axis=1)[last < len(way)]
@@ -198,12 +185,9 @@ def drift(
             continue
         error = _relative_errors(both, pairs)
         percents.append(100 * np.linalg.norm(error[:, :3, 3], axis=1) / length)
-        rates.append(_angles(error) / length)
-        parts.append(DriftOverLength(length, len(pairs), float(percents[-1].mean()), float(rates[-1].mean())))
     return Drift(
         float(way[-1]), float(100 * np.linalg.norm(whole[0, :3, 3]) / way[-1]),
-        float(np.concatenate(percents).mean()) if parts else None,
-        float(np.concatenate(rates).mean()) if parts else None, tuple(parts), len(way), both.total,
+        float(np.concatenate(percents).mean()) if percents else None, len(way), both.total,
     )  # fmt: skip
 
 

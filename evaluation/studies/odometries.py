@@ -101,7 +101,7 @@ def _row(sequence: Sequence, name: str, cpu_kiss: float) -> Row:
         alone_ape_m=ape(alone, sequence.truth, "se3").translation.rmse,
         anchored=result.anchored, rmse_bim_m=None if error is None else error.rmse,
         max_bim_m=None if error is None else error.max,
-        nees_per_dof=None if known is None else nees(known.trajectory, sequence.truth, known.covariances).mean_per_dof,
+        nees_per_dof=None if known is None else nees(known.trajectory, sequence.truth, known.covariances),
         cpu_alone=cpu_alone, cpu_run=cpu_run, cpu_kiss=cpu_kiss,
     )  # fmt: skip
 

@@ -1,1 +1,1 @@
-"""Where a plan repeats itself: symmetries that no matcher can tell apart."""
+"""Before any robot drives: symmetries of a plan, its defects, and how many rooms must be seen to localise in it."""

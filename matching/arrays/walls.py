@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from data.geometry import se2
 from data.geometry.se2 import Array
+from data.geometry.wall_directions import WallDirections
 from data.scene_graph import Room, SceneGraph, WallSurface
 
 Index = NDArray[np.int64]
@@ -17,7 +18,7 @@ UNKNOWN_HALF_LENGTH = 1.0  # metres, where neither the graph nor the room's othe
 
 
 @dataclass(frozen=True)
-class Walls:
+class Walls(WallDirections):
     """N wall surfaces of one storey, in their own frame `own`: origin at their mean, x along most walls.
 
     The own frame makes every later step independent of where and how the graph's frame lies.
@@ -35,16 +36,6 @@ class Walls:
 
     def __len__(self) -> int:
         return len(self.ids)
-
-    @cached_property
-    def normal(self) -> Array:
-        """(N, 2) inward normals."""
-        return np.stack((np.cos(self.heading), np.sin(self.heading)), axis=-1)
-
-    @cached_property
-    def tangent(self) -> Array:
-        """(N, 2) the normals turned left."""
-        return np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
     @cached_property
     def lines(self) -> Array:

@@ -1,6 +1,5 @@
 """The relatives as methods of their own: the assignment that each comes with is the answer, and nothing is checked."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +17,11 @@ from matching.network.registry import Network, kind_of
 from matching.result import MatchResult, Pair
 from matching.search.rigid_fit import fit_pairs
 from matching.search.start import Start
-from matching.search.unchecked import unchecked
+from matching.search.unchecked import match_unchecked
 
 WEIGHTS = Path(__file__).parents[1] / "weights"
 FORBIDDEN = -1e4
+REASON = "the network's own assignment, of which nothing was checked"
 
 
 class RelativeMatcher:
@@ -46,16 +46,7 @@ class RelativeMatcher:
 
         `T_a_s`, which the method does not give, fits its pairs; `start` only drops an answer that is far from it.
         """
-        began = time.perf_counter()
-        a = a if floor is None else a.on_floor(floor)
-        for what, graph in (("S-graph", s), ("A-graph", a)):
-            if not graph.wall_surfaces:
-                return MatchResult("none", f"the {what} has no wall surface")
-        rooms, walls = self._pairs(s, a)
-        if not rooms and not walls:
-            return MatchResult("none", "nothing of the map has a partner", seconds=time.perf_counter() - began)
-        reason = "the network's own assignment, of which nothing was checked"
-        return unchecked(a, rooms, walls, _fitted(s, a, rooms, walls), start, reason, began)
+        return match_unchecked(s, a, self._pairs, _fitted, REASON, "nothing of the map has a partner", floor, start)
 
     def _pairs(self, s: SceneGraph, a: SceneGraph) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
         seen, plan = map_features(s), plan_features(a)

@@ -1,6 +1,5 @@
 """The published matcher as a `Method`: every node of the S-graph gets a partner, and nothing is checked."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from matching.published.network import Nodes, PaperNetwork
 from matching.published.weights import load_paper_network
 from matching.result import MatchResult, Pair
 from matching.search.start import Start
-from matching.search.unchecked import unchecked
+from matching.search.unchecked import match_unchecked
 
 REASON = "the published matcher answers every time; nothing was checked"
 
@@ -43,15 +42,7 @@ class PaperMatcher:
         surface), which nothing in the method forbids, is no answer. `T_a_s`, which the method does not give, brings
         the centroids of partners nearest to each other. `start` only drops an answer that is far from it.
         """
-        began = time.perf_counter()
-        a = a if floor is None else a.on_floor(floor)
-        for what, graph in (("S-graph", s), ("A-graph", a)):
-            if not graph.wall_surfaces:
-                return MatchResult("none", f"the {what} has no wall surface")
-        rooms, walls = self._pairs(s, a)
-        if not rooms and not walls:
-            return MatchResult("none", "no partner is of its own type", seconds=time.perf_counter() - began)
-        return unchecked(a, rooms, walls, _fitted(s, a, (*rooms, *walls)), start, REASON, began)
+        return match_unchecked(s, a, self._pairs, _fitted, REASON, "no partner is of its own type", floor, start)
 
     def _pairs(self, s: SceneGraph, a: SceneGraph) -> tuple[tuple[Pair, ...], tuple[Pair, ...]]:
         settings = self._network.settings
@@ -66,9 +57,9 @@ class PaperMatcher:
         return tuple(found[0]), tuple(found[1])
 
 
-def _fitted(s: SceneGraph, a: SceneGraph, pairs: tuple[Pair, ...]) -> Array:
+def _fitted(s: SceneGraph, a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> Array:
     """(3,) T_a_s by least squares of the distances between the centroids of partners."""
-    p, q = (np.array([_place(g, str(pair[k])) for pair in pairs]) for k, g in enumerate((s, a)))
+    p, q = (np.array([_place(g, str(pair[k])) for pair in (*rooms, *walls)]) for k, g in enumerate((s, a)))
     middle_p, middle_q = p.mean(axis=0), q.mean(axis=0)
     p, q = (((x - m) @ [1, 1j]) for x, m in ((p, middle_p), (q, middle_q)))
     yaw = float(np.angle(np.vdot(p, q)))

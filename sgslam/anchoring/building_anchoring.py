@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
+from matching.protocol import AnyMatcher, Match
 from sgslam.anchoring.anchor_log import AnchorRecord
 from sgslam.anchoring.floor_anchoring import Anchoring
-from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
 from sgslam.anchoring.storey_hypotheses import Assignment, assignments, joint
 from sgslam.anchoring.wall_alignment import Holding
 from sgslam.backend.backend import Anchors

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 import factors
 from data import SceneGraph, WallSurface
+from matching.protocol import AnyMatcher, Match
 from matching.result import MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, Hold, Key
 from sgslam.anchoring.anchored_rooms import room_anchors, rooms_of
 from sgslam.anchoring.free_space_conflict import contradicted
 from sgslam.anchoring.match_history import Growth, Said
-from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
 from sgslam.anchoring.place_verification import (
     CONTRADICTED,
     OTHERWISE,

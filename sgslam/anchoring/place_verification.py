@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
+from matching.protocol import Match
 from matching.result import Hypothesis, MatchResult
 from sgslam.anchoring.free_space_conflict import contradicted
-from sgslam.anchoring.matcher_protocol import Match
 from sgslam.anchoring.wall_association import WallArrays, pair_by_position
 from sgslam.config import AnchorSettings
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.geometry import se2
+from matching.protocol import Match
 from matching.result import MatchResult
 from sgslam.anchoring.free_space_conflict import contradicted
-from sgslam.anchoring.matcher_protocol import Match
 from sgslam.anchoring.place_verification import STRUCK_OUT, Listed, is_clear, is_outdone, listed, placed_at
 from sgslam.config import AnchorSettings
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import Floor, SceneGraph, UserError
-from sgslam.anchoring.matcher_protocol import Match
+from matching.protocol import Match
 
 Floats = NDArray[np.float64]
 Assignment = dict[int, str]  # floor of the map -> storey of the plan

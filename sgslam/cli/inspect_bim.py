@@ -23,19 +23,20 @@ def main(arguments: list[str] | None = None) -> int:
         raise UserError("--maps and --jobs: 1 or more")
     from data.common.files import write_atomically, write_json
     from data.plans.bim import load_bim
-    from sgslam.inspection.inspection import Ask, inspect
+    from sgslam.inspection.inspection import InspectionSettings, inspect
     from sgslam.inspection.page import inspection_html
     from sgslam.session.result import prepare_folder
 
     bim = load_bim(options.bim, layers=options.layer)
     out = prepare_folder(options.out)
     with _progress() as tell:
-        found = inspect(bim.graph, bim.notices, Ask(options.method, options.maps, options.seed), options.jobs, tell)
+        settings = InspectionSettings(options.method, options.maps, options.seed)
+        found = inspect(bim.graph, bim.notices, settings, options.jobs, tell)
     write_json(out / VALUES, {"file": options.bim.name, **_asked(options), **found.to_dict()})
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))
-    for line in [*found.notices, *(gap.told for gap in found.gaps)]:
+    for line in [*found.notices, *(issue.message for issue in found.issues)]:
         print(f"lacks: {line}")
-    needed = [r.needed for r in found.rooms.values()]
+    needed = [r.to_localise for r in found.rooms.values()]
     never, lost = (sum(n.outcome == outcome for n in needed) for outcome in ("never", "not found"))
     known = sorted(n.rooms for n in needed if n.rooms is not None)
     if known:

@@ -122,7 +122,7 @@ class _Writer:
 
     def _walls(self) -> None:
         for wall in self._graph.wall_surfaces:
-            corners, normal = self._run.corners(wall), self._run.turned(wall.normal)
+            corners, normal = self._run.corners(wall), self._run.rotated(wall.normal)
             along, up = corners[0] - corners[1], corners[2] - corners[0]
             size = np.array([np.linalg.norm(along), 0.0, np.linalg.norm(up)])
             axes = np.stack([np.cross(normal, up / size[2]), normal, up / size[2]], axis=1)

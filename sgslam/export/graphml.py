@@ -36,7 +36,7 @@ def graph_of(run: RunFolder) -> "networkx.Graph[str]":
         if room.floor is not None:
             graph.add_edge(room.id, room.floor, kind="part_of")
     for wall in s.wall_surfaces:
-        corners, normal = run.corners(wall), run.turned(wall.normal).tolist()
+        corners, normal = run.corners(wall), run.rotated(wall.normal).tolist()
         low, high = corners[:, 2].min(), corners[:, 2].max()
         sizes = {"length": wall.length, "height": float(high - low), "normal_x": normal[0], "normal_y": normal[1]}
         node(wall.id, "wall_surface", corners.mean(axis=0), **sizes, corners=json.dumps(corners.tolist()))

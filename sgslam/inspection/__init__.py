@@ -1,1 +1,1 @@
-"""A plan before any robot drives: what it lacks, where it repeats itself, how many rooms must be seen."""
+"""Inspection of a plan before any robot drives, as values and as a page."""

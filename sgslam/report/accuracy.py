@@ -1,7 +1,7 @@
-"""How far a trajectory is from the truth. Pure functions: no files, no plots.
+"""Trajectory errors against the ground truth. Pure functions: no files, no plots.
 
-Errors in the BIM frame are taken as they are, without any alignment; only the odometry, which has no frame of
-its own, is aligned to the truth first.
+Errors in the BIM frame are computed without alignment. Only the odometry, which is in no common frame, is aligned to
+the truth first.
 """
 
 from typing import Any
@@ -15,9 +15,9 @@ from data.trajectory import Trajectory
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-TOLERANCE_NS = 10_000_000  # half of a 50 Hz truth's period: further off, the robot has moved by a centimetre
-STANDING_M = 0.05  # a trajectory whose spread is below this has no direction to align
-STRAIGHT_RATIO = 1e-5  # second to first singular value of the covariance; of variances, so 0.3 % in lengths
+TOLERANCE_NS = 10_000_000  # half the period of a 50 Hz ground truth
+STANDING_M = 0.05  # spread of a trajectory below which its orientation is undetermined
+STRAIGHT_RATIO = 1e-5  # second to first singular value of the covariance of a straight line (0.3 % in length)
 
 
 def associate(
@@ -26,11 +26,11 @@ def associate(
     """Pairs stamps by time: each estimate with its nearest truth, each truth with one estimate at most.
 
     Both arrays are int64 ns, strictly increasing. Returns the indices into both, (M,) each and increasing;
-    where two estimates share their nearest truth, the nearer one has it and the other stays unmatched.
+    where two estimates share their nearest truth, the nearer one is paired and the other stays unmatched.
     """
-    nobody = np.empty(0, dtype=np.intp)
+    none = np.empty(0, dtype=np.intp)
     if not len(estimate_ns) or not len(truth_ns):
-        return nobody, nobody
+        return none, none
     after = np.clip(np.searchsorted(truth_ns, estimate_ns), 1, max(len(truth_ns) - 1, 1))
     before, after = after - 1, np.minimum(after, len(truth_ns) - 1)
     nearer_before = estimate_ns - truth_ns[before] <= truth_ns[after] - estimate_ns
@@ -68,8 +68,8 @@ def align_se3(points: Array, targets: Array) -> Array:
 def yaw_errors(estimate: Array, truth: Array) -> Array:
     """(N,) radians in (-pi, pi]: the turn about z that takes each true pose nearest to the estimate.
 
-    Both are (N, 4, 4) in one frame. It is the twist of R_estimate R_truth^T about z, so it holds for a sensor
-    that is mounted at any angle.
+    Both are (N, 4, 4) in one frame. It is the twist of R_estimate R_truth^T about z, so it holds for any
+    mounting of the sensor.
     """
     R = estimate[:, :3, :3] @ truth[:, :3, :3].transpose(0, 2, 1)
     return np.arctan2(R[:, 1, 0] - R[:, 0, 1], R[:, 0, 0] + R[:, 1, 1])
@@ -82,7 +82,7 @@ def accuracy(
     """The `accuracy` of metrics.json: metres and degrees over the poses that match a true pose in time.
 
     `trajectory_in_bim` is None where the run was not anchored, and the three `..._bim_...` are None then.
-    `rmse_odometry_aligned_m` is None where the odometry cannot be aligned; `note` tells why.
+    `rmse_odometry_aligned_m` is None where the odometry cannot be aligned; `note` gives the reason.
     Raises UserError where no pose matches.
     """
     scored = odometry if trajectory_in_bim is None else trajectory_in_bim
@@ -90,7 +90,7 @@ def accuracy(
     if not len(ours):
         raise UserError(
             f"ground truth: no pose within {tolerance_ns / 1e9:g} s of any scan; "
-            "its stamps must be by the scans' clock"
+            "its stamps must use the scans' clock"
         )
     result: dict[str, Any] = dict.fromkeys(("rmse_bim_m", "max_bim_m", "yaw_rmse_bim_deg"))
     if trajectory_in_bim is not None:

@@ -1,4 +1,4 @@
-"""What the report and the plan are made of, and where the map lies in the plan."""
+"""The data of the report and the plan picture, and the placement of the map in the plan."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,15 +12,15 @@ from data.trajectory import Trajectory
 from sgslam.geometry.frames import se2_to_se3
 
 Array = NDArray[np.float64]
-ENTERED_M = 1.0  # of the way that must lie in a room that was entered, not just looked into
-BESIDE_M = 3.0  # gap between the plan and a map that nothing places in it
+ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
+BESIDE_GAP_M = 3.0  # gap between the plan and a map of unknown place
 
 
 @dataclass(frozen=True)
 class ReportData:
-    """All that the report and the plan are made of; every part in the form that the run writes it.
+    """The data of the report and the plan picture, in the forms that the run writes.
 
-    `s_graph` and both trajectories are in the map frame (odometry: its own, which starts where the map does),
+    `s_graph` and both trajectories are in the map frame (the odometry in its own, with the same origin),
     `a_graph` and `truth` in the BIM frame. `matches`, `metrics` and `deviations` have the forms of matches.json,
     metrics.json and deviations.json.
     """
@@ -37,7 +37,7 @@ class ReportData:
 
     @property
     def hypotheses(self) -> list[dict[str, Any]]:
-        """The places that the matcher considered, the best first."""
+        """The matcher's hypotheses, the best first."""
         return list((self.matches or {}).get("hypotheses") or ())
 
     def pairs(self, kind: str) -> dict[str, tuple[str, float]]:
@@ -54,8 +54,8 @@ class ReportData:
         return next((f for f in floors if f.id == floor_id), None)
 
 
-def floor_by_floor(data: ReportData) -> list[ReportData]:
-    """The same for each floor of the map: what was seen there, and the way there; as it is where there is one."""
+def split_by_floor(data: ReportData) -> list[ReportData]:
+    """The data of each floor of the map, with the parts of the trajectories on it; unchanged if there is only one."""
     floors = data.s_graph.floors
     if len(floors) < 2:
         return [data]
@@ -80,11 +80,11 @@ def floor_by_floor(data: ReportData) -> list[ReportData]:
     return parts
 
 
-def robots_floor(data: ReportData) -> Floor | None:
-    """The BIM's storey that the robot drives on; None where the BIM has none.
+def current_storey(data: ReportData) -> Floor | None:
+    """The BIM's storey that the robot is on; None where the BIM has no storeys.
 
-    The match names it; else the height of the anchored trajectory, or of the true one; else it is the storey
-    with the most rooms.
+    Taken from the match, else from the height of the anchored or the true trajectory; else it is the storey with the
+    most rooms.
     """
     if data.a_graph is None or not data.a_graph.floors:
         return None
@@ -104,9 +104,12 @@ def robots_floor(data: ReportData) -> Floor | None:
 
 
 def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
-    """The planned rooms that the robot was in and that no room of the map is matched to, each with the room of the map
-    (None where there is none) that it was mapped as a part of. Empty where the map's place is not known."""
-    floor = robots_floor(data)
+    """The BIM's rooms that the robot entered and that have no match: (S id, A id).
+
+    The S room is the one that contains most of the path there, None where there is none. Empty for a run that is not
+    anchored.
+    """
+    floor = current_storey(data)
     if data.T_bim_map is None or data.a_graph is None:
         return []
     on_map = data.trajectory_map.positions[:, :2]
@@ -118,7 +121,7 @@ def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
         inside = _inside(room, in_bim)
         if room.id in matched or (floor is not None and room.floor != floor.id) or inside is None:
             continue
-        if inside.mean() * _way(on_map) >= ENTERED_M:
+        if inside.mean() * path_length(on_map) >= ENTERED_M:
             shared = {s: int((inside & own).sum()) for s, own in mapped.items()}
             most = max(shared, key=shared.__getitem__, default=None)
             found.append((most if most is not None and shared[most] else None, room.id))
@@ -126,7 +129,7 @@ def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
 
 
 def _inside(room: Room, places: Array) -> NDArray[np.bool_] | None:
-    """(N,) whether places (N, 2) lie in a room; None where its outline is not known."""
+    """(N,) whether points (N, 2) lie in a room; None where its outline is not known."""
     import shapely
 
     if room.polygon is None or len(room.polygon) < 3:
@@ -134,13 +137,13 @@ def _inside(room: Room, places: Array) -> NDArray[np.bool_] | None:
     return np.asarray(shapely.contains_xy(shapely.Polygon(room.polygon), places))
 
 
-def _way(places: Array) -> float:
-    """Metres driven."""
+def path_length(places: Array) -> float:
+    """The length (m) of a path through points (N, 2 or 3)."""
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
 def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
-    """T_plan_map (4, 4), and the plan's heading, which says how sure it is.
+    """T_plan_map (4, 4) and the plan's heading, which states how reliable it is.
 
     The plan's frame is the BIM frame where there is a BIM, else the map frame.
     """
@@ -149,29 +152,30 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     storey = (floor.name or floor.id) if floor else "The plan"
     if data.T_bim_map is not None:
         return data.T_bim_map, storey
-    guesses = [(data.matches or {}).get("T_a_s"), *(h.get("T_a_s") for h in data.hypotheses)]
-    guess = next((g for g in guesses if g is not None), None)
-    if guess is not None:
-        return guessed(data, guess, floor), f"{storey}; the map is placed by the best guess, which was not committed to"
-    return _beside(data, floor), f"{storey}; the map lies beside it, its place is not known"
+    candidates = [(data.matches or {}).get("T_a_s"), *(h.get("T_a_s") for h in data.hypotheses)]
+    best = next((g for g in candidates if g is not None), None)
+    if best is not None:
+        heading = f"{storey}; the map is placed by the best hypothesis, which was not accepted"
+        return hypothesis_pose(data, best, floor), heading
+    return _pose_beside_plan(data, floor), f"{storey}; the map is drawn beside it, as its place is unknown"
 
 
-def guessed(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
-    """T_bim_map (4, 4) by a hypothesis `T_a_s` [yaw, x, y]: the map's floor on the storey's."""
+def hypothesis_pose(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:
+    """T_bim_map (4, 4) of a hypothesis `T_a_s` [yaw, x, y], with the map's floor at the storey's elevation."""
     planned = floor.elevation if floor else None
     ours = next((f.elevation for f in data.s_graph.floors if f.elevation is not None), None)
     yaw, x, y = T_a_s
     return se2_to_se3(yaw, x, y, planned - ours if planned is not None and ours is not None else 0.0)
 
 
-def _beside(data: ReportData, floor: Floor | None) -> Array:
+def _pose_beside_plan(data: ReportData, floor: Floor | None) -> Array:
     assert data.a_graph is not None
     items: list[WallSurface | Room] = [*data.a_graph.wall_surfaces, *data.a_graph.rooms]
     plan = [item.centroid for item in items if floor is None or item.floor == floor.id]
     ours: list[Any] = [w.centroid for w in data.s_graph.wall_surfaces]
     ours += list(data.trajectory_map.positions[:, :2])
     if not plan or not ours:
-        return guessed(data, [0.0, 0.0, 0.0], floor)
-    x = float(np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0]) + BESIDE_M
+        return hypothesis_pose(data, [0.0, 0.0, 0.0], floor)
+    x = float(np.max(plan, axis=0)[0] - np.min(ours, axis=0)[0]) + BESIDE_GAP_M
     y = float(np.mean(plan, axis=0)[1] - np.mean(ours, axis=0)[1])
-    return guessed(data, [0.0, x, y], floor)
+    return hypothesis_pose(data, [0.0, x, y], floor)

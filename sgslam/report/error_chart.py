@@ -1,4 +1,4 @@
-"""How far the trajectory is from the truth over time, where the truth is known: an inline SVG chart."""
+"""Chart of the position error over time, as inline SVG, where the ground truth is known."""
 
 import math
 from collections.abc import Sequence
@@ -13,18 +13,18 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from sgslam.report.accuracy import align_se3, associate
 from sgslam.report.contents import ReportData
-from sgslam.report.html_parts import metres
-from sgslam.report.plan_drawing import PlanDrawing, thinned
+from sgslam.report.number_formats import metres
+from sgslam.report.plan_drawing import PlanDrawing, subsample
 from sgslam.report.plan_svg import Pen
 
 Array = NDArray[np.float64]
 WIDTH, HEIGHT = 1080, 300
-LEFT, RIGHT, TOP, BOTTOM = 62, 14, 36, 40  # the margins within
-BINS = 220  # of time: of each the RMS is drawn, and up to the largest error, so that no peak is lost
-SAMPLES = 600  # that can be pointed at
-GAP_S = 2.0  # a line is broken where no error is known for so long
-LOG_FROM = 5.0  # as many times as the odometry is worse, the errors share no linear axis
-SMALLEST_M = 1e-3  # at the foot of a logarithmic axis
+LEFT, RIGHT, TOP, BOTTOM = 62, 14, 36, 40  # margins
+BINS = 220  # of time; RMS and maximum of each are drawn, so that no peak is lost
+SAMPLES = 600  # shown when pointed at
+GAP_S = 2.0  # longest time without errors over which a line is drawn
+LOG_FROM = 5.0  # ratio of the lines' errors from which the axis is logarithmic
+SMALLEST_M = 1e-3  # lower end of a logarithmic axis
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,15 @@ class ErrorLine:
     errors: Array
 
     def summary(self) -> str:
-        """What it is, and how far off in all."""
+        """Its label with RMSE and maximum."""
         rmse = float(np.sqrt(np.mean(self.errors**2)))
         return f"{self.label}: RMSE {metres(rmse)}, largest {metres(float(self.errors.max()))}"
 
 
 def error_lines(data: ReportData) -> list[ErrorLine]:
-    """Position errors against the truth: the trajectory's and the odometry's; those that can be told.
+    """Position errors of odometry and trajectory against the truth; those that can be computed.
 
-    An anchored trajectory is taken as it is, in the BIM frame; whatever has no place there is aligned first.
+    An anchored trajectory is compared in the BIM frame without alignment; others are aligned first.
     """
     if data.truth is None or not len(data.trajectory_map):
         return []
@@ -91,17 +91,17 @@ def error_chart(data: ReportData, lines: Sequence[ErrorLine]) -> str:
         f'aria-label="position error against time">{axes.grid()}{mark}{drawn}'
         f'<line id="cursor" y1="{TOP}" y2="{HEIGHT - BOTTOM}"/></svg></div>'
         f'<div class="legend plain">{keys}</div>'
-        '<p class="muted" id="readout">Lines: RMS over short times; bands: up to the largest error. '
-        "Point at the chart: the plan above shows where the sensor was then.</p>"
+        '<p class="muted" id="readout">Lines: RMS over short intervals; bands: up to the largest error. '
+        "Point at the chart to see in the plan where the sensor was at that time.</p>"
     )
 
 
 def chart_data(data: ReportData, lines: Sequence[ErrorLine], drawing: PlanDrawing) -> dict[str, Any]:
-    """JSON for the one who points at the chart: samples of `seconds`, `errors` by line (m), `place` in `#plan`."""
-    told = next((line for line in lines if line.name == "trajectory"), lines[0])
-    axes, seconds = _Axes(lines), told.seconds[thinned(len(told.seconds), SAMPLES)]
+    """JSON for pointing at the chart: samples of `seconds`, `errors` by line (m), and `place` in `#plan`."""
+    shown = next((line for line in lines if line.name == "trajectory"), lines[0])
+    axes, seconds = _Axes(lines), shown.seconds[subsample(len(shown.seconds), SAMPLES)]
     path, stamps = drawing.paths["trajectory"], data.trajectory_map.stamps_ns
-    drawn_at = (stamps[thinned(len(stamps), len(path))] - stamps[0]) / 1e9
+    drawn_at = (stamps[subsample(len(stamps), len(path))] - stamps[0]) / 1e9
     place = Pen(drawing.centre()).local(np.column_stack([np.interp(seconds, drawn_at, path[:, k]) for k in (0, 1)]))
     return {
         "seconds": seconds.round(2).tolist(),
@@ -112,7 +112,7 @@ def chart_data(data: ReportData, lines: Sequence[ErrorLine], drawing: PlanDrawin
 
 
 class _Axes:
-    """Seconds across; metres up: linear, or logarithmic where one line is far below the other."""
+    """Seconds on x; metres on y: linear, or logarithmic where one line is far below the other."""
 
     def __init__(self, lines: Sequence[ErrorLine]) -> None:
         self.start = min(0.0, *(float(line.seconds[0]) for line in lines))
@@ -137,7 +137,7 @@ class _Axes:
         return HEIGHT - BOTTOM - share * (HEIGHT - BOTTOM - TOP)
 
     def path(self, line: ErrorLine) -> str:
-        """The RMS of each bin of time as a line, with a band up to the largest error; in pieces."""
+        """The RMS of each bin of time as a line, with a band up to the largest error; interrupted at gaps."""
         binned = _binned(line, self.start, self.end)
         x, rms, high = self.x(binned[:, 0]), self.y(binned[:, 1]), self.y(binned[:, 2])
         cuts = np.flatnonzero(np.diff(binned[:, 0]) > GAP_S + 2 * (self.end - self.start) / BINS) + 1
@@ -174,7 +174,7 @@ class _Axes:
 
 
 def _binned(line: ErrorLine, start: float, end: float) -> Array:
-    """(M, 3) by bin of time: mean seconds, RMS, largest error; the samples themselves where they are few."""
+    """(M, 3) for each bin of time: mean seconds, RMS, largest error; the samples themselves if there are few."""
     if len(line.errors) <= BINS:
         return np.column_stack([line.seconds, line.errors, line.errors])
     edges = np.linspace(start, end, BINS + 1)[1:-1]

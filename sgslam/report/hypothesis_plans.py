@@ -1,15 +1,15 @@
-"""The places that the matcher considered, each drawn on its storey: small plans, the best first."""
+"""Small plans of the matcher's hypotheses, each drawn on its storey, the best first."""
 
 import math
 from collections.abc import Sequence
-from html import escape
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.deviation_bands import MINUS
-from sgslam.report.contents import ReportData, guessed
+from sgslam.report.contents import ReportData, hypothesis_pose
 from sgslam.report.plan_drawing import DrawnWall, mapped_walls, planned_walls
 from sgslam.report.plan_svg import Pen
 
@@ -18,15 +18,27 @@ SHOWN = 4
 MARGIN = 0.03
 
 
-def hypothesis_plans(data: ReportData) -> str:
-    """Figures of the first hypotheses, all at one scale; empty where there are none, or no BIM."""
+@dataclass(frozen=True)
+class HypothesisFigure:
+    """One hypothesis: its texts, the number of matched rooms, the SVG's viewBox and its layers from bottom to top."""
+
+    storey: str
+    score: str
+    place: str
+    rooms: int
+    box: str
+    layers: dict[str, str]
+
+
+def hypothesis_figures(data: ReportData) -> list[HypothesisFigure]:
+    """The figures of the best hypotheses, at one scale; empty where there are none, or no BIM."""
     shown = data.hypotheses[:SHOWN]
     if data.a_graph is None or not shown:
-        return ""
+        return []
     sides = []
     for hypothesis in shown:
         floor = data.floor_named(hypothesis.get("floor"))
-        ours = mapped_walls(data, guessed(data, hypothesis["T_a_s"], floor), 0.0)
+        ours = mapped_walls(data, hypothesis_pose(data, hypothesis["T_a_s"], floor), 0.0)
         sides.append((planned_walls(data, floor, 0.0), ours))
     ends = np.vstack([w.ends for planned, ours in sides for w in (*planned, *ours)])
     low, high = ends.min(axis=0), ends.max(axis=0)
@@ -34,38 +46,31 @@ def hypothesis_plans(data: ReportData) -> str:
     margin = max(0.5, MARGIN * float((high - low).max()))
     (left, bottom), (right, top) = pen.local(low)[0], pen.local(high)[0]
     box = f"{left - margin:.2f} {top - margin:.2f} {right - left + 2 * margin:.2f} {bottom - top + 2 * margin:.2f}"
-    figures = [
-        _figure(data, number, hypothesis, planned, ours, pen, box)
-        for number, (hypothesis, (planned, ours)) in enumerate(zip(shown, sides, strict=True), 1)
+    return [
+        _figure(data, hypothesis, planned, ours, pen, box)
+        for hypothesis, (planned, ours) in zip(shown, sides, strict=True)
     ]
-    return f'<div class="figures">{"".join(figures)}</div>'
 
 
 def _figure(
-    data: ReportData, number: int, hypothesis: dict[str, Any], planned: Sequence[DrawnWall],
-    ours: Sequence[DrawnWall], pen: Pen, box: str,
-) -> str:  # fmt: skip
-    storey, score, place = hypothesis_texts(data, hypothesis)
+    data: ReportData, hypothesis: dict[str, Any], planned: Sequence[DrawnWall], ours: Sequence[DrawnWall],
+    pen: Pen, box: str,
+) -> HypothesisFigure:  # fmt: skip
     taken_s = {s for s, _ in hypothesis.get("rooms") or ()}
     taken_a = {a for _, a in hypothesis.get("rooms") or ()}
     fills = [r.polygon for r in (data.a_graph.rooms if data.a_graph else ()) if r.id in taken_a and r.polygon]
-    rooms = "".join(pen.polygon(np.array(polygon)) for polygon in fills)
     seen_in = {w.id: w.room for w in data.s_graph.wall_surfaces}
-    matched = [w for w in ours if seen_in[w.id] in taken_s]
-    unmatched = [w for w in ours if seen_in[w.id] not in taken_s]
-    count = len(taken_s)
-    return (
-        f'<figure><svg viewBox="{box}" role="img" aria-label="hypothesis {number}">'
-        f'<g class="layer-rooms-matched">{rooms}</g><g class="layer-bim-walls">{_path(planned, pen)}</g>'
-        f'<g class="layer-walls-unmatched">{_path(unmatched, pen)}</g>'
-        f'<g class="layer-walls-matched">{_path(matched, pen)}</g></svg>'
-        f"<figcaption><b>{number}. {escape(storey)}</b> score {score}<br>"
-        f"{count} matched room{'' if count == 1 else 's'}; {place}</figcaption></figure>"
-    )
+    layers = {
+        "rooms-matched": "".join(pen.polygon(np.array(polygon)) for polygon in fills),
+        "bim-walls": _path(planned, pen),
+        "walls-unmatched": _path([w for w in ours if seen_in[w.id] not in taken_s], pen),
+        "walls-matched": _path([w for w in ours if seen_in[w.id] in taken_s], pen),
+    }
+    return HypothesisFigure(*hypothesis_texts(data, hypothesis), len(taken_s), box, layers)
 
 
 def hypothesis_texts(data: ReportData, hypothesis: dict[str, Any]) -> tuple[str, str, str]:
-    """Its storey's name, its score, and where it puts the map's origin."""
+    """The storey's name, the score, and the pose of the map's origin."""
     floor_id = hypothesis.get("floor")
     floor = data.floor_named(floor_id)
     storey = (floor.name or floor.id) if floor else str(floor_id or "the plan")

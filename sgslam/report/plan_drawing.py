@@ -1,6 +1,6 @@
-"""What the plan and the 3D view show, as plain geometry in one frame.
+"""The contents of the plan and the 3D view as plain geometry in one frame.
 
-Drawn by `plan_view` (PNG), `plan_svg` and `scene_view`. The plan's frame is the BIM frame where there is a BIM, else
+Drawn by `plan_png`, `plan_svg` and `scene_3d`. The plan's frame is the BIM frame where there is a BIM, else
 the map frame; metres.
 """
 
@@ -15,16 +15,16 @@ from data.scene_graph import Floor, Room, WallSurface
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import band_of, deviation_text
 from sgslam.geometry.frames import transform_points
-from sgslam.report.contents import ReportData, placement, robots_floor
+from sgslam.report.contents import ReportData, current_storey, placement
 
 Array = NDArray[np.float64]
-MAX_VERTICES = 3000  # of a drawn path: more than a screen resolves
+MAX_VERTICES = 3000  # of a drawn path; more than a screen resolves
 MAX_KEYFRAMES = 1000
 STUB_M = 0.4  # drawn length of a wall surface whose length is not known
 STOREY_M, SENSOR_M = 2.5, 1.0  # drawn height of a wall, and of the sensor above the floor, where not known
 LARGEST_TEXT_M, SMALLEST_TEXT_M = 0.42, 0.12
 GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
-STRAY = 0.3  # of the building's longer side: so far a drifting odometry may widen the view
+STRAY = 0.3  # of the building's longer side, by which a drifting odometry may widen the view
 
 LABELS = {
     "bim-walls": "wall of the BIM",
@@ -38,8 +38,8 @@ LABELS = {
     "truth": "ground truth",
 }
 NOT_ANCHORED = {
-    "walls-matched": "mapped wall, matched by the best guess",
-    "rooms-matched": "room of the BIM in the best guess",
+    "walls-matched": "mapped wall, matched in the best hypothesis",
+    "rooms-matched": "room of the BIM in the best hypothesis",
     "odometry": "odometry",
     "trajectory": "trajectory, not anchored",
 }
@@ -49,10 +49,9 @@ PathKind = Literal["odometry", "truth", "trajectory"]
 
 @dataclass(frozen=True)
 class DrawnWall:
-    """`ends` (2, 2) in plan, the first to the left of one who looks along the normal; `z` of its lower and upper edge.
+    """`ends` (2, 2) in plan, the first on the left when looking along the normal; `z` of its lower and upper edge.
 
-    `title` names it when pointed at; `band` is how far it lies off the plan (see `deviation_bands`), None where not
-    known.
+    `title` is the tooltip; `band` the class of its deviation from the plan (see `deviation_bands`), None where unknown.
     """
 
     id: str
@@ -66,7 +65,7 @@ class DrawnWall:
 
 @dataclass(frozen=True)
 class DrawnRoom:
-    """`outline` is (K, 2), not closed, or None; `label` is where the name stands."""
+    """`outline` is (K, 2), not closed, or None; `label` is the position of its name."""
 
     outline: Array | None
     label: Array
@@ -75,7 +74,7 @@ class DrawnRoom:
     title: str
 
     def text_size(self) -> float:
-        """Metres: the height of letters with which the name fits the room's width."""
+        """The text height (m) at which the name fits the room's width."""
         if self.outline is None:
             return 0.7 * LARGEST_TEXT_M
         fits = 0.9 * np.ptp(self.outline[:, 0]) / (GLYPH_WIDTH * max(len(self.name), 3))
@@ -87,7 +86,7 @@ class PlanDrawing:
     """One storey.
 
     `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `paths` are (N, 3),
-    `keyframes` (K, 3). `floor_z` is the floor's height. `labels` names the layers: what the legends say.
+    `keyframes` (K, 3). `floor_z` is the floor's height. `labels` names the layers in the legends.
     """
 
     heading: str
@@ -102,7 +101,7 @@ class PlanDrawing:
     labels: dict[str, str]
 
     def bounds(self) -> tuple[Array, Array]:
-        """The lower left and upper right corners (2,) of the view: all but an odometry that strays far away."""
+        """The lower left and upper right corners (2,) of the view; an odometry that drifts far away is cut off."""
         parts = [w.ends for w in (*self.bim_walls, *self.map_walls)]
         for room in (*self.bim_rooms, *self.map_rooms):
             parts.append(room.label[None] if room.outline is None else room.outline)
@@ -116,19 +115,19 @@ class PlanDrawing:
         return np.minimum(low, strayed.min(axis=0)), np.maximum(high, strayed.max(axis=0))
 
     def centre(self) -> Array:
-        """(2,) whole metres in the middle: what drawings take as their origin."""
+        """(2,) the centre in whole metres, the origin of drawings."""
         low, high = self.bounds()
         return np.round((low + high) / 2)
 
     @property
     def with_deviations(self) -> bool:
-        """Whether the distance to the plan is known of any mapped wall."""
+        """Whether any mapped wall has a known deviation from the plan."""
         return any(w.band for w in self.map_walls)
 
 
 def plan_drawing(data: ReportData) -> PlanDrawing:
-    """Chooses the storey, places the map in the plan, and turns all of it into lines and outlines."""
-    floor = robots_floor(data)
+    """Selects the storey, places the map in the plan and converts both to lines and outlines."""
+    floor = current_storey(data)
     T_plan_map, heading = placement(data, floor)
     floor_z = _floor_z(data, floor, T_plan_map)
     rooms_a = [r for r in (data.a_graph.rooms if data.a_graph else ()) if _on(r, floor)]
@@ -162,7 +161,7 @@ def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tupl
     walls = [w for w in (data.a_graph.wall_surfaces if data.a_graph else ()) if _on(w, floor)]
     absent = {d["a_id"] for d in data.deviations if d["kind"] == "absent"}
     return tuple(
-        _wall(w, np.eye(4), floor_z, False, f"{w.id} {w.source}{': not there' if w.id in absent else ''}")
+        _wall(w, np.eye(4), floor_z, False, f"{w.id} {w.source}{': not found' if w.id in absent else ''}")
         for w in walls
     )
 
@@ -170,8 +169,8 @@ def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tupl
 def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[DrawnWall, ...]:
     """The map's wall surfaces (whose heights are over their floor), placed in the plan, with their deviations."""
     pairs = data.pairs("wall_surfaces")
-    telling = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
-    found = {d["s_id"]: d for d in telling if d["s_id"] is not None}  # of several walls in one plane the most telling
+    ranked = sorted(data.deviations, key=lambda d: (bool(d["significant"]), abs(d["offset_m"] or 0.0)))
+    found = {d["s_id"]: d for d in ranked if d["s_id"] is not None}  # the largest one of walls in one plane
     drawn = []
     for w in data.s_graph.wall_surfaces:
         title, deviation = _pair_title(w.id, pairs), found.get(w.id)
@@ -185,7 +184,7 @@ def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[D
 
 
 def _floor_z(data: ReportData, floor: Floor | None, T_plan_map: Array) -> float:
-    """The storey's elevation; else the mapped floor's; else so far below the sensor as a robot's may be."""
+    """The storey's elevation, else the mapped floor's, else a typical sensor height below the trajectory."""
     if floor is not None and floor.elevation is not None:
         return floor.elevation
     mapped = [f.elevation for f in data.s_graph.floors if f.elevation is not None]
@@ -247,7 +246,7 @@ def _match_lines(data: ReportData, T_plan_map: Array, shown_a: Iterable[str]) ->
 def _paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, Array]:
     paths: dict[PathKind, Array] = {}
     if len(data.trajectory_odometry) and len(data.trajectory_map):
-        # its first pose on the map's: what the odometry alone would have said of the way from there
+        # both first poses coincide, so that the drift from there on shows
         T_map_odom = data.trajectory_map.poses[0] @ np.linalg.inv(data.trajectory_odometry.poses[0])
         paths["odometry"] = _path(data.trajectory_odometry, T_plan_map @ T_map_odom)
     if data.truth is not None and data.a_graph is not None:
@@ -257,14 +256,14 @@ def _paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, Array]:
 
 
 def _path(trajectory: Trajectory, T_plan: Array) -> Array:
-    return _placed(trajectory.positions[thinned(len(trajectory), MAX_VERTICES)], T_plan)
+    return _placed(trajectory.positions[subsample(len(trajectory), MAX_VERTICES)], T_plan)
 
 
 def _keyframes(data: ReportData, T_plan_map: Array) -> Array:
     positions = _placed([k.pose[:3] for k in data.s_graph.keyframes], T_plan_map)
-    return positions[thinned(len(positions), MAX_KEYFRAMES)]
+    return positions[subsample(len(positions), MAX_KEYFRAMES)]
 
 
-def thinned(count: int, most: int) -> NDArray[np.intp]:
-    """Indices of at most `most` of `count` items, evenly, the first and the last among them."""
+def subsample(count: int, most: int) -> NDArray[np.intp]:
+    """Indices of at most `most` of `count` items, evenly spaced, including the first and the last."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)

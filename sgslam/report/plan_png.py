@@ -1,4 +1,4 @@
-"""`plan.png`: the plan from above with matplotlib, without a display."""
+"""`plan.png`: the floor plan drawn with matplotlib, without a display."""
 
 import io
 from pathlib import Path
@@ -8,12 +8,12 @@ import numpy as np
 
 from data.common.files import write_atomically
 from sgslam.as_built.deviation_bands import BANDS, band_labels
-from sgslam.report.contents import ReportData, floor_by_floor
+from sgslam.report.contents import ReportData, split_by_floor
 from sgslam.report.plan_drawing import DrawnWall, PlanDrawing, plan_drawing
 
 LONG_SIDE_INCH, LEGEND_INCH, DPI = 12.0, 2.3, 150
 MARGIN = 0.03  # of the longer side
-LARGEST_TEXT, SMALLEST_TEXT = 9.0, 3.0  # points; a name that would be smaller is left out
+LARGEST_TEXT, SMALLEST_TEXT = 9.0, 3.0  # points; smaller names are left out
 BIM, ROOM, MATCHED, UNMATCHED = "#a3a9b2", "#e7f3f1", "#0f8a7b", "#c0508c"
 BAND_COLORS = ("#1f4aa8", "#4f86d4", "#8fbbe8", MATCHED, "#eeb04e", "#dd7a1c", "#b03a10")
 PATHS: dict[str, dict[str, Any]] = {
@@ -25,11 +25,11 @@ PATHS: dict[str, dict[str, Any]] = {
 
 def write_plan_png(data: ReportData, path: Path | str) -> None:
     """Draws the plan from above (metres, the BIM frame where there is one) and writes it atomically."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # imported here: a third of a second
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # slow to import
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    drawings = [plan_drawing(part) for part in floor_by_floor(data)]
+    drawings = [plan_drawing(part) for part in split_by_floor(data)]
     corners = [drawing.bounds() for drawing in drawings]
     low, high = np.min([a for a, _ in corners], axis=0), np.max([b for _, b in corners], axis=0)
     margin = max(0.5, MARGIN * float(max(high - low)))
@@ -39,7 +39,7 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
     figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.15))
     FigureCanvasAgg(figure)
     frame = "BIM" if data.a_graph is not None else "map"
-    known: dict[str, Any] = {}  # what the legend shows, once
+    known: dict[str, Any] = {}  # legend entries by label
     for k, drawing in enumerate(drawings):
         axes = figure.add_subplot(len(drawings), 1, k + 1)
         _draw(axes, drawing)
@@ -112,6 +112,6 @@ def _names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None:
             if size < SMALLEST_TEXT:
                 continue
             side = "top" if of_map and room.matched else "center" if of_map else "bottom"
-            # parse_math: a name with a dollar sign is no formula
+            # parse_math: a dollar sign in a name starts no formula
             style = {"va": side, "ha": "center", "fontsize": size, "color": color, "parse_math": False}
             axes.text(*room.label, room.name, **style)

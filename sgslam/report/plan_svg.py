@@ -1,4 +1,4 @@
-"""The plan from above as inline SVG: layers that can be switched, text that zooms, strokes that do not."""
+"""The floor plan as inline SVG: layers that can be switched, text that zooms, strokes of constant width."""
 
 from html import escape
 
@@ -13,7 +13,7 @@ MARGIN = 0.03  # of the longer side
 
 
 class Pen:
-    """Turns metres (y up) into the drawing's numbers: about its centre, y down, to the millimetre.
+    """Converts metres (y up) to SVG coordinates: relative to the centre, y down, rounded to millimetres.
 
     Browsers draw in 32 bit floats, and a site may lie hundreds of kilometres from its model's origin.
     """
@@ -22,11 +22,11 @@ class Pen:
         self.centre = centre
 
     def local(self, xy: Array) -> Array:
-        """(N, 2) the drawing's numbers."""
-        return (xy.reshape(-1, 2) - self.centre) * [1, -1] + 0.0  # + 0.0: no minus zero
+        """(N, 2) SVG coordinates."""
+        return (xy.reshape(-1, 2) - self.centre) * [1, -1] + 0.0  # + 0.0 avoids minus zero
 
     def points(self, xy: Array) -> str:
-        """For an attribute `points`."""
+        """The value of an attribute `points`."""
         return " ".join(f"{x:.3f},{y:.3f}" for x, y in self.local(xy))
 
     def line(self, ends: Array, title: str = "", attributes: str = "") -> str:
@@ -34,7 +34,7 @@ class Pen:
         return f'<polyline{attributes} points="{self.points(ends)}">{_title(title)}</polyline>'
 
     def wall(self, wall: DrawnWall) -> str:
-        """A mapped wall in its band's colour; `data-wall` is what tables find it by."""
+        """A mapped wall in its band's colour; tables refer to it by `data-wall`."""
         looks = " ".join([f"band-{wall.band}"] * (wall.band is not None) + ["significant"] * wall.significant)
         attributes = f' class="{looks}"' if looks else ""
         return self.line(wall.ends, wall.title, f'{attributes} data-wall="{escape(wall.id)}"')
@@ -51,9 +51,9 @@ class Pen:
 
 
 def plan_svg(drawing: PlanDrawing, name: str = "plan") -> str:
-    """The SVG element `#plan`, or one of another name, which has no marker.
+    """The SVG element with the id `name`; only `#plan` has a marker.
 
-    Layers that hold something are groups `layer-NAME` (see `drawing.labels`).
+    Layers that are not empty are groups `layer-NAME` (see `drawing.labels`).
     """
     pen = Pen(drawing.centre())
     margin, box = view_box(drawing, pen)
@@ -69,7 +69,7 @@ def plan_svg(drawing: PlanDrawing, name: str = "plan") -> str:
 
 
 def view_box(drawing: PlanDrawing, pen: Pen) -> tuple[float, tuple[float, float, float, float]]:
-    """The margin around what is drawn, and left, top, width and height with it."""
+    """The margin around the drawing, and left, top, width and height including it."""
     low, high = drawing.bounds()
     margin = max(1.0, MARGIN * float((high - low).max()))
     (left, bottom), (right, top) = pen.local(low)[0], pen.local(high)[0]
@@ -77,7 +77,7 @@ def view_box(drawing: PlanDrawing, pen: Pen) -> tuple[float, tuple[float, float,
 
 
 def legend(drawing: PlanDrawing) -> str:
-    """Switches for the layers that hold something, each with its line's look, and the deviations' scale."""
+    """Switches for the layers that are not empty, each with its line style, and the scale of deviations."""
     present = [name for name, content in _layers(drawing, Pen(np.zeros(2))) if content]
     items = [
         switch("layer", name, f'<g class="layer-{name}">{_key(name)}</g>', label)
@@ -88,7 +88,7 @@ def legend(drawing: PlanDrawing) -> str:
 
 
 def switch(of: str, name: str, key: str, label: str) -> str:
-    """A box to tick that shows and hides the layer `name`; `of` is the drawing's data attribute."""
+    """A checkbox that shows and hides the layer `name`; `of` is the drawing's data attribute."""
     return (
         f'<label><input type="checkbox" checked data-{of}="{name}"><svg class="key" viewBox="0 0 24 10">'
         f"{key}</svg>{escape(label)}</label>"
@@ -96,7 +96,7 @@ def switch(of: str, name: str, key: str, label: str) -> str:
 
 
 def deviation_scale() -> str:
-    """The colours of mapped walls by their distance to the plan."""
+    """The colours of mapped walls by their deviation from the plan."""
     labels = band_labels()
     swatches = "".join(
         f'<rect class="band-{band}" x="{60 * i}" width="60" height="10"><title>{labels[band]}</title></rect>'
@@ -105,9 +105,9 @@ def deviation_scale() -> str:
     limits = [f"{MINUS}{mm}" for mm in reversed(LIMITS_MM)] + [f"+{mm}" for mm in LIMITS_MM]
     ticks = "".join(f'<text x="{60 * (i + 1)}" y="24">{text}</text>' for i, text in enumerate(limits))
     return (
-        '<div class="deviation-scale"><span>Matched walls by their distance to the plan, mm</span>'
+        '<div class="deviation-scale"><span>Matched walls by their deviation from the plan (mm)</span>'
         f'<svg viewBox="0 0 420 28" role="img" aria-label="scale of the deviations">{swatches}{ticks}</svg>'
-        "<span>below 0: set back from the room; above: into it; thick: significant</span></div>"
+        "<span>below 0: set back from the room; above 0: into the room; thick: significant</span></div>"
     )
 
 
@@ -118,7 +118,7 @@ def _key(layer: str) -> str:
 
 
 def _layers(drawing: PlanDrawing, pen: Pen) -> list[tuple[str, str]]:
-    """(name, content) from the lowest layer to the highest; a name may come twice."""
+    """(name, content) from bottom to top; a name may occur twice."""
 
     def outlines(rooms: tuple[DrawnRoom, ...]) -> str:
         return "".join(pen.polygon(r.outline, r.title) for r in rooms if r.outline is not None)
@@ -147,13 +147,13 @@ def _start_and_end(drawing: PlanDrawing, pen: Pen) -> str:
     if "trajectory" not in drawing.paths:
         return ""
     xy = drawing.paths["trajectory"][:, :2]
-    # lines without length, with round caps: dots whose size on the screen stays as they are zoomed
+    # zero-length lines with round caps are dots of constant size on the screen
     dots = (("start", xy[0]), ("end", xy[-1]))
     return "".join(pen.line(np.stack([p, p]), name, f' class="{name}"') for name, p in dots)
 
 
 def scale_bar(x: float, y: float, width: float) -> str:
-    """A round number of metres, no longer than a sixth of the drawing's width, from a place in its numbers."""
+    """A round number of metres, at most a sixth of the drawing's width, from a point in SVG coordinates."""
     length = next((m for m in (50, 20, 10, 5, 2, 1) if m <= width / 6), 1)
     size = max(width / 90, 0.15)
     return (

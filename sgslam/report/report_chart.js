@@ -5,7 +5,7 @@ const data = JSON.parse(document.getElementById("chart-data").textContent);
 const cursor = document.getElementById("cursor");
 const marker = document.getElementById("marker");
 const readout = document.getElementById("readout");
-const told = readout.textContent;
+const hint = readout.textContent;
 const length = (metres) => (metres < 1 ? (metres * 100).toFixed(1) + " cm" : metres.toFixed(2) + " m");
 
 chart.addEventListener("pointermove", (event) => {
@@ -24,6 +24,6 @@ chart.addEventListener("pointermove", (event) => {
 chart.addEventListener("pointerleave", () => {
   chart.classList.remove("pointed");
   marker.classList.remove("pointed");
-  readout.textContent = told;
+  readout.textContent = hint;
 });
 }

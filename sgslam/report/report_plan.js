@@ -1,6 +1,6 @@
-// The plan: zoom, move, switches of its layers, and the walls that tables point at.
+// The plan: zooming, moving, switches of its layers, and the walls that tables refer to.
 
-// Whether a turn of the wheel is meant for the drawing under the pointer: not where the page was just being scrolled.
+// Whether a wheel event is meant for the drawing under the pointer: not while the page is being scrolled.
 let lastScroll = -Infinity;
 addEventListener("scroll", () => { lastScroll = performance.now(); }, { passive: true });
 const meantForDrawing = (event) => event.ctrlKey || performance.now() - lastScroll > 400;

@@ -44,7 +44,7 @@ const camera = ({ yaw, pitch, x: atX, y: atY }) => {
     return depth;
   };
 };
-// half the width and height that all of it takes at first sight, through a lens of 1
+// half the width and height of the whole scene in the initial view, at zoom 1
 const half = [0, 0];
 const atFirst = camera(FIRST);
 for (const point of extent) {
@@ -70,7 +70,7 @@ const trace = (screen, closed) => {
   for (const [x, y] of screen) brush.lineTo(x, y);
   if (closed) brush.closePath();
 };
-// its points run anticlockwise (on a screen, y down) for one who stands in the room that the wall faces
+// its points run anticlockwise (on a screen, y down) seen from the room that the wall faces
 const faces = ([[ax, ay], [bx, by], [cx, cy], [dx, dy]]) => (cx - ax) * (dy - by) - (dx - bx) * (cy - ay) > 0;
 const paint = (thing, colors) => {
   const color = brush.strokeStyle = brush.fillStyle = colors[thing.look];

@@ -1,4 +1,4 @@
-"""A finished run read back from its folder, and what it saw in the frame of its `trajectory.tum`."""
+"""A finished run, read from its folder, with its geometry in the frame of its `trajectory.tum`."""
 
 import json
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph import SceneGraph, WallSurface, Xy
 
 Floats = NDArray[np.float64]
-_HEIGHT = 2.5  # m, of a wall whose height nobody told
+_HEIGHT = 2.5  # m, of a wall of unknown height
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class RunFolder:
 
     @staticmethod
     def read(path: Path) -> "RunFolder":
-        """Raises UserError for a folder that is no run's."""
+        """Raises UserError for a folder that holds no run."""
         try:
             metrics, matches, deviations = (
                 json.loads((path / f"{name}.json").read_text()) for name in ("metrics", "matches", "deviations")
@@ -56,12 +56,12 @@ class RunFolder:
     def anchored(self) -> tuple[SceneGraph, Floats]:
         """The A-graph and T_bim_map; raises UserError where the run was not anchored."""
         if self.a_graph is None or self.T_bim_map is None:
-            raise UserError(f"{self.path}: that run was not anchored: it knows nothing of how the building was built")
+            raise UserError(f"{self.path}: the run was not anchored, so nothing is known about the building as built")
         return self.a_graph, self.T_bim_map
 
     @property
     def frame(self) -> str:
-        """`bim` where the run was anchored, else `map`: the frame of everything below."""
+        """`bim` where the run was anchored, else `map`: the frame of all geometry below."""
         return "map" if self.T_bim_map is None else "bim"
 
     @property
@@ -76,7 +76,7 @@ class RunFolder:
 
     @cached_property
     def planned_rooms(self) -> dict[str, str]:
-        """What the plan calls the map's rooms, by their ids in the S-graph; of anchored runs only."""
+        """The plan's names of the map's rooms by S id; only for anchored runs."""
         if self.a_graph is None or self.T_bim_map is None:
             return {}
         rooms = self.a_graph.room_by_id
@@ -87,17 +87,17 @@ class RunFolder:
         return next((f.elevation for f in self.s_graph.floors if f.id == floor), None) or 0.0
 
     def on_floor(self, places: list[Xy], floor: str | None, above: float = 0.0) -> Floats:
-        """(N, 3) places (N, 2) of the S-graph so far above their floor."""
+        """(N, 3) points (N, 2) of the S-graph, `above` metres over their floor."""
         z = self.elevation(floor) + above
         points = np.array([(*xy, z) for xy in places], dtype=float).reshape(-1, 3)
         return np.asarray(points @ self._T_frame_map[:3, :3].T + self._T_frame_map[:3, 3])
 
-    def turned(self, direction: Xy) -> Floats:
-        """(3,) a horizontal direction of the S-graph."""
+    def rotated(self, direction: Xy) -> Floats:
+        """(3,) a horizontal direction of the S-graph, in the frame."""
         return np.asarray(self._T_frame_map[:3, :2] @ np.array(direction))
 
     def corners(self, surface: WallSurface) -> Floats:
-        """(4, 3) of a wall surface of the S-graph: the two ends below, then above."""
+        """(4, 3) of a wall surface of the S-graph: the two lower ends, then the upper ones."""
         low, high = surface.height or (0.0, _HEIGHT)
         ends = list(surface.ends())
         return np.concatenate([self.on_floor(ends, surface.floor, z) for z in (low, high)])

@@ -1,4 +1,4 @@
-"""The storey in 3D: what `report_scene.js` draws and turns, as JSON in whole millimetres about the plan's centre."""
+"""The 3D view of a storey: data for `report_scene.js` as JSON, in whole millimetres from the plan's centre."""
 
 from html import escape
 from typing import Any
@@ -14,11 +14,11 @@ LAYERS = ("bim-walls", "walls-matched", "walls-unmatched", "odometry", "trajecto
 
 
 def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
-    """JSON's form of the scene: x east, y north, z up, from the plan's centre on the floor.
+    """The scene as JSON: x east, y north, z up, from the plan's centre on the floor.
 
     `walls` is a list of `[layer, look, significant, x0, y0, x1, y1, z0, z1]`, with `layer` as in the legend and
-    `look` the band of its deviation or the layer; `floors` outlines `[x, y, ...]` with whether the room is matched;
-    `paths` by layer `[x, y, z, ...]`; `keyframes` likewise.
+    `look` the band of its deviation or the layer. `floors` holds for each room whether it is matched, and its outline
+    `[x, y, ...]`; `paths` by layer and `keyframes` are `[x, y, z, ...]`.
     """
     origin = np.array([*drawing.centre(), drawing.floor_z])
     walls = [_wall("bim-walls", w, origin) for w in drawing.bim_walls]
@@ -33,7 +33,7 @@ def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
 
 
 def scene_card(drawing: PlanDrawing) -> str:
-    """The canvas `#scene` with its switches; empty where there is nothing to show."""
+    """The canvas `#scene` with its switches."""
     data = scene_data(drawing)
     present = {wall[0] for wall in data["walls"]} | data["paths"].keys()
     keys = {name: f'<g class="layer-{name}"><polyline points="2,5 22,5"/></g>' for name in LAYERS}
@@ -44,10 +44,10 @@ def scene_card(drawing: PlanDrawing) -> str:
         switches.append(switch("solid", "keyframes", '<circle class="keyframe" cx="12" cy="5" r="3"/>', "keyframe"))
     return (
         '<canvas id="scene" tabindex="0" role="img" '
-        f'aria-label="{escape(drawing.heading)}, in 3D; arrow keys turn it, plus and minus zoom"></canvas>'
+        f'aria-label="{escape(drawing.heading)}, in 3D; arrow keys rotate, plus and minus zoom"></canvas>'
         f'<div class="legend">{"".join(switches)}</div>'
-        '<p class="muted">Drag to turn, scroll or pinch to zoom, drag with Shift or two fingers to move, '
-        "double click to see all of it again. Walls that are seen from behind are only outlined.</p>"
+        '<p class="muted">Drag to rotate, scroll or pinch to zoom, drag with Shift or two fingers to move, '
+        "double click to reset. Walls seen from behind are only outlined.</p>"
     )
 
 

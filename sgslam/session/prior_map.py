@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
+from matching.protocol import AnyMatcher
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.anchoring.matcher_protocol import AnyMatcher
 from sgslam.anchoring.wall_alignment import hold, in_plan_view
 from sgslam.backend.backend import Backend
 from sgslam.config import Config

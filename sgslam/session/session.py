@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
+from matching.protocol import AnyMatcher
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.anchoring.matcher_protocol import AnyMatcher, default_matcher
+from sgslam.anchoring.default_matcher import default_matcher
 from sgslam.anchoring.storey_hypotheses import floor_named
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse

@@ -7,7 +7,7 @@ from data import Floor, Room, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import BANDS
 from sgslam.geometry.frames import se2_to_se3, transform_points
-from sgslam.report.contents import BESIDE_M
+from sgslam.report.contents import BESIDE_GAP_M
 from sgslam.report.plan_png import BAND_COLORS, BIM, MATCHED, PATHS, UNMATCHED
 from sgslam.session.snapshot import Snapshot
 from sgslam.viewer.page import Colour, Page
@@ -128,7 +128,7 @@ class RunScene:
             planned = np.array([w.centroid for w in now.plan.wall_surfaces] or [(0.0, 0.0)])
             seen = [w.centroid for graph in now.graphs for w in graph.wall_surfaces]
             ours = np.concatenate([now.poses[:, :2, 3], np.array(seen).reshape(-1, 2)])
-            T[0, 3] = planned[:, 0].min() - ours[:, 0].max() - BESIDE_M  # the panel is on the right
+            T[0, 3] = planned[:, 0].min() - ours[:, 0].max() - BESIDE_GAP_M  # the panel is on the right
             T[1, 3] = planned[:, 1].mean() - (ours[:, 1].min() + ours[:, 1].max()) / 2
             T[2, 3] = self.page.origin[2] - min((g.floors[0].elevation or 0.0 for g in now.graphs), default=0.0)
         T[:3, 3] += [0.0, 0.0, self.lift] - self.page.origin

@@ -12,7 +12,7 @@ from report_samples import not_anchored, sample
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import BANDS, LIMITS_MM, band_of, deviation_text, signed_mm
-from sgslam.report.contents import robots_floor
+from sgslam.report.contents import current_storey
 from sgslam.report.plan_drawing import STOREY_M, plan_drawing
 from sgslam.report.plan_png import write_plan_png
 
@@ -50,7 +50,7 @@ def test_a_map_without_a_place_lies_beside_the_plan() -> None:
     ],
 )
 def test_the_robots_storey(change: dict[str, Any], expected: str) -> None:
-    floor = robots_floor(dataclasses.replace(sample(), **change))
+    floor = current_storey(dataclasses.replace(sample(), **change))
     assert floor is not None and floor.id == expected
 
 
@@ -86,7 +86,7 @@ def test_walls_carry_their_deviation() -> None:
     assert {w.band for i, w in enumerate(drawing.map_walls) if i not in (5, 7, 36)} == {"as-planned"}
     cupboard = drawing.map_walls[36]
     assert cupboard.band is None and "extra" in cupboard.title and not cupboard.matched
-    assert [w.id for w in drawing.bim_walls if w.title.endswith("not there")] == ["r1n0.0"]
+    assert [w.id for w in drawing.bim_walls if w.title.endswith("not found")] == ["r1n0.0"]
     assert not plan_drawing(not_anchored("ambiguous")).with_deviations
 
 

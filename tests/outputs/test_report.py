@@ -83,10 +83,10 @@ def test_hostile_names_are_text() -> None:
 def test_an_ambiguous_match_is_shown_as_a_guess() -> None:
     data = not_anchored("ambiguous")
     drawing = plan_drawing(data)
-    assert "not committed" in drawing.heading
+    assert "not accepted" in drawing.heading
     assert np.allclose(drawing.map_walls[0].ends, drawing.bim_walls[0].ends, atol=1e-9)
     page = Page(report_html(data))
-    said = ("Not anchored", "two places fit alike", "--start X,Y,YAW", "none of them was committed to")
+    said = ("Not anchored", "two places fit alike", "--start X,Y,YAW", "no hypothesis was accepted")
     told = ("Hypotheses", "31.5", "Storey 0", "\N{MINUS SIGN}145.7°", "1 matched room;", "0 matched rooms;")
     for text in (*said, *told):
         assert text in page.text

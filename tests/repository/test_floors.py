@@ -21,8 +21,8 @@ HOMES = {"torch": "matching", "ifcopenshell": "data"}
 FLOORS = {  # sub-packages and modules of each package, the lowest first
     "data": "common geometry scene_graph trajectory scans ifc plans datasets generation simulation synthetic_maps "
     "simulate",
-    "matching": "result arrays search deformation network learned training published combinatorial ambiguity matcher "
-    "match train self_test",
+    "matching": "protocol result arrays search deformation network learned training published combinatorial ambiguity "
+    "matcher match train self_test",
     "factors": "noise planes rooms bim",
     "sgslam": "own_packages config geometry serialization perception odometry mapping backend loops tracking anchoring "
     "as_built report session slam inspection viewer export cli run",

@@ -72,7 +72,7 @@ def test_every_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
     assert held == ours
     assert {f"{name}/py.typed" for name in PACKAGES} <= held
     schema = "data/scene_graph/scene_graph.schema.json"
-    assert {"matching/weights/learned.npz", "sgslam/report/report.css", schema} <= held
+    assert {"matching/weights/learned.npz", "sgslam/report/report.html", "sgslam/report/report.css", schema} <= held
 
 
 def test_the_commands_work_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A plan looked at before any robot drives: what it lacks, its own twins, and rooms that must be seen."""
+"""Inspection of a plan before any robot drives: its defects, its self-similarity, rooms that must be seen."""
 
 import dataclasses
 import json
@@ -17,14 +17,14 @@ from data.synthetic_maps.noise_models import draw_walk
 from data.synthetic_maps.walks import nearest_first, seen_in
 from evaluation.studies.rooms_to_localise import Side, Start, sides_of, table
 from matching import Matcher
-from sgslam.inspection.inspection import Ask, Inspection, inspect
-from sgslam.inspection.match_cache import Answers, AskedMaps
+from sgslam.inspection.inspection import InspectionSettings, Inspection, inspect
+from matching.ambiguity.match_cache import Trials, MatchCache
 from sgslam.inspection.page import inspection_html
-from sgslam.inspection.plan_checks import gaps
-from sgslam.inspection.rooms_to_localise import dividing
-from sgslam.inspection.self_similarity import OwnTwins
+from matching.ambiguity.plan_checks import plan_issues
+from matching.ambiguity.rooms_to_localise import best_split
+from matching.ambiguity.self_similarity import SelfSimilarity
 
-VOTING = Ask("voting", maps=1)
+VOTING = InspectionSettings("voting", max_maps=1)
 
 
 def with_doors(graph: SceneGraph, *doors: tuple[str, str, float, float]) -> SceneGraph:
@@ -74,14 +74,14 @@ def test_a_map_grows_without_being_drawn_anew() -> None:
 
 
 def kinds(graph: SceneGraph) -> set[str]:
-    return {gap.kind for gap in gaps(graph)}
+    return {issue.kind for issue in plan_issues(graph)}
 
 
-def test_a_sound_plan_lacks_nothing() -> None:
+def test_a_sound_plan_has_no_issues() -> None:
     assert kinds(corridor_house()) == set()
 
 
-def test_each_thing_that_a_plan_lacks_is_told() -> None:
+def test_each_issue_of_a_plan_is_reported() -> None:
     sound = corridor_house()
     first = sound.surfaces_of_room["room0"]
     roomless = tuple(dataclasses.replace(w, room=None) if w in first else w for w in sound.wall_surfaces)
@@ -93,12 +93,12 @@ def test_each_thing_that_a_plan_lacks_is_told() -> None:
         "rooms without walls": dataclasses.replace(sound, wall_surfaces=roomless),
         "no doors": dataclasses.replace(sound, doors=()),
         "rooms without doors": dataclasses.replace(sound, doors=sound.doors[1:]),
-        "doors that join nothing": dataclasses.replace(sound, doors=(*sound.doors, Door("lost", (), (50, 50)))),
+        "doors without a room": dataclasses.replace(sound, doors=(*sound.doors, Door("lost", (), (50, 50)))),
         "storeys without an elevation": dataclasses.replace(sound, floors=(Floor("ground"),)),
         "empty storey": dataclasses.replace(sound, floors=(*sound.floors, Floor("roof", "Roof", 3.0))),
-        "doubtful elevations": merged(sound, dataclasses.replace(other, floors=(Floor("upper", "Upper", 0.4),))),
-        "doubtful units": dataclasses.replace(sound, wall_surfaces=long),
-        "rooms that overlap": merged(sound, a_graph([box(0, 0, 3, 4)], "ground", "twice")),
+        "implausible elevations": merged(sound, dataclasses.replace(other, floors=(Floor("upper", "Upper", 0.4),))),
+        "implausible units": dataclasses.replace(sound, wall_surfaces=long),
+        "overlapping rooms": merged(sound, a_graph([box(0, 0, 3, 4)], "ground", "twice")),
         "rooms without a footprint": dataclasses.replace(
             sound, rooms=tuple(dataclasses.replace(r, polygon=None) for r in sound.rooms)
         ),
@@ -109,22 +109,22 @@ def test_each_thing_that_a_plan_lacks_is_told() -> None:
     }  # fmt: skip
     for kind, graph in cases.items():
         assert kind in kinds(graph), kind
-    (overlap,) = (g for g in gaps(cases["rooms that overlap"]) if g.kind == "rooms that overlap")
-    assert overlap.ids == ("room0", "twiceroom0") and "12.0 m2" in overlap.told
+    (overlap,) = (g for g in plan_issues(cases["overlapping rooms"]) if g.kind == "overlapping rooms")
+    assert overlap.ids == ("room0", "twiceroom0") and "12.0 m2" in overlap.message
 
 
-def test_parts_without_a_way_between_them_are_counted() -> None:
+def test_unconnected_groups_of_rooms_are_counted() -> None:
     boxes = [box(0, 0, 4, 3), box(4.1, 0, 3, 3), box(7.2, 0, 5, 3), box(12.3, 0, 2, 3)]
     graph = with_doors(a_graph(boxes), ("room0", "room1", 4.05, 1.5), ("room2", "room3", 12.25, 1.5))
-    (gap,) = (g for g in gaps(graph) if g.kind == "parts without a way")
-    assert gap.told.startswith("2 parts of 2, 2 rooms") and gap.ids == ("room0", "room2")
+    (issue,) = (g for g in plan_issues(graph) if g.kind == "unconnected groups of rooms")
+    assert issue.message.startswith("2 groups of 2, 2 rooms") and issue.ids == ("room0", "room2")
 
 
-def test_a_room_that_is_like_another_says_which() -> None:
+def test_a_room_that_resembles_another_names_it() -> None:
     plan = a_graph([box(0, 0, 5, 3), box(20, 0, 5, 3), box(40, 0, 8, 7)])
-    found = OwnTwins(plan).likenesses(["room0"])
-    assert {like.others[0] for like in found} == {"room0", "room1"}  # itself, by half a turn, and the other one
-    assert OwnTwins(plan).likenesses(["room0", "room1", "room2"]) == []
+    found = SelfSimilarity(plan).similar_places(["room0"])
+    assert {place.counterparts[0] for place in found} == {"room0", "room1"}  # itself, by half a turn, and the other one
+    assert SelfSimilarity(plan).similar_places(["room0", "room1", "room2"]) == []
 
 
 def two_storeys() -> SceneGraph:
@@ -135,68 +135,68 @@ def two_storeys() -> SceneGraph:
 
 @pytest.fixture(scope="module")
 def house() -> Inspection:
-    return inspect(two_storeys(), ask=VOTING)
+    return inspect(two_storeys(), settings=VOTING)
 
 
-def test_uneven_rooms_are_known_after_a_few(house: Inspection) -> None:
-    found = [r.needed for r in house.rooms.values() if r.needed.floor == "ground"]
+def test_uneven_rooms_are_localised_after_a_few(house: Inspection) -> None:
+    found = [r.to_localise for r in house.rooms.values() if r.to_localise.floor == "ground"]
     assert len(found) == 7 and len(house.rooms) == 9 and all(n.outcome == "known" for n in found)
-    assert all(n.rooms is not None and n.apart is not None and n.apart <= n.rooms <= 5 for n in found)
+    assert all(n.rooms is not None and n.rooms_if_perfect is not None and n.rooms_if_perfect <= n.rooms <= 5 for n in found)
 
 
-def test_what_is_answered_depends_on_the_rooms_alone() -> None:
+def test_trials_depend_on_the_rooms_alone() -> None:
     storey, matcher = storeys_of(corridor_house())[0], Matcher.load("voting")
 
-    def asked(seed: int) -> AskedMaps:
-        return AskedMaps(corridor_house(), storey, 0, matcher, seed, most=7)
+    def cache(seed: int) -> MatchCache:
+        return MatchCache(corridor_house(), storey, 0, matcher, seed, max_maps=7)
 
     few, more = frozenset({0, 6}), frozenset({0, 1, 6})
-    once, again = asked(0), asked(0)
-    assert (once.answers(few), once.answers(more)) == (again.answers(more), again.answers(few))[::-1]
-    assert any(asked(seed).answers(few) != once.answers(few) for seed in range(1, 6))
+    once, again = cache(0), cache(0)
+    assert (once.trials(few), once.trials(more)) == (again.trials(more), again.trials(few))[::-1]
+    assert any(cache(seed).trials(few) != once.trials(few) for seed in range(1, 6))
 
 
-def test_no_more_is_asked_once_most_are_clear() -> None:
-    assert Answers(4, 4).decided(21) and Answers(0, 5).decided(21) and Answers(10, 16).decided(21)
-    assert not Answers(0, 4).decided(21) and not Answers(3, 3).decided(21) and not Answers(2, 3).decided(4)
-    assert Answers(0, 3).decided(5) and Answers(2, 4).decided(4)
-    assert Answers(4, 4).clearly_known and not Answers(10, 16).clearly_known and not Answers(3, 3).clearly_known
+def test_trials_stop_once_the_majority_is_clear() -> None:
+    assert Trials(4, 4).decided(21) and Trials(0, 5).decided(21) and Trials(10, 16).decided(21)
+    assert not Trials(0, 4).decided(21) and not Trials(3, 3).decided(21) and not Trials(2, 3).decided(4)
+    assert Trials(0, 3).decided(5) and Trials(2, 4).decided(4)
+    assert Trials(4, 4).clearly_localised and not Trials(10, 16).clearly_localised and not Trials(3, 3).clearly_localised
 
 
-def test_the_number_told_divides_the_answers_best() -> None:
-    none, few, half, all_ = Answers(0, 5), Answers(3, 11), Answers(5, 10), Answers(3, 3)
-    assert dividing({2: none, 3: few, 4: all_}) == 4 and dividing({2: half, 3: all_}) == 2
-    assert dividing({2: Answers(7, 10), 3: half, 4: Answers(4, 11), 5: all_}) == 2
-    assert dividing({2: Answers(6, 10), 3: none, 4: all_}) == 4
-    assert dividing({2: none, 3: few}) is None and dividing({}) is None
+def test_the_reported_number_splits_the_trials_best() -> None:
+    none, few, half, all_ = Trials(0, 5), Trials(3, 11), Trials(5, 10), Trials(3, 3)
+    assert best_split({2: none, 3: few, 4: all_}) == 4 and best_split({2: half, 3: all_}) == 2
+    assert best_split({2: Trials(7, 10), 3: half, 4: Trials(4, 11), 5: all_}) == 2
+    assert best_split({2: Trials(6, 10), 3: none, 4: all_}) == 4
+    assert best_split({2: none, 3: few}) is None and best_split({}) is None
 
 
-def test_in_a_house_beside_its_like_the_place_is_never_known() -> None:
+def test_beside_an_identical_house_the_place_stays_ambiguous() -> None:
     wing = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
     left = a_graph(wing, "ground", "left")
     both = merged(left, moved(a_graph(wing, "ground", "right"), np.pi, 30, 0))
-    found = inspect(both, ask=VOTING)
-    assert {r.needed.outcome for r in found.rooms.values()} == {"never"}
-    only = inspect(left, ask=VOTING)
-    assert {r.needed.outcome for r in only.rooms.values()} == {"known"}
+    found = inspect(both, settings=VOTING)
+    assert {r.to_localise.outcome for r in found.rooms.values()} == {"never"}
+    only = inspect(left, settings=VOTING)
+    assert {r.to_localise.outcome for r in only.rooms.values()} == {"known"}
 
 
-def test_equal_storeys_are_told_as_twins() -> None:
+def test_equal_storeys_are_similar() -> None:
     rooms = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
     both = merged(a_graph(rooms, "one", "a"), a_graph(rooms, "two", "b"))
     floors = (Floor("one", "One", 0.0), Floor("two", "Two", 3.0))
-    found = inspect(dataclasses.replace(both, floors=floors), ask=VOTING)
-    assert {t.floor for t in found.storey_twins} == {"one", "two"}
-    assert all(t.nats < 1e-6 and None not in t.others for t in found.storey_twins)
-    page = inspection_html(found, "twins")
-    assert "Two, turned by 0°" in page and "heat-never" in page
+    found = inspect(dataclasses.replace(both, floors=floors), settings=VOTING)
+    assert {t.floor for t in found.similar_storeys} == {"one", "two"}
+    assert all(t.nats < 1e-6 and None not in t.counterparts for t in found.similar_storeys)
+    page = inspection_html(found, "similar")
+    assert "Two, rotated by 0°" in page and "heat-never" in page
 
 
-def test_a_room_without_walls_has_nothing_to_be_seen() -> None:
+def test_a_room_without_walls_gets_no_number() -> None:
     sound = corridor_house()
     bare = dataclasses.replace(sound, rooms=(*sound.rooms, Room("shaft", (50.0, 50.0), "ground", "<b>Shaft</b>")))
-    found = inspect(bare, ask=VOTING)
-    assert found.rooms["shaft"].needed.outcome == "nothing to see" and found.rooms["shaft"].alone == ()
+    found = inspect(bare, settings=VOTING)
+    assert found.rooms["shaft"].to_localise.outcome == "no walls" and found.rooms["shaft"].similar_places == ()
     page = inspection_html(found, "<i>house</i>")
     assert "<b>Shaft" not in page and "&lt;b&gt;Shaft" in page and "<i>house" not in page
 

@@ -1,10 +1,9 @@
-"""What the system asks of a matcher."""
+"""The interface of a matcher, for code that takes any."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
 
 from data import SceneGraph
-from sgslam.config import Config
 
 
 class Match(Protocol):
@@ -51,10 +50,3 @@ class AnyMatcher(Protocol):
     def match(self, s: SceneGraph, a: SceneGraph) -> Match:
         """Returns rooms and wall surfaces that correspond, or says that none or several answers fit."""
         ...
-
-
-def default_matcher(config: Config) -> AnyMatcher:
-    """The one that the settings name."""
-    from matching import Matcher  # here, because the network's library is slow to load
-
-    return Matcher.load(config.matching.method)

@@ -1,0 +1,160 @@
+"""Checks of a plan: what is missing or implausible for localisation, storey by storey."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import shapely
+
+from data import Door, Room, SceneGraph
+from data.geometry.areas import overlap, polygons_of
+from data.synthetic_maps.exploration import Storey, components, storeys_of
+
+OVERLAP_M2, OVERLAP_SHARE = 0.5, 0.05  # of a room's area: more than duplicate walls cause
+STOREY_M = (1.8, 12.0)  # plausible height from floor to floor
+WALL_M, BUILDING_M = (0.2, 60.0), 2000.0  # plausible median length of walls; extent of the building
+
+
+@dataclass(frozen=True)
+class PlanIssue:
+    """Something missing or implausible in a plan.
+
+    `kind` is a fixed phrase for programs, `message` one line for the user; `ids` are the affected A-graph nodes.
+    """
+
+    kind: str
+    floor: str | None
+    message: str
+    ids: tuple[str, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its form in inspection.json."""
+        return asdict(self)
+
+
+def plan_issues(a: SceneGraph) -> list[PlanIssue]:
+    """All issues: those of the whole building first, then storey by storey from the lowest up."""
+    found = [*_units(a), *_elevations(a), *_unconnected_doors(a)]
+    names = {s.floor: s for s in storeys_of(a)}
+    for floor in dict.fromkeys([*(f.id for f in a.floors), *names, *(w.floor for w in a.wall_surfaces)]):
+        found += _storey_issues(a, floor, names.get(floor))
+    return found
+
+
+def _storey_issues(a: SceneGraph, floor: str | None, storey: Storey | None) -> Iterator[PlanIssue]:
+    rooms = list(storey.rooms) if storey else [r for r in a.rooms if r.floor == floor]
+    ids = {r.id for r in rooms}
+    walls = [w for w in a.wall_surfaces if w.room in ids or (w.room is None and w.floor == floor)]
+    roomless = [w.id for w in walls if w.room is None]
+    if not walls and not rooms:
+        yield PlanIssue("empty storey", floor, "no walls and no rooms: localisation is impossible there")
+        return
+    if not rooms:
+        message = f"{_count(len(walls), 'wall surface')} but no rooms: only walls can be matched"
+        yield PlanIssue("no rooms", floor, message)
+    elif roomless:
+        message = f"{_count(len(roomless), 'wall surface')} in no room"
+        yield PlanIssue("walls without a room", floor, message, tuple(roomless))
+    if bare := [r for r in rooms if not a.surfaces_of_room[r.id]]:
+        message = f"{_named(bare)}: no walls, so {_they(bare)} cannot be recognised"
+        yield PlanIssue("rooms without walls", floor, message, _ids(bare))
+    if shapeless := [r for r in rooms if len(r.polygon or ()) < 3]:
+        message = f"{_named(shapeless)}: no footprint; drawn as a point"
+        yield PlanIssue("rooms without a footprint", floor, message, _ids(shapeless))
+    unmeasured = [w.id for w in walls if w.length is None]
+    if unmeasured:
+        message = f"{_count(len(unmeasured), 'wall surface')} of unknown length"
+        yield PlanIssue("walls without a length", floor, message, tuple(unmeasured))
+    if storey is not None:
+        yield from _connectivity(a, storey)
+        yield from _overlaps(storey)
+
+
+def _connectivity(a: SceneGraph, storey: Storey) -> Iterator[PlanIssue]:
+    """Rooms without doors, and groups of rooms that no door connects."""
+    with_doors = {r for d in a.doors for r in d.rooms}
+    if not any(r.id in with_doors for r in storey.rooms):
+        if len(storey.rooms) > 1:
+            message = "no doors at all: paths between rooms are assumed to cross the walls"
+            yield PlanIssue("no doors", storey.floor, message)
+        return
+    closed = [r for r in storey.rooms if r.id not in with_doors]
+    if closed:
+        message = f"{_named(closed)}: no door"
+        yield PlanIssue("rooms without doors", storey.floor, message, _ids(closed))
+    groups = [[storey.rooms[k] for k in group] for group in _groups(storey.by_door) if len(group) > 1]
+    if len(groups) > 1:
+        message = f"{len(groups)} groups of {', '.join(str(len(p)) for p in groups)} rooms that no door connects"
+        yield PlanIssue("unconnected groups of rooms", storey.floor, message, tuple(p[0].id for p in groups))
+
+
+def _overlaps(storey: Storey) -> Iterator[PlanIssue]:
+    areas = [(room, area) for room, area in zip(storey.rooms, storey.areas, strict=True) if area is not None]
+    shapes = [polygons_of(area) for _, area in areas]
+    pairs = shapely.STRtree(shapes).query(shapes, predicate="intersects").T.tolist() if shapes else []
+    for i, j in ((i, j) for i, j in pairs if i < j):
+        shared = float(overlap(shapes[i], shapes[j]).area)
+        if shared > max(OVERLAP_M2, OVERLAP_SHARE * min(shapes[i].area, shapes[j].area)):
+            both = [areas[i][0], areas[j][0]]
+            yield PlanIssue("overlapping rooms", storey.floor, f"{_named(both)} share {shared:.1f} m2", _ids(both))
+
+
+def _unconnected_doors(a: SceneGraph) -> Iterator[PlanIssue]:
+    """Doors next to no room; entrances, which lead to one room, are fine."""
+    lost: list[Door] = [d for d in a.doors if not d.rooms]
+    if lost:
+        message = f"{_count(len(lost), 'door')} next to no room"
+        yield PlanIssue("doors without a room", None, message, tuple(d.id for d in lost))
+
+
+def _elevations(a: SceneGraph) -> Iterator[PlanIssue]:
+    """Only of storeys that are not empty: reference levels may have any elevation."""
+    held = {w.floor for w in a.wall_surfaces} | {r.floor for r in a.rooms}
+    floors = [f for f in a.floors if f.id in held]
+    known = sorted(((f.elevation, f) for f in floors if f.elevation is not None), key=lambda item: item[0])
+    if lack := [f for f in floors if f.elevation is None]:
+        message = f"{', '.join(f.name or f.id for f in lack)}: no elevation, so the height is not anchored there"
+        yield PlanIssue("storeys without an elevation", None, message, tuple(f.id for f in lack))
+    for (low, f), (high, g) in pairwise(known):
+        if not STOREY_M[0] <= high - low <= STOREY_M[1]:
+            names = f"{g.name or g.id} lies {high - low:.2f} m above {f.name or f.id}"
+            message = f"{names}, which is implausible for a storey"
+            yield PlanIssue("implausible elevations", None, message, (f.id, g.id))
+
+
+def _units(a: SceneGraph) -> Iterator[PlanIssue]:
+    lengths = [w.length for w in a.wall_surfaces if w.length is not None]
+    median = float(np.median(lengths)) if lengths else 1.0
+    if not WALL_M[0] <= median <= WALL_M[1]:
+        message = f"the median wall length is {median:.3g} m: are the model's units right?"
+        yield PlanIssue("implausible units", None, message)
+    places = np.array([w.centroid for w in a.wall_surfaces])
+    extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
+    if extent > BUILDING_M:
+        message = f"the walls lie up to {extent:.0f} m apart: are the model's units right?"
+        yield PlanIssue("implausible units", None, message)
+
+
+def _groups(neighbours: list[list[int]]) -> list[list[int]]:
+    """Connected rooms, by index, the largest group first."""
+    label = components(neighbours)
+    return sorted((np.flatnonzero(label == k).tolist() for k in np.unique(label)), key=len, reverse=True)
+
+
+def _named(rooms: list[Room], most: int = 5) -> str:
+    names = [r.name or r.id for r in rooms[:most]]
+    return ", ".join(names) + (f" and {len(rooms) - most} more" if len(rooms) > most else "")
+
+
+def _they(rooms: list[Room]) -> str:
+    return "it" if len(rooms) == 1 else "they"
+
+
+def _ids(rooms: list[Room]) -> tuple[str, ...]:
+    return tuple(r.id for r in rooms)
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count:,} {what}{'' if count == 1 else 's'}"

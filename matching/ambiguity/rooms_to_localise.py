@@ -1,0 +1,110 @@
+"""How many rooms a robot must see, starting from a given room, before its place in the building is determined.
+
+Rooms are entered in the order of the shortest way from the start. As long as the matcher cannot localise even a perfect
+map, it cannot localise a noisy one. From there on it is tested on maps with the noise of real scans (regime `real` of
+`data.synthetic_maps.noise_models`), one more room at a time, until it clearly localises most of them. More rooms do not
+always help (walls that are not in the plan reduce confidence, a room may add no information), so the reported number is
+the one that best splits the results into maps that are not localised below it and maps that are from it on.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from data.synthetic_maps.walks import nearest_first
+from matching.ambiguity.match_cache import MatchCache, Rooms, Trials
+from matching.ambiguity.self_similarity import SelfSimilarity
+
+SINGLE_STEPS = 8  # up to this many rooms each count is tested
+STEP_GROWTH = 1.15  # ratio of successive counts above
+
+Outcome = Literal["known", "never", "not found", "no walls"]
+
+
+@dataclass(frozen=True)
+class RoomsToLocalise:
+    """How many rooms must be seen from one start room.
+
+    `rooms`: with this many or more, most of the drawn maps are localised; None where most never are. `outcome` is then
+    `never` where all reachable rooms fit another place as well, `not found` where the matcher fails, `no walls` where
+    the start room has none. `rooms_if_perfect`: the fewest rooms with which a perfect map is localised, None where it
+    never is. `trials`: for each tested count the rooms, the maps localised and the maps drawn. `reachable` rooms can be
+    reached in all, `by_doors` of them through the model's doors.
+    """
+
+    room: str
+    floor: str | None
+    outcome: Outcome
+    rooms: int | None
+    rooms_if_perfect: int | None
+    trials: tuple[tuple[int, int, int], ...]
+    reachable: int
+    by_doors: int
+
+
+def rooms_to_localise(cache: MatchCache, start: int, similarity: SelfSimilarity) -> RoomsToLocalise:
+    """The result for the start room of that index in the cache's storey; `similarity` is the A-graph's."""
+    storey = cache.storey
+    walk, by_doors = nearest_first(storey, start)
+    order = walk.rooms
+
+    def result(
+        outcome: Outcome, rooms: int | None, if_perfect: int | None, trials: dict[int, Trials]
+    ) -> RoomsToLocalise:
+        rows = tuple((count, of.localised, of.total) for count, of in trials.items())
+        room = storey.rooms[start].id
+        return RoomsToLocalise(room, storey.floor, outcome, rooms, if_perfect, rows, len(order), by_doors)
+
+    if not len(storey.walls_of[start]):
+        return result("no walls", None, None, {})
+    if_perfect = _rooms_if_perfect(cache, order)
+    if if_perfect is None:
+        symmetric = similarity.symmetries([storey.rooms[k].id for k in order])
+        return result("never" if symmetric else "not found", None, None, {})
+    trials = {}
+    for count in _tested_counts(if_perfect, len(order)):
+        trials[count] = cache.trials(_first(order, count))
+        if trials[count].clearly_localised:
+            break
+    rooms = best_split(trials)
+    return result("not found" if rooms is None else "known", rooms, if_perfect, trials)
+
+
+def _first(order: Sequence[int], count: int) -> Rooms:
+    return frozenset(order[:count])
+
+
+def _rooms_if_perfect(cache: MatchCache, order: Sequence[int]) -> int | None:
+    """The fewest rooms, in this order, of which a perfect map is localised: more rooms never make it worse."""
+    low, high = 0, 1
+    while not cache.localises_perfect_map(_first(order, high)):
+        if high == len(order):
+            return None
+        low, high = high, min(2 * high, len(order))
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if cache.localises_perfect_map(_first(order, middle)) else (middle, high)
+    return high
+
+
+def best_split(trials: dict[int, Trials]) -> int | None:
+    """The count from which on localised maps outweigh the others most: the best step fit to a share that grows.
+
+    The smallest of equals; None where localised maps nowhere outweigh the others.
+    """
+    found, best, above = None, 0.0, 0.0
+    for count, of in reversed(trials.items()):
+        above += of.share - 0.5
+        if above > 0 and above >= best:
+            found, best = count, above
+    return found
+
+
+def _tested_counts(first: int, last: int) -> Iterator[int]:
+    """The numbers of rooms that are tested."""
+    rooms = first
+    while rooms < last:
+        yield rooms
+        rooms = rooms + 1 if rooms < SINGLE_STEPS else math.ceil(rooms * STEP_GROWTH)
+    yield last
