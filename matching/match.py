@@ -38,13 +38,13 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _floor(path: Path, graph: "SceneGraph", told: str | None, option: str) -> str:
+def _floor(path: Path, graph: "SceneGraph", wanted: str | None, option: str) -> str:
     """The id of the floor that is told by its id or name. Raises UserError where there is none of the kind."""
     known = _floors(graph)
-    found = [floor for floor, name in known.items() if told is not None and told in (floor, name)]
+    found = [floor for floor, name in known.items() if wanted is not None and wanted in (floor, name)]
     if len(found) == 1:
         return found[0]
-    wrong = "has several storeys" if told is None else f"has no storey '{told}'"
+    wrong = "has several storeys" if wanted is None else f"has no storey '{wanted}'"
     listed = ", ".join(f"{floor} ({name})" if name else floor for floor, name in known.items())
     raise UserError(f"{path}: {wrong}; give {option} with one of: {listed or 'none'}")
 

@@ -12,14 +12,14 @@ from matching.arrays.walls import Walls, arrays, storeys
 from matching.combinatorial.search import CombinatorialMatcher
 from matching.combinatorial.settings import DEVELOP, GRID
 from matching.result import Hypothesis, MatchResult
-from matching.search.assignment import complete
+from matching.search.assignment import assign
 from matching.search.hypotheses import Placement, search
 from matching.search.start import Start, near_start
 from matching.search.verification import verify
 
 LISTED = 10  # hypotheses in the answer
-RELATIVES = ("pca-gm", "superglue")
-WITH_WEIGHTS = ("learned", "paper", *RELATIVES)
+BASELINES = ("pca-gm", "superglue")
+WITH_WEIGHTS = ("learned", "paper", *BASELINES)
 
 
 class Method(Protocol):
@@ -71,13 +71,13 @@ class Matcher:
         `NAME@WEIGHTS` gives both in one, as in `paper@repository`. Raises UserError for a name that does not exist, for
         weights where the method has none, and for a file that holds no weights.
         """
-        name, _, told = method.partition("@")
-        weights = told or weights
+        name, _, named = method.partition("@")
+        weights = named or weights
         methods: dict[str, Callable[[], Method]] = {
             "voting": VotingMatcher,
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
-            **{kind: partial(_relative, kind, weights) for kind in RELATIVES},
+            **{kind: partial(_baseline, kind, weights) for kind in BASELINES},
             "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
             "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
         }
@@ -103,11 +103,11 @@ class Matcher:
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.deformation.matcher import BentMatcher  # compiled loops are slow to import
+    from matching.deformation.matcher import DeformableMatcher  # compiled loops are slow to import
     from matching.learned.proposer import LearnedProposer
     from matching.search.voting_proposals import voting_proposals
 
-    return BentMatcher(LearnedProposer.load(weights).propose, voting_proposals)
+    return DeformableMatcher(LearnedProposer.load(weights).propose, voting_proposals)
 
 
 def _paper(weights: Path | str | None) -> Method:
@@ -116,16 +116,16 @@ def _paper(weights: Path | str | None) -> Method:
     return PaperMatcher.load(weights)
 
 
-def _relative(kind: str, weights: Path | str | None) -> Method:
-    from matching.published.baselines import RelativeMatcher
+def _baseline(kind: str, weights: Path | str | None) -> Method:
+    from matching.published.baselines import BaselineMatcher
 
-    return RelativeMatcher.load(kind, weights)
+    return BaselineMatcher.load(kind, weights)
 
 
 def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:
     best = found[0]
     s, a = best.pairing.s, best.storey
-    pairs = [complete(p) for p in found[:LISTED]]
+    pairs = [assign(p) for p in found[:LISTED]]
     verdict = verify(found, candidates, pairs[0])
     hypotheses = []
     for p, of in zip(found, pairs, strict=False):

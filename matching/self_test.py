@@ -42,13 +42,13 @@ def propose() -> None:
 
 def search() -> None:
     """The other half: without a proposal all that finds, bends and judges a place is asked."""
-    from matching.deformation.matcher import BentMatcher
+    from matching.deformation.matcher import DeformableMatcher
     from matching.search.voting_proposals import voting_proposals
 
     def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0))) for n in (len(s.wall_surfaces), 0)))
 
-    BentMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
+    DeformableMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
 
 
 def three_rooms() -> SceneGraph:

@@ -49,7 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         training.load(checkpoint)
         print(f"goes on after step {training.step}")
 
-    def looked(row: Row) -> None:
+    def on_evaluation(row: Row) -> None:
         training.save(checkpoint)
         save_network(out / weights, training.best_network())
         write_curve(out, training.curve)
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     limits = Limits(options.steps, options.minutes, options.every)
     with batches(drawing, options.seed, training.step, options.workers, options.scheduler) as stream:
         watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
-        ended = train(training, stream, watched, limits, looked)
+        ended = train(training, stream, watched, limits, on_evaluation)
     print(ended)
     draw_curve(out, training.curve)
     write_card(out, {

@@ -17,7 +17,7 @@ class ProcessEndedError(UserError):
     """A process ended before it had answered; where it lacked memory, it may do so on another try."""
 
 
-def apart(function: Callable[..., R], *arguments: Any, what: str) -> R:
+def run_isolated(function: Callable[..., R], *arguments: Any, what: str) -> R:
     """The function's answer, found by a process of its own, so that its peak memory is its own too.
 
     Raises what the function raises, and ProcessEndedError, which names `what` was done.

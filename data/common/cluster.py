@@ -101,8 +101,8 @@ class Cluster:
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
         self._name = f"sgslam-{uuid.uuid4().hex[:8]}"
-        self._given = self._threads = 0
-        self._looked = self._peopled = time.monotonic()
+        self._submitted = self._threads = 0
+        self._checked_at = self._had_workers = time.monotonic()
 
     def check(self) -> None:
         """Waits for a first worker. Raises UserError where none comes, and for a worker of another build."""
@@ -113,11 +113,13 @@ class Cluster:
                 f"--scheduler {self._address}: it has no worker; start some with `dask worker {self._address}`"
             ) from None
         ask = "__import__('data.common.build', fromlist=['build']).build()"  # a function of ours could not be asked for
-        for worker, told in self._client.run(eval, ask, on_error="return").items():
-            if told != build():
-                has = f"sgslam {told}" if isinstance(told, str) else f"no sgslam that it can use ({_line(told)})"
+        for worker, message in self._client.run(eval, ask, on_error="return").items():
+            if message != build():
+                has = (
+                    f"sgslam {message}" if isinstance(message, str) else f"no sgslam that it can use ({_line(message)})"
+                )
                 raise UserError(f"the worker {worker} has {has}, and here it is {build()}; install the same on all")
-        self._look()
+        self._check_workers()
         print(f"{self._threads} threads of workers at {self._address}", flush=True)
 
     def over(
@@ -140,7 +142,7 @@ class Cluster:
         failed = []
         for task, why in aside:
             print(f"{name(task)}: {why}; once more, alone", flush=True)
-            answer = self._answer(self._give(work, task), [name(task)])
+            answer = self._answer(self._submit_task(work, task), [name(task)])
             if isinstance(answer, _Failed):
                 failed.append(f"{name(task)}: {answer.why}")
             else:
@@ -155,14 +157,14 @@ class Cluster:
         ahead: deque[tuple[T, Any]] = deque()
         waiting = iter(tasks)
         while True:
-            self._look()
-            ahead.extend((task, self._give(work, task)) for task in islice(waiting, self._room(len(ahead))))
+            self._check_workers()
+            ahead.extend((task, self._submit_task(work, task)) for task in islice(waiting, self._capacity(len(ahead))))
             if not ahead:
                 return
             task, future = ahead.popleft()
             answer = self._answer(future, [name(task)])
             if isinstance(answer, _Failed):
-                answer = self._answer(self._give(work, task), [name(task)])
+                answer = self._answer(self._submit_task(work, task), [name(task)])
             if isinstance(answer, _Failed):
                 raise UserError(f"{name(task)} failed twice: {answer.why}")
             yield answer
@@ -172,8 +174,10 @@ class Cluster:
 
         running: dict[Any, T] = {}
         while True:
-            self._look(map(name, running.values()))
-            running.update((self._give(work, task), task) for task in islice(waiting, self._room(len(running))))
+            self._check_workers(map(name, running.values()))
+            running.update(
+                (self._submit_task(work, task), task) for task in islice(waiting, self._capacity(len(running)))
+            )
             if not running:
                 return
             try:
@@ -181,7 +185,7 @@ class Cluster:
             except TimeoutError:
                 continue
             except CancelledError:
-                raise self._lost() from None
+                raise self._workers_lost() from None
             for future in done:
                 task = running[future]
                 answer = self._answer(future, [name(task)])
@@ -191,14 +195,14 @@ class Cluster:
     def _sent(self, function: Callable[[Any], Any], files: Files = ()) -> Any:
         return self._submit(itself, Work.of(function, files))
 
-    def _give(self, work: Any, task: Any) -> Any:
+    def _submit_task(self, work: Any, task: Any) -> Any:
         return self._submit(do, work, task)
 
     def _submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        self._given += 1
-        return self._client.submit(function, *arguments, key=f"{self._name}-{self._given}", pure=False)
+        self._submitted += 1
+        return self._client.submit(function, *arguments, key=f"{self._name}-{self._submitted}", pure=False)
 
-    def _room(self, running: int) -> int:
+    def _capacity(self, running: int) -> int:
         return max(0, AHEAD * max(1, self._threads) - running)
 
     def _answer(self, future: Any, names: Iterable[str]) -> Any:
@@ -211,37 +215,37 @@ class Cluster:
             except KilledWorker as error:
                 return _Failed(f"its worker died, {error.allowed_failures + 1} times")
             except CancelledError:
-                raise self._lost() from None
+                raise self._workers_lost() from None
             except Exception as error:
                 if future.status == "error":
                     return _Failed(_line(error))
                 if not isinstance(error, TimeoutError):
-                    raise self._lost() from error
-                self._look(names)
+                    raise self._workers_lost() from error
+                self._check_workers(names)
                 continue
             if isinstance(answer, Refused):
                 raise UserError(answer.why)
             return answer
 
-    def _look(self, running: Iterable[str] = ()) -> None:
+    def _check_workers(self, running: Iterable[str] = ()) -> None:
         """Now and then: how many threads there are. Raises UserError where there has been none for long."""
         now = time.monotonic()
-        if self._threads and now - self._looked < LOOK_EVERY_S:
+        if self._threads and now - self._checked_at < LOOK_EVERY_S:
             return
         try:
             self._threads = sum(self._client.nthreads().values())
         except Exception:  # whatever a connection that broke makes of it
-            raise self._lost() from None
-        self._looked = now
+            raise self._workers_lost() from None
+        self._checked_at = now
         if self._threads:
-            self._peopled = now
-        elif now - self._peopled > WORKERLESS_S:
+            self._had_workers = now
+        elif now - self._had_workers > WORKERLESS_S:
             raise UserError(
                 f"--scheduler {self._address}: all workers are gone, at work on: {', '.join(running)}; what is done "
                 "is kept: start workers and give the same command again"
             )
 
-    def _lost(self) -> UserError:
+    def _workers_lost(self) -> UserError:
         return UserError(
             f"--scheduler {self._address}: the connection is lost; what is done is kept: give the same command again"
         )

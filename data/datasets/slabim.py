@@ -44,8 +44,8 @@ class SlabimSession:
         points = sessions / name / "points"
         if not (points / "data").is_dir():
             there = sorted(p.name for p in sessions.iterdir() if p.is_dir()) if sessions.is_dir() else []
-            told = f"there are: {', '.join(there)}" if there else "give the folder with BIM and sensor_data"
-            raise UserError(f"{points / 'data'}: no such folder; {told}")
+            message = f"there are: {', '.join(there)}" if there else "give the folder with BIM and sensor_data"
+            raise UserError(f"{points / 'data'}: no such folder; {message}")
         mesh = root / "BIM" / name.partition("_")[0] / "mesh"
         if missing := [part for part in PARTS if not (mesh / part).is_file()]:
             raise UserError(f"{mesh}: has no {missing[0]}; unpack the data set's BIM there")

@@ -88,17 +88,17 @@ def project_of(ifc: Path | str) -> str:
 def _properties(model: ifcopenshell.file, finding: WallFinding) -> dict[str, tuple[str, Any]]:
     """Names to IFC types and values."""
     metre, radian = calculate_unit_scale(model), calculate_unit_scale(model, "PLANEANGLEUNIT")
-    told: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", finding.status)}
+    entries: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", finding.status)}
     if finding.shift_in_bim is not None:
         x, y = finding.shift_in_bim
-        told["Offset"] = "IfcLengthMeasure", float(np.hypot(x, y)) / metre
-        told["OffsetX"], told["OffsetY"] = ("IfcLengthMeasure", x / metre), ("IfcLengthMeasure", y / metre)
+        entries["Offset"] = "IfcLengthMeasure", float(np.hypot(x, y)) / metre
+        entries["OffsetX"], entries["OffsetY"] = ("IfcLengthMeasure", x / metre), ("IfcLengthMeasure", y / metre)
     if finding.sigma_m is not None:
-        told["OffsetSigma"] = "IfcLengthMeasure", finding.sigma_m / metre
+        entries["OffsetSigma"] = "IfcLengthMeasure", finding.sigma_m / metre
     if finding.tilt_rad is not None:
-        told["Turn"] = "IfcPlaneAngleMeasure", finding.tilt_rad / radian
-    told["Reason"] = "IfcText", finding.reason
-    return told
+        entries["Turn"] = "IfcPlaneAngleMeasure", finding.tilt_rad / radian
+    entries["Reason"] = "IfcText", finding.reason
+    return entries
 
 
 def _describe(model: ifcopenshell.file, product: Entity, properties: dict[str, tuple[str, Any]]) -> None:

@@ -59,7 +59,7 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     segments = np.concatenate([np.empty((0, 2, 2)), *(s for name in chosen for s in by_layer[name].segments)])
     filled = [rings for name in chosen for rings in by_layer[name].filled]
     try:
-        scale, told = _scale(drawing, segments, filled, path)
+        scale, message = _scale(drawing, segments, filled, path)
         walls = _walls(segments, filled, scale)
         graph, made = graph_of_storeys([FlatStorey(path.stem, walls.area)], str(path))
     except UserError:
@@ -67,8 +67,8 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     except Exception as error:  # shapely and what is built on it raise many kinds
         raise UserError(f"{path}: its lines make no plan ({type(error).__name__}); name the walls' layers") from None
     if not walls.is_double and not filled:
-        told.append("walls are drawn as single lines; they are taken to be 0.1 m thick")
-    return graph, (*notices, *told, *made)
+        message.append("walls are drawn as single lines; they are taken to be 0.1 m thick")
+    return graph, (*notices, *message, *made)
 
 
 def _open(path: Path) -> Any:

@@ -128,23 +128,23 @@ def _in_metres(features: list[_Feature], where: str) -> tuple[list[_Feature], li
     turn = math.radians(1) * EARTH
     factors = np.array([turn * math.cos(math.radians(lat)), turn])
     moved = shapely.transform([f.shape for f in features], lambda xy: (xy - [lon, lat]) * factors)
-    told = f"degrees became metres east (x) and north (y) of longitude {lon:.7f}, latitude {lat:.7f}"
-    return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [told]
+    message = f"degrees became metres east (x) and north (y) of longitude {lon:.7f}, latitude {lat:.7f}"
+    return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [message]
 
 
 def _sort_in(storey: _Storey, feature: _Feature) -> None:
     """A feature to what it is."""
     kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
-    told = " ".join(kinds)
+    message = " ".join(kinds)
     kind = feature.shape.geom_type.removeprefix("Multi")
     storey.elevations += [z] if (z := feature.number(ELEVATION)) is not None else []
     storey.heights += [h] if (h := feature.number(HEIGHT)) is not None and h > 1.0 else []
-    if any(word in told for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
+    if any(word in message for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
         depth, cap = 0.0 if kind == "Polygon" else DOOR_DEPTH / 2, "flat" if kind == "LineString" else "square"
         storey.doors.append(polygons_of(feature.shape.buffer(depth, cap_style=cap)))
     elif kind == "Polygon":
         area = polygons_of(feature.shape)
-        if any(word in told for word in WALL):
+        if any(word in message for word in WALL):
             storey.walls.append(area)
         elif not any(k in NO_PART for k in kinds) and is_room(kinds[-1] if kinds else ""):
             storey.rooms.append((feature.id, feature.text(("name", "label", "room", "number")), area))

@@ -21,8 +21,8 @@ OUTSIDE = ("balcony", "loggia", "veranda", "terrace", "patio", "garden", "outdoo
 NO_ROOM = ("shaft", "void", "ps", "pipe space", "structure", "lightwell", "elevator_shaft")
 DOORS = ("door", "entrance_door", "sliding_door")
 WALLS = ("wall", "railing", "column", "window")
-TWIN = 0.1  # m2: rooms of twins differ less
-TWIN_ROOMS = 4  # fewer rooms agree by chance
+DUPLICATE = 0.1  # m2: rooms of twins differ less
+DUPLICATE_ROOMS = 4  # fewer rooms agree by chance
 
 
 def is_room(kind: str, outside: bool = False) -> bool:
@@ -47,8 +47,8 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
     except Exception as error:  # shapely raises many kinds where coordinates are none
-        told = (str(error).splitlines() or [""])[0][:100]
-        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {told})") from None
+        message = (str(error).splitlines() or [""])[0][:100]
+        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {message})") from None
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)
@@ -97,11 +97,11 @@ class Buildings:
     def of(self, plan: Plan) -> str:
         """The building of the first plan with rooms as large as this one's, else the plan's own."""
         areas = np.sort([shapely.Polygon(r.polygon).area for r in plan.graph.rooms if r.polygon is not None])
-        if len(areas) < TWIN_ROOMS:
+        if len(areas) < DUPLICATE_ROOMS:
             return plan.building
         same_count = self._seen.setdefault(len(areas), [])
         for other, building in same_count:
-            if np.abs(other - areas).max() < TWIN:
+            if np.abs(other - areas).max() < DUPLICATE:
                 return building
         same_count.append((areas, plan.building))
         return plan.building

@@ -184,10 +184,10 @@ class _Reader:
         unset = [x for x in row.numbers.tolist() if not math.isfinite(x) or 0 < abs(x) < sys.float_info.min]
         if not unset:
             return True
-        told = f"{row.tag} of {' and '.join(map(str, row.ids))} holds a number that was never set ({unset[0]:g})"
+        message = f"{row.tag} of {' and '.join(map(str, row.ids))} holds a number that was never set ({unset[0]:g})"
         if row.tag.startswith("VERTEX"):
-            raise self._bad(row.line, told)
-        self._refused.append(f"line {row.line}: {told}")
+            raise self._bad(row.line, message)
+        self._refused.append(f"line {row.line}: {message}")
         return False
 
     def _check_edge(self, row: _Row, kinds: dict[int, str]) -> None:

@@ -182,8 +182,8 @@ class SceneGraph:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
-            told = first["msg"].replace("tuple", "list")
-            raise UserError(f"scene graph: {where}: {told} (given: {str(first['input'])[:40]})") from None
+            message = first["msg"].replace("tuple", "list")
+            raise UserError(f"scene graph: {where}: {message} (given: {str(first['input'])[:40]})") from None
 
     def save(self, path: Path | str) -> None:
         """Writes JSON atomically."""

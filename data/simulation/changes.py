@@ -30,8 +30,8 @@ class Changes:
         """Raises UserError for shares that cannot be."""
         shares = (self.moved, self.absent, self.unplanned)
         if not (min(shares) >= 0 and sum(shares) <= 1):
-            told = f"moved ({self.moved:g}), absent ({self.absent:g}) and unplanned ({self.unplanned:g})"
-            raise UserError(f"shares of {told} walls: give 0 to 1 in all")
+            message = f"moved ({self.moved:g}), absent ({self.absent:g}) and unplanned ({self.unplanned:g})"
+            raise UserError(f"shares of {message} walls: give 0 to 1 in all")
 
     @property
     def any(self) -> bool:

@@ -163,7 +163,7 @@ def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int
             ways.open(rooms)
         way = doors.draw(rng) or walls.draw(rng)
         if way is None and count is None:
-            way = _leap(storey, rooms, walled)
+            way = _nearest_remaining(storey, rooms, walled)
         if way is None:
             break
         parents.append(way[0])
@@ -199,7 +199,7 @@ class _Ways:
         return None
 
 
-def _leap(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> tuple[int, int]:
+def _nearest_remaining(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> tuple[int, int]:
     others = np.setdiff1d(np.flatnonzero(walled), rooms)
     distance = np.linalg.norm(storey.middle[others, None] - storey.middle[None, rooms], axis=-1)
     k, n = np.unravel_index(int(distance.argmin()), distance.shape)

@@ -11,7 +11,7 @@ import shapely
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.exploration import Index, Storey
-from data.synthetic_maps.wall_noise import Seen
+from data.synthetic_maps.wall_noise import ObservedWalls
 
 DROPPED = 0.15  # of the rooms, and of the walls of those that are left
 SHIFT = 0.01  # m: the width of the uniform shift of the whole graph along each axis,
@@ -28,7 +28,7 @@ def surviving_rooms(storey: Storey, rng: np.random.Generator) -> Index:
             return kept
 
 
-def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> Seen:
+def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> ObservedWalls:
     """The walls that are left of these rooms, with the local noise.
 
     A wall that was drawn is dropped only if more than one of it and its two neighbours in the room's ring are left.
@@ -44,7 +44,7 @@ def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> S
     wall = np.concatenate(kept)
     centre = storey.centre[wall] + LOCAL_SHIFT * (rng.random((len(wall), 2)) - 0.5)
     heading = storey.heading[wall] + LOCAL_TURN * (rng.random(len(wall)) - 0.5)
-    return Seen(wall, storey.room[wall], centre, heading, storey.length[wall])
+    return ObservedWalls(wall, storey.room[wall], centre, heading, storey.length[wall])
 
 
 def global_noise(rng: np.random.Generator) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.exploration import Index, Storey, Walk
-from data.synthetic_maps.wall_noise import SHORTEST, Seen, joined
+from data.synthetic_maps.wall_noise import SHORTEST, ObservedWalls, joined
 
 DOOR_MISSING = 0.1
 ALTERED = 0.1  # of the rooms: merged with a neighbour or cut in two, half of them each
@@ -25,15 +25,15 @@ class Passage:
 
 
 @dataclass(frozen=True, eq=False)
-class Housed:
+class MapRooms:
     """The surfaces of a map, the map room of each, -1 for none, and the doors. Map rooms are 0, 1, ..."""
 
-    seen: Seen
+    seen: ObservedWalls
     home: Index  # (N,)
     doors: tuple[Passage, ...]
 
 
-def housed(storey: Storey, walk: Walk, seen: Seen) -> Housed:
+def rooms_as_entered(storey: Storey, walk: Walk, seen: ObservedWalls) -> MapRooms:
     """Every surface in the room that it was seen from, and all doors; map rooms are numbered as they were entered."""
     place = {r: n for n, r in enumerate(walk.rooms)}
     doors = tuple(
@@ -41,15 +41,15 @@ def housed(storey: Storey, walk: Walk, seen: Seen) -> Housed:
         for i, j, at in storey.doors
         if i in place and j in place
     )
-    return Housed(seen, np.array([place[r] for r in seen.room.tolist()], dtype=np.int64), doors)
+    return MapRooms(seen, np.array([place[r] for r in seen.room.tolist()], dtype=np.int64), doors)
 
 
-def overlooked(map_rooms: Housed, rng: np.random.Generator) -> Housed:
+def some_doors_missed(map_rooms: MapRooms, rng: np.random.Generator) -> MapRooms:
     """One door in ten is not seen."""
     return replace(map_rooms, doors=tuple(d for d in map_rooms.doors if rng.random() >= DOOR_MISSING))
 
 
-def mistaken(map_rooms: Housed, walk: Walk, rng: np.random.Generator) -> Housed:
+def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator) -> MapRooms:
     """One room in ten merged with a neighbour or cut in two, each room once at most; one surface in ten astray."""
     count = len(walk.rooms)
     altered: set[int] = set()
@@ -69,7 +69,7 @@ def mistaken(map_rooms: Housed, walk: Walk, rng: np.random.Generator) -> Housed:
     return replace(map_rooms, home=home)
 
 
-def true_rooms(map_rooms: Housed) -> dict[int, int]:
+def true_rooms(map_rooms: MapRooms) -> dict[int, int]:
     """Map room to the A room from which most of its walls, by length, were seen."""
     found = {}
     length = np.nan_to_num(map_rooms.seen.length, nan=1.0)
@@ -86,16 +86,16 @@ def _beside(walk: Walk, n: int) -> list[int]:
     return [k for k, p in enumerate(walk.parents) if p == n] + ([walk.parents[n]] if walk.parents[n] >= 0 else [])
 
 
-def _merged(map_rooms: Housed, kept: int, gone: int) -> Housed:
+def _merged(map_rooms: MapRooms, kept: int, gone: int) -> MapRooms:
     doors = []
     for door in map_rooms.doors:
         first, last = (kept if r == gone else r for r in door.rooms)
         if first != last:
             doors.append(replace(door, rooms=(first, last)))
-    return Housed(map_rooms.seen, np.where(map_rooms.home == gone, kept, map_rooms.home), tuple(doors))
+    return MapRooms(map_rooms.seen, np.where(map_rooms.home == gone, kept, map_rooms.home), tuple(doors))
 
 
-def _cut(map_rooms: Housed, room: int, new: int, rng: np.random.Generator) -> Housed:
+def _cut(map_rooms: MapRooms, room: int, new: int, rng: np.random.Generator) -> MapRooms:
     """The room cut across its longer side; walls that the cut crosses are cut too."""
     seen, home = map_rooms.seen, map_rooms.home
     mine = np.flatnonzero(home == room)
@@ -119,7 +119,7 @@ def _cut(map_rooms: Housed, room: int, new: int, rng: np.random.Generator) -> Ho
     place = se2.rotate(grid, middle)
     doors = [_after_cut(door, room, new, along, at) for door in map_rooms.doors]
     seen_from = int(np.bincount(part.room).argmax())
-    return Housed(
+    return MapRooms(
         joined([seen.at(rest), *pieces]), np.concatenate(homes), (*doors, Passage((room, new), place, seen_from))
     )
 
@@ -130,7 +130,7 @@ def _after_cut(door: Passage, room: int, new: int, along: Array, at: float) -> P
     return replace(door, rooms=(first, last))
 
 
-def _side(part: Seen, along: Array, offset: float) -> Seen:
+def _side(part: ObservedWalls, along: Array, offset: float) -> ObservedWalls:
     """What lies where along . p + offset < 0, pieces shorter than a visible wall left out."""
     first, last = (part.centre + s * part.arm for s in (1, -1))
     f, g = first @ along + offset, last @ along + offset

@@ -73,7 +73,7 @@ class _Waiting:
         return None
 
 
-def seen_in(drawn: DrawnGraph, rooms: set[str]) -> DrawnGraph:
+def restricted_to(drawn: DrawnGraph, rooms: set[str]) -> DrawnGraph:
     """What a rigid map held when only these rooms of the A-graph had been entered: nothing of it is drawn anew."""
     graph = drawn.s_graph
     kept = {s for s, a in drawn.rooms.items() if a in rooms}

@@ -22,11 +22,11 @@ WIDEST_GAP = 0.6  # m between two pieces
 CLUTTER = 0.1  # surfaces that are no wall, for each wall
 LONGEST_CLUTTER = 3.0  # m
 BEFORE_WALL = 0.3  # m: a cupboard's front is at least so far from its wall
-SIGMA_ASKEW = float(np.radians(2.0))  # of clutter, to the walls
+SIGMA_SKEW = float(np.radians(2.0))  # of clutter, to the walls
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ObservedWalls:
     """N surfaces in the A-graph's frame, before the map's own motion."""
 
     wall: Index  # (N,) into the storey's walls, -1 for what is no wall
@@ -38,10 +38,10 @@ class Seen:
     def __len__(self) -> int:
         return len(self.wall)
 
-    def at(self, chosen: Index) -> "Seen":
+    def at(self, chosen: Index) -> "ObservedWalls":
         """The surfaces with these indices."""
         wall, room, centre = self.wall[chosen], self.room[chosen], self.centre[chosen]
-        return Seen(wall, room, centre, self.heading[chosen], self.length[chosen])
+        return ObservedWalls(wall, room, centre, self.heading[chosen], self.length[chosen])
 
     @property
     def arm(self) -> Array:
@@ -50,13 +50,13 @@ class Seen:
         return half[:, None] * np.stack((-np.sin(self.heading), np.cos(self.heading)), axis=-1)
 
 
-def joined(parts: list[Seen]) -> Seen:
+def joined(parts: list[ObservedWalls]) -> ObservedWalls:
     """All surfaces of the parts (at least one)."""
     columns = zip(*((p.wall, p.room, p.centre, p.heading, p.length) for p in parts), strict=True)
-    return Seen(*(np.concatenate(c) for c in columns))
+    return ObservedWalls(*(np.concatenate(c) for c in columns))
 
 
-def see(storey: Storey, rooms: Index, rng: np.random.Generator) -> Seen:
+def observe_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> ObservedWalls:
     """What a robot maps of the walls of some rooms, clutter included."""
     walls = np.concatenate([storey.walls_of[k] for k in rooms.tolist()])
     clutter = _clutter(storey, walls[rng.random(len(walls)) < CLUTTER], rng)
@@ -75,20 +75,20 @@ def see(storey: Storey, rooms: Index, rng: np.random.Generator) -> Seen:
     return joined([_observed(storey, walls, low, high, rng), clutter])
 
 
-def _observed(storey: Storey, wall: Index, low: Array, high: Array, rng: np.random.Generator) -> Seen:
+def _observed(storey: Storey, wall: Index, low: Array, high: Array, rng: np.random.Generator) -> ObservedWalls:
     """The parts of walls from `low` to `high` along their tangents, shifted across and tilted."""
     unknown = np.isnan(storey.length[wall])
     kept = unknown | (high - low >= SHORTEST)
     wall, low, high, unknown = wall[kept], low[kept], high[kept], unknown[kept]
     across = rng.normal(0, SIGMA_ACROSS, len(wall))
     centre = storey.centre[wall] + ((low + high) / 2)[:, None] * storey.tangent[wall]
-    return Seen(
+    return ObservedWalls(
         wall, storey.room[wall], centre + across[:, None] * storey.normal[wall],
         storey.heading[wall] + rng.normal(0, SIGMA_TILT, len(wall)), np.where(unknown, np.nan, high - low),
     )  # fmt: skip
 
 
-def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> Seen:
+def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> ObservedWalls:
     """An upright plane before each of these walls, within the room, about parallel or square to the wall."""
     n = len(behind)
     room = storey.room[behind]
@@ -97,12 +97,12 @@ def _clutter(storey: Storey, behind: Index, rng: np.random.Generator) -> Seen:
     aside = rng.uniform(-0.5, 0.5, n) * wall
     centre = storey.centre[behind] + depth[:, None] * storey.normal[behind] + aside[:, None] * storey.tangent[behind]
     quarter = np.where(rng.random(n) < 0.7, 0, rng.integers(1, 4, n)) * np.pi / 2
-    heading = se2.wrap(storey.heading[behind] + quarter + rng.normal(0, SIGMA_ASKEW, n))
-    found = Seen(np.full(n, -1), room, centre, heading, rng.uniform(SHORTEST, LONGEST_CLUTTER, n))
+    heading = se2.wrap(storey.heading[behind] + quarter + rng.normal(0, SIGMA_SKEW, n))
+    found = ObservedWalls(np.full(n, -1), room, centre, heading, rng.uniform(SHORTEST, LONGEST_CLUTTER, n))
     return _within(storey, found)
 
 
-def _within(storey: Storey, found: Seen) -> Seen:
+def _within(storey: Storey, found: ObservedWalls) -> ObservedWalls:
     """Drawn towards the room's middle and shortened until they stand in the room; what never does is left out.
 
     Where no footprint is known, the box of the room's walls stands for it.

@@ -15,7 +15,7 @@ CLIPPED = 3 * SIGMA_END  # m: an end of the map's surface that lies further insi
 
 
 @dataclass(frozen=True)
-class Sight:
+class VisibleWalls:
     """Parts of A surfaces, and whether the wall goes on (N, 2) beyond the end to the right, to the left, of one who
     looks along the normal."""
 
@@ -23,7 +23,7 @@ class Sight:
     goes_on: NDArray[np.bool_]
 
 
-def sight(drawn: DrawnGraph, a: SceneGraph) -> Sight:
+def visible_walls(drawn: DrawnGraph, a: SceneGraph) -> VisibleWalls:
     """Every A surface that is in the map, whole, but where the map's surfaces end well within it up to there.
 
     Raises KeyError where the truth names what is not in the A-graph.
@@ -44,7 +44,7 @@ def sight(drawn: DrawnGraph, a: SceneGraph) -> Sight:
         place = (x - ny * middle, y + nx * middle)
         surfaces.append(wall if not any(clipped) else replace(wall, centroid=place, length=high - low))
         goes_on.append(clipped)
-    return Sight(tuple(surfaces), np.array(goes_on, dtype=bool).reshape(-1, 2))
+    return VisibleWalls(tuple(surfaces), np.array(goes_on, dtype=bool).reshape(-1, 2))
 
 
 def _along(drawn: DrawnGraph, s_id: str, wall: WallSurface) -> Array:

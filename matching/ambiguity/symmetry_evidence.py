@@ -37,7 +37,7 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
+class PlacedPart:
     """Of each wall the `partner` (N,), -1 for none, its part in the evidence (N,) nats, and what bending costs."""
 
     state: Array  # (G, 3) yaw, and the place of each group's centre
@@ -56,15 +56,15 @@ class Laid:
         return np.array([yaw, *(self.state[:, 1:].mean(axis=0) - se2.rotate(yaw, part.centre.mean(axis=0)))])
 
 
-def part_of(walls: Walls, goes_on: NDArray[np.bool_], bent: bool) -> Part:
+def part_of(walls: Walls, goes_on: NDArray[np.bool_], deformed: bool) -> Part:
     """The rooms are linked as a tree, the nearest first, if the map is bent; else all is one group."""
-    group = groups_of(walls) if bent else np.zeros(len(walls), dtype=np.int64)
+    group = groups_of(walls) if deformed else np.zeros(len(walls), dtype=np.int64)
     size = np.bincount(group)
     centre = np.stack([np.bincount(group, walls.centre[:, k]) / size for k in (0, 1)], axis=-1)
     return Part(walls, goes_on, group, centre, _tree(centre))
 
 
-def lay(part: Part, storey: Walls, motions: Array) -> Iterator[Laid]:
+def place_part(part: Part, storey: Walls, motions: Array) -> Iterator[PlacedPart]:
     """Lays the part by each of the motions (M, 3) between own frames, which are near, and then as well as it can be.
 
     Gauss-Newton on what walls are off across and at their ends, each to the wall that costs least.
@@ -77,8 +77,8 @@ def lay(part: Part, storey: Walls, motions: Array) -> Iterator[Laid]:
         for loosened in LOOSENED:
             state = _step(part, storey, state, loosened)
         cost, partner, *_ = _pairs(part, storey, state, 1.0)
-        residual, _ = _bent(part, state)
-        yield from map(Laid, state, partner, cost, 0.5 * np.einsum("mi,mi->m", residual, residual))
+        residual, _ = _drift_residual(part, state)
+        yield from map(PlacedPart, state, partner, cost, 0.5 * np.einsum("mi,mi->m", residual, residual))
 
 
 def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Array, Index, Array, Array]:
@@ -129,15 +129,15 @@ def _step(part: Part, storey: Walls, state: Array, loosened: float) -> Array:
     across, along = both
     ends = [np.where(off[..., k, None] == 0, 0.0, along) for k in (1, 2)]  # nothing holds a wall that may go on
     turned = rows(np.full(placed.shape[:2], 1 / SIGMA_TURN), np.zeros_like(placed))
-    residual, bent = _bent(part, state)
-    J = np.concatenate((across, *ends, turned, bent), axis=1)
+    residual, J_drift = _drift_residual(part, state)
+    J = np.concatenate((across, *ends, turned, J_drift), axis=1)
     r = np.concatenate((np.moveaxis(off, 2, 1).reshape(count, -1), residual), axis=1)[..., None]
     J_T = np.swapaxes(J, 1, 2)
     step = np.linalg.solve(J_T @ J + HOLD * np.eye(3 * groups), -J_T @ r)
     return np.asarray(state + step.reshape(state.shape))
 
 
-def _bent(part: Part, state: Array) -> tuple[Array, Array]:
+def _drift_residual(part: Part, state: Array) -> tuple[Array, Array]:
     """(M, 3 L) how far linked groups moved otherwise, in sigmas of the drift of one step, and (M, 3 L, 3 G) by the
     state."""
     g, h = part.links.T

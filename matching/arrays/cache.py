@@ -7,10 +7,10 @@ from typing import Generic, TypeVar
 from data.scene_graph import SceneGraph
 
 T = TypeVar("T")
-PLANS_KEPT = 4
+PLANS_CACHED = 4
 
 
-class Kept(Generic[T]):
+class PlanCache(Generic[T]):
     """The results of a function of a graph, for the last few graphs; a graph is known by its identity."""
 
     def __init__(self, work: Callable[[SceneGraph], T]) -> None:
@@ -21,7 +21,7 @@ class Kept(Generic[T]):
         """As the function."""
         if id(graph) not in self._known:
             self._known[id(graph)] = graph, self._work(graph)  # the graph is held, so that no other takes its identity
-            while len(self._known) > PLANS_KEPT:
+            while len(self._known) > PLANS_CACHED:
                 self._known.popitem(last=False)
         self._known.move_to_end(id(graph))
         return self._known[id(graph)][1]

@@ -76,8 +76,8 @@ class Walls:
     @cached_property
     def first_of_room(self) -> Index:
         """(rooms,) the first wall of each room."""
-        housed = np.flatnonzero(self.room >= 0)
-        return np.asarray(housed[np.unique(self.room[housed], return_index=True)[1]])
+        with_room = np.flatnonzero(self.room >= 0)
+        return np.asarray(with_room[np.unique(self.room[with_room], return_index=True)[1]])
 
     @cached_property
     def room_centroids(self) -> Array:

@@ -29,7 +29,7 @@ LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere,
 MOST_CORNERS, MOST_ASKED = 80, 40  # of which vote, and are asked whether they lie well there
 
 
-def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
+def alternative_placements(scene: Scene, best: Fields, table: Index) -> Fields:
     """Fields that are the best one (K = 1), moved to where the plan is alike; `table` (Ns, P) its partners."""
     storey, plan = int(best.storey[0]), scene.plan
     quality = judge(scene, table[None], best.state, SIGMA_SCORE).quality[0]
@@ -39,21 +39,21 @@ def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
         return Fields(np.zeros(0, dtype=np.int64), np.zeros((0, *best.state.shape[1:])))
     own = corners(plan.storeys[storey], used)
     own = own[:: -(-len(own) // MOST_CORNERS) or 1]
-    found = [_likenesses(plan, storey, used, own, st) for st in range(len(plan.storeys))]
+    found = [_similar_places(plan, storey, used, own, st) for st in range(len(plan.storeys))]
     worth, motion = (np.concatenate([f[n] for f in found]) for n in (0, 1))
     at = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
     most = np.argsort(-worth, kind="stable")[: max(MOST, min(int(np.sum(worth > EQUALLY)), MOST_EQUAL))]
-    most = most[_unlike(at[most], motion[most])]
+    most = most[_distinct_motions(at[most], motion[most])]
     return Fields(at[most], _moved(best.state[0], motion[most]))
 
 
-def _unlike(storey: Index, motion: Array) -> Index:
+def _distinct_motions(storey: Index, motion: Array) -> Index:
     """The first of each that is there several times: a place where votes gather may be the peak of several bins."""
     same = (np.abs(motion[:, None] - motion).max(axis=2) < EQUAL) & (storey[:, None] == storey)
     return np.flatnonzero(~(same & np.tri(len(same), k=-1, dtype=bool)).any(axis=1))
 
 
-def _likenesses(
+def _similar_places(
     plan: PlanWalls, home: int, used: Index, own: Marks, storey: int, places: int = PLACES
 ) -> tuple[Array, Array]:
     """(K,) shares explained and (K, 3) motions of the places in a storey that are like some walls at home, which have
@@ -68,7 +68,7 @@ def _likenesses(
     stretch = int(plan.first[storey]), int(plan.first[storey + 1])
     worth = _explained(own_lines, own_centre, weight, headings, lines, stretch, motions) / weight.sum()
     if np.sum(worth > EQUALLY) >= places < MOST_PLACES:  # there may be more
-        return _likenesses(plan, home, used, own, storey, 4 * places)
+        return _similar_places(plan, home, used, own, storey, 4 * places)
     alike = worth > LEAST
     if storey == home:
         middle = a.centre[used].mean(axis=0)

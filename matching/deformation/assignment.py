@@ -7,8 +7,8 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays.walls import Index, Walls
-from matching.deformation.deformed_hypotheses import Bent
-from matching.deformation.field_loops import Loops, compared, laid, turns
+from matching.deformation.deformed_hypotheses import DeformedHypotheses
+from matching.deformation.field_loops import Loops, compared, turns, wall_poses
 from matching.search.assignment import Pairs
 from matching.search.confidence import room_confidence, surface_confidence
 
@@ -31,7 +31,7 @@ Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share amon
 
 
 @dataclass(frozen=True)
-class _Laid:
+class _Layout:
     """The pairs (Ns, P) of S walls with A walls of one storey, and where its rooms are."""
 
     s: Walls
@@ -43,38 +43,38 @@ class _Laid:
     placed: Array  # (R, 2) the centroids of S's rooms, in the plan's frame
 
 
-def complete(found: Bent, k: int) -> Pairs:
+def assign(found: DeformedHypotheses, k: int) -> Pairs:
     """The pairs of one hypothesis, indices into S's walls and rooms and into those of its storey.
 
     A surface pair's confidence is that of the share q / (q + q' + 0.02) with its quality q, q' the next best A wall's;
     a room pair's the like with the shares of the S room's walls, by length.
     """
-    laid = _laid(found, k)
-    share = _shares(laid)
-    rooms = _rooms(laid, share)
+    layout = _layout(found, k)
+    share = _shares(layout)
+    rooms = _rooms(layout, share)
     told = tuple((r, q, room_confidence(c)) for r, q, c in rooms)
-    return Pairs(told, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(laid, share, rooms)))
+    return Pairs(told, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(layout, share, rooms)))
 
 
-def complete_rooms(found: Bent, k: int) -> Matches:
+def assign_rooms(found: DeformedHypotheses, k: int) -> Matches:
     """The rooms alone."""
-    laid = _laid(found, k)
-    return _rooms(laid, _shares(laid))
+    layout = _layout(found, k)
+    return _rooms(layout, _shares(layout))
 
 
-def _laid(found: Bent, k: int) -> _Laid:
+def _layout(found: DeformedHypotheses, k: int) -> _Layout:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
     quality, along = _likely(scene.loops, table, found.fields.state[k])
     partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
     placed = found.rooms_placed[k]
-    return _Laid(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, placed)
+    return _Layout(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, placed)
 
 
 @compiled
 def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
     """(Ns, P) quality in [0, 1]: across, in direction, by how much lies beside, and by both ends, which slide, or stop
     short of the plan's: a short piece may slide off a short wall. And S's mid point along A's wall."""
-    quality, at, pose = np.zeros(table.shape), np.zeros(table.shape), laid(m, state, turns(state))
+    quality, at, pose = np.zeros(table.shape), np.zeros(table.shape), wall_poses(m, state, turns(state))
     for i in range(len(table)):
         for p in range(table.shape[1]):
             if table[i, p] < 0:
@@ -97,10 +97,10 @@ def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
     return quality, at
 
 
-def _shares(laid: _Laid) -> Array:
+def _shares(layout: _Layout) -> Array:
     """(S rooms, A rooms) of each S room's walls, by length, what lies on walls of the A room."""
-    s, a = laid.s, laid.a
-    return np.asarray(_shared(s.room, s.half, a.room, laid.partner, laid.quality, len(s.rooms), len(a.rooms)))
+    s, a = layout.s, layout.a
+    return np.asarray(_shared(s.room, s.half, a.room, layout.partner, layout.quality, len(s.rooms), len(a.rooms)))
 
 
 @compiled
@@ -124,17 +124,17 @@ def _shared(
     return share
 
 
-def _rooms(laid: _Laid, share: Array) -> Matches:
+def _rooms(layout: _Layout, share: Array) -> Matches:
     """Each S room's best A room; of two S rooms with the same one the lesser keeps it where it is another part.
 
     Two rooms that the map took for one, about equally large, are left unmatched.
     """
     if not share.size:
         return ()
-    s, a = laid.s, laid.a
-    merit = _merit(share, laid.placed, *laid.footprints)
+    s, a = layout.s, layout.a
+    merit = _merit(share, layout.placed, *layout.footprints)
     order = np.argsort(-merit.max(axis=1), kind="stable")
-    chosen = _chosen(share, merit, order, s.room, s.half, a.room, laid.partner, laid.quality, laid.along)
+    chosen = _chosen(share, merit, order, s.room, s.half, a.room, layout.partner, layout.quality, layout.along)
     told = zip(range(len(chosen)), chosen.tolist(), _among(merit, chosen, DOUBT_ROOM).tolist(), strict=True)
     return tuple((r, q, c) for r, q, c in told if q >= 0)
 
@@ -246,20 +246,20 @@ def _among(value: Array, chosen: Index, doubt: float) -> Array:
     return found
 
 
-def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
+def _surfaces(layout: _Layout, share: Array, rooms: Matches) -> Matches:
     """The likeliest pairs first; of several S walls on one A wall those that lie beside each other are its pieces."""
-    s, a = laid.s, laid.a
+    s, a = layout.s, layout.a
     trust = np.ones((len(share) + 1, share.shape[1] + 1))  # the last of each: of walls without a room
     trust[:-1, :-1] = np.where(share > PART_SHARE, OTHER_PART, OTHER_ROOM)
     trust[:-1][~(share > PART_SHARE).any(axis=1)] = 1.0  # nothing is known of them
     for r, q, _ in rooms:
         trust[r, q] = 1.0
-    quality = laid.quality * trust[s.room[:, None], a.room[laid.partner]]
+    quality = layout.quality * trust[s.room[:, None], a.room[layout.partner]]
     rows, columns = np.nonzero(quality > LEAST_QUALITY)
     order = np.argsort(-quality[rows, columns], kind="stable")
-    matched = _pieces(rows[order], columns[order], laid.partner, laid.along, s.half)
+    matched = _pieces(rows[order], columns[order], layout.partner, layout.along, s.half)
     found = np.flatnonzero(matched >= 0)
-    partner, sure = laid.partner[found, matched[found]], _among(quality, matched, DOUBT)[found]
+    partner, sure = layout.partner[found, matched[found]], _among(quality, matched, DOUBT)[found]
     return tuple(zip(found.tolist(), partner.tolist(), sure.tolist(), strict=True))
 
 

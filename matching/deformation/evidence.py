@@ -39,7 +39,7 @@ TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
 # A robot finds an end well or not at all; a map that was drawn by hand, or is old, has them all, and all a little off.
 ENDS = np.array([(0.05, 0.5, 0.45, 0.05, 1.0), (0.35, 0.87, 0.08, 0.05, 1.0)])
 OTHER = 1 - SEEN_TO_END
-WARY_ENDS = np.array([(sigma, SEEN_TO_END, OTHER, OTHER, END_TRUST) for sigma in END_SIGMAS])
+CONSERVATIVE_ENDS = np.array([(sigma, SEEN_TO_END, OTHER, OTHER, END_TRUST) for sigma in END_SIGMAS])
 
 
 @dataclass(frozen=True)
@@ -73,18 +73,18 @@ class Chance:
 def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> tuple[Array, Array]:
     """(K,) nats, comparable between fields of one scene, in whatever storey; and the same with wary ends.
 
-    `ENDS` tell places apart that are alike; `WARY_ENDS` make less of ends that agree, which they do by chance too, at
-    the best of many wrong places.
+    `ENDS` tell places apart that are alike; `CONSERVATIVE_ENDS` make less of ends that agree, which they do by chance
+    too, at     the best of many wrong places.
     """
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
-    walls, wary = _of_walls(scene, fields, table, now, homes, chance)
+    walls, conservative = _of_walls(scene, fields, table, now, homes, chance)
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
         seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
     rest = np.array(seen) + door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
-    return walls + rest, wary + rest
+    return walls + rest, conservative + rest
 
 
 def bending(scene: Scene, fields: Fields) -> Array:
@@ -125,16 +125,16 @@ def _homes_of(
 def _of_walls(
     scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance
 ) -> tuple[Array, Array]:
-    """(K,) nats of all S walls with `ENDS`, and with `WARY_ENDS`, precisions marginalised over."""
+    """(K,) nats of all S walls with `ENDS`, and with `CONSERVATIVE_ENDS`, precisions marginalised over."""
     s, plan = scene.s, scene.plan
     met = _met(scene, fields, chance)
     nats = _nats(
         s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
-        now.turned, met, homes.first, homes.second, np.concatenate((ENDS, WARY_ENDS)),
+        now.turned, met, homes.first, homes.second, np.concatenate((ENDS, CONSERVATIVE_ENDS)),
     ).reshape(len(table), len(SIGMAS), -1)  # fmt: skip
     each = nats[:, :, : len(ENDS)], nats[:, :, len(ENDS) :]
-    told, wary = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
-    return told, wary
+    told, conservative = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
+    return told, conservative
 
 
 @compiled

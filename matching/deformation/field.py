@@ -16,7 +16,7 @@ from data.geometry.se2 import Array
 from matching.arrays.blocks import elimination
 from matching.arrays.doors import Doors
 from matching.arrays.walls import Index, Walls
-from matching.deformation.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
+from matching.deformation.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 from matching.search.groups import Groups
 from matching.search.plan_walls import PlanWalls
 
@@ -36,8 +36,8 @@ class Scene:
     def group_of_room(self) -> Index:
         """(R,) the group of each of the map's rooms."""
         found = np.full(len(self.s.rooms), -1)
-        housed = self.s.room >= 0
-        found[self.s.room[housed]] = self.groups.of_wall[housed]
+        with_room = self.s.room >= 0
+        found[self.s.room[with_room]] = self.groups.of_wall[with_room]
         return found
 
     @cached_property
@@ -114,7 +114,7 @@ def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     fields, walls, width = table.shape
     found, sharp = np.zeros((5, fields, walls, width)), sharpness(sigma)
     for k in range(fields):
-        pose = laid(m, state[k], turns(state[k]))
+        pose = wall_poses(m, state[k], turns(state[k]))
         for i in range(walls):
             for p in range(width):
                 if table[k, i, p] >= 0:
@@ -135,7 +135,7 @@ def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
 def _explained(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     best, lines, half, sharp = np.zeros(table.shape[:2]), m.lines, m.half, sharpness(sigma)
     for k in range(len(table)):
-        pose = laid(m, state[k], turns(state[k]))
+        pose = wall_poses(m, state[k], turns(state[k]))
         for i in range(len(pose)):
             best[k, i], _ = best_pair(lines, half[i], pose, table[k], i, sharp)
     return best

@@ -63,7 +63,7 @@ def turns(state: Array) -> Array:
 
 
 @compiled
-def laid(m: Loops, state: Array, turn: Array) -> Array:
+def wall_poses(m: Loops, state: Array, turn: Array) -> Array:
     """(Ns, 5) where a field (G, 3), of known `turns`, lays the walls: heading, mid point, and this from its group's
     centre."""
     heading, group, arm, pose = m.heading, m.group, m.arm, np.empty((len(m.heading), 5))

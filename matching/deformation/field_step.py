@@ -13,7 +13,7 @@ from data.geometry.se2_compiled import wrapped
 from matching.arrays.blocks import solve
 from matching.arrays.walls import Index
 from matching.deformation.field import Scene
-from matching.deformation.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
+from matching.deformation.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 from matching.search.scoring import SIGMA_ALONG
 
 ROBUST = 3.0  # of the deviations of a step, from where on neighbours hold one another less
@@ -61,7 +61,7 @@ def _pull_of_walls(
 ) -> None:
     """Adds information to `own` (G, 3, 3), its lower triangle, and the gradient to `right` (G, 3): of each wall against
     its best partner."""
-    lines, half, group, pose = m.lines, m.half, m.group, laid(m, state, turn)
+    lines, half, group, pose = m.lines, m.half, m.group, wall_poses(m, state, turn)
     for i in range(len(table)):
         g, wide = group[i], sigma[group[i]]
         if wide >= SILENT:

@@ -16,7 +16,7 @@ FRESH_M, FRESH_RAD = 0.6, float(np.radians(6))  # that a group may move before i
 
 
 @dataclass(frozen=True)
-class Led:
+class GuidedFields:
     """Fields, and the partners of their walls as they were found at a state (K, G, 3)."""
 
     fields: Fields
@@ -26,30 +26,32 @@ class Led:
     def __len__(self) -> int:
         return len(self.fields)
 
-    def __getitem__(self, chosen: Index) -> "Led":
-        return Led(self.fields[chosen], self.seen[chosen], self.table[chosen])
+    def __getitem__(self, chosen: Index) -> "GuidedFields":
+        return GuidedFields(self.fields[chosen], self.seen[chosen], self.table[chosen])
 
 
-def begun(scene: Scene, fields: Fields) -> Led:
+def guided(scene: Scene, fields: Fields) -> GuidedFields:
     """Fields, and what is near them."""
-    return Led(fields, fields.state, partners(scene, fields))
+    return GuidedFields(fields, fields.state, partners(scene, fields))
 
 
-def led(scene: Scene, begin: Led, sigmas: Array, anew: int = 1) -> Led:
+def advance(scene: Scene, begin: GuidedFields, sigmas: Array, search_every: int = 1) -> GuidedFields:
     """The fields after T steps, of `sigmas` (T, K, G) as `step` has them.
 
     Partners are sought before every so many steps, and after the last, of fields that have moved far since.
     """
     storey, state, seen, table = begin.fields.storey, begin.fields.state.copy(), begin.seen.copy(), begin.table.copy()
-    _led(scene.loops, storey, sigmas, anew, state, seen, table)
-    return Led(Fields(storey, state), seen, table)
+    _advance(scene.loops, storey, sigmas, search_every, state, seen, table)
+    return GuidedFields(Fields(storey, state), seen, table)
 
 
 @compiled
-def _led(m: Loops, storey: Index, sigmas: Array, anew: int, state: Array, seen: Array, table: Index) -> None:
+def _advance(
+    m: Loops, storey: Index, sigmas: Array, search_every: int, state: Array, seen: Array, table: Index
+) -> None:
     for k in range(len(state)):
         for t in range(len(sigmas) + 1):
-            if (t % anew == 0 or t == len(sigmas)) and _out_of_date(state[k], seen[k]):
+            if (t % search_every == 0 or t == len(sigmas)) and _out_of_date(state[k], seen[k]):
                 nearest(m, storey[k], state[k], table[k])
                 seen[k] = state[k]
             if t < len(sigmas):

@@ -47,18 +47,18 @@ class LocalMotions:
 class _Votes:
     group: Index
     storey: Index
-    told: Array  # (V, 4) the motion's yaw, its weight, and its translation
+    motions: Array  # (V, 4) the motion's yaw, its weight, and its translation
 
 
 def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
     """The motions most voted for, of several parts of the map and of all of it, best first."""
     votes = _votes(scene, proposals)
-    if not len(votes.told):
+    if not len(votes.motions):
         return LocalMotions(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 3)), np.zeros(0))
     parts, member = _parts(scene, proposals)
     heard = [n for n in range(len(parts)) if member[n][votes.group].any()]
     centre = scene.groups.centre
-    found = [_gathered(votes.group, votes.storey, votes.told, member[n], *centre[parts[n]]) for n in heard]
+    found = [_gathered(votes.group, votes.storey, votes.motions, member[n], *centre[parts[n]]) for n in heard]
     storey, motion = (np.concatenate([f[k] for f in found]) for k in (0, 1))
     group = np.repeat(parts[heard], [len(f[0]) for f in found])
     worth = np.concatenate([_worth(scene, proposals, *f, member[n]) for n, f in zip(heard, found, strict=True)])
@@ -68,11 +68,11 @@ def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
 
 def _votes(scene: Scene, proposals: TopK) -> _Votes:
     s, plan = scene.s, scene.plan
-    pair, told = _voted(
+    pair, motions = _voted(
         s.heading, s.half, s.centre, s.normal, s.weight, scene.groups.of_wall, plan.lines, plan.centre, plan.storey,
         proposals.partner, proposals.score,
     )  # fmt: skip
-    return _Votes(scene.groups.of_wall[pair[:, 0]], plan.storey[pair[:, 1]], told)
+    return _Votes(scene.groups.of_wall[pair[:, 0]], plan.storey[pair[:, 1]], motions)
 
 
 @compiled
@@ -82,7 +82,7 @@ def _voted(
 ) -> tuple[Index, Array]:  # fmt: skip
     """(V, 2) one of the walls of each vote and its partner, and (V, 4) its yaw, its weight and its shift."""
     most = int((np.bincount(of_wall) ** 2).sum()) // 2 * partner.shape[1] ** 2
-    pair, told, count = np.empty((most, 2), dtype=np.int64), np.empty((most, 4)), 0
+    pair, motions, count = np.empty((most, 2), dtype=np.int64), np.empty((most, 4)), 0
     for i in range(len(heading)):
         for k in range(i + 1, len(heading)):
             if of_wall[i] != of_wall[k]:
@@ -121,10 +121,10 @@ def _voted(
                         weight *= np.exp(-0.5 * (slid / (2 * SIGMA_ALONG)) ** 2)
                     if weight > LEAST_WEIGHT:
                         pair[count, 0], pair[count, 1] = i, j
-                        told[count, 0], told[count, 1] = yaw, weight
-                        told[count, 2], told[count, 3] = shift_x, shift_y
+                        motions[count, 0], motions[count, 1] = yaw, weight
+                        motions[count, 2], motions[count, 3] = shift_x, shift_y
                         count += 1
-    return pair[:count].copy(), told[:count].copy()
+    return pair[:count].copy(), motions[:count].copy()
 
 
 @compiled
@@ -152,13 +152,13 @@ def _parts(scene: Scene, proposals: TopK) -> tuple[Index, Array]:
 
 @compiled
 def _gathered(
-    group: Index, storey: Index, told: Array, member: NDArray[np.bool_], x: float, y: float
+    group: Index, storey: Index, motions: Array, member: NDArray[np.bool_], x: float, y: float
 ) -> tuple[Index, Array]:
     """(K,) storeys and (K, 3) motions, the means of the fullest bins of the members' votes at a point."""
     of = np.flatnonzero(member[group])
     value, cell, key = np.empty((len(of), 4)), np.empty((len(of), 4), dtype=np.int64), np.zeros(len(of), dtype=np.int64)
     for n in range(len(of)):
-        yaw, weight, shift_x, shift_y = told[of[n]]
+        yaw, weight, shift_x, shift_y = motions[of[n]]
         cos, sin = np.cos(yaw), np.sin(yaw)
         value[n] = 1.0, yaw, cos * x - sin * y + shift_x, sin * x + cos * y + shift_y
         cell[n, 0], cell[n, 1] = storey[of[n]], np.floor((yaw + np.pi) / YAW_BIN)

@@ -14,16 +14,16 @@ from matching.network.dimensions import (
     LEAST_VOTER_COS,
     NOTHING,
     REACHES,
-    STRANGE_ROOM,
-    TELLERS,
+    ROOM_UNKNOWN,
     TRUST,
     VOTERS,
+    VOTES_EACH,
 )  # fmt: skip
 from matching.network.features import Array32
 from matching.network.support_loops import WallRows, alike
 
 _NOTHING, _HALF, _1, _0 = np.float32(NOTHING), np.float32(0.5), np.float32(1), np.float32(0)
-_ODDS, _STRANGE = np.float32(LEAST_ODDS), np.float32(STRANGE_ROOM)
+_ODDS, _STRANGE = np.float32(LEAST_ODDS), np.float32(ROOM_UNKNOWN)
 _LIKELY, _TRUST, _COS = (np.float32(x) for x in (LEAST_LIKELY, TRUST, LEAST_VOTER_COS))
 (_NEAR, _SLOPE), (_WIDE, _WIDE_SLOPE) = (tuple(np.float32(x) for x in reach) for reach in REACHES)
 _LEAST_VOICE, _LITTLE = np.float32(1e-3), np.float32(0.05)
@@ -113,10 +113,10 @@ def expanded(
     n, k = likely.shape
     column, logit = np.full((n, k + more), -1), np.full((n, k + more), _NOTHING)
     begins, total, met = np.zeros((n, k + more), dtype=np.float32), np.zeros(len(a.half), dtype=np.float32), [0]
-    tellers = _first_two(likely)
+    votes_each = _first_two(likely)
     for i in range(n):
         met.clear()
-        _vote(s, a, known.column, likely, tellers, i, total, met)
+        _vote(s, a, known.column, likely, votes_each, i, total, met)
         for t in range(k):
             column[i, t], logit[i, t], begins[i, t] = known.column[i, t], known.logit[i, t], likely[i, t]
             if column[i, t] >= 0:
@@ -141,7 +141,7 @@ def expanded(
 @compiled
 def _first_two(likely: Array32) -> Index:
     """(N, TELLERS) where the likeliest are."""
-    size = min(TELLERS, likely.shape[1])
+    size = min(VOTES_EACH, likely.shape[1])
     found = np.empty((len(likely), size), dtype=np.int64)
     for i in range(len(likely)):
         for t in range(size):
@@ -158,13 +158,13 @@ def _first_two(likely: Array32) -> Index:
 
 @compiled_within
 def _vote(
-    s: WallRows, a: WallRows, column: Index, likely: Array32, tellers: Index, i: int, total: Array32, met: list[int]
+    s: WallRows, a: WallRows, column: Index, likely: Array32, votes_each: Index, i: int, total: Array32, met: list[int]
 ) -> None:
     """Adds to `total` (A walls,), and to the list of those that were met, what the neighbours of S wall i say."""
     own, their = np.empty((2, 5), dtype=np.float32), np.empty((2, 5), dtype=np.float32)
     own[1, :4], own[1, 4] = s.pose[i], s.half[i]
     for j in s.near[i]:
-        for t in tellers[j] if j >= 0 else tellers[0, :0]:
+        for t in votes_each[j] if j >= 0 else votes_each[0, :0]:
             b = column[j, t]
             if b < 0 or not likely[j, t] > _LIKELY:
                 continue

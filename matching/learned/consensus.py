@@ -36,11 +36,11 @@ class ConsensusWeights(NamedTuple):
     compatible_again: Linear
     compatible_last: Linear
     begin: Linear
-    says: Linear
+    message: Linear
     step: Linear
     step_again: Linear
     after: Norm
-    judge: Linear
+    score: Linear
     room: Linear
     room_again: Linear
 
@@ -51,10 +51,10 @@ def consensus_of(w: NamedWeights, width: int) -> ConsensusWeights:
     return ConsensusWeights(
         w.linear("consensus.compatible.0", COMPARED_SIZE, first), w.linear("consensus.compatible.2", first, second),
         w.linear("consensus.compatible.4", second, REASONS),
-        w.linear("consensus.begin", PAIR_SIZE, width), w.linear("consensus.says", width, REASONS),
+        w.linear("consensus.begin", PAIR_SIZE, width), w.linear("consensus.message", width, REASONS),
         w.linear("consensus.step.0", width + 2 * REASONS + PAIR_SIZE, 2 * width),
         w.linear("consensus.step.2", 2 * width, width), w.norm("consensus.after", width),
-        w.linear("consensus.judge", width, 1),
+        w.linear("consensus.score", width, 1),
         w.linear("room_step.0", SHARE_SIZE, ROOM_WIDTH), w.linear("room_step.2", ROOM_WIDTH, 1),
     )  # fmt: skip
 
@@ -68,7 +68,7 @@ class Combinations(NamedTuple):
 
 
 @compiled
-def settled(
+def run_consensus(
     s: WallRows, a: WallRows, dense: Array32, choice: Choice, likely: Array32, rooms: Array32,
     counts: tuple[int, int, int], enough: float, w: ConsensusWeights,
 ) -> tuple[Index, Array32, Array32]:  # fmt: skip
@@ -101,10 +101,10 @@ def consensus(
     for k in range(rounds):
         if k > 0:
             feature = features(s, a, c, likely, whole, rooms)
-        state, table = one_round(state, feature, likely, c, reasons, w)
+        state, table = consensus_round(state, feature, likely, c, reasons, w)
         answer = softmax(table)
         likely = np.ascontiguousarray(answer[:, :-1])
-        rooms = rooms_told(s, a, c, likely, size, first, w)
+        rooms = updated_rooms(s, a, c, likely, size, first, w)
         sure = 0.0
         for i in range(len(answer)):
             sure += answer[i].max() / len(answer)
@@ -139,47 +139,47 @@ def features(
     for i in range(n):
         for t in range(k):
             row, p = found[i * k + t], max(c.column[i, t], 0)
-            housed = s.room[i] >= 0 and c.column[i, t] >= 0 and a.room[p] >= 0
+            with_room = s.room[i] >= 0 and c.column[i, t] >= 0 and a.room[p] >= 0
             longer = s.half[i] - a.half[p]
             row[0], row[1] = max(c.logit[i, t], _LEAST_LOGIT) / _10, likely[i, t]
             row[2] = likely[i, t] / (taken[c.column[i, t] + 1] + _SMALL)
-            row[3], row[4] = told[s.room[i], a.room[p]] if housed else _0, housed
+            row[3], row[4] = told[s.room[i], a.room[p]] if with_room else _0, with_room
             row[5], row[6] = max(longer, _0), max(-longer, _0)
             row[7:] = whole[i, t]
     return found
 
 
 @compiled_within
-def one_round(
+def consensus_round(
     state: Array32, feature: Array32, likely: Array32, c: Choice, support: Combinations, w: ConsensusWeights
 ) -> tuple[Array32, Array32]:
     """State (N K, width) after one round, and (N, K + 1) log odds of the candidates, then of none."""
     rows, width = state.shape
     heads = support.weight.shape[1]
-    says, given = linear(state, w.says), likely.reshape(rows)
+    message, given = linear(state, w.message), likely.reshape(rows)
     told = np.zeros((rows, width + 2 * heads + feature.shape[1]), dtype=np.float32)
     told[:, :width], told[:, width + 2 * heads :] = state, feature
     for row in range(rows):
         for k in range(heads):
-            says[row, k] = given[row] * tanh(says[row, k])
+            message[row, k] = given[row] * tanh(message[row, k])
     for e in range(len(support.pair)):
-        heard, other = told[support.pair[e], width : width + 2 * heads], support.other[e]
+        received, other = told[support.pair[e], width : width + 2 * heads], support.other[e]
         for k in range(heads):
-            heard[k] += given[other] * support.weight[e, k]
-            heard[heads + k] += says[other, k] * support.weight[e, k]
+            received[k] += given[other] * support.weight[e, k]
+            received[heads + k] += message[other, k] * support.weight[e, k]
     state = normed(state + linear(linear_gelu(told, w.step), w.step_again), w.after)
-    judged = linear(state, w.judge)
+    scored = linear(state, w.score)
     n, k = likely.shape
     table = np.empty((n, k + 1), dtype=np.float32)
     for i in range(n):
         for t in range(k):
-            table[i, t] = c.logit[i, t] + _5 * judged[i * k + t, 0] if c.column[i, t] >= 0 else _NOTHING
+            table[i, t] = c.logit[i, t] + _5 * scored[i * k + t, 0] if c.column[i, t] >= 0 else _NOTHING
         table[i, k] = c.dustbin[i]
     return state, table
 
 
 @compiled_within
-def rooms_told(
+def updated_rooms(
     s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array32, rooms: Array32, w: ConsensusWeights
 ) -> Array32:
     """(M, A rooms + 1) log odds of rooms: the first guess, and how far the walls of an S room are those of an A room.

@@ -14,10 +14,10 @@ from matching.arrays.walls import Index
 from matching.learned import candidates as candidates
 from matching.learned import encoder as encoder
 from matching.learned.candidates import Vectors
-from matching.learned.consensus import consensus_of, settled
+from matching.learned.consensus import consensus_of, run_consensus
 from matching.learned.named_weights import NamedWeights
 from matching.network.arithmetic import Linear, Norm, linear, normed
-from matching.network.dimensions import HEARD, Settings
+from matching.network.dimensions import SUPPORTERS, Settings
 from matching.network.features import Array32, GraphFeatures
 from matching.network.support_loops import WallRows
 
@@ -68,18 +68,18 @@ class CompiledNetwork:
 
     def encode(self, f: GraphFeatures) -> Encoded:
         """What a graph is on its own."""
-        h, edge = encoder.begun(f.node, f.edge, self._encoder)
+        h, edge = encoder.embedded(f.node, f.edge, self._encoder)
         for layer in self._layers:
-            h = encoder.asked(h, edge, f.neighbour, layer)
+            h = encoder.attention_layer(h, edge, f.neighbour, layer)
         return Encoded(_rows_of(f), _vectors(h, f.wall_node, f.room_node, self._encoder.after, *self._heads))
 
-    def ask(self, s: Encoded, a: Encoded, enough: float) -> Likely:
+    def match(self, s: Encoded, a: Encoded, enough: float) -> Likely:
         """What is likely of a map and a plan, each with at least one wall; no further cycle follows once the walls'
         best answers have a probability of `enough`, in the mean."""
         dense, rooms = candidates.tables(s.vectors, a.vectors, s.walls.room, a.walls.room, self._sharpness)
         choice, likely = candidates.first_choice(dense, self._settings.candidates)
         of = self._settings
-        column, walls, rooms = settled(
+        column, walls, rooms = run_consensus(
             s.walls, a.walls, dense, choice, likely, rooms, (of.cycles, of.rounds, of.more), enough, self._consensus
         )
         return Likely(column, walls, rooms[:, :-1])
@@ -91,7 +91,7 @@ def _rows_of(f: GraphFeatures) -> WallRows:
     wall[f.wall_node], room[f.room_node] = np.arange(len(f.wall_node)), np.arange(len(f.room_node))
     w, heading = f.wall_node, f.heading[f.wall_node]
     pose = np.stack((*f.centre[w].T, np.cos(heading), np.sin(heading)), axis=-1)
-    return WallRows(pose, f.half[w], room[f.home[w]], f.floor[w], wall[f.neighbour[w, :HEARD]])
+    return WallRows(pose, f.half[w], room[f.home[w]], f.floor[w], wall[f.neighbour[w, :SUPPORTERS]])
 
 
 @compiled

@@ -7,7 +7,7 @@ import numpy as np
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from matching.arrays.cache import Kept
+from matching.arrays.cache import PlanCache
 from matching.arrays.walls import Index, Walls
 from matching.learned.network import CompiledNetwork, Encoded
 from matching.learned.weights_file import SUFFIX, load_learned
@@ -31,7 +31,7 @@ class LearnedProposer:
 
     def __init__(self, network: CompiledNetwork, enough: float = ENOUGH) -> None:
         self._network, self._enough = network, enough
-        self._plan = Kept(self._plan_of)
+        self._plan = PlanCache(self._plan_of)
 
     @staticmethod
     def load(path: Path | str | None = None) -> "LearnedProposer":
@@ -48,7 +48,7 @@ class LearnedProposer:
         walls, rooms = _none(len(s.wall_surfaces)), _none(len(s.rooms))
         if not seen.walls or not plan.features.walls:
             return Proposals(walls, rooms)
-        found = self._network.ask(self._network.encode(seen), plan.encoded, self._enough)
+        found = self._network.match(self._network.encode(seen), plan.encoded, self._enough)
         walls = _best(found.walls, found.column, np.arange(len(seen.walls)), plan.walls, len(s.wall_surfaces))
         if found.rooms.size:
             every = np.broadcast_to(np.arange(found.rooms.shape[1]), found.rooms.shape)

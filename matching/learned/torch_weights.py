@@ -18,7 +18,7 @@ from matching.network.dimensions import LARGEST
 from matching.network.network import MatchingNetwork
 from matching.network.registry import Network, kind_of, network_of, settings_of
 
-VERSION = 1
+VERSION = 2
 
 
 def save_network(path: Path, network: Network) -> None:

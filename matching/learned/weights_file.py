@@ -16,7 +16,7 @@ from matching.network.dimensions import Settings
 from matching.network.features import Array32
 
 SUFFIX = ".npz"
-TAG = "sgslam learned 1"  # what it is, and the version of its form
+TAG = "sgslam learned 2"  # what it is, and the version of its form
 MOST_BYTES = 1 << 24  # of a file, and of all that is packed in it
 _TAG, _SETTING, _WEIGHT = "tag", "setting/", "weight/"
 

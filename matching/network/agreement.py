@@ -40,9 +40,9 @@ def _shares(s: GraphTensors, a: GraphTensors, row: Tensor, likely: Tensor, wall:
     parts = []
     for rows in torch.arange(len(wall), device=wall.device).split(max(1, CHUNK // (len(i) * row.shape[1]))):
         away = own[i, :2] - own[rows, None, :2]  # (rows, V, 2)
-        told = torch.cat((away.mT, torch.ones_like(away[:, None, :, 0])), dim=1)  # (rows, 3, V)
-        x = torch.bmm(motion[rows, :, :3], told) - place[:, 0]
-        y = torch.bmm(motion[rows, :, 3:6], told) - place[:, 1]
+        homogeneous = torch.cat((away.mT, torch.ones_like(away[:, None, :, 0])), dim=1)  # (rows, 3, V)
+        x = torch.bmm(motion[rows, :, :3], homogeneous) - place[:, 0]
+        y = torch.bmm(motion[rows, :, 3:6], homogeneous) - place[:, 1]
         heard = (turn.view(*u.shape, 2)[rows].flatten(0, 1) @ turn[at].T > LEAST_VOTER_COS).view(x.shape)
         heard &= (rows[:, None] != i)[:, None]
         if a.many_floors:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from matching.network.dimensions import LEAST_LIKELY, NOTHING, TELLERS, TRUST
+from matching.network.dimensions import LEAST_LIKELY, NOTHING, TRUST, VOTES_EACH
 from matching.network.encoder import GraphTensors
 from matching.network.features import PairRows
 from matching.network.relations import close, wall_neighbours
@@ -98,11 +98,11 @@ def _votes(
     """(E,) S walls i, A walls near the partners of i's neighbours, and the strength of the vote."""
     near_s, near_a = wall_neighbours(s), wall_neighbours(a)
     near_a = torch.cat((torch.arange(len(near_a), device=near_a.device)[:, None], near_a), dim=-1)  # seen in pieces
-    value, at = likely.topk(min(TELLERS, likely.shape[1]), dim=1)
-    told = known.row.gather(1, at)
+    value, at = likely.topk(min(VOTES_EACH, likely.shape[1]), dim=1)
+    known_row = known.row.gather(1, at)
     i, m, t = ((near_s >= 0)[..., None] & (value > LEAST_LIKELY)[near_s.clamp(min=0)]).nonzero(as_tuple=True)
     j = near_s[i, m]
-    b = told[j, t]
+    b = known_row[j, t]
     c = near_a[b.clamp(min=0)]  # (E, near)
     e, place = ((c >= 0) & (b >= 0)[:, None]).nonzero(as_tuple=True)
     i, j, b, c, strength = i[e], j[e], b[e], c[e, place], value[j, t][e]

@@ -98,14 +98,14 @@ class Consensus(nn.Module):
             nn.Linear(COMPARED_SIZE, first), nn.GELU(), nn.Linear(first, second), nn.GELU(), nn.Linear(second, REASONS)
         )
         self.begin = nn.Linear(PAIR_SIZE, width)
-        self.says = nn.Linear(width, REASONS)
+        self.message = nn.Linear(width, REASONS)
         self.step = nn.Sequential(
             nn.Linear(width + 2 * REASONS + PAIR_SIZE, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
         )
         self.after = nn.LayerNorm(width)
-        self.judge = nn.Linear(width, 1)
+        self.score = nn.Linear(width, 1)
 
-    def begun(self, feature: Tensor) -> Tensor:
+    def initial_state(self, feature: Tensor) -> Tensor:
         """(N K, width) state of the candidates from what is known of them, (N K, PAIR_SIZE)."""
         return torch.as_tensor(self.begin(feature))
 
@@ -115,14 +115,14 @@ class Consensus(nn.Module):
 
     def round(self, state: Tensor, feature: Tensor, likely: Tensor, support: Support, weight: Tensor) -> Tensor:
         """State after one round: (N K, width) from itself, (N K, PAIR_SIZE), and probabilities (N K,)."""
-        says = torch.cat((torch.ones_like(state[:, : weight.shape[1]]), torch.tanh(self.says(state))), dim=-1)
-        told = (likely[:, None] * says)[support.other] * weight.repeat(1, 2)
-        heard = torch.zeros_like(says).index_add(0, support.pair, told)
-        return self.after(state + self.step(torch.cat((state, heard, feature), dim=-1)))
+        message = torch.cat((torch.ones_like(state[:, : weight.shape[1]]), torch.tanh(self.message(state))), dim=-1)
+        sent = (likely[:, None] * message)[support.other] * weight.repeat(1, 2)
+        received = torch.zeros_like(message).index_add(0, support.pair, sent)
+        return self.after(state + self.step(torch.cat((state, received, feature), dim=-1)))
 
     def logits(self, state: Tensor, candidates: Candidates) -> Tensor:
         """(N, K + 1) log odds of the candidates, then of none."""
         n, k = candidates.row.shape
-        judged = candidates.logit + 5 * self.judge(state).view(n, k)
-        judged = judged.masked_fill(candidates.row < 0, NOTHING)
-        return torch.cat((judged, candidates.dustbin[:, None]), dim=-1)
+        logit = candidates.logit + 5 * self.score(state).view(n, k)
+        logit = logit.masked_fill(candidates.row < 0, NOTHING)
+        return torch.cat((logit, candidates.dustbin[:, None]), dim=-1)

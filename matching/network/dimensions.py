@@ -29,16 +29,16 @@ NOTHING = -1e4  # a logit that is as good as minus infinity
 SHARE_SIZE = 6  # of what is told of an S room and an A room
 ROOM_WIDTH = 24  # of the step that makes log odds of it
 LEAST_ODDS = -12.0  # log odds of rooms that have a say on walls
-STRANGE_ROOM = -3.0  # log odds of the rooms where one of two walls has none
+ROOM_UNKNOWN = -3.0  # log odds of the rooms where one of two walls has none
 
 # Candidates: the few A walls that each S wall might be.
-TELLERS = 2  # partners of a neighbour that tell where a wall may be
+VOTES_EACH = 2  # partners of a neighbour that tell where a wall may be
 LEAST_LIKELY = 0.05  # of a partner that tells
 TRUST = 0.5  # most that such a candidate starts with
 CLOSE_M = 0.5
 
 # Two pairs of walls, one of each graph, compared.
-HEARD = 10  # neighbours of a wall that have a say
+SUPPORTERS = 10  # neighbours of a wall that have a say
 OFFSET_M = 2.5  # pairs whose distance differs by more are not looked at,
 LEFT_M = 1.2  # nor those whose offsets differ by more where walls may slide
 LEAST_COS = 0.9  # of the angle by which two pairs differ

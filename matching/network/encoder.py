@@ -58,27 +58,27 @@ class NeighbourAttention(nn.Module):
     def __init__(self, width: int) -> None:
         super().__init__()
         self.before = nn.LayerNorm(width)
-        self.receiver = nn.Linear(width, width)
-        self.sender = nn.Linear(width, width, bias=False)
+        self.query = nn.Linear(width, width)
+        self.key = nn.Linear(width, width, bias=False)
         self.edge = nn.Linear(width, width, bias=False)
         self.attention = nn.Parameter(torch.empty(HEADS, width // HEADS))
         if not self.attention.is_meta:  # to draw numbers there, torch loads its compiler, which takes a second
             nn.init.normal_(self.attention, std=(width // HEADS) ** -0.5)
-        self.told = nn.Linear(width, width)
-        self.think = nn.Sequential(
+        self.out = nn.Linear(width, width)
+        self.ffn = nn.Sequential(
             nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
         )
 
     def forward(self, h: Tensor, edge: Tensor, neighbour: Tensor) -> Tensor:
         """(V, width) from (V, width), edges (V, k, width) and neighbours (V, k), -1 where there is none."""
         x = self.before(h)
-        seen = nn.functional.silu(self.sender(x)[neighbour.clamp(min=0)] + self.edge(edge) + self.receiver(x)[:, None])
+        seen = nn.functional.silu(self.key(x)[neighbour.clamp(min=0)] + self.edge(edge) + self.query(x)[:, None])
         split = seen.unflatten(-1, (HEADS, -1))  # (V, k, heads, width / heads)
         score = (split * self.attention).sum(-1)
         score = score.masked_fill((neighbour < 0)[..., None], -1e4).softmax(dim=1)
         score = score * (neighbour >= 0)[..., None]  # a node without neighbours hears nothing
-        h = h + self.told((score[..., None] * split).sum(dim=1).flatten(1))
-        return torch.as_tensor(h + self.think(h))
+        h = h + self.out((score[..., None] * split).sum(dim=1).flatten(1))
+        return torch.as_tensor(h + self.ffn(h))
 
 
 class Encoder(nn.Module):

@@ -125,10 +125,10 @@ def _rooms_beside(room: Index, nearest: Index, gap: Array, centre: Array) -> Ind
 
 def _room_centres(walls: Walls) -> Array:
     """(M, 2) the same in both graphs: a map's room has no footprint."""
-    housed = walls.room >= 0
-    weight = walls.half[housed] + 0.1
-    total = np.bincount(walls.room[housed], weight, len(walls.rooms))
-    sums = [np.bincount(walls.room[housed], weight * walls.centre[housed, k], len(walls.rooms)) for k in (0, 1)]
+    with_room = walls.room >= 0
+    weight = walls.half[with_room] + 0.1
+    total = np.bincount(walls.room[with_room], weight, len(walls.rooms))
+    sums = [np.bincount(walls.room[with_room], weight * walls.centre[with_room, k], len(walls.rooms)) for k in (0, 1)]
     return np.stack(sums, axis=-1) / total[:, None]
 
 

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from matching.network.agreement import agreement
 from matching.network.candidates import Batched, Candidates, expanded, first_candidates, homes
 from matching.network.consensus import Consensus, support
-from matching.network.dimensions import LEAST_ODDS, NOTHING, PAIR_SIZE, ROOM_WIDTH, SHARE_SIZE, STRANGE_ROOM, Settings
+from matching.network.dimensions import LEAST_ODDS, NOTHING, PAIR_SIZE, ROOM_UNKNOWN, ROOM_WIDTH, SHARE_SIZE, Settings
 from matching.network.encoder import Encoder, GraphTensors
 from matching.network.features import PairRows
 
@@ -92,12 +92,12 @@ class MatchingNetwork(nn.Module):
         state = None
         for _ in range(self.settings.rounds):
             feature = _feature(s, a, batched, c, likely, output.rooms[-1], whole)
-            state = self.consensus.begun(feature) if state is None else state
+            state = self.consensus.initial_state(feature) if state is None else state
             state = self.consensus.round(state, feature, likely.flatten(), combinations, weight)
             output.walls.append((c.column, self.consensus.logits(state, c)))
             likely = output.walls[-1][1].softmax(dim=-1)[:, :-1]
-            told = self.room_step(_shares(batched, c, likely, size, first))[..., 0]
-            output.rooms.append(torch.cat((first[:, :-1] + told, first[:, -1:]), dim=-1))
+            update = self.room_step(_shares(batched, c, likely, size, first))[..., 0]
+            output.rooms.append(torch.cat((first[:, :-1] + update, first[:, -1:]), dim=-1))
 
     def _room_table(self, s: Encoded, a: Encoded, pairs: list[PairRows]) -> Tensor:
         none = self.no_room(s.nodes[s.graph.room_node])
@@ -107,16 +107,16 @@ class MatchingNetwork(nn.Module):
     def _wall_table(self, s: Encoded, a: Encoded, pairs: list[PairRows], rooms: Tensor) -> Tensor:
         """Walls by their vectors, and by the odds of their rooms where both have one."""
         none = self.no_wall(s.nodes[s.graph.wall_node])
-        told = rooms.log_softmax(dim=-1).clamp(min=LEAST_ODDS)
+        update = rooms.log_softmax(dim=-1).clamp(min=LEAST_ODDS)
         s_home, a_home = homes(s.graph), homes(a.graph)
         tables = []
         for p in pairs:
             table = self.sharpness[0] * s.walls[slice(*p.s_walls)] @ a.walls[slice(*p.a_walls)].T
             r, q = s_home[slice(*p.s_walls)], a_home[slice(*p.a_walls)]
             if p.s_rooms[0] < p.s_rooms[1] and p.a_rooms[0] < p.a_rooms[1]:
-                housed = (r >= 0)[:, None] & (q >= 0)[None, :]
-                of_room = told[r.clamp(min=0)][:, (q - p.a_rooms[0]).clamp(min=0)]
-                table = table + self.sharpness[2] * torch.where(housed, of_room, STRANGE_ROOM)
+                with_room = (r >= 0)[:, None] & (q >= 0)[None, :]
+                of_room = update[r.clamp(min=0)][:, (q - p.a_rooms[0]).clamp(min=0)]
+                table = table + self.sharpness[2] * torch.where(with_room, of_room, ROOM_UNKNOWN)
             tables.append(table)
         return torch.cat((_stacked(tables), none), dim=-1)
 
@@ -137,14 +137,14 @@ def _feature(
     """(N K, PAIR_SIZE) what is known of each candidate by itself, of its rivals for the A wall, of the `whole` map."""
     rival = torch.where(c.row >= 0, c.row + 1, 0) + (len(a.wall_node) + 1) * batched.pair[:, None]
     taken = torch.zeros(int(rival.max()) + 1, device=likely.device).index_add(0, rival.flatten(), likely.flatten())
-    housed = (batched.s_home >= 0)[:, None] & (c.room >= 0)
-    told = torch.zeros_like(likely)
+    with_room = (batched.s_home >= 0)[:, None] & (c.room >= 0)
+    update = torch.zeros_like(likely)
     if len(rooms):
-        told = rooms.softmax(dim=-1)[batched.s_home.clamp(min=0)].gather(1, c.room.clamp(min=0))
+        update = rooms.softmax(dim=-1)[batched.s_home.clamp(min=0)].gather(1, c.room.clamp(min=0))
     longer = s.half[s.wall_node][:, None] - a.half[a.wall_node[c.row.clamp(min=0)]]
     columns = [
-        c.logit.clamp(min=-30) / 10, likely, likely / (taken[rival] + 1e-3), torch.where(housed, told, 0.0),
-        housed.float(), longer.clamp(min=0), (-longer).clamp(min=0),
+        c.logit.clamp(min=-30) / 10, likely, likely / (taken[rival] + 1e-3), torch.where(with_room, update, 0.0),
+        with_room.float(), longer.clamp(min=0), (-longer).clamp(min=0),
     ]  # fmt: skip
     feature = torch.cat((torch.stack(columns, dim=-1), whole), dim=-1)
     assert feature.shape[-1] == PAIR_SIZE
@@ -155,10 +155,10 @@ def _shares(batched: Batched, c: Candidates, likely: Tensor, size: Tensor, rooms
     """(M, A rooms, SHARE_SIZE) how far the walls of an S room are those of an A room, and the first guess."""
     shape, home = (rooms.shape[0], rooms.shape[1] - 1), batched.s_home
     nothing = torch.zeros(shape[0] * shape[1], device=rooms.device)
-    housed = (home >= 0)[:, None] & (c.room >= 0)
-    at = (home[:, None] * shape[1] + c.room)[housed]
-    by_size = nothing.index_add(0, at, (likely * size[:, None])[housed]).view(shape)
-    count = nothing.index_add(0, at, likely[housed]).view(shape)
+    with_room = (home >= 0)[:, None] & (c.room >= 0)
+    at = (home[:, None] * shape[1] + c.room)[with_room]
+    by_size = nothing.index_add(0, at, (likely * size[:, None])[with_room]).view(shape)
+    count = nothing.index_add(0, at, likely[with_room]).view(shape)
     own = torch.zeros(shape[0], device=rooms.device).index_add(0, home[home >= 0], size[home >= 0])
     share = by_size / (own[:, None] + 1e-3)
     claimed = share / (share.sum(dim=0, keepdim=True) + 1e-2)

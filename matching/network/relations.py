@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from matching.network.dimensions import CLOSE_M, HEARD, LEAST_COS, LEFT_M, SCALES_M
+from matching.network.dimensions import CLOSE_M, LEAST_COS, LEFT_M, SCALES_M, SUPPORTERS
 from matching.network.encoder import GraphTensors
 
 Nodes = tuple[Tensor, Tensor]  # (E,) and (E,) nodes of one graph
@@ -13,7 +13,7 @@ Nodes = tuple[Tensor, Tensor]  # (E,) and (E,) nodes of one graph
 
 def wall_neighbours(g: GraphTensors) -> Tensor:
     """(N, HEARD) the nearest walls of each wall, as rows of `wall_node`; -1 where there are fewer."""
-    nodes = g.neighbour[g.wall_node, :HEARD]
+    nodes = g.neighbour[g.wall_node, :SUPPORTERS]
     rows = g.numbers(g.wall_node)[nodes.clamp(min=0)]
     return torch.where(nodes >= 0, rows, -1)
 
@@ -98,8 +98,9 @@ def _columns(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes, both: _
     columns += [torch.exp(-far / 2), far / 8]
     home_i, home_j, home_p = s.home[i], s.home[j], a.home[p]
     same_s, same_a = home_i == home_j, (home_p == a.home[q]) & (home_p >= 0)
-    housed = (home_i >= 0) & (home_j >= 0)
-    columns += [(same_s & housed).float(), (same_s == same_a).float() * housed, (p == q).float(), both.slide.sum(dim=0)]
+    with_room = (home_i >= 0) & (home_j >= 0)
+    columns += [(same_s & with_room).float(), (same_s == same_a).float() * with_room]
+    columns += [(p == q).float(), both.slide.sum(dim=0)]
     return torch.cat((near, torch.stack(columns))).T
 
 

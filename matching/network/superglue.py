@@ -32,7 +32,7 @@ class CrossAttention(nn.Module):
         super().__init__()
         self.before = nn.LayerNorm(width)
         self.key, self.value = nn.Linear(width, width), nn.Linear(width, width)
-        self.think = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
+        self.ffn = nn.Sequential(nn.Linear(2 * width, 2 * width), nn.GELU(), nn.Linear(2 * width, width))
 
     def forward(self, s: Side, a: Side, in_s: Tensor, in_a: Tensor) -> tuple[Tensor, Tensor]:
         """The nodes of both sides, each pair by itself."""
@@ -41,14 +41,14 @@ class CrossAttention(nn.Module):
             tuple(f(z).unflatten(1, (HEADS, -1)).transpose(0, 1) for f in (self.key, self.value)) for z in (x, y)
         )
         scale = float(key_x.shape[-1]) ** -0.5
-        told_x, told_y = [], []
+        message_x, message_y = [], []
         for i, j in zip(s.whole, a.whole, strict=True):
             alike = scale * key_x[:, i] @ key_y[:, j].transpose(1, 2)  # (heads, n, m)
-            told_x.append((alike.softmax(dim=2) @ value_y[:, j]).transpose(0, 1).flatten(1))
-            told_y.append((alike.softmax(dim=1).transpose(1, 2) @ value_x[:, i]).transpose(0, 1).flatten(1))
+            message_x.append((alike.softmax(dim=2) @ value_y[:, j]).transpose(0, 1).flatten(1))
+            message_y.append((alike.softmax(dim=1).transpose(1, 2) @ value_x[:, i]).transpose(0, 1).flatten(1))
         return (
-            in_s + self.think(torch.cat((x, torch.cat(told_x)), dim=1)),
-            in_a + self.think(torch.cat((y, torch.cat(told_y)), dim=1)),
+            in_s + self.ffn(torch.cat((x, torch.cat(message_x)), dim=1)),
+            in_a + self.ffn(torch.cat((y, torch.cat(message_y)), dim=1)),
         )
 
 

@@ -118,12 +118,12 @@ def _compared(
         offset[count, 4], offset[count, 5] = abs(in_s[0] - in_a[0]), abs(in_s[2] - in_a[2])
         cos, sin = in_s[4] * in_a[4] + in_s[5] * in_a[5], in_s[5] * in_a[4] - in_s[4] * in_a[5]
         far = np.sqrt(in_s[0] * in_s[0] + in_s[1] * in_s[1])
-        housed, same_s = s.room[i] >= 0 and s.room[j] >= 0, s.room[i] == s.room[j]
+        with_room, same_s = s.room[i] >= 0 and s.room[j] >= 0, s.room[i] == s.room[j]
         same_a = a.room[p] == a.room[q] and a.room[p] >= 0
         rest[count, 0] = _10 * abs(sin) / np.sqrt(_2 + _2 * cos)  # ten times the sine of half the angle
         rest[count, 1], rest[count, 2] = abs(in_s[4]), in_s[4] < -_COS
         rest[count, 3], rest[count, 4] = exp(-far * _HALF), far / _8
-        rest[count, 5], rest[count, 6] = same_s and housed, same_s == same_a and housed
+        rest[count, 5], rest[count, 6] = same_s and with_room, same_s == same_a and with_room
         rest[count, 7], rest[count, 8] = p == q, one + two
         pair[count], other[count] = pair[n], other[n]
         count += 1

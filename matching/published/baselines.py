@@ -24,20 +24,20 @@ WEIGHTS = Path(__file__).parents[1] / "weights"
 FORBIDDEN = -1e4
 
 
-class RelativeMatcher:
+class BaselineMatcher:
     """Asks the network; PCA-GM's answer is the best assignment as a whole, SuperGlue's are mutual bests."""
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self._assigned = mutual_best if kind_of(network) == "superglue" else best_as_a_whole
+        self._assign = mutual_best if kind_of(network) == "superglue" else hungarian
 
     @staticmethod
-    def load(kind: str, weights: Path | str | None = None) -> "RelativeMatcher":
+    def load(kind: str, weights: Path | str | None = None) -> "BaselineMatcher":
         """With the weights of a file, the shipped ones unless told; raises UserError where it holds no such network."""
         path = Path(weights or WEIGHTS / f"{kind}.pt")
         if weights is None and not path.is_file():
             raise UserError(f"the weights of '{kind}' are not installed; give a file that matching.train wrote")
-        return RelativeMatcher(load_network(path, kind))
+        return BaselineMatcher(load_network(path, kind))
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
@@ -66,12 +66,12 @@ class RelativeMatcher:
             tables = [t.log_softmax(dim=-1).double().numpy() for t in (output.rooms[-1], output.walls[-1][1])]
         found = []
         for table, ours, theirs in zip(tables, (seen.rooms, seen.walls), (plan.rooms, plan.walls), strict=True):
-            at = self._assigned(table)
+            at = self._assign(table)
             found.append(tuple((ours[i], theirs[j], float(np.exp(table[i, j]))) for i, j in enumerate(at) if j >= 0))
         return found[0], found[1]
 
 
-def best_as_a_whole(table: Array) -> Index:
+def hungarian(table: Array) -> Index:
     """(n,) the columns, or -1 for none, of the assignment with the highest sum of a table (n, m + 1) (Hungarian)."""
     n, m = len(table), table.shape[1] - 1
     alone = np.full((n, n), FORBIDDEN)

@@ -94,8 +94,8 @@ class GATv2(nn.Module):
         heard = self.target(x).view(len(x), self.heads, -1)
         score = (leaky_relu(sent[u] + heard[v], SLOPE) * self.attention).sum(dim=-1)
         weight = dropout(_softmax_by(score, v, len(x)), self.drop, self.training)
-        told = torch.zeros_like(sent).index_add(0, v, weight[..., None] * sent[u])
-        return told.mean(dim=1) + self.bias
+        messages = torch.zeros_like(sent).index_add(0, v, weight[..., None] * sent[u])
+        return messages.mean(dim=1) + self.bias
 
 
 def _softmax_by(score: Tensor, group: Tensor, groups: int) -> Tensor:

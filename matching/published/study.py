@@ -72,14 +72,14 @@ def _trial(trial: Any, pairs: "PaperSplit", seed: int, epochs: int) -> float:
     settings, recipe = _suggested(trial, epochs)
     training = PaperTraining.begin(settings, recipe, pairs, seed)
 
-    def looked(row: Row) -> None:
+    def on_evaluation(row: Row) -> None:
         trial.report(row["validation loss"], int(row["epoch"]))
         best = min(training.curve, key=lambda r: r["validation loss"])
         trial.set_user_attr("validation accuracy", best["validation accuracy"])
         if trial.should_prune():
             raise optuna.TrialPruned
 
-    train(training, pairs, looked)
+    train(training, pairs, on_evaluation)
     return min(row["validation loss"] for row in training.curve)
 
 

@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     from matching.published.data import drawn_pairs, split
     from matching.published.network import PRESETS as SETTINGS
-    from matching.published.trainer import RECIPES, PaperTraining, Row, judged, train
+    from matching.published.trainer import RECIPES, PaperTraining, Row, evaluate, train
     from matching.published.weights import save_paper_network
     from matching.training.report import write_card, write_curve
 
@@ -47,18 +47,18 @@ def main(arguments: list[str] | None = None) -> int:
         training.load(checkpoint)
         print(f"goes on after {len(training.curve)} epochs")
 
-    def looked(row: Row) -> None:
+    def on_evaluation(row: Row) -> None:
         training.save(checkpoint)
         save_paper_network(out / "paper.pt", training.best_network())
         write_curve(out, training.curve)
         print("  ".join(f"{k} {v:.4g}" for k, v in row.items()), flush=True)
 
-    ended = train(training, pairs, looked, options.minutes)
+    ended = train(training, pairs, on_evaluation, options.minutes)
     print(ended)
     network = training.best_network()
-    loss, accuracy = judged(network, pairs.test)
+    loss, accuracy = evaluate(network, pairs.test)
     write_card(out, {
-        **_told(given, options, len(plans)), "ended": ended, "settings": settings.to_dict(),
+        **_card(given, options, len(plans)), "ended": ended, "settings": settings.to_dict(),
         "recipe": recipe.to_dict(), "parameters": sum(p.numel() for p in network.parameters()),
         "pairs": [len(part) for part in (pairs.train, pairs.validation, pairs.test)],
         "best": min(training.curve, key=lambda row: row["validation loss"]),
@@ -85,7 +85,7 @@ def _parser() -> Parser:
     return parser
 
 
-def _told(given: list[str], options: Any, plans: int) -> dict[str, Any]:
+def _card(given: list[str], options: Any, plans: int) -> dict[str, Any]:
     """What the card says of the run and its data."""
     return {
         "what": "the published matcher, reproduced: answers without a check of its own",

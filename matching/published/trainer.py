@@ -20,7 +20,7 @@ from matching.published.data import PaperPair, PaperSplit, nodes_of
 from matching.published.network import PaperNetwork, PaperSettings
 
 LEAST_PROBABILITY = 1e-9
-LOOKED_AT = 64  # pairs of a batch where nothing is learned
+EVALUATED_AT_ONCE = 64  # pairs of a batch where nothing is learned
 Row = dict[str, float]
 
 
@@ -109,8 +109,13 @@ class PaperTraining:
         return network.eval().requires_grad_(False)
 
 
-def train(training: PaperTraining, pairs: PaperSplit, looked: Callable[[Row], None], minutes: float = np.inf) -> str:
-    """Epochs until there are enough of them or none is better any more; says which. `looked` gets each one's row."""
+def train(
+    training: PaperTraining, pairs: PaperSplit, on_evaluation: Callable[[Row], None], minutes: float = np.inf
+) -> str:
+    """Trains until the epochs are done, the minutes are over or nothing improves; returns which of these ended it.
+
+    `on_evaluation` is called with the row of each epoch.
+    """
     recipe = training.recipe
     while True:
         losses = [row["validation loss"] for row in training.curve]
@@ -122,14 +127,14 @@ def train(training: PaperTraining, pairs: PaperSplit, looked: Callable[[Row], No
             return f"{minutes:g} minutes over"
         began = time.monotonic()
         row = {"epoch": float(len(losses)), "loss": _epoch(training, pairs.train)}
-        loss, accuracy = judged(training.network, pairs.validation)
+        loss, accuracy = evaluate(training.network, pairs.validation)
         row |= {"validation loss": loss, "validation accuracy": accuracy}
         if loss <= min(losses, default=loss):
             training.best = copy.deepcopy(training.network.state_dict())
         training.seconds += time.monotonic() - began
         row["minutes"] = training.seconds / 60
         training.curve.append(row)
-        looked(row)
+        on_evaluation(row)
 
 
 def _epoch(training: PaperTraining, pairs: Sequence[PaperPair]) -> float:
@@ -150,12 +155,12 @@ def _epoch(training: PaperTraining, pairs: Sequence[PaperPair]) -> float:
 
 
 @torch.no_grad()
-def judged(network: PaperNetwork, pairs: Sequence[PaperPair]) -> tuple[float, float]:
+def evaluate(network: PaperNetwork, pairs: Sequence[PaperPair]) -> tuple[float, float]:
     """The loss, and the share of all S nodes that have a match that the assignment matches with it."""
     network.eval()
     loss, right, all_of = 0.0, 0, 0
-    for first in range(0, len(pairs), LOOKED_AT):
-        batch = pairs[first : first + LOOKED_AT]
+    for first in range(0, len(pairs), EVALUATED_AT_ONCE):
+        batch = pairs[first : first + EVALUATED_AT_ONCE]
         soft = network(*nodes_of(batch))
         loss += permutation_loss(soft, batch).item() * len(batch)
         for p, pair in zip(soft, batch, strict=True):

@@ -26,7 +26,7 @@ class Pairs:
     surfaces: tuple[tuple[int, int, float], ...]
 
 
-def complete(placement: Placement) -> Pairs:
+def assign(placement: Placement) -> Pairs:
     """Rooms by the walls that they share, one to one, parts of a room aside; then surfaces.
 
     A surface pair's confidence is that of the share q / (q + q' + 0.1) with its quality q, exp(-residual^2 / 2
@@ -85,10 +85,10 @@ def _shares(placement: Placement, quality: Array) -> tuple[Array, Array]:
         best[:, q] = quality[:, a.room == q].max(axis=1)
     squared = best**2  # what lies on walls of several rooms is shared between them
     each = squared * (best.max(axis=1, initial=0.0) / np.maximum(squared.sum(axis=1), 1e-12))[:, None]
-    housed = s.room >= 0
-    size = np.asarray(np.bincount(s.room[housed], 2 * s.half[housed], len(s.rooms)), dtype=float)
+    with_room = s.room >= 0
+    size = np.asarray(np.bincount(s.room[with_room], 2 * s.half[with_room], len(s.rooms)), dtype=float)
     share = np.zeros((len(s.rooms), len(a.rooms)))
-    np.add.at(share, s.room[housed], 2 * s.half[housed, None] * each[housed])
+    np.add.at(share, s.room[with_room], 2 * s.half[with_room, None] * each[with_room])
     return share / size[:, None], size
 
 

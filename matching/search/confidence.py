@@ -1,8 +1,8 @@
 """Confidences that are probabilities: of the place, and of a pair given the place.
 
-The numbers were fitted by maximum likelihood to 1,900 answers on generated plans and plans of flats (`real`, `drift`
-and `messy` maps of 1 room to all of a floor, a quarter of all maps of another building), as J. Platt does for margins
-("Probabilistic outputs for support vector machines", 1999).
+The parameters are fitted by maximum likelihood to 1,900 answers on generated plans and plans of flats: `real`, `drift`
+and `mis_segmented` maps of one room up to a whole floor, a quarter of them of another building. The form is that of
+J. Platt, "Probabilistic outputs for support vector machines", 1999.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 
 from data.geometry.se2 import Array
 
-RIVAL_SCALE = 1.0  # nats of evidence that count as one, between two places
+ALTERNATIVE_SCALE = 1.0  # nats of evidence that count as one, between two places
 NOWHERE_SCALE = 1.5  # and between a place and none
 NOWHERE = -6.0  # nats above chance, of a map that is in no place of the plan,
 NOWHERE_PER_WALL = 0.95  # and for each of its walls: plans are alike in parts
@@ -25,9 +25,9 @@ def place_probability(scores: Array, by_chance: float, walls: int) -> float:
     Against it stand the others, and that the map is in none: the best of all wrong places, whose number is
     exp(by_chance), reaches so much evidence by chance, and more with every wall of the map.
     """
-    rivals = np.exp((scores[1:] - scores[0]) / RIVAL_SCALE).sum()
+    alternatives = np.exp((scores[1:] - scores[0]) / ALTERNATIVE_SCALE).sum()
     nowhere = (by_chance + NOWHERE + NOWHERE_PER_WALL * walls - scores[0]) / NOWHERE_SCALE
-    return float(1 / (1 + rivals + np.exp(np.minimum(nowhere, 50.0))))
+    return float(1 / (1 + alternatives + np.exp(np.minimum(nowhere, 50.0))))
 
 
 def room_confidence(share: float) -> float:

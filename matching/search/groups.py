@@ -46,18 +46,19 @@ def groups(s: Walls, doors: Doors) -> Groups:
 
 def _of_wall(s: Walls) -> Index:
     """A wall without a room goes with the nearest room on the side that it faces."""
-    stray, housed = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
+    stray, with_room = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
     if not len(stray):
         return s.room  # each room has a wall
-    if not len(housed):
+    if not len(with_room):
         return groups_of(s)
-    size = np.bincount(s.room[housed], minlength=len(s.rooms))
-    middle = np.stack([np.bincount(s.room[housed], s.centre[housed, k], len(s.rooms)) / size for k in (0, 1)], axis=-1)
-    return np.asarray(_housed(s.room, s.centre, s.normal, middle))
+    size = np.bincount(s.room[with_room], minlength=len(s.rooms))
+    sums = [np.bincount(s.room[with_room], s.centre[with_room, k], len(s.rooms)) for k in (0, 1)]
+    middle = np.stack([total / size for total in sums], axis=-1)
+    return np.asarray(_rooms_of_stray_walls(s.room, s.centre, s.normal, middle))
 
 
 @compiled
-def _housed(room: Index, centre: Array, normal: Array, middle: Array) -> Index:
+def _rooms_of_stray_walls(room: Index, centre: Array, normal: Array, middle: Array) -> Index:
     """(Ns,) the room that each wall goes with; `middle` (R, 2) of the rooms' walls."""
     found = room.copy()
     for i in range(len(room)):

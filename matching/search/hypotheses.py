@@ -13,10 +13,10 @@ from matching.search.scoring import SIGMA_SCORE, Fit, Pairing, bend, explained, 
 from matching.search.voting import candidates
 
 SIGMAS_RIGID = (0.35, 0.25, 0.2)  # metres
-SIGMAS_BENT = (0.3, 0.2, 0.15, 0.15)
+SIGMAS_DEFORMED = (0.3, 0.2, 0.15, 0.15)
 REFINED = 24  # candidates of each storey
 HOPEFUL = 0.6  # of the best one's worth; others are not followed up,
-RIVALS = 4  # beyond so many
+ALTERNATIVES = 4  # beyond so many
 KEPT = 12  # placements that are worked out
 PER_STOREY = 3  # of them at least, from every storey
 CELL = 6.0  # metres
@@ -92,7 +92,7 @@ def _hopeful(found: list[_Rigid], most: int, per_storey: int) -> list[_Rigid]:
     kept: list[_Rigid] = []
     for r in found:
         rank[r.pairing.a.floor] = rank.get(r.pairing.a.floor, 0) + 1
-        near = r.worth > HOPEFUL * found[0].worth or len(kept) < RIVALS
+        near = r.worth > HOPEFUL * found[0].worth or len(kept) < ALTERNATIVES
         if near and (len(kept) < most or rank[r.pairing.a.floor] <= per_storey):
             kept.append(r)
     return kept
@@ -110,7 +110,7 @@ def _refined(rough: list[_Rigid]) -> list[_Rigid]:
 
 def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
     pairing = Pairing.near(s, a, float(motion[0]), groups_of(s))
-    state, expected = bend(pairing, motion[None], SIGMAS_BENT)
+    state, expected = bend(pairing, motion[None], SIGMAS_DEFORMED)
     fitted = fit(pairing, state, SIGMA_SCORE)
     score = evidence(pairing, state, expected, fitted)
     rigid = rigid_of(pairing, state)
@@ -125,9 +125,9 @@ def groups_of(s: Walls) -> Index:
     if (s.room < 0).all():
         cell = np.floor(s.centre / CELL)
         return np.asarray(np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1))
-    housed = np.nonzero(s.room >= 0)[0]
-    distance = np.linalg.norm(s.centre[:, None] - s.centre[None, housed], axis=-1)
-    nearest = s.room[housed[np.argmin(distance, axis=1)]]
+    with_room = np.nonzero(s.room >= 0)[0]
+    distance = np.linalg.norm(s.centre[:, None] - s.centre[None, with_room], axis=-1)
+    nearest = s.room[with_room[np.argmin(distance, axis=1)]]
     return np.asarray(np.unique(np.where(s.room >= 0, s.room, nearest), return_inverse=True)[1])
 
 

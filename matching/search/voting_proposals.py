@@ -99,8 +99,8 @@ def _rooms(s: SceneGraph, a: SceneGraph, score: Array) -> TopK:
     length = np.array([w.length or 1.0 for w in s.wall_surfaces])
     best = np.zeros((len(s_room), len(a.rooms)))
     i, j = np.nonzero(score)
-    housed = a_room[j] >= 0
-    np.maximum.at(best, (i[housed], a_room[j[housed]]), score[i[housed], j[housed]])
+    with_room = a_room[j] >= 0
+    np.maximum.at(best, (i[with_room], a_room[j[with_room]]), score[i[with_room], j[with_room]])
     table = np.zeros((len(s.rooms), len(a.rooms)))
     inside = s_room >= 0
     np.add.at(table, s_room[inside], length[inside, None] * best[inside])

@@ -15,7 +15,7 @@ from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.arrays.walls import Index
 from matching.network.features import GraphFeatures, PairRows, joined, map_features, plan_features
 
-REGIMES = {"real": 0.32, "drift": 0.36, "messy": 0.26, "paper": 0.06}
+NOISE_SHARES = {"real": 0.32, "drift": 0.36, "mis_segmented": 0.26, "paper": 0.06}
 ROOMS: dict[int | None, float] = {1: 0.06, 2: 0.18, 3: 0.16, 4: 0.2, 6: 0.16, 9: 0.17, None: 0.07}
 KIND_SHARES = {
     "apartment": 0.22, "office": 0.16, "corridor": 0.14, "l_shape": 0.14, "skewed": 0.12, "mirrored_twins": 0.08,
@@ -26,7 +26,7 @@ FOREIGN = 0.04  # maps of another plan: nothing is to be found
 LENGTHLESS, ROOMLESS = 0.05, 0.04
 PLANS, DRAWS = 4, 3  # of a batch, and maps of each plan
 LEAST_WALLS, MOST_WALLS = 40, 320  # of a plan; larger ones are cut down to a part
-HELD_OUT_REGIMES, HELD_OUT_ROOMS = ("real", "drift", "messy"), (2, 4, 9, None)
+HELD_OUT_NOISE, HELD_OUT_ROOMS = ("real", "drift", "mis_segmented"), (2, 4, 9, None)
 HELD_OUT_PLANS = 6  # for each regime and number of rooms, with two maps each
 STRETCH = 0.18  # plans are stretched along x and y by up to so much, and every other one is mirrored
 
@@ -71,12 +71,12 @@ class Drawing:
     def _draw(self, a: SceneGraph, rng: np.random.Generator) -> DrawnGraph | None:
         foreign = rng.random() < FOREIGN
         seen = varied(self.plan(rng).graph, rng) if foreign else a
-        regime = str(rng.choice(list(REGIMES), p=list(REGIMES.values())))
+        noise = str(rng.choice(list(NOISE_SHARES), p=list(NOISE_SHARES.values())))
         rooms = list(ROOMS)[int(rng.choice(len(ROOMS), p=list(ROOMS.values())))]
         rooms = 6 if foreign and rooms is None else rooms
         if not seen.rooms:
             return None
-        drawn = draw(seen, regime, rng, rooms)
+        drawn = draw(seen, noise, rng, rooms)
         if not drawn.s_graph.wall_surfaces:
             return None
         if foreign:
@@ -187,15 +187,15 @@ def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
 def held_out(drawing: Drawing, seed: int) -> dict[str, Batch]:
     """A batch for each regime and number of rooms, of plans as they are; the same for the same seed."""
     found = {}
-    for k, regime in enumerate(HELD_OUT_REGIMES):
+    for k, noise in enumerate(HELD_OUT_NOISE):
         for m, rooms in enumerate(HELD_OUT_ROOMS):
             rng = np.random.default_rng([seed, k, m])
             groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
             while len(groups) < HELD_OUT_PLANS:
                 a = part(drawing.plan(rng).graph, MOST_WALLS, rng)
-                drawn = [draw(a, regime, rng, rooms) for _ in range(2)] if len(a.rooms) >= (rooms or 1) else []
+                drawn = [draw(a, noise, rng, rooms) for _ in range(2)] if len(a.rooms) >= (rooms or 1) else []
                 drawn = [d for d in drawn if d.s_graph.wall_surfaces]
                 if drawn:
                     groups.append((a, drawn))
-            found[f"{regime} {rooms or 'all'}"] = batch_of(groups)
+            found[f"{noise} {rooms or 'all'}"] = batch_of(groups)
     return found

@@ -83,11 +83,11 @@ class Training:
 
 
 def train(
-    training: Training, stream: Iterator[Batch], held_out: HeldOut, limits: Limits, looked: Callable[[Row], None]
+    training: Training, stream: Iterator[Batch], held_out: HeldOut, limits: Limits, on_evaluation: Callable[[Row], None]
 ) -> str:
     """Steps until a limit is reached, and says which. `stream` begins with the batch of `training.step`.
 
-    `looked` is called after each look at the held-out buildings, with the row that was added to the curve.
+    `on_evaluation` is called after each look at the held-out buildings, with the row that was added to the curve.
     """
     began = time.monotonic() - training.seconds
     losses: list[float] = []
@@ -96,7 +96,7 @@ def train(
         progress = max(training.step / limits.steps, training.seconds / 60 / limits.minutes)
         ended = "all steps done" if progress >= 1 else None
         if losses and (ended or training.step % limits.every == 0):
-            looked(_look(training, held_out, losses))
+            on_evaluation(_evaluated(training, held_out, losses))
             losses = []
             if _stale(training.curve) >= limits.patience:
                 ended = f"no better for {limits.patience} looks"
@@ -124,16 +124,16 @@ def _step(training: Training, batch: Batch, progress: float) -> float:
     return value.item()
 
 
-def _look(training: Training, held_out: HeldOut, losses: list[float]) -> Row:
+def _evaluated(training: Training, held_out: HeldOut, losses: list[float]) -> Row:
     row: Row = {"step": training.step, "minutes": training.seconds / 60, "loss": sum(losses) / len(losses)}
-    row |= judged(training.average, held_out)
+    row |= evaluate(training.average, held_out)
     if all(row["surprise"] < earlier["surprise"] for earlier in training.curve):
         training.best = copy.deepcopy(training.average.state_dict())
     training.curve.append(row)
     return row
 
 
-def judged(network: Network, held_out: HeldOut) -> Row:
+def evaluate(network: Network, held_out: HeldOut) -> Row:
     """Accuracies and surprise of each held-out batch, as `NAME MEASURE`, and their means over the batches."""
     device = next(network.parameters()).device
     row: Row = {}

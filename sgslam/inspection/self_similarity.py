@@ -10,14 +10,14 @@ from data import SceneGraph
 from data.geometry import se2
 from data.synthetic_maps.exploration import Storey, storeys_of
 from data.synthetic_maps.walks import perfect_map
-from matching.ambiguity.symmetries import Twin, twins
+from matching.ambiguity.symmetries import Symmetry, symmetries
 
 
 @dataclass(frozen=True)
 class Likeness:
     """Another place where `rooms` could as well be: on storey `floor`, turned there by `turned` rad.
 
-    `others` are the rooms that each of them would be there, None where there is none; for `nats` see `Twin`.
+    `others` are the rooms that each of them would be there, None where there is none; for `nats` see `Symmetry`.
     """
 
     rooms: tuple[str, ...]
@@ -36,14 +36,14 @@ class OwnTwins:
 
     def __init__(self, a: SceneGraph) -> None:
         self._a = a
-        self._known: dict[frozenset[str], list[Twin]] = {}
+        self._known: dict[frozenset[str], list[Symmetry]] = {}
         self._storeys = {s.floor: s for s in storeys_of(a)}
 
-    def of(self, rooms: Collection[str]) -> list[Twin]:
+    def of(self, rooms: Collection[str]) -> list[Symmetry]:
         """The other places of these rooms, which lie on one storey (see `matching.ambiguity.symmetries`)."""
         key = frozenset(rooms)
         if key not in self._known:
-            self._known[key] = twins(perfect_map(self._a, key), self._a)
+            self._known[key] = symmetries(perfect_map(self._a, key), self._a)
         return self._known[key]
 
     def likenesses(self, rooms: Collection[str]) -> list[Likeness]:

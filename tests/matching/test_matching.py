@@ -42,10 +42,10 @@ def same_graph(graph: SceneGraph, **parts: object) -> SceneGraph:
     return dataclasses.replace(graph, **parts)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("regime", "limit_m", "limit_deg"), [("real", 0.2, 2), ("drift", 0.6, 5)])
-def test_finds_the_place_of_a_map_with_the_noise_of_real_scans(regime, limit_m, limit_deg):
+@pytest.mark.parametrize(("noise", "limit_m", "limit_deg"), [("real", 0.2, 2), ("drift", 0.6, 5)])
+def test_finds_the_place_of_a_map_with_the_noise_of_real_scans(noise, limit_m, limit_deg):
     for seed in range(6):
-        truth = draw(PLAN, regime, np.random.default_rng(seed), 6)
+        truth = draw(PLAN, noise, np.random.default_rng(seed), 6)
         result = MATCHER.match(truth.s_graph, PLAN)
         off, turned = misplaced(result, truth)
         assert result.status == "unique", result.reason

@@ -35,8 +35,8 @@ def test_a_pair_is_as_likely_as_its_share_tells() -> None:
 def test_confidences_are_probabilities_whether_the_map_is_in_the_plan_or_not() -> None:
     value, right = [], []
     for n, plan in enumerate(PLANS):
-        for regime in ("real", "drift", "messy"):
-            drawn = draw(plan, regime, np.random.default_rng(n), 5)
+        for noise in ("real", "drift", "mis_segmented"):
+            drawn = draw(plan, noise, np.random.default_rng(n), 5)
             own, other = MATCHER.match(drawn.s_graph, plan), MATCHER.match(drawn.s_graph, PLANS[n - 1])
             for result in (own, other):
                 value += [c for _, _, c in result.wall_surfaces]

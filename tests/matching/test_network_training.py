@@ -46,13 +46,13 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(drawing: Drawing, 
     watched = {"some": drawing.batch(99, 0)}
 
     def ran(training: Training, killed_at: int | None = None) -> Training:
-        def looked(row: dict[str, float]) -> None:
+        def on_evaluation(row: dict[str, float]) -> None:
             if row["step"] == killed_at:
                 training.save(tmp_path / "checkpoint.pt")
                 raise KeyboardInterrupt
 
         with batches(drawing, 0, training.step, 0) as stream:
-            train(training, stream, watched, Limits(4, every=2, patience=9), looked)
+            train(training, stream, watched, Limits(4, every=2, patience=9), on_evaluation)
         return training
 
     whole = ran(Training.begin(TINY, 0, CPU))
