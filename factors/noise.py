@@ -25,7 +25,8 @@ def noise_of_pose(
 ) -> gtsam.noiseModel.Base:
     """Returns a noise model for a Pose3 residual: rotation (rad) first, then translation (m).
 
-    `huber` is the threshold on the whitened residual; None gives a Gaussian model. Raises ValueError as `noise_of_plane`.
+    `huber` is the threshold on the whitened residual; None gives a Gaussian model. Raises ValueError as
+    `noise_of_plane`.
     """
     return _robust(_diagonal([sigma_rotation] * 3 + [sigma_translation] * 3), huber)
 
@@ -33,8 +34,8 @@ def noise_of_pose(
 def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale: float) -> gtsam.noiseModel.Robust:
     """Returns a noise model for a plane's residual with the Geman-McClure loss (1987), which suppresses outliers.
 
-    A whitened residual of `scale` has a quarter of its weight. Start near the optimum: far from it all gradients vanish.
-    Raises ValueError as `noise_of_plane`.
+    A whitened residual of `scale` has a quarter of its weight. Start near the optimum: far from it all gradients
+    vanish. Raises ValueError as `noise_of_plane`.
     """
     if not (np.isfinite(scale) and scale > 0):
         raise ValueError(f"scale must be positive and finite, not {scale}")

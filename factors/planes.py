@@ -23,9 +23,9 @@ def observe_plane(
         plane: Key of the plane variable, in the frame of `anchor`.
         noise: Three-dimensional noise model, see `noise_of_plane`.
 
-    Residual (3), in the frame of `pose`: difference of the normals in the tangent plane of the predicted one (rad), then
-    of the offsets (m). The residual of the normal is 0 again at 180 degrees, so gate observations below 60 degrees.
-    Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen, ICRA 2012).
+    Residual (3), in the frame of `pose`: difference of the normals in the tangent plane of the predicted one (rad),
+    then of the offsets (m). The residual of the normal is 0 again at 180 degrees, so gate observations below 60
+    degrees. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen, ICRA 2012).
 
     Raises:
         ValueError: The plane is not finite, or its normal is not a unit vector.

@@ -16,15 +16,17 @@ def wall_of_room(
 ) -> gtsam.NoiseModelFactor:
     """Returns a factor for a room's wall (4,) in the frame of the room's pose variable.
 
-    Variables: the poses `room` T_map_room and `anchor` T_map_anchor, and `plane` in the anchor's frame. Residual (3) as in
-    `observe_plane`, in the room's frame. It replaces the room factors of S-Graphs (Bavle et al. 2022, arXiv 2212.11770),
-    whose residual depends on the map's origin and which only handle rectangles. Raises ValueError as `observe_plane`.
+    Variables: the poses `room` T_map_room and `anchor` T_map_anchor, and `plane` in the anchor's frame. Residual (3) as
+    in `observe_plane`, in the room's frame. It replaces the room factors of S-Graphs (Bavle et al. 2022, arXiv
+    2212.11770), whose residual depends on the map's origin and which only handle rectangles. Raises ValueError as
+    `observe_plane`.
     """
     return observe_plane(plane_in_room, room, anchor, plane, noise)
 
 
 def fit_room(planes_in_bim: ArrayLike, planes_in_room: ArrayLike) -> NDArray[np.float64] | None:
-    """Returns (4, 4) T_bim_room, the pose that aligns a room's vertical walls with the planned ones; z, roll and pitch are 0.
+    """Returns (4, 4) T_bim_room, the pose that aligns a room's vertical walls with the planned ones; z, roll and pitch
+    are 0.
 
     Args:
         planes_in_bim: (M, 4) planned walls in the BIM frame.

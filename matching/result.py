@@ -19,8 +19,8 @@ class HypothesisEntry(TypedDict):
 class MatchesFile(TypedDict):
     """The content of `matches.json`; `rooms` and `wall_surfaces` hold [S id, A id, confidence in [0, 1]].
 
-    `T_a_s` is [yaw, x, y] in rad and m, None if the status is `none`. `floors` maps each S floor to its A floor and is only
-    in the file that a run writes.
+    `T_a_s` is [yaw, x, y] in rad and m, None if the status is `none`. `floors` maps each S floor to its A floor and is
+    only in the file that a run writes.
     """
 
     status: Status
@@ -63,14 +63,15 @@ class MatchResult:
     Rooms, wall surfaces and hypotheses are given whatever the status is. Only a `unique` result should be relied on.
 
     Attributes:
-        status: `unique` if exactly one placement explains the S-graph, `ambiguous` if several do about equally well, `none`
-            if no placement has enough evidence.
+        status: `unique` if exactly one placement explains the S-graph, `ambiguous` if several do about equally well,
+            `none` if no placement has enough evidence.
         reason: The status explained in one line.
-        rooms: Matched rooms of the best hypothesis as (S id, A id, confidence); a confidence is a probability in [0, 1].
-        wall_surfaces: Matched wall surfaces, as `rooms`. Several S surfaces may be matched to one A surface, since a map
-            often holds a wall in pieces.
-        T_a_s: (yaw, x, y) of the best hypothesis in radians and metres, p_a = R(yaw) p_s + (x, y); None if the status is
-            `none`.
+        rooms: Matched rooms of the best hypothesis as (S id, A id, confidence); a confidence is a probability in [0,
+            1].
+        wall_surfaces: Matched wall surfaces, as `rooms`. Several S surfaces may be matched to one A surface, since a
+            map often holds a wall in pieces.
+        T_a_s: (yaw, x, y) of the best hypothesis in radians and metres, p_a = R(yaw) p_s + (x, y); None if the status
+            is `none`.
         floor: Id of the A floor of the best hypothesis.
         hypotheses: Distinct placements, best first. Two are distinct if they differ in floor, by more than 0.5 m at the
             S-graph's centroid, or by more than 5 degrees.

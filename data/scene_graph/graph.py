@@ -67,9 +67,9 @@ class WallSurface:
         source: What the surface was read from, for example the wall's GlobalId in the IFC file.
         height: z of the lower and the upper edge in metres: in the BIM frame for a plan, above the floor for a map.
         plane: (nx, ny, nz, d) with n.x + d = 0, None if unknown.
-        parts: Where which wall stands along a planned surface: (source, from, to, whether full-height rather than below a
-            window). Positions are metres from the mid point, to the left when looking along the normal. The gaps between
-            parts are doors and other openings.
+        parts: Where which wall stands along a planned surface: (source, from, to, whether full-height rather than below
+            a window). Positions are metres from the mid point, to the left when looking along the normal. The gaps
+            between parts are doors and other openings.
     """
 
     id: str
@@ -92,7 +92,9 @@ class WallSurface:
 
 @dataclass(frozen=True)
 class Door:
-    """A door or passage. `rooms` holds the ids of the rooms it joins (one for an outer door), `centroid` is (x, y) in metres."""
+    """A door or passage. `rooms` holds the ids of the rooms it joins (one for an outer door), `centroid` is (x, y) in
+    metres.
+    """
 
     id: str
     rooms: tuple[str, ...]
@@ -129,8 +131,8 @@ class SceneGraph:
         rooms, wall_surfaces, doors, floors, keyframes: The nodes of the graph.
 
     Raises:
-        UserError: An id is used twice, a surface refers to a missing room, a normal is not a unit vector, a length is not
-            positive, or a number is not finite.
+        UserError: An id is used twice, a surface refers to a missing room, a normal is not a unit vector, a length is
+            not positive, or a number is not finite.
     """
 
     frame: str
@@ -228,8 +230,8 @@ class SceneGraph:
     def load(path: Path | str, part: str | None = None) -> "SceneGraph":
         """Reads a graph from a JSON file.
 
-        If the file holds an object with the key `part`, the graph is read from there (for example `a_graph` in a file of a pair
-        of graphs). Raises UserError, naming the file, if it is missing or does not hold a scene graph.
+        If the file holds an object with the key `part`, the graph is read from there (for example `a_graph` in a file
+        of a pair of graphs). Raises UserError, naming the file, if it is missing or does not hold a scene graph.
         """
         value = read_json(path, "a scene graph's JSON file")
         try:

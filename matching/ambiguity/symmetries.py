@@ -57,9 +57,10 @@ class Symmetry:
 
 
 def symmetries(drawn: DrawnGraph, a: SceneGraph) -> list[Symmetry]:
-    """The other places, least told apart from the truth first; distinct as the hypotheses of an answer are.
+    """Returns the symmetries of a map's true place, those hardest to tell from it first.
 
-    Raises KeyError where the truth names what is not in the A-graph.
+    They are distinct in the same sense as the hypotheses of a match. Raises KeyError if the true matches refer to
+    something that is not in the A-graph.
     """
     seen = visible_walls(drawn, a)
     if not seen.surfaces:
@@ -94,7 +95,7 @@ def symmetries(drawn: DrawnGraph, a: SceneGraph) -> list[Symmetry]:
 
 
 def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
-    """Motions between own frames that lay most walls on walls, roughly, the best first; none near the truth."""
+    """Motions between own frames that roughly align most walls, best first; none near the true one."""
     rough: list[tuple[float, Array]] = []
     few = _longest(seen, FEW)
     for voted in candidates(seen, storey):
@@ -116,7 +117,7 @@ def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
 
 
 def _longest(walls: Walls, most: int) -> Walls:
-    """So many of the walls, by length: to try many places with."""
+    """The longest walls, to try many places with."""
     chosen = np.argsort(-walls.half, kind="stable")[:most]
     return replace(
         walls, ids=tuple(walls.ids[n] for n in chosen), centre=walls.centre[chosen], heading=walls.heading[chosen],
@@ -125,13 +126,13 @@ def _longest(walls: Walls, most: int) -> Walls:
 
 
 def _apart(motion: Array, other: Array) -> bool:
-    """Whether two motions differ, at the origin of the frame that they move."""
+    """Whether two motions differ at the origin of the frame that they move."""
     off, turned = np.hypot(*(motion - other)[1:]), abs(se2.wrap(motion[:1] - other[:1])[0])
     return bool(off > DISTINCT_M or turned > DISTINCT_RAD)
 
 
 def _distinct(found: list[Symmetry], drawn: DrawnGraph) -> list[Symmetry]:
-    """Those below the limit that differ, at the S-graph's centroid, from the truth and from all before them."""
+    """Symmetries below the limit that differ, at the S-graph's centroid, from the truth and from each other."""
     middle = drawn.s_graph.centroid()
 
     def at(T_a_s: tuple[float, float, float]) -> Array:
@@ -148,7 +149,7 @@ def _distinct(found: list[Symmetry], drawn: DrawnGraph) -> list[Symmetry]:
 
 
 def _entered(home: Walls, seen: Index, half: Array) -> Index:
-    """(N,) the room of each seen wall, -1 where most of the room's walls, by length, are not in the map."""
+    """(N,) the room of each observed wall, -1 if the map lacks most of the room's walls (by length)."""
     with_room = home.room >= 0
     size = np.bincount(home.room[with_room], home.half[with_room], len(home.rooms) + 1)
     rooms = home.room[seen]
@@ -157,7 +158,7 @@ def _entered(home: Walls, seen: Index, half: Array) -> Index:
 
 
 def _rooms(placed_part: PlacedPart, entered: Index, storey: Walls) -> Index:
-    """The rooms there on which most of the walls of each entered room lie."""
+    """The rooms in which most of the walls of each entered room come to lie."""
     on = (placed_part.partner >= 0) & (entered >= 0)
     there = storey.room[placed_part.partner]
     on &= there >= 0
@@ -168,7 +169,7 @@ def _rooms(placed_part: PlacedPart, entered: Index, storey: Walls) -> Index:
 
 
 def _completeness(storey: Walls, rooms: Index, seen: Index) -> float:
-    """Nats of which walls of the rooms were seen, and which were not: some are missing, short ones vanish."""
+    """Nats for which of the rooms' walls are in the map: some are missed, short ones are seldom seen."""
     walls = np.flatnonzero(np.isin(storey.room, rooms))
     vanish = np.where(storey.known[walls], ndtr((SHORTEST - 2 * storey.half[walls]) / (np.sqrt(2) * SIGMA_END)), 0.0)
     missing = MISSING + (1 - MISSING) * vanish

@@ -1,4 +1,4 @@
-"""What the doors that an S-graph saw tell of another place: whether there are doors too, and no others."""
+"""Doors as evidence for or against a symmetric place: it should have the same doors, and no others."""
 
 from dataclasses import dataclass
 
@@ -20,14 +20,14 @@ SAME = 3 * SIGMA_DOOR  # m
 
 @dataclass(frozen=True, eq=False)
 class ObservedDoors:
-    """Doors of the plan that are in the map, in the own frame of a part's walls, and the part's groups beside them."""
+    """The plan's doors that are in the map, in the own frame of a part's walls, and the groups beside them."""
 
     place: Array  # (D, 2)
     group: Index  # (D, 2), -1 for none
 
 
 def observed_doors(drawn: DrawnGraph, a: SceneGraph, part: Part) -> ObservedDoors:
-    """The doors of the A-graph that the doors of the S-graph are."""
+    """Returns the doors of the A-graph that match doors of the S-graph."""
     plan = [d for d in a.doors if len(d.rooms) == 2]
     group_of = {part.walls.rooms[r].id: int(g) for r, g in zip(part.walls.room, part.group, strict=True) if r >= 0}
     found: dict[str, tuple[Array, list[int]]] = {}
@@ -47,7 +47,7 @@ def observed_doors(drawn: DrawnGraph, a: SceneGraph, part: Part) -> ObservedDoor
 
 
 def doors_at_home(seen: ObservedDoors, part: Part, a: SceneGraph, home: Walls, rooms: Index) -> float:
-    """Nats, 0 at the most, of which doors between the rooms that the map entered are in it."""
+    """Nats (at most 0) for which doors between the entered rooms are in the map."""
     T_home_part = se2.compose(se2.inverse(home.T_graph_own), part.walls.T_graph_own)
     return _completeness(doors(a, home), rooms, se2.apply(T_home_part, seen.place))
 
@@ -55,14 +55,14 @@ def doors_at_home(seen: ObservedDoors, part: Part, a: SceneGraph, home: Walls, r
 def doors_there(
     seen: ObservedDoors, part: Part, placed_part: PlacedPart, a: SceneGraph, storey: Walls, rooms: Index
 ) -> float:
-    """Nats, 0 at the least, against the place where the part was laid, in these rooms of a storey."""
+    """Nats (at least 0) against the place of a part in these rooms of a storey."""
     plan, at = doors(a, storey), _placed(seen, part, placed_part)
     off = np.hypot(*np.moveaxis(at[:, None] - plan.place, -1, 0)).min(axis=1, initial=np.inf)
     return float(np.minimum(0.5 * (off / SIGMA_DOOR) ** 2, NO_DOOR).sum() - _completeness(plan, rooms, at))
 
 
 def _placed(seen: ObservedDoors, part: Part, placed_part: PlacedPart) -> Array:
-    """(D, 2) in the storey's own frame, by the motions of the groups beside each door, in the mean."""
+    """(D, 2) the doors in the storey's own frame, by the mean motion of the groups beside each."""
     known = (seen.group >= 0).astype(float)
     known = np.where(known.any(axis=1, keepdims=True), known, 1.0)
     state = placed_part.state[seen.group]
@@ -71,7 +71,7 @@ def _placed(seen: ObservedDoors, part: Part, placed_part: PlacedPart) -> Array:
 
 
 def _completeness(plan: Doors, rooms: Index, seen: Array) -> float:
-    """Nats of which doors between the rooms were seen, and which were not."""
+    """Nats for which doors between the rooms were observed and which were not."""
     between = (plan.rooms >= 0).all(axis=1) & np.isin(plan.rooms, rooms).all(axis=1)
     off = np.hypot(*np.moveaxis(plan.place[between, None] - seen, -1, 0)).min(axis=1, initial=np.inf)
     return float(np.log(np.where(off < SAME, 1 - DOOR_MISSING, DOOR_MISSING)).sum())

@@ -42,7 +42,8 @@ class BaselineMatcher:
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """See `Matcher.match`. The status is `unique` whenever anything is matched, since the method cannot reject a match.
+        """See `Matcher.match`. The status is `unique` whenever anything is matched, since the method cannot reject a
+        match.
 
         `T_a_s` is not part of the method; it is fitted to the matched pairs. `start` only drops an answer far from it.
         """
