@@ -145,7 +145,9 @@ def _step(part: Part, storey: Walls, state: Array, loosened: float) -> Array:
 
 
 def _drift_residual(part: Part, state: Array) -> tuple[Array, Array]:
-    """(M, 3 L) how far linked groups moved differently, in sigmas of one step of drift, and its Jacobian (M, 3 L, 3 G)."""
+    """(M, 3 L) how far linked groups moved differently, in sigmas of one step of drift, and its Jacobian (M, 3 L, 3
+    G).
+    """
     g, h = part.links.T
     count, groups = state.shape[:2]
     arm = se2.rotate(state[:, g, 0], part.centre[h] - part.centre[g])

@@ -20,7 +20,9 @@ BACK, MOST_BACK = 0.25, 99  # a step that loses is cut to a quarter
 
 @dataclass(frozen=True)
 class Dense:
-    """Solutions of B problems: `value` u'Mu (B,), and which of the n pairs are `chosen` (B, n), as many as the value."""
+    """Solutions of B problems: `value` u'Mu (B,), and which of the n pairs are `chosen` (B, n), as many as the
+    value.
+    """
 
     value: Array
     chosen: NDArray[np.bool_]

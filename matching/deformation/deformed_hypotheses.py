@@ -30,14 +30,14 @@ from matching.search.plan_walls import PlanWalls
 from matching.search.proposals import TopK
 from matching.search.scoring import SIGMA_SCORE
 
-SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls speak ever more sharply
+SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; decreasing as a group's walls settle
 LAST_SIGMAS = np.array([0.25, 0.18, 0.13, 0.13])
 SEEDS = 14
-DOUBTFUL = 150  # walls of a map, times the seeds that are tried however little speaks for them
-WALLS = 2000  # of a map, times the hypotheses that are followed: large maps leave less doubt
-HOPEFUL, ALTERNATIVES = 0.5, 2  # of what the best one explains; fields far behind are not followed, but for a few
+DOUBTFUL = 150  # walls of a map times the seeds that are always tried
+WALLS = 2000  # of a map times the hypotheses that are refined: large maps are less ambiguous
+HOPEFUL, ALTERNATIVES = 0.5, 2  # share of what the best field explains; weaker ones are dropped, but a few always stay
 SAME = 0.02  # metres, radians
-FOLLOWED = 8  # fields that are polished and scored
+FOLLOWED = 8  # fields that are refined and scored, at most
 MOST_STEPS = 30  # of growth; larger maps grow by several rooms a step
 
 
@@ -62,14 +62,14 @@ class DeformedHypotheses:
 
     @cached_property
     def between_graphs(self) -> Array:
-        """(K, 3) the rigid motions, between the graphs' frames."""
+        """(K, 3) the nearest rigid motions T_a_s (yaw, x, y), between the graphs' frames."""
         storeys = self.scene.plan.storeys
         own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 3)
         return se2.compose(se2.compose(own, self.rigid), se2.inverse(self.scene.s.T_graph_own))
 
     @cached_property
     def rooms_placed(self) -> Array:
-        """(K, R, 2) where the hypotheses lay the centroids of the map's rooms, in the plan's frame."""
+        """(K, R, 2) the centroids of the map's rooms as placed by each hypothesis, in the plan's frame."""
         s, storeys = self.scene.s, self.scene.plan.storeys
         own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 1, 3)
         moved = motions(self.scene, self.fields.state)[:, self.scene.group_of_room]
@@ -77,17 +77,17 @@ class DeformedHypotheses:
 
 
 def scene_of(s: SceneGraph, plan: PlanWalls) -> Scene:
-    """A map with at least one wall surface, and what it may be laid into."""
+    """Returns the scene of a map with at least one wall surface and a plan."""
     walls = arrays(s, None, list(s.wall_surfaces))
     own = doors(s, walls)
     return Scene(walls, groups(walls, own), plan, own)
 
 
 def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> DeformedHypotheses:
-    """Distinct hypotheses, best first; none where the proposals agree on no motion.
+    """Returns distinct hypotheses, best first; none if the proposals agree on no motion.
 
-    `proposals` of the map's walls for those of the storeys, one storey after the other; `allowed` is asked of
-    T_a_s (3,).
+    `proposals` are those of the map's walls for the walls of all storeys, one storey after the other. `allowed` says
+    for T_a_s (3,), between the graphs' frames, whether a placement is allowed.
     """
     s = scene.s
     fewest, most = (min(max(w // len(s), least), SEEDS) for w, least in ((DOUBTFUL, 2), (WALLS, 4)))
@@ -122,10 +122,10 @@ def _allowed(
 
 
 def grow(scene: Scene, fields: Fields, sure: Index) -> GuidedFields:
-    """Lets each field grow from its sure group over the map; those that come to explain most are polished."""
+    """Grows each field from its initial group over the map; those that explain most are refined."""
     hops = scene.groups.hops[sure]  # (K, G)
     pace = max(1, int(np.ceil(hops.max() / MOST_STEPS)))
-    turn = -(-hops // pace)  # the step in which a group begins to speak
+    turn = -(-hops // pace)  # the step from which on a group's walls are used
     age = np.arange(1, int(turn.max()) + 1)[:, None, None] - turn
     sigmas = np.where(age >= 0, SIGMAS[np.minimum(np.maximum(age, 0), len(SIGMAS) - 1)], np.inf)
     grown = _followed(scene, advance(scene, guided(scene, fields), sigmas, search_every=4))
@@ -135,7 +135,7 @@ def grow(scene: Scene, fields: Fields, sure: Index) -> GuidedFields:
 
 
 def _followed(scene: Scene, grown: GuidedFields) -> GuidedFields:
-    """Those that explain most, and differ."""
+    """The fields that explain most and differ."""
     quality = explained(scene, grown.table, grown.fields.state, 0.3)
     worth = quality @ scene.s.weight
     best = np.argsort(-worth, kind="stable")
@@ -146,7 +146,7 @@ def _followed(scene: Scene, grown: GuidedFields) -> GuidedFields:
 
 
 def _distinct_fields(grown: GuidedFields) -> GuidedFields:
-    """The first of those that have come to be the same."""
+    """The first of fields that have become equal."""
     state, storey = grown.fields.state, grown.fields.storey
     off = np.abs(state[:, None] - state).max(axis=(2, 3))
     same = (off < SAME) & (storey[:, None] == storey)
@@ -154,7 +154,7 @@ def _distinct_fields(grown: GuidedFields) -> GuidedFields:
 
 
 def polished(scene: Scene, begin: GuidedFields, sigmas: Array) -> GuidedFields:
-    """After a step of each of the sigmas (T,), in which all walls speak."""
+    """Returns the fields after one step with each of the sigmas (T,), using all walls."""
     every = np.empty((len(sigmas), *begin.fields.state.shape[:2]))
     every[:] = sigmas[:, None, None]
     return advance(scene, begin, every)

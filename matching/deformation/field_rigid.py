@@ -14,7 +14,7 @@ LEAST_WEIGHT = 1e-6  # of a wall that is not explained
 
 
 def rigid(scene: Scene, fields: Fields, quality: Array) -> Array:
-    """(K, 3) the nearest motions, by the ends of the walls that they explain; of these the quality (K, Ns)."""
+    """(K, 3) the rigid motions nearest to fields, from the ends of the walls they explain with quality (K, Ns)."""
     return np.asarray(_rigid(scene.loops, scene.s.centre, fields.state, quality))
 
 

@@ -1,8 +1,8 @@
-"""Where a part of the map may lie: pairs of proposed wall matches vote for proper motions, part by part.
+"""Local motions: pairs of proposed wall matches vote for motions of parts of the map.
 
-Two S walls that are not parallel and an A wall for each determine a motion: the yaw from the normals, the place
-from the two lines. The votes of a part of the map and of its direct neighbours are gathered at its centre; near
-one another their motions differ little, however far the map as a whole has drifted.
+Two S walls that are not parallel and an A wall for each determine a motion: the yaw follows from the normals, the
+position from the two lines. The votes of a part of the map and its direct neighbours are gathered at its centre, where
+their motions differ little, however much the whole map has drifted.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,9 @@ LEAST_WORTH = 0.25  # of the best one's; beyond the fewest, others are no seeds
 
 @dataclass(frozen=True)
 class LocalMotions:
-    """M motions (M, 3) between own frames, each of a part of the map and into a storey, with its worth (M,)."""
+    """M motions (M, 3) between own frames, each of a part of the map into a storey, with its weight of evidence
+    (M,).
+    """
 
     group: Index
     storey: Index
@@ -51,7 +53,7 @@ class _Votes:
 
 
 def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
-    """The motions most voted for, of several parts of the map and of all of it, best first."""
+    """Returns the motions with most votes, for several parts of the map and for all of it, best first."""
     votes = _votes(scene, proposals)
     if not len(votes.motions):
         return LocalMotions(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 3)), np.zeros(0))
@@ -129,13 +131,15 @@ def _voted(
 
 @compiled
 def _beyond(along: float, half: float, a_half: float) -> float:
-    """How far a wall of the map stands out of one of the plan; its ends slide."""
+    """How far a wall of the map extends beyond one of the plan; its ends are inaccurate."""
     return max(along - abs(a_half - half), 0.0)
 
 
 def _parts(scene: Scene, proposals: TopK) -> tuple[Index, Array]:
-    """The groups whose surroundings are tried, those of which the proposals are surest, apart from each other;
-    and (parts, G) which groups vote with each. The last part is the whole map."""
+    """The groups around which motions are searched, those with the most certain proposals, apart from each other.
+
+    Also returns (parts, G) which groups vote with each. The last part is the whole map.
+    """
     groups = scene.groups
     sure = np.bincount(groups.of_wall, scene.s.weight * proposals.score.max(axis=1, initial=0.0), len(groups))
     near = groups.hops <= 1
@@ -154,7 +158,7 @@ def _parts(scene: Scene, proposals: TopK) -> tuple[Index, Array]:
 def _gathered(
     group: Index, storey: Index, motions: Array, member: NDArray[np.bool_], x: float, y: float
 ) -> tuple[Index, Array]:
-    """(K,) storeys and (K, 3) motions, the means of the fullest bins of the members' votes at a point."""
+    """(K,) storeys and (K, 3) motions: means of the fullest bins of the members' votes at a point."""
     of = np.flatnonzero(member[group])
     value, cell, key = np.empty((len(of), 4)), np.empty((len(of), 4), dtype=np.int64), np.zeros(len(of), dtype=np.int64)
     for n in range(len(of)):
@@ -182,7 +186,7 @@ def _gathered(
 
 
 def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, member: Array) -> Array:
-    """(M,) weight of the proposed pairs of the walls of a part that a motion lays upon each other."""
+    """(M,) weight of the proposed pairs of a part's walls that a motion aligns."""
     s, plan = scene.s, scene.plan
     chosen = np.flatnonzero(member[scene.groups.of_wall])
     return np.asarray(_upon(
@@ -196,7 +200,7 @@ def _upon(
     chosen: Index, heading: Array, half: Array, centre: Array, weight: Array, lines: Array, a_storey: Index,
     partner: Index, score: Array, storey: Index, motion: Array,
 ) -> Array:  # fmt: skip
-    """As `_worth`, for the `chosen` walls."""
+    """See `_worth`, for the `chosen` walls."""
     worth = np.zeros(len(motion))
     for n in range(len(motion)):
         cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
@@ -220,7 +224,7 @@ def _upon(
 
 
 def seeds(scene: Scene, found: LocalMotions, fewest: int, most: int) -> tuple[Fields, Index]:
-    """The best motions that differ, as rigid fields, and the group (K,) in which each is sure."""
+    """Returns the best distinct motions as rigid fields, and the group (K,) for which each is most certain."""
     groups = scene.groups
     chosen = _seeds(groups.centre, groups.hops, found.group, found.storey, found.motion, found.worth, fewest, most)
     return Fields(found.storey[chosen], rigid_state(scene, found.motion[chosen])), found.group[chosen]
@@ -230,7 +234,7 @@ def seeds(scene: Scene, found: LocalMotions, fewest: int, most: int) -> tuple[Fi
 def _seeds(
     centre: Array, hops: Index, group: Index, storey: Index, motion: Array, worth: Array, fewest: int, most: int
 ) -> Index:
-    """As `seeds`: indices of motions."""
+    """See `seeds`; indices of motions."""
     kept, count = np.empty(most, dtype=np.int64), 0
     for n in range(len(worth)):
         if count == most or (count >= fewest and worth[n] < LEAST_WORTH * worth[0]):
@@ -251,7 +255,7 @@ def _seeds(
 
 @compiled
 def _moved(motion: Array, n: int, point: Array, g: int) -> tuple[float, float]:
-    """Where one of the motions (M, 3) lays one of the points (G, 2)."""
+    """Where one of the motions (M, 3) puts one of the points (G, 2)."""
     cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
     x, y = point[g, 0], point[g, 1]
     return cos * x - sin * y + motion[n, 1], sin * x + cos * y + motion[n, 2]

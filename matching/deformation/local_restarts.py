@@ -1,4 +1,4 @@
-"""Rooms that found no walls of theirs are tried a little aside: a step of drift can be wider than what draws them."""
+"""Restarts rooms that explain few walls at positions nearby: a step of drift can exceed the basin of convergence."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ MOST_STRAINED = 12.0  # against half the chi^2 to the neighbours, in the mean
 
 
 def restart_locally(scene: Scene, fields: Fields, known: Index) -> Fields:
-    """The fields with each discontented group where it is explained best, held by its neighbours."""
+    """Returns the fields with each poorly explained group moved to where it explains most, given its neighbours."""
     poor = _explained(scene, known, fields.state) < WELL_EXPLAINED * (scene.s.weight @ scene.member)
     some = np.flatnonzero(poor.any(axis=1))
     if not len(some):
@@ -28,7 +28,7 @@ def restart_locally(scene: Scene, fields: Fields, known: Index) -> Fields:
 
 
 def _tried(scene: Scene, state: Array, table: Index, poor: NDArray[np.bool_]) -> Array:
-    """(K, G, 3) the best of the places beside for each discontented group."""
+    """(K, G, 3) the best position nearby for each poorly explained group."""
     K, G = state.shape[:2]
     shifts = ASIDE * np.array([(0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
     tried = np.repeat(state[:, None], len(shifts), axis=1)  # (K, shifts, G, 3)
@@ -48,7 +48,7 @@ def _explained(scene: Scene, table: Index, state: Array) -> Array:
 
 
 def _strained(scene: Scene, state: Array) -> Array:
-    """(K, G) chi^2 of each group to its neighbours, in the mean."""
+    """(K, G) mean chi^2 of each group to its neighbours."""
     each = np.minimum(chi2(scene, state), MOST_STRAINED)
     total = np.concatenate((each, each), axis=1) @ scene.incidence
     return np.asarray(total / np.maximum(scene.incidence.sum(axis=0), 1.0))

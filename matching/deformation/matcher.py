@@ -1,4 +1,4 @@
-"""`DeformableMatcher`: proposals of any source, laid into the plan by a field of motions, verified and completed."""
+"""`DeformableMatcher`: places a map by a field of motions, starting from the proposals of any source."""
 
 import time
 from functools import partial
@@ -15,15 +15,15 @@ from matching.search.plan_walls import PlanWalls
 from matching.search.proposals import Proposer, TopK
 from matching.search.start import Start, near_start
 
-LISTED = 10  # hypotheses in the answer
+LISTED = 10  # hypotheses in the result, at most
 FEW = 32  # walls of a map
 
 
 class DeformableMatcher:
-    """A matcher by the contract of `Matcher`, over whatever proposes pairs; the map may bend from room to room.
+    """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room.
 
-    Where the first proposer's proposals agree on no motion, `others` are asked; of a map of few walls also where they
-    lead to no place that is sure to be the map's: one room of it may have misled them.
+    `others` is a second proposer, used if the first one's proposals agree on no motion. For a map with few walls it is
+    also used if they lead to no certain place, since a single room may have misled them.
     """
 
     def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
@@ -33,7 +33,7 @@ class DeformableMatcher:
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """As `Matcher.match`."""
+        """See `Matcher.match`."""
         began = time.perf_counter()
         plan = self._plan(a) if floor is None else PlanWalls.of(a, floor)
         if not s.wall_surfaces or plan is None:
@@ -59,18 +59,18 @@ class DeformableMatcher:
 
 
 def _together(one: TopK, other: TopK) -> TopK:
-    """Both proposers' proposals for each of the same S walls."""
+    """Merges both proposers' proposals for each S wall."""
     return TopK(np.hstack((one.partner, other.partner)), np.hstack((one.score, other.score)))
 
 
 def among(proposals: TopK, plan: PlanWalls) -> TopK:
-    """The proposals of a plan's surfaces as those of some storeys' walls, one storey after the other."""
+    """Converts proposals for a plan's surfaces to those for the walls of its storeys, one storey after the other."""
     partner = plan.row[proposals.partner]
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 
 def answer(found: DeformedHypotheses, began: float) -> MatchResult:
-    """The result of hypotheses, best first, at least one."""
+    """Returns the result of hypotheses, best first; at least one."""
     s = found.scene.s
     pairs = assign(found, 0)
     verdict = verify(found, pairs)

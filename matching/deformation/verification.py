@@ -1,9 +1,8 @@
-"""Unique, ambiguous or none: whether the map is in the plan at all, and the margin over the runner-up.
+"""Decides between unique, ambiguous and none: whether the map is in the plan at all, and the margin over the runner-up.
 
-A map of another building lies somewhere too. What its best place reaches grows with the plan's size, and its places
-are alike: the runner-up is near. The odds of the one against the other were fitted, by logistic regression, to 3,000
-maps of 1 to 9 rooms with the noise of real scans, drifting and messy, of flats and of generated buildings, laid into
-their own plans and into others'.
+A map of another building also has a best place. Its score grows with the plan's size, and the runner-up is close. The
+odds were fitted by logistic regression to 3,000 maps of 1 to 9 rooms (`real`, `drift`, `mis_segmented`), of flats and
+of generated buildings, matched with their own plans and with others.
 """
 
 import numpy as np
@@ -15,10 +14,10 @@ from matching.search.scoring import SIGMA_SCORE
 from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict
 
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
-DOUBT = 0.6  # nats more for each wall that is not explained: so much may have been built otherwise at another place
+DOUBT = 0.6  # nats more for each unexplained wall: at another place as much may differ from the plan
 OFFSET, SCORE, MARGIN, MISSED, PLACES = 5.68, 0.254, 0.147, -1.736, -0.656  # of the log odds, see `odds`
 LEAST_ODDS = 4.5
-MOST_MISSED = 10  # walls that speak against a plan: of a large map many are cupboards, or stand where no plan has them
+MOST_MISSED = 10  # unexplained walls that count, at most: large maps have many cupboards and partitions
 LEAST_FRACTION = 0.5  # of the map's walls, by length, that the plan explains
 PER_WALL = (1.8, 2.4)  # nats of each wall that the plan explains, at least: of a map of few walls,
 WALLS = (15, 30)  # and of one of many; a mirror image, bent as it may be, often reaches less
@@ -26,7 +25,7 @@ OF_MISSED = 2.0  # nats that a wall costs which is not explained, about
 
 
 def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
-    """Judges the hypotheses, best first, at least one; `pairs` are the first one's."""
+    """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
     s, plan = found.scene.s, found.scene.plan
     matched = f"{len(pairs.surfaces)} of {len(s)} wall surfaces and {len(pairs.rooms)} rooms matched"
     now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
@@ -51,10 +50,10 @@ def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
 
 
 def odds(found: DeformedHypotheses, fraction: float) -> float:
-    """Log odds that the map is in the plan, which explains a fraction of its walls.
+    """Returns the log odds that the map is in the plan, which explains a fraction of its walls.
 
-    For it speak the evidence with wary ends and the margin over wrong places (those that are as good as the best one
-    say nothing); against it walls that are not explained, and the number of places.
+    They rise with the evidence with conservative ends and with the margin over wrong places (places as good as the best
+    one are left out), and fall with unexplained walls and the number of places.
     """
     walls, conservative = len(found.scene.s), found.conservative
     places = np.log(PLACES_PER_M2 * sum(a.area for a in found.scene.plan.storeys))
