@@ -1,4 +1,4 @@
-"""`encoder` for one graph at a time, without gradients: the same vectors from the same weights, by compiled loops."""
+"""`network.encoder` for one graph, without gradients, as compiled loops over the same weights."""
 
 from typing import NamedTuple
 
@@ -11,12 +11,12 @@ from matching.network.arithmetic import Linear, Norm, exp, linear, linear_gelu, 
 from matching.network.dimensions import HEADS
 from matching.network.features import EDGE_SIZE, NODE_SIZE, Array32
 
-BLOCK = 16  # nodes whose edges are in the processor's nearest memory at once
+BLOCK = 16  # nodes processed at once, so that their edges fit the processor's cache
 _LOWEST, _LEAST = np.float32(-1e30), np.float32(1e-30)
 
 
 class Layer(NamedTuple):
-    """The weights of `encoder.NeighbourAttention`."""
+    """The weights of `network.encoder.NeighbourAttention`."""
 
     before: Norm
     query: Linear
@@ -30,7 +30,7 @@ class Layer(NamedTuple):
 
 
 class EncoderWeights(NamedTuple):
-    """The weights of `encoder.Encoder`, less its layers."""
+    """The weights of `network.encoder.Encoder` without its layers."""
 
     node: Linear
     node_again: Linear
@@ -40,7 +40,7 @@ class EncoderWeights(NamedTuple):
 
 
 def encoder_of(w: NamedWeights, width: int) -> EncoderWeights:
-    """All but the layers."""
+    """Returns the weights outside the layers."""
     return EncoderWeights(
         w.linear("encoder.node.0", NODE_SIZE, width), w.linear("encoder.node.2", width, width),
         w.linear("encoder.edge.0", EDGE_SIZE, width), w.linear("encoder.edge.2", width, width),
@@ -49,7 +49,7 @@ def encoder_of(w: NamedWeights, width: int) -> EncoderWeights:
 
 
 def layers_of(w: NamedWeights, width: int, count: int) -> tuple[Layer, ...]:
-    """The layers, first to last."""
+    """Returns the weights of the layers, first to last."""
     return tuple(_layer_of(w, f"encoder.layers.{k}", width) for k in range(count))
 
 
@@ -67,7 +67,7 @@ def _layer_of(w: NamedWeights, name: str, width: int) -> Layer:
 
 @compiled
 def embedded(node: Array32, edge: Array32, w: EncoderWeights) -> tuple[Array32, Array32]:
-    """(V, width) of nodes (V, NODE_SIZE), and (V * k, width) of edges (V, k, EDGE_SIZE)."""
+    """Embeds nodes (V, NODE_SIZE) as (V, width) and edges (V, k, EDGE_SIZE) as (V * k, width)."""
     h = linear(linear_gelu(node, w.node), w.node_again)
     rows = edge.reshape(edge.shape[0] * edge.shape[1], edge.shape[2])
     block = BLOCK * edge.shape[1]
@@ -79,7 +79,9 @@ def embedded(node: Array32, edge: Array32, w: EncoderWeights) -> tuple[Array32, 
 
 @compiled
 def attention_layer(h: Array32, edge: Array32, neighbour: Index, w: Layer) -> Array32:
-    """One layer: (V, width) from (V, width), edges (V * k, width) and neighbours (V, k), -1 where there is none."""
+    """Applies one layer to nodes (V, width), edges (V * k, width) and neighbours (V, k), -1 for none; returns (V,
+    width).
+    """
     nodes, k = neighbour.shape
     x = normed(h, w.before)
     query, key, messages = linear(x, w.query), np.dot(x, w.key), np.zeros_like(h)

@@ -1,8 +1,8 @@
 """The network that proposes which S wall surface is which A wall surface, and which S room which A room.
 
-Three steps: vectors of the nodes of each graph on its own (`encoder`); a few candidates for each S wall, by their
-vectors and by those of their rooms; and rounds of consensus between candidates (`consensus`), with rooms and walls
-telling each other. Every node may stay without a partner.
+Three steps: vectors of the nodes of each graph on its own (`encoder`); a few candidates for each S wall, from their
+vectors and those of their rooms; and rounds of consensus between candidates (`consensus`), in which rooms and walls
+update each other. Every node may stay unmatched.
 """
 
 from dataclasses import asdict, dataclass
@@ -20,7 +20,7 @@ from matching.network.features import PairRows
 
 @dataclass(frozen=True)
 class Encoded:
-    """A graph with the vectors of its walls (N, width) and rooms (M, width), of unit length."""
+    """A graph with unit vectors of its walls (N, width) and rooms (M, width)."""
 
     graph: GraphTensors
     nodes: Tensor  # (V, width) of the encoder
@@ -32,8 +32,8 @@ class Encoded:
 class Output:
     """Log odds for N S walls and M S rooms. Columns are A's walls and rooms of the pair, counted from its first.
 
-    The last column of all tables is "none". Tables of walls come with the columns of their K candidates, -1 where
-    there are fewer; rooms' tables are the first guess, then after each round.
+    The last column of all tables is "no match". Tables of walls come with the columns of their K candidates, -1 for
+    none; tables of rooms are the first estimate, then one after each round.
     """
 
     dense: Tensor  # (N, most A walls + 1) from the vectors alone
@@ -42,7 +42,7 @@ class Output:
 
 
 class MatchingNetwork(nn.Module):
-    """Proposes partners. Each pair of a batch is worked on as if it were alone."""
+    """Proposes matches. The pairs of a batch do not influence each other."""
 
     def __init__(self, settings: Settings) -> None:
         super().__init__()
@@ -50,22 +50,22 @@ class MatchingNetwork(nn.Module):
         width = settings.width
         self.encoder = Encoder(width, settings.layers)
         self.wall_vector, self.room_vector = nn.Linear(width, width), nn.Linear(width, width)
-        self.sharpness = nn.Parameter(torch.tensor([12.0, 8.0, 0.5]))  # of walls, of rooms, of rooms' say on walls
+        self.sharpness = nn.Parameter(torch.tensor([12.0, 8.0, 0.5]))  # of walls, of rooms, of rooms in the log odds of walls
         self.no_wall, self.no_room = nn.Linear(width, 1), nn.Linear(width, 1)
         self.consensus = Consensus(settings.state)
         self.room_step = nn.Sequential(nn.Linear(SHARE_SIZE, ROOM_WIDTH), nn.GELU(), nn.Linear(ROOM_WIDTH, 1))
 
     def encode(self, graph: GraphTensors) -> Encoded:
-        """What a graph is on its own."""
+        """Encodes a graph on its own."""
         nodes = self.encoder(graph)
         walls = nn.functional.normalize(self.wall_vector(nodes[graph.wall_node]), dim=-1)
         rooms = nn.functional.normalize(self.room_vector(nodes[graph.room_node]), dim=-1)
         return Encoded(graph, nodes, walls, rooms)
 
     def forward(self, s: Encoded, a: Encoded, pairs: list[PairRows], enough: float = 1.0) -> Output:
-        """What is likely, for every pair of a batch; each has at least one wall on both sides.
+        """Matches every pair of a batch; each has at least one wall on both sides.
 
-        No further cycle follows once the walls' best answers have a probability of `enough`, in the mean.
+        Cycles end early once the mean probability of the walls' best candidates reaches `enough`.
         """
         batched = Batched.of(s.graph, a.graph, pairs)
         rooms = self._room_table(s, a, pairs)
@@ -83,7 +83,7 @@ class MatchingNetwork(nn.Module):
         return output
 
     def _cycle(self, s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, output: Output) -> None:
-        """Rounds of consensus among given candidates; their tables are added to the output."""
+        """Rounds of consensus among given candidates; appends their tables to the output."""
         combinations = support(s, a, c)
         weight = self.consensus.weights(combinations)
         size = torch.sqrt((2 * s.half[s.wall_node]).clamp(0.35, 6.0))
@@ -105,7 +105,7 @@ class MatchingNetwork(nn.Module):
         return torch.cat((_stacked(tables), none), dim=-1)
 
     def _wall_table(self, s: Encoded, a: Encoded, pairs: list[PairRows], rooms: Tensor) -> Tensor:
-        """Walls by their vectors, and by the odds of their rooms where both have one."""
+        """Log odds of walls from their vectors, and from those of their rooms if both have one."""
         none = self.no_wall(s.nodes[s.graph.wall_node])
         update = rooms.log_softmax(dim=-1).clamp(min=LEAST_ODDS)
         s_home, a_home = homes(s.graph), homes(a.graph)
@@ -121,12 +121,12 @@ class MatchingNetwork(nn.Module):
         return torch.cat((_stacked(tables), none), dim=-1)
 
     def to_dict(self) -> dict[str, int]:
-        """The settings, as they are kept beside the weights."""
+        """Returns the settings as stored with the weights."""
         return asdict(self.settings)
 
 
 def _stacked(tables: list[Tensor]) -> Tensor:
-    """Tables below each other, padded to one width."""
+    """Concatenates tables, padded to one width."""
     wide = max([t.shape[1] for t in tables])
     return torch.cat([nn.functional.pad(t, (0, wide - t.shape[1]), value=NOTHING) for t in tables])
 
@@ -134,7 +134,9 @@ def _stacked(tables: list[Tensor]) -> Tensor:
 def _feature(
     s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, likely: Tensor, rooms: Tensor, whole: Tensor
 ) -> Tensor:
-    """(N K, PAIR_SIZE) what is known of each candidate by itself, of its rivals for the A wall, of the `whole` map."""
+    """(N K, PAIR_SIZE) features of each candidate: its own, those of its competitors, and the agreement of the
+    `whole` map.
+    """
     rival = torch.where(c.row >= 0, c.row + 1, 0) + (len(a.wall_node) + 1) * batched.pair[:, None]
     taken = torch.zeros(int(rival.max()) + 1, device=likely.device).index_add(0, rival.flatten(), likely.flatten())
     with_room = (batched.s_home >= 0)[:, None] & (c.room >= 0)
@@ -152,7 +154,7 @@ def _feature(
 
 
 def _shares(batched: Batched, c: Candidates, likely: Tensor, size: Tensor, rooms: Tensor) -> Tensor:
-    """(M, A rooms, SHARE_SIZE) how far the walls of an S room are those of an A room, and the first guess."""
+    """(M, A rooms, SHARE_SIZE) the shares of an S room's walls in each A room, and the first estimate."""
     shape, home = (rooms.shape[0], rooms.shape[1] - 1), batched.s_home
     nothing = torch.zeros(shape[0] * shape[1], device=rooms.device)
     with_room = (home >= 0)[:, None] & (c.room >= 0)
