@@ -50,7 +50,7 @@ class MatchingNetwork(nn.Module):
         width = settings.width
         self.encoder = Encoder(width, settings.layers)
         self.wall_vector, self.room_vector = nn.Linear(width, width), nn.Linear(width, width)
-        self.sharpness = nn.Parameter(torch.tensor([12.0, 8.0, 0.5]))  # of walls, of rooms, of rooms in the log odds of walls
+        self.sharpness = nn.Parameter(torch.tensor([12.0, 8.0, 0.5]))  # of walls, rooms, rooms for walls
         self.no_wall, self.no_room = nn.Linear(width, 1), nn.Linear(width, 1)
         self.consensus = Consensus(settings.state)
         self.room_step = nn.Sequential(nn.Linear(SHARE_SIZE, ROOM_WIDTH), nn.GELU(), nn.Linear(ROOM_WIDTH, 1))

@@ -1,4 +1,4 @@
-"""Confidences that are probabilities: of the place, and of a pair given the place.
+"""Calibrated confidences: the probability of a placement, and of a match given the placement.
 
 The parameters are fitted by maximum likelihood to 1,900 answers on generated plans and plans of flats: `real`, `drift`
 and `mis_segmented` maps of one room up to a whole floor, a quarter of them of another building. The form is that of
@@ -20,10 +20,10 @@ SURFACE = (1.6, 2.4)
 
 
 def place_probability(scores: Array, by_chance: float, walls: int) -> float:
-    """That the first of the placements is the true one, from their evidence (K,) in nats, the best one first.
+    """The probability that the first placement is the true one, from the evidence (K,) in nats, best first.
 
-    Against it stand the others, and that the map is in none: the best of all wrong places, whose number is
-    exp(by_chance), reaches so much evidence by chance, and more with every wall of the map.
+    The alternatives are the other placements, and that the map is in none: the best of exp(by_chance) wrong places
+    reaches that much evidence by chance, and more with every wall of the map.
     """
     alternatives = np.exp((scores[1:] - scores[0]) / ALTERNATIVE_SCALE).sum()
     nowhere = (by_chance + NOWHERE + NOWHERE_PER_WALL * walls - scores[0]) / NOWHERE_SCALE
@@ -31,12 +31,12 @@ def place_probability(scores: Array, by_chance: float, walls: int) -> float:
 
 
 def room_confidence(share: float) -> float:
-    """Of a room pair given the place, from its share of the merit of all that stand to choose."""
+    """The confidence of a room pair given the placement, from its share of the merit of all candidates."""
     return _probability(share, *ROOM)
 
 
 def surface_confidence(share: float) -> float:
-    """The same of a surface pair."""
+    """The same for a surface pair."""
     return _probability(share, *SURFACE)
 
 

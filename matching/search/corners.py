@@ -1,4 +1,4 @@
-"""The corners that vote, as `voting.marks` finds them, of storeys of thousands of walls: room by room."""
+"""Corners as in `voting.marks`, but room by room, for storeys with thousands of walls."""
 
 import numpy as np
 
@@ -12,8 +12,9 @@ LEAST_SINE = float(np.sin(np.radians(30)))
 
 
 def corners(walls: Walls, chosen: Index | None = None) -> Marks:
-    """Where two of the walls (all, unless some are chosen) meet that are of one room, or of which one has no room; each
-    corner has one heading."""
+    """Returns the corners of walls (all, unless some are chosen) of one room, or of which one has no room; each corner
+    has one heading.
+    """
     chosen = np.arange(len(walls)) if chosen is None else chosen
     room = walls.room[chosen]
     order = np.argsort(room, kind="stable")
@@ -28,7 +29,7 @@ def corners(walls: Walls, chosen: Index | None = None) -> Marks:
 def _near(
     centre: Array, half: Array, chosen: Index, order: Index, begins: Index, ends: Index, stray: int
 ) -> Index:
-    """(E, 2) pairs of walls that may meet; the first `stray` in the order have no room."""
+    """(E, 2) pairs of walls that may meet; the first `stray` walls in the order have no room."""
     found = [(0, 0) for _ in range(0)]
     for n in range(len(begins)):
         for i in range(begins[n], ends[n]):

@@ -1,4 +1,4 @@
-"""Pairs of a method that checks nothing, as an answer."""
+"""Results of methods without verification."""
 
 import time
 from collections import Counter
@@ -13,9 +13,9 @@ def unchecked(
     a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...], T_a_s: Array, start: Start | None, reason: str,
     began: float,
 ) -> MatchResult:  # fmt: skip
-    """`unique` for pairs (at least one) and a motion (3,), `none` where that is far from the start.
+    """Returns `unique` for pairs (at least one) and a motion (3,), `none` if it is far from the start.
 
-    `began` is when the method did, by `time.perf_counter`.
+    `began` is the start time by `time.perf_counter`.
     """
     if start is not None and not near_start(start, T_a_s):
         far = "the answer is not near the start that was given"
@@ -27,7 +27,7 @@ def unchecked(
 
 
 def _floor(a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> str | None:
-    """The floor on which most of the partners are."""
+    """The floor with most of the partners."""
     floors = [a.room_by_id[j].floor for _, j, _ in rooms]
     for _, j, _ in walls:
         wall = a.surface_by_id[j]

@@ -1,7 +1,7 @@
-"""Unique, ambiguous or none: the evidence of the best placement, and its margin over the runner-up.
+"""Decides between unique, ambiguous and none from the evidence of the best placement and its margin over the runner-up.
 
-The limits were set on S-graphs drawn with the noise of real scans from 22 floors and an office building, laid
-into their own plans and into others'. They ask for more than the best of thousands of wrong places reaches.
+The limits were set on S-graphs with the noise of real scans of 22 floors and an office building, matched with their own
+plans and with others. They exceed what the best of thousands of wrong places reaches.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ PLACES_PER_M2 = 40.0  # that a vote can tell apart: four directions of the grid,
 
 @dataclass(frozen=True)
 class Verdict:
-    """`probability` is that of the best placement."""
+    """The status with its reason; `probability` is that of the best placement."""
 
     status: Status
     reason: str
@@ -33,8 +33,10 @@ class Verdict:
 
 
 def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> Verdict:
-    """Judges the placements, best first, at least one; `pairs` are the first one's, `storeys` all that were
-    searched."""
+    """Returns the verdict on placements, best first, at least one.
+
+    `pairs` are the matches of the first, `storeys` all that were searched.
+    """
     best = placements[0]
     walls = len(best.explained)
     by_chance = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))

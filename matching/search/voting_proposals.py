@@ -1,4 +1,4 @@
-"""Proposals without learning: corners vote, and each place that they name gives its walls what it is worth."""
+"""Proposals without learning: corners vote for placements, and each gives its walls a score."""
 
 from dataclasses import replace
 
@@ -26,8 +26,11 @@ SMALL_PART = 4  # walls; smaller ones have too few corners to vote
 def voting_proposals(
     s: SceneGraph, a: SceneGraph, known: Walls | None = None, by_parts: bool = True
 ) -> Proposals:
-    """Wall and room pairs from placements of the whole map, as `voting` places it, and of its parts where it is to
-    vote `by_parts` too: each a room and its neighbours. `known` are the map's surfaces where they were worked out."""
+    """Returns wall and room pairs from placements of the whole map by voting.
+
+    With `by_parts`, parts of the map (each a room and its neighbours) vote as well. `known` are the map's surfaces as
+    arrays, if already computed.
+    """
     plan = storeys(a)
     if not s.wall_surfaces or not plan:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0)))
@@ -66,7 +69,7 @@ def _part(s: Walls, chosen: Index) -> Walls:
 def _speak(
     part: Walls, rows: Index, plan: list[Walls], plan_corners: list[Marks], column: list[Index], score: Array
 ) -> None:
-    """Raises the scores of the part's walls to what its placements give them."""
+    """Raises the scores of the part's walls to those of its placements."""
     own = corners(part)
     found: list[tuple[float, int, Pairing, Array]] = []
     for st, a in enumerate(plan):
@@ -91,7 +94,7 @@ def _speak(
 
 
 def _rooms(s: SceneGraph, a: SceneGraph, score: Array) -> TopK:
-    """A room pair's score is the mean over the S room's walls, by length, of their best in the A room."""
+    """A room pair's score: the mean over the S room's walls, by length, of their best score in the A room."""
     s_place = {r.id: n for n, r in enumerate(s.rooms)}
     a_place = {r.id: n for n, r in enumerate(a.rooms)}
     s_room = np.array([-1 if w.room is None else s_place[w.room] for w in s.wall_surfaces])
