@@ -1,4 +1,4 @@
-"""What comes from the world, as plain types: scans, IFC models, plans, and the scene graph."""
+"""Input data as plain types: scans, IFC models, plans, and the scene graph."""
 
 from data.common.errors import UserError
 from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface

@@ -1,7 +1,7 @@
-"""Tasks done by the workers of a Dask cluster, each answered once, whatever becomes of the workers.
+"""Runs tasks on the workers of a Dask cluster; every task gets exactly one result.
 
-Tasks are pure: what they need goes with them, what they find comes back, and only who asks writes files. So a task
-whose worker dies is simply done again elsewhere (Dask does that), and the answers are those of one machine.
+Tasks are pure: their inputs are sent along, their results come back, and only the caller writes files. If a worker
+dies, Dask runs its task elsewhere, and the results equal those of a single machine.
 """
 
 import argparse
@@ -41,7 +41,7 @@ class _Failed:
 
 
 def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) -> None:
-    """`--scheduler`, and the option `local` for so many processes of this machine: one or the other."""
+    """Adds `--scheduler` and the option `local` for a number of local processes; they exclude each other."""
     either = parser.add_mutually_exclusive_group()
     either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
     either.add_argument(
@@ -53,9 +53,9 @@ def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) ->
 
 @contextmanager
 def connected(scheduler: str) -> Iterator["Cluster"]:
-    """The cluster of a scheduler (`tcp://HOST:PORT`); on leaving, what was asked for and is not done is released.
+    """Connects to a scheduler (`tcp://HOST:PORT`); on exit, unfinished tasks are released.
 
-    Raises UserError where `reached` does, where no worker comes, and for a worker with another build of sgslam.
+    Raises UserError as `reached` does, if no worker appears, and if a worker has another build of sgslam.
     """
     reached(scheduler)
     from distributed import Client
@@ -73,8 +73,10 @@ def connected(scheduler: str) -> Iterator["Cluster"]:
 
 
 def reached(scheduler: str) -> str:
-    """The address itself, where dask.distributed is installed and a scheduler is there; else raises UserError, soon,
-    where Dask would try for long, or, of a stranger who does not answer, for ever."""
+    """Returns the address if dask.distributed is installed and a scheduler responds there; otherwise raises UserError.
+
+    Dask itself would retry for long, or wait forever for a server of another kind.
+    """
     try:
         there = find_spec("distributed")
     except ValueError:
@@ -96,7 +98,7 @@ def reached(scheduler: str) -> str:
 
 
 class Cluster:
-    """A scheduler and its workers, which may come and go while tasks are done."""
+    """A scheduler and its workers, which may come and go."""
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
@@ -105,7 +107,7 @@ class Cluster:
         self._checked_at = self._had_workers = time.monotonic()
 
     def check(self) -> None:
-        """Waits for a first worker. Raises UserError where none comes, and for a worker of another build."""
+        """Waits for a first worker. Raises UserError if none appears or a worker has another build."""
         try:
             self._client.wait_for_workers(1, timeout=CONNECTING_S)
         except TimeoutError:
@@ -125,11 +127,11 @@ class Cluster:
     def over(
         self, tasks: Iterable[T], function: Callable[[T], R], name: Name[T], files: Files = ()
     ) -> Iterator[tuple[T, R]]:
-        """Every task with its answer, once, in the order in which the answers come.
+        """Yields every task with its result, in order of completion.
 
-        `function` is a module's own, or a partial of one; `files` are those that it reads. A task that raises, or whose
-        workers die one after the other, is tried again alone when all others are done. Raises UserError for what one
-        raises, at once; and at the end for tasks that still fail, by `name`.
+        `function` is a function of a module, or a partial of one; `files` are the files it reads. A task that raises,
+        or whose workers die repeatedly, is tried again alone after all others. Raises UserError for what a task raises,
+        at once, and at the end for tasks that still fail, by `name`.
         """
         work, aside = self._sent(function, files), []
         for task, answer in self._stream(iter(tasks), work, name):
@@ -151,8 +153,10 @@ class Cluster:
             raise UserError(f"all others are done, but {len(failed)} failed twice: {'; '.join(failed)}")
 
     def in_order(self, tasks: Iterable[T], function: Callable[[T], R], name: Name[T]) -> Iterator[R]:
-        """The answers in the order of the tasks, of which there may be no end; as many are worked on ahead as the
-        cluster can. One that fails is tried once more; raises UserError where that fails too."""
+        """Yields the results in the order of the tasks, which may be endless; the cluster works ahead as far as it can.
+
+        A failed task is tried once more; raises UserError if that fails too.
+        """
         work = self._sent(function)
         ahead: deque[tuple[T, Any]] = deque()
         waiting = iter(tasks)
@@ -206,7 +210,7 @@ class Cluster:
         return max(0, AHEAD * max(1, self._threads) - running)
 
     def _answer(self, future: Any, names: Iterable[str]) -> Any:
-        """Of one that is done, or will be. Raises UserError for a refusal and where the cluster is gone."""
+        """Waits for a result. Raises UserError for a refusal and if the cluster is gone."""
         from distributed import CancelledError, KilledWorker
 
         while True:
@@ -228,7 +232,7 @@ class Cluster:
             return answer
 
     def _check_workers(self, running: Iterable[str] = ()) -> None:
-        """Now and then: how many threads there are. Raises UserError where there has been none for long."""
+        """Counts threads at intervals. Raises UserError if there have been none for long."""
         now = time.monotonic()
         if self._threads and now - self._checked_at < LOOK_EVERY_S:
             return
@@ -252,7 +256,7 @@ class Cluster:
 
 
 def _line(error: object) -> str:
-    """The last line of what an error says, which in a traceback is the reason."""
+    """The last line of an error's text, which in a traceback is the reason."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     lines = str(error).strip().splitlines()

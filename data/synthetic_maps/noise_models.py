@@ -1,16 +1,16 @@
-"""S-graphs drawn from A-graphs: the published perturbation, and what LiDAR maps of real buildings look like.
+"""Draws S-graphs from A-graphs: with the published perturbation, or like LiDAR maps of real buildings.
 
-| regime | what is seen | how |
+| noise model | rooms | noise |
 |---|---|---|
 | `paper` | rooms and walls dropped at random | the published perturbation (`data.synthetic_maps.published_noise`) |
 | `real` | a connected set of rooms | walls with the noise of real scans, missing, in pieces, clutter |
-| `drift` | the same | and every step from room to room adds to the rooms' motion |
-| `mis_segmented` | the same | drift, and rooms merged and cut, surfaces without a room |
-| `heavy_drift` | the same | drift with steps three times as wrong: maps without any tracking by walls |
+| `drift` | the same | the same, and each step from room to room adds to the rooms' motion |
+| `mis_segmented` | the same | drift, and rooms merged and split, surfaces without a room |
+| `heavy_drift` | the same | drift with three times the error per step, as in maps without tracking by walls |
 
-Nothing but the wall surfaces that were seen tells of the plan: an S room has no footprint, its centroid is that of
-the box of its surfaces; names, sources, heights and ids of the plan are not in the S-graph, and its order is drawn.
-The map's origin and heading are those of a robot that started somewhere in one of the rooms.
+The S-graph shows nothing of the plan but the observed wall surfaces: an S room has no footprint, its centroid is that
+of the box of its surfaces; names, sources, heights and ids of the plan are missing, and the order is random. The map's
+origin and heading are those of a robot that started somewhere in one of the rooms.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ from data.synthetic_maps.wall_noise import observe_walls
 
 NOISE_MODELS = ("paper", "real", "drift", "mis_segmented", "heavy_drift")
 DRIFT_YAW, DRIFT_XY = float(np.radians(1.5)), 0.15  # sigmas of each step from room to room: rad; m along each axis
-HEAVY_DRIFT = 3.0  # times as much
+HEAVY_DRIFT = 3.0  # times the errors of `drift`
 SIGMA_DOOR = 0.1  # m along each axis
 FLOOR_ID = "floor-0"
 Motion = tuple[float, float, float]
@@ -38,13 +38,13 @@ Motion = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class DrawnGraph:
-    """An S-graph and its truth: S ids to A ids; what has no true match (clutter) is not in them.
+    """An S-graph and its true matches from S ids to A ids; clutter has none.
 
-    Motions are (yaw, x, y), p_a = R(yaw) p_s + (x, y). `T_a_s_by_room` holds each S room's own true motion. `T_a_s`
-    is the motion of the map, for one that is `deformed` the best rigid fit of the true wall matches (ends of S surfaces
-    to lines of A surfaces). A room cut in two is twice in `rooms`; of a merged room the truth is the A room from
-    which most of its walls, by length, were seen (its other walls keep their own true match, and that room's own
-    motion is not told). `floor` is the A-graph's.
+    Motions are (yaw, x, y) in rad and m, p_a = R(yaw) p_s + (x, y). `T_a_s_by_room` holds each S room's own true
+    motion. `T_a_s` is the motion of the map; for a `deformed` one the best rigid fit of the true wall matches (ends of
+    S surfaces to lines of A surfaces). A room split in two occurs twice in `rooms`. The truth for a merged room is the
+    A room with most of its walls, by length; its other walls keep their own true match, but that room's motion is not
+    given. `floor` is the A floor's id.
     """
 
     s_graph: SceneGraph
@@ -59,13 +59,15 @@ class DrawnGraph:
 def draw(
     a: SceneGraph, noise: str, rng: np.random.Generator, rooms: int | None = None, floor: str | None = None
 ) -> DrawnGraph:
-    """Draws an S-graph of one floor of an A-graph.
+    """Draws an S-graph of one floor of an A-graph with one of NOISE_MODELS.
 
-    `rooms` is how many rooms are explored, None for all of the floor; where fewer hang together it is fewer, and a
-    room of which nothing is seen is not in the S-graph. The regime `paper` always drops its own share and ignores it.
-    `floor` None: drawn among the floors whose rooms have wall surfaces. The same generator state gives the same graph.
+    `rooms` is the number of rooms to explore, None for the whole floor; fewer are explored if fewer are connected.
+    Rooms without any observation are not in the S-graph. `paper` drops its own share of rooms and ignores `rooms`. With
+    `floor` None the floor is drawn among those whose rooms have wall surfaces. The same generator state gives the same
+    graph.
 
-    Raises UserError for an unknown regime or floor, a graph without rooms that have wall surfaces, and `rooms` < 1.
+    Raises UserError for an unknown noise model or floor, a graph without rooms that have wall surfaces, and `rooms` <
+    1.
     """
     if noise not in NOISE_MODELS:
         raise UserError(f"no noise model '{noise}' of S-graphs; there are: {', '.join(NOISE_MODELS)}")
@@ -100,9 +102,9 @@ def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
 
 
 def draw_walk(storey: Storey, walked: Walk, noise: str, rng: np.random.Generator) -> DrawnGraph:
-    """Draws the S-graph of a walk through a storey; a room of which nothing is seen is not in it.
+    """Draws the S-graph of a walk through a storey; rooms without any observation are not in it.
 
-    Raises UserError for an unknown regime, and for `paper`, which knows no walk.
+    Raises UserError for an unknown noise model, and for `paper`, which has no walk.
     """
     if noise not in NOISE_MODELS[1:]:
         raise UserError(f"no noise model '{noise}' of S-graphs of a walk; there are: {', '.join(NOISE_MODELS[1:])}")
@@ -122,7 +124,7 @@ def draw_walk(storey: Storey, walked: Walk, noise: str, rng: np.random.Generator
 def _drifted(
     storey: Storey, walked: Walk, T_map_a: Array, factor: float, rng: np.random.Generator
 ) -> dict[int, Array]:
-    """T_map_a of each room: that of the room from which it was entered, and a step more, a turn about its centroid."""
+    """T_map_a of each room: that of the room it was entered from, plus a random step about its centroid."""
     motions: list[Array] = []
     for room, parent in zip(walked.rooms, walked.parents, strict=True):
         if parent < 0:
@@ -138,8 +140,11 @@ def _built(
     storey: Storey, map_rooms: MapRooms, motions: Mapping[int, Array], rng: np.random.Generator, deformed: bool,
     places: Array | None = None,
 ) -> DrawnGraph:  # fmt: skip
-    """The graph in the map frame, its order drawn. `motions` are T_map_a by A room, the first the map's own;
-    `places` (map rooms, 2) are the rooms' centroids in the map, None for those of the boxes of their surfaces."""
+    """Returns the graph in the map frame, in random order.
+
+    `motions` are T_map_a by A room, the map's own first; `places` (map rooms, 2) are the rooms' centroids in the map,
+    None for those of the boxes of their surfaces.
+    """
     seen, truth = map_rooms.seen, true_rooms(map_rooms)
     T = np.array([motions[r] for r in seen.room.tolist()]).reshape(-1, 3)
     centre, arm = se2.apply(T, seen.centre), se2.rotate(T[:, 0], seen.arm)
@@ -184,7 +189,7 @@ def _doors(
 
 
 def _fitted(storey: Storey, wall: Index, centre: Array, arm: Array, start: Array) -> Array:
-    """(3,) T_a_s: the ends of the S surfaces to the lines of their A surfaces `wall`, -1 for none."""
+    """(3,) T_a_s that fits the ends of the S surfaces to the lines of their A surfaces `wall`, -1 for none."""
     true = np.flatnonzero(wall >= 0)
     ends = np.concatenate((centre[true] + arm[true], centre[true] - arm[true]))
     lines = np.tile(wall[true], 2)
@@ -192,7 +197,7 @@ def _fitted(storey: Storey, wall: Index, centre: Array, arm: Array, start: Array
 
 
 def _box_centre(centre: Array, arm: Array) -> Array:
-    """(2,) the middle of the box of the surfaces, whose sides lie along the longest of them."""
+    """(2,) the middle of the box around the surfaces, aligned with the longest of them."""
     longest = arm[np.hypot(*arm.T).argmax()]
     grid = float(np.arctan2(longest[1], longest[0]))
     ends = se2.rotate(-grid, np.concatenate((centre + arm, centre - arm)))

@@ -1,8 +1,8 @@
-"""S-graphs by the perturbation on which the published matcher was trained and measured, as its public code does it.
+"""The perturbation with which the published matcher was trained and evaluated, as in its public code.
 
-(snt-arg, graph_matching_gnn and situational_graphs_datasets: room and wall dropout, global noise, local noise.)
-Rooms are dropped independently, with their walls, so what is left need not hang together; the turn is about the
-origin of the A-graph's own frame, lengths and the places of rooms are exact.
+(snt-arg, graph_matching_gnn and situational_graphs_datasets: room and wall dropout, global noise, local noise.) Rooms
+are dropped independently, with their walls, so the rest need not be connected. The rotation is about the origin of the
+A-graph's own frame; lengths and room positions are exact.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ LOCAL_TURN = float(np.radians(0.012 * 360))  # and of each wall's normal
 
 
 def surviving_rooms(storey: Storey, rng: np.random.Generator) -> Index:
-    """Rooms that are left, at least one of those that have walls."""
+    """Returns the remaining rooms, at least one of those that have walls."""
     walled = np.flatnonzero([len(w) > 0 for w in storey.walls_of])
     while True:
         kept = walled[rng.random(len(walled)) >= DROPPED]
@@ -29,9 +29,9 @@ def surviving_rooms(storey: Storey, rng: np.random.Generator) -> Index:
 
 
 def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> ObservedWalls:
-    """The walls that are left of these rooms, with the local noise.
+    """Returns the remaining walls of these rooms, with local noise.
 
-    A wall that was drawn is dropped only if more than one of it and its two neighbours in the room's ring are left.
+    A wall drawn for dropout is only dropped if more than one of it and its two neighbours in the room's ring remain.
     """
     kept = []
     for room in rooms.tolist():
@@ -48,13 +48,13 @@ def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> O
 
 
 def global_noise(rng: np.random.Generator) -> Array:
-    """(3,) T_map_a: turned by any angle about the origin, shifted by 5 mm at most along each axis before that."""
+    """(3,) T_map_a: a shift by at most 5 mm along each axis, then a random rotation about the origin."""
     yaw = rng.uniform(0, 2 * np.pi)
     return np.array([se2.wrap(np.array(yaw)), *se2.rotate(yaw, SHIFT * (rng.random(2) - 0.5))])
 
 
 def _ring(storey: Storey, room: int) -> Index:
-    """A room's walls in the order in which one meets them going round."""
+    """A room's walls in order around the room."""
     walls = storey.walls_of[room]
     area = storey.areas[room]
     if area is not None and area.geom_type == "Polygon":

@@ -1,4 +1,4 @@
-"""Which surfaces a map counts to which room: as they are, or with rooms merged, cut in two, and surfaces astray."""
+"""Assigns observed surfaces to map rooms: correctly, or with rooms merged, split, and surfaces without a room."""
 
 from dataclasses import dataclass, replace
 
@@ -11,8 +11,8 @@ from data.synthetic_maps.wall_noise import SHORTEST, ObservedWalls, joined
 
 DOOR_MISSING = 0.1
 ALTERED = 0.1  # of the rooms: merged with a neighbour or cut in two, half of them each
-ASTRAY = 0.1  # of the surfaces: no room is known
-LEAST_CUT = 2.0  # m; a shorter room is not cut
+ASTRAY = 0.1  # share of the surfaces without a room
+LEAST_CUT = 2.0  # m; shorter rooms are not split
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class MapRooms:
 
 
 def rooms_as_entered(storey: Storey, walk: Walk, seen: ObservedWalls) -> MapRooms:
-    """Every surface in the room that it was seen from, and all doors; map rooms are numbered as they were entered."""
+    """Assigns every surface to the room it was seen from, with all doors; map rooms are numbered in order of entry."""
     place = {r: n for n, r in enumerate(walk.rooms)}
     doors = tuple(
         Passage((place[i], place[j]), at, i if place[i] < place[j] else j)
@@ -45,12 +45,14 @@ def rooms_as_entered(storey: Storey, walk: Walk, seen: ObservedWalls) -> MapRoom
 
 
 def some_doors_missed(map_rooms: MapRooms, rng: np.random.Generator) -> MapRooms:
-    """One door in ten is not seen."""
+    """Drops each door with a probability of 10 %."""
     return replace(map_rooms, doors=tuple(d for d in map_rooms.doors if rng.random() >= DOOR_MISSING))
 
 
 def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator) -> MapRooms:
-    """One room in ten merged with a neighbour or cut in two, each room once at most; one surface in ten astray."""
+    """Merges a tenth of the rooms with a neighbour or splits them, each room at most once; a tenth of the surfaces lose
+    their room.
+    """
     count = len(walk.rooms)
     altered: set[int] = set()
     for n in np.flatnonzero(rng.random(count) < ALTERED).tolist():
@@ -70,7 +72,7 @@ def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator) -> 
 
 
 def true_rooms(map_rooms: MapRooms) -> dict[int, int]:
-    """Map room to the A room from which most of its walls, by length, were seen."""
+    """Maps each map room to the A room from which most of its walls, by length, were seen."""
     found = {}
     length = np.nan_to_num(map_rooms.seen.length, nan=1.0)
     for home in np.unique(map_rooms.home[map_rooms.home >= 0]).tolist():
@@ -82,7 +84,7 @@ def true_rooms(map_rooms: MapRooms) -> dict[int, int]:
 
 
 def _beside(walk: Walk, n: int) -> list[int]:
-    """The rooms that were entered from this one, and the one from which it was entered."""
+    """The rooms entered from this one, and the one it was entered from."""
     return [k for k, p in enumerate(walk.parents) if p == n] + ([walk.parents[n]] if walk.parents[n] >= 0 else [])
 
 
@@ -96,7 +98,7 @@ def _merged(map_rooms: MapRooms, kept: int, gone: int) -> MapRooms:
 
 
 def _cut(map_rooms: MapRooms, room: int, new: int, rng: np.random.Generator) -> MapRooms:
-    """The room cut across its longer side; walls that the cut crosses are cut too."""
+    """Splits the room across its longer side; walls that cross the line are cut."""
     seen, home = map_rooms.seen, map_rooms.home
     mine = np.flatnonzero(home == room)
     if len(mine) < 2:
@@ -131,7 +133,7 @@ def _after_cut(door: Passage, room: int, new: int, along: Array, at: float) -> P
 
 
 def _side(part: ObservedWalls, along: Array, offset: float) -> ObservedWalls:
-    """What lies where along . p + offset < 0, pieces shorter than a visible wall left out."""
+    """The part with along . p + offset < 0, without pieces shorter than a visible wall."""
     first, last = (part.centre + s * part.arm for s in (1, -1))
     f, g = first @ along + offset, last @ along + offset
     crossed = f * g < 0
