@@ -43,7 +43,7 @@ def propose() -> None:
 
 
 def search() -> None:
-    """The other half: without a proposal all that finds, bends and judges a place is asked."""
+    """Compiles the other half: without proposals, all steps of placing and verification run."""
     from matching.deformation.matcher import DeformableMatcher
     from matching.search.voting_proposals import voting_proposals
 

@@ -46,7 +46,7 @@ def _answer(sender: Connection, function: Callable[..., Any], arguments: tuple[A
         answer = function(*arguments)
     except Exception as error:
         answer = error
-    with suppress(BrokenPipeError):  # whoever asked has been killed
+    with suppress(BrokenPipeError):  # the parent has been killed
         sender.send(answer)
 
 

@@ -60,7 +60,7 @@ def connected(scheduler: str) -> Iterator["Cluster"]:
     reached(scheduler)
     from distributed import Client
 
-    for name in ("distributed", "distributed.client"):  # what goes wrong we tell ourselves, in one line
+    for name in ("distributed", "distributed.client"):  # errors are reported here, in one line
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=CONNECTING_S)
@@ -85,7 +85,7 @@ def reached(scheduler: str) -> str:
         raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'")
     found = re.fullmatch(r"(tcp|tls)://(.+):(\d+)", scheduler)
     if not found:
-        raise UserError(f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` tells it")
+        raise UserError(f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` prints it")
     try:
         with socket.create_connection((found[2].strip("[]"), int(found[3])), CONNECTING_S) as line:
             # it greets first, with a message that begins with its length in 8 bytes
@@ -114,7 +114,7 @@ class Cluster:
             raise UserError(
                 f"--scheduler {self._address}: it has no worker; start some with `dask worker {self._address}`"
             ) from None
-        ask = "__import__('data.common.build', fromlist=['build']).build()"  # a function of ours could not be asked for
+        ask = "__import__('data.common.build', fromlist=['build']).build()"  # sgslam's functions cannot be sent
         for worker, message in self._client.run(eval, ask, on_error="return").items():
             if message != build():
                 has = (

@@ -1,4 +1,4 @@
-"""A copy of an IFC model whose walls tell how they were built: a property set, and a colour."""
+"""Writes a copy of an IFC model whose walls show how they were built: by a property set and a colour."""
 
 import uuid
 from collections.abc import Iterator
@@ -29,8 +29,11 @@ _THICK = 0.02  # m, of the slab that shows the side of an unplanned wall
 
 @dataclass(frozen=True)
 class WallFinding:
-    """What is known of the wall with this GlobalId: how far it stands off its place in the plan (`shift_in_bim`, x y,
-    metres), with the `sigma_m` of that, and how far it is turned in plan (`tilt_rad`); `reason` says why."""
+    """A finding on the wall with this GlobalId.
+
+    `shift_in_bim` (x, y) is its offset from the plan in metres, `sigma_m` the standard deviation of that, `tilt_rad`
+    its rotation in plan; `reason` explains the status.
+    """
 
     global_id: str
     status: Status

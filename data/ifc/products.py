@@ -79,10 +79,10 @@ def products(model: ifcopenshell.file, classes: tuple[str, ...]) -> Iterator[Ifc
     """Yields the products of these classes (subclasses too) that have a geometry.
 
     Products whose geometry cannot be made are left out. Openings are subtracted. An assembly without a
-    geometry of its own (a curtain wall) has that of its parts, unless these are asked for themselves.
+    geometry of its own (a curtain wall) has that of its parts, unless these are among the classes themselves.
     """
-    asked = dict.fromkeys(p for c in classes for p in model.by_type(c))
-    for product in asked:
+    wanted = dict.fromkeys(p for c in classes for p in model.by_type(c))
+    for product in wanted:
         bodies = [product]
         if product.Representation is None:
             bodies = [p for p in _parts(product) if not any(p.is_a(c) for c in classes)]

@@ -1,8 +1,8 @@
-"""GeoJSON as a plan: rooms as polygons, walls as polygons or lines, doors; storeys, elevations, heights as properties.
+"""GeoJSON plans: rooms as polygons, walls as polygons or lines, doors; storeys, elevations and heights as properties.
 
-Coordinates are metres, or degrees (RFC 7946), told by their extent, which become metres east and north of the
-plan's middle. What a feature is its properties tell (`type`, `kind`, `category`, `feature_type`, `indoor`, `layer`),
-as in indoor maps of OpenStreetMap and IMDF; an untold polygon is a room, an untold line a wall.
+Coordinates are metres, or degrees (RFC 7946) if their extent suggests it; these are converted to metres east and north
+of the plan's middle. Properties say what a feature is (`type`, `kind`, `category`, `feature_type`, `indoor`, `layer`),
+as in indoor maps of OpenStreetMap and IMDF; by default a polygon is a room and a line a wall.
 """
 
 import math
@@ -68,9 +68,9 @@ class _Feature:
 
 
 def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
-    """The A-graph (frame "bim") of a feature collection, and notices.
+    """Returns the A-graph (frame "bim") of a feature collection, and notices.
 
-    Raises UserError where it is none, its geometry is broken, its size is no building's, or it has no walls or rooms.
+    Raises UserError if it is none, its geometry is broken, its size is implausible, or it has no walls or rooms.
     """
     if not isinstance(value, dict) or value.get("type") not in ("FeatureCollection", "Feature"):
         raise UserError(f"{where}: not GeoJSON; give a FeatureCollection")
@@ -133,7 +133,7 @@ def _in_metres(features: list[_Feature], where: str) -> tuple[list[_Feature], li
 
 
 def _sort_in(storey: _Storey, feature: _Feature) -> None:
-    """A feature to what it is."""
+    """Adds a feature to its storey, by what it is."""
     kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
     message = " ".join(kinds)
     kind = feature.shape.geom_type.removeprefix("Multi")

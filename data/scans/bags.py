@@ -118,12 +118,12 @@ class BagScans(ScanSource):
         """How many messages the topic has."""
         return self._count
 
-    def _choose(self, counts: Counter[str], asked: str | None) -> str:
+    def _choose(self, counts: Counter[str], wanted: str | None) -> str:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))
-        if asked is not None:
-            named = [name for name in counts if name.strip("/") == asked.strip("/")]
+        if wanted is not None:
+            named = [name for name in counts if name.strip("/") == wanted.strip("/")]
             if not named:
-                raise UserError(f"--topic {asked}: no such topic with scans in {self.path}; there are: {listed}")
+                raise UserError(f"--topic {wanted}: no such topic with scans in {self.path}; there are: {listed}")
             return named[0]
         lidars = list(counts) if len(counts) == 1 else [name for name in counts if self._is_lidar(name)]
         if len(lidars) != 1:

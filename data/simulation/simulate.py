@@ -39,7 +39,7 @@ ROBOT = Robot()
 ROBOT_TOP = 1.6  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
 PLAN = "plan.ifc"  # what the plan shows, where it lacks walls that stand
 ON_FLOOR = 0.1  # m from a storey's level, at which the robot is on it
-LEAN = 0.15  # of a stair's slope by which the sensor leans: who carries it keeps it nearly level
+LEAN = 0.15  # share of a stair's slope by which the sensor tilts: it is carried nearly level
 SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
@@ -179,7 +179,7 @@ def _models(ifc: Path | str, storeys: list[str], changes: Changes | None, seed: 
     if changes is not None and changes.any:
         raise UserError("walls that stand otherwise than planned: give one storey, not several")
     if is_mesh(ifc):
-        raise UserError(f"{ifc}: a mesh does not tell its stairs; give one storey, or an IFC file")
+        raise UserError(f"{ifc}: a mesh has no marked stairs; give one storey, or an IFC file")
     return load_storeys(ifc, storeys)
 
 

@@ -1,4 +1,4 @@
-"""One storey of an IFC model as a robot meets it: what is solid, its rooms, its level; doors stand open."""
+"""One storey of an IFC model for the simulation: solid parts, rooms and floor level; doors are open."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -104,7 +104,7 @@ def _storey_model(
     model: ifcopenshell.file, entity: ifcopenshell.entity_instance, shapes: _Shapes, changes: Changes | None, seed: int,
     what: str,
 ) -> StoreyModel:  # fmt: skip
-    """`what` names the storey in messages."""
+    """Returns the model; `what` names the storey in messages."""
     solid = shapes.solid
     walls = [p for p in solid if p.storey == entity.GlobalId and model.by_guid(p.global_id).is_a("IfcWall")]
     made = draw_changes(walls, changes, seed) if changes is not None else ()

@@ -82,7 +82,7 @@ def symmetries(drawn: DrawnGraph, a: SceneGraph) -> list[Symmetry]:
     for storey in floors:
         for placed_part in place_part(part, storey, np.reshape(_elsewhere(part.walls, storey, home), (-1, 3))):
             nats = placed_part.nats + truth
-            if nats >= SURE:  # what follows only tells against the place
+            if nats >= SURE:  # all that follows only lowers the place's odds
                 continue
             rooms = _rooms(placed_part, entered, storey)
             nats += doors_there(doors, part, placed_part, a, storey, rooms) - _completeness(

@@ -33,7 +33,7 @@ class Part:
     goes_on: NDArray[np.bool_]  # (N, 2) the wall goes on beyond its end, against and along its tangent
     group: Index  # (N,)
     centre: Array  # (G, 2)
-    links: Index  # (L, 2) groups between which the map may bend
+    links: Index  # (L, 2) groups between which the map may deform
 
 
 @dataclass(frozen=True, eq=False)

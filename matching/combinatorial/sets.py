@@ -12,7 +12,7 @@ from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.combinatorial.clipper import densest
 
-CHUNK, ENTRIES = 4096, 1 << 20  # tried at once: so many, of so many affinities together
+CHUNK, ENTRIES = 4096, 1 << 20  # injections tried at once, and their affinities, at most
 Affinity = Callable[[Index], Array]  # (B, n) A datums of the n S datums -> (B, n, n), 1 on the diagonal
 Pairs = tuple[tuple[int, int], ...]  # (S, A)
 

@@ -52,8 +52,8 @@ def assign(found: DeformedHypotheses, k: int) -> Pairs:
     layout = _layout(found, k)
     share = _shares(layout)
     rooms = _rooms(layout, share)
-    told = tuple((r, q, room_confidence(c)) for r, q, c in rooms)
-    return Pairs(told, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(layout, share, rooms)))
+    matched = tuple((r, q, room_confidence(c)) for r, q, c in rooms)
+    return Pairs(matched, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(layout, share, rooms)))
 
 
 def assign_rooms(found: DeformedHypotheses, k: int) -> Matches:
@@ -139,8 +139,8 @@ def _rooms(layout: _Layout, share: Array) -> Matches:
     merit = _merit(share, layout.placed, *layout.footprints)
     order = np.argsort(-merit.max(axis=1), kind="stable")
     chosen = _chosen(share, merit, order, s.room, s.half, a.room, layout.partner, layout.quality, layout.along)
-    told = zip(range(len(chosen)), chosen.tolist(), _among(merit, chosen, DOUBT_ROOM).tolist(), strict=True)
-    return tuple((r, q, c) for r, q, c in told if q >= 0)
+    rows = zip(range(len(chosen)), chosen.tolist(), _among(merit, chosen, DOUBT_ROOM).tolist(), strict=True)
+    return tuple((r, q, c) for r, q, c in rows if q >= 0)
 
 
 @compiled

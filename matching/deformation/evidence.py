@@ -135,8 +135,8 @@ def _of_walls(
         now.turned, met, homes.first, homes.second, np.concatenate((ENDS, CONSERVATIVE_ENDS)),
     ).reshape(len(table), len(SIGMAS), -1)  # fmt: skip
     each = nats[:, :, : len(ENDS)], nats[:, :, len(ENDS) :]
-    told, conservative = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
-    return told, conservative
+    nats, conservative = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
+    return nats, conservative
 
 
 @compiled
@@ -167,14 +167,14 @@ def _nats(
                     best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
             other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
             for n in range(precisions):
-                told = also = np.log((1 - other) * best[0, n] + other)
+                of_wall = also = np.log((1 - other) * best[0, n] + other)
                 if best[1, n] != best[0, n]:
                     also = np.log((1 - other) * best[1, n] + other)
                 if room[i] >= 0:
-                    rooms[0, room[i], n] += told
+                    rooms[0, room[i], n] += of_wall
                     rooms[1, room[i], n] += also
                 else:
-                    total[k, n] += told
+                    total[k, n] += of_wall
         for r in range(rooms.shape[1]):
             for n in range(precisions):
                 total[k, n] += either(rooms[0, r, n] + np.log(1 - TWO_IN_ONE), rooms[1, r, n] + np.log(TWO_IN_ONE))

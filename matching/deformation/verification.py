@@ -20,7 +20,7 @@ LEAST_ODDS = 4.5
 MOST_MISSED = 10  # unexplained walls that count, at most: large maps have many cupboards and partitions
 LEAST_FRACTION = 0.5  # of the map's walls, by length, that the plan explains
 PER_WALL = (1.8, 2.4)  # nats of each wall that the plan explains, at least: of a map of few walls,
-WALLS = (15, 30)  # and of one of many; a mirror image, bent as it may be, often reaches less
+WALLS = (15, 30)  # and of one of many; a deformed mirror image often reaches less
 OF_MISSED = 2.0  # nats that a wall costs which is not explained, about
 
 

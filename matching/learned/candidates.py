@@ -54,7 +54,7 @@ def tables(
 ) -> tuple[Array32, Array32]:
     """(N, A walls + 1) and (M, A rooms + 1) log odds from the vectors; those of walls also use their rooms."""
     rooms = np.empty((len(s.rooms), len(a.rooms) + 1), dtype=np.float32)
-    told = np.zeros_like(rooms)
+    room_odds = np.zeros_like(rooms)
     if rooms.size > len(rooms):
         rooms[:, :-1] = np.dot(s.rooms, a.rooms.T)
         rooms[:, :-1] *= sharpness[1]
@@ -62,7 +62,7 @@ def tables(
     for r in range(len(rooms)):
         odds = log_softmax(rooms[r])
         for q in range(len(odds)):
-            told[r, q] = max(odds[q], _ODDS)
+            room_odds[r, q] = max(odds[q], _ODDS)
     walls = np.empty((len(s.walls), len(a.walls) + 1), dtype=np.float32)
     near = np.dot(s.walls, a.walls.T)
     for i in range(len(walls)):
@@ -70,7 +70,7 @@ def tables(
         for j in range(len(a.walls)):
             walls[i, j] = sharpness[0] * near[i, j]
         for j in range(len(a.walls) if rooms.size > len(rooms) else 0):
-            walls[i, j] += sharpness[2] * (told[r, a_room[j]] if r >= 0 and a_room[j] >= 0 else _STRANGE)
+            walls[i, j] += sharpness[2] * (room_odds[r, a_room[j]] if r >= 0 and a_room[j] >= 0 else _STRANGE)
         walls[i, -1] = s.no_wall[i]
     return walls, rooms
 

@@ -10,7 +10,7 @@ from matching.network.arithmetic import exp
 from matching.network.dimensions import CLOSE_M, COMPARED_SIZE, LEAST_COS, LEFT_M, OFFSET_M, SCALES_M
 from matching.network.features import Array32
 
-OFFSETS = 6  # of those that are looked at in all scales: all that are left, and those across as they are
+OFFSETS = 6  # columns given at all scales: all remaining offsets, and those across unreduced
 REST = COMPARED_SIZE - OFFSETS * len(SCALES_M)  # of the other columns
 _COS, _LEFT, _OFFSET, _CLOSE = (np.float32(x) for x in (LEAST_COS, LEFT_M, OFFSET_M, CLOSE_M))
 _0, _HALF, _2, _8, _10 = np.float32(0), np.float32(0.5), np.float32(2), np.float32(8), np.float32(10)

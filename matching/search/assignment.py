@@ -46,8 +46,8 @@ def assign(placement: Placement) -> Pairs:
     at_home[~at_home.any(axis=1)] = True
     at_home[:, -1] = True
     quality = np.where(at_home[s.room][:, a.room], quality, OTHER_ROOM * quality)
-    told = tuple((r, q, room_confidence(c)) for r, q, c in rooms if c >= LEAST_MERIT)
-    return Pairs(told, _surfaces(placement, quality))
+    accepted = tuple((r, q, room_confidence(c)) for r, q, c in rooms if c >= LEAST_MERIT)
+    return Pairs(accepted, _surfaces(placement, quality))
 
 
 def _share(value: Array, chosen: int) -> float:

@@ -55,7 +55,7 @@ def _met(
     centre: Array, normal: Array, heading: Array, half: Array, pairs: Index
 ) -> tuple[Array, Array, Array, Index]:
     """Points, headings, openings and kinds of the corners of the pairs that meet."""
-    point, told, kind = np.empty((len(pairs), 2)), np.empty((2, len(pairs))), np.empty(len(pairs), dtype=np.int64)
+    point, angles, kind = np.empty((len(pairs), 2)), np.empty((2, len(pairs))), np.empty(len(pairs), dtype=np.int64)
     count = 0
     for n in range(len(pairs)):
         i, k = pairs[n]
@@ -71,7 +71,7 @@ def _met(
         if abs(abs(along) - half[i]) < REACH and abs(abs(back) - half[k]) < REACH:
             point[count, 0] = centre[i, 0] - along * normal[i, 1]
             point[count, 1] = centre[i, 1] + along * normal[i, 0]
-            told[0, count], told[1, count] = heading[i] + turn / 2, turn
+            angles[0, count], angles[1, count] = heading[i] + turn / 2, turn
             kind[count] = 2 * (along > 0) + (back > 0)
             count += 1
-    return point[:count].copy(), told[0, :count].copy(), told[1, :count].copy(), kind[:count].copy()
+    return point[:count].copy(), angles[0, :count].copy(), angles[1, :count].copy(), kind[:count].copy()

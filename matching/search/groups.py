@@ -183,14 +183,14 @@ def _hops(edges: Index, steps: Index, count: int) -> Index:
             at[g] += 1
     hops = np.full((count, count), 2 * count)
     for start in range(count):
-        told = hops[start]
-        told[start], steps_done, last = 0, 0, 0
+        steps_from = hops[start]
+        steps_from[start], steps_done, last = 0, 0, 0
         while steps_done <= last:
             for g in range(count):
-                if told[g] == steps_done:
+                if steps_from[g] == steps_done:
                     for n in range(first[g], first[g + 1]):
-                        there = told[g] + beside[n, 1]
-                        if there < told[beside[n, 0]]:
-                            told[beside[n, 0]], last = there, max(last, there)
+                        there = steps_from[g] + beside[n, 1]
+                        if there < steps_from[beside[n, 0]]:
+                            steps_from[beside[n, 0]], last = there, max(last, there)
             steps_done += 1
     return hops

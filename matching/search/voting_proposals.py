@@ -17,7 +17,7 @@ from matching.search.voting import Marks, candidates, vote
 MOST_PARTS = 8
 MOST_WALLS = 200  # of a map that votes as a whole
 MOST_PLACES = 40  # of each yaw mode, in a part
-KEPT = 10  # placements of a part that speak
+KEPT = 10  # placements of a part that are used
 SIGMA = 0.25  # metres across
 SHARPNESS = 1.0  # of a placement's odds for each unit of weight that it explains
 SMALL_PART = 4  # walls; smaller ones have too few corners to vote
