@@ -140,12 +140,12 @@ def _feature(
     wall = torch.where(c.row >= 0, c.row + 1, 0) + (len(a.wall_node) + 1) * batched.pair[:, None]
     taken = torch.zeros(int(wall.max()) + 1, device=likely.device).index_add(0, wall.flatten(), likely.flatten())
     with_room = (batched.s_home >= 0)[:, None] & (c.room >= 0)
-    update = torch.zeros_like(likely)
+    of_room = torch.zeros_like(likely)
     if len(rooms):
-        update = rooms.softmax(dim=-1)[batched.s_home.clamp(min=0)].gather(1, c.room.clamp(min=0))
+        of_room = rooms.softmax(dim=-1)[batched.s_home.clamp(min=0)].gather(1, c.room.clamp(min=0))
     longer = s.half[s.wall_node][:, None] - a.half[a.wall_node[c.row.clamp(min=0)]]
     columns = [
-        c.logit.clamp(min=-30) / 10, likely, likely / (taken[wall] + 1e-3), torch.where(with_room, update, 0.0),
+        c.logit.clamp(min=-30) / 10, likely, likely / (taken[wall] + 1e-3), torch.where(with_room, of_room, 0.0),
         with_room.float(), longer.clamp(min=0), (-longer).clamp(min=0),
     ]  # fmt: skip
     feature = torch.cat((torch.stack(columns, dim=-1), whole), dim=-1)

@@ -255,7 +255,7 @@ def test_mistakes_are_told(tmp_path: Path):
     with pytest.raises(UserError, match="cannot be read"):
         Matcher.load("paper", tmp_path / "none.pt")
     (tmp_path / "bad.pt").write_text("no")
-    with pytest.raises(UserError, match="paper_train"):
+    with pytest.raises(UserError, match="matching.published.train"):
         Matcher.load("paper", tmp_path / "bad.pt")
     with pytest.raises(UserError, match="takes no weights"):
         Matcher.load("voting@repository")
