@@ -111,7 +111,7 @@ def test_systems_of_blocks_are_solved(edges):
     np.testing.assert_allclose(np.tensordot(whole, x, 2), right, atol=1e-9)
 
 
-def test_what_is_known_of_a_plan_is_kept_for_it_alone():
+def test_the_cache_of_a_plan_is_used_for_it_alone():
     worked = []
     kept = PlanCache(lambda graph: worked.append(graph.frame) or graph.frame)
     graphs = [SceneGraph(f"g{k}") for k in range(PLANS_CACHED + 1)]
@@ -163,7 +163,7 @@ def test_doors_tell_equal_offices_apart():
     assert told.status == "unique" and {(s, a) for s, a, _ in told.rooms} == {(r, r) for r in seen}
 
 
-def test_a_twin_that_nobody_proposed_is_found_all_the_same(drifted):
+def test_a_symmetric_place_is_found_even_if_not_proposed(drifted):
     tower = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
     ground = {w.id for w in PLAN.wall_surfaces}
 

@@ -79,9 +79,9 @@ def test_finds_the_storey():
         assert (result.status, result.floor) == ("unique", "upper")
 
 
-def test_twin_storeys_are_ambiguous_until_the_storey_is_known(drawn):
-    twin = a_graph(flat(np.random.default_rng(3)), "upper", "upper")
-    tower = merged(PLAN, twin)
+def test_equal_storeys_are_ambiguous_until_the_storey_is_known(drawn):
+    symmetry = a_graph(flat(np.random.default_rng(3)), "upper", "upper")
+    tower = merged(PLAN, symmetry)
     result = MATCHER.match(drawn.s_graph, tower)
     assert result.status == "ambiguous"
     assert "2 storeys" in result.reason

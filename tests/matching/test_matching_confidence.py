@@ -46,7 +46,7 @@ def test_confidences_are_probabilities_whether_the_map_is_in_the_plan_or_not() -
     assert error is not None and error < 0.1
 
 
-def test_a_room_that_is_two_is_not_told_but_its_walls_are() -> None:
+def test_a_merged_room_is_unmatched_but_its_walls_are_not() -> None:
     plan = PLANS[0]
     drawn = draw(plan, "real", np.random.default_rng(3), 7)
     whole = MATCHER.match(drawn.s_graph, plan)

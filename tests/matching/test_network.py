@@ -134,7 +134,7 @@ def test_only_nodes_of_one_storey_are_neighbours(plan: SceneGraph):
     assert f.rooms == tuple(r.id for r in both.rooms)
 
 
-def test_neighbours_are_the_nearest_and_facing_sides_are_told():
+def test_neighbours_are_the_nearest_and_facing_sides_are_marked():
     f = plan_features(a_graph([box(0, 0, 4, 3), box(4.2, 0, 4, 3)]))
     index = {w: k for k, w in enumerate(f.walls)}
     facing = -5  # same room, facing, both walls, wall of room, room of wall

@@ -78,7 +78,7 @@ def test_help_does_not_load_torch():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60).returncode == 0
 
 
-def test_mistakes_are_told_in_one_line(tmp_path: Path):
+def test_mistakes_give_one_line(tmp_path: Path):
     for arguments in (("--plans", tmp_path / "none"), ("--device", "abacus")):
         refused("matching.train", "--out", tmp_path / "out", *arguments)
     done = command("--out", str(tmp_path / "out"), "--steps", "0")

@@ -30,27 +30,27 @@ def seen(a: SceneGraph, rooms: list[str], deformed: bool = False) -> DrawnGraph:
     return DrawnGraph(part, own, walls, still, dict.fromkeys(own, still), floor, deformed)
 
 
-def test_a_rectangular_room_alone_has_its_half_turn_as_a_twin() -> None:
+def test_a_rectangular_room_alone_has_a_half_turn_as_symmetry() -> None:
     plan = a_graph([box(0, 0, 5, 3), box(5.1, 0, 4.2, 3.9)])
-    (twin,) = symmetries(seen(plan, ["room0"]), plan)
-    assert abs(abs(twin.T_a_s[0]) - np.pi) < 1e-6 and np.allclose(twin.T_a_s[1:], (5, 3), atol=1e-6)
-    assert abs(twin.nats) < 1e-6
+    (symmetry,) = symmetries(seen(plan, ["room0"]), plan)
+    assert abs(abs(symmetry.T_a_s[0]) - np.pi) < 1e-6 and np.allclose(symmetry.T_a_s[1:], (5, 3), atol=1e-6)
+    assert abs(symmetry.nats) < 1e-6
     assert not symmetries(seen(plan, ["room0", "room1"]), plan)
 
 
-def test_a_mirrored_flat_is_a_twin_only_if_a_motion_reaches_it() -> None:
+def test_a_mirrored_flat_is_a_symmetry_only_if_a_motion_reaches_it() -> None:
     rooms = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
     left, right = a_graph(rooms, "f"), a_graph(rooms, "f", "right")
     mirrored = merged(left, moved(right, 0, 30, 0, mirror=True))
     turned = merged(left, moved(right, np.pi, 30, 0))
     drawn = seen(left, ["room0", "room1", "room2"])
     assert not symmetries(drawn, mirrored)
-    (twin,) = symmetries(drawn, turned)
-    assert np.allclose(np.abs(twin.T_a_s), (np.pi, 30, 0), atol=1e-6)
+    (symmetry,) = symmetries(drawn, turned)
+    assert np.allclose(np.abs(symmetry.T_a_s), (np.pi, 30, 0), atol=1e-6)
 
 
 @pytest.mark.parametrize(("deeper", "expected"), [(0.0, True), (0.15, True), (0.6, False)])
-def test_equal_offices_are_twins_as_far_as_noise_hides_their_difference(deeper: float, expected: bool) -> None:
+def test_equal_offices_are_symmetries_as_far_as_noise_hides_their_difference(deeper: float, expected: bool) -> None:
     plan = a_graph([box(0, 0, 5, 3), box(20, 0, 5, 3 + deeper), box(40, 0, 8, 7)])
     elsewhere = [t for t in symmetries(seen(plan, ["room0"]), plan) if 15 < np.hypot(*t.T_a_s[1:]) < 30]
     assert bool(elsewhere) == expected
@@ -62,15 +62,15 @@ def test_a_row_of_offices_hides_where_one_is_until_its_end_is_seen() -> None:
     assert not symmetries(seen(row, [r.id for r in row.rooms]), row)  # the odd room breaks the symmetry
 
 
-def test_equal_storeys_are_twins_and_others_are_not() -> None:
+def test_equal_storeys_are_symmetries_and_others_are_not() -> None:
     equal = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
     other = merged(PLAN, a_graph(flat(np.random.default_rng(4)), "upper", "upper"))
     for seed in range(3):
         drawn = draw(PLAN, "drift", np.random.default_rng(seed), 6)
         assert not symmetries(drawn, other)
-        (twin,) = symmetries(drawn, equal)
-        assert twin.floor == "upper" and twin.nats < 0.1
-        assert np.allclose(twin.T_a_s, drawn.T_a_s, atol=0.05)
+        (symmetry,) = symmetries(drawn, equal)
+        assert symmetry.floor == "upper" and symmetry.nats < 0.1
+        assert np.allclose(symmetry.T_a_s, drawn.T_a_s, atol=0.05)
 
 
 def test_what_the_map_did_not_see_decides_too() -> None:
@@ -96,7 +96,7 @@ def test_a_wall_seen_short_of_its_end_fits_where_one_ends_elsewhere() -> None:
     assert sorted(np.round(t.T_a_s[1:], 3).tolist() for t in symmetries(short, plan)) == [[3, 9], [20, 0], [23, 12]]
 
 
-def test_a_bent_map_may_lie_where_a_rigid_one_cannot() -> None:
+def test_a_deformed_map_may_lie_where_a_rigid_one_cannot() -> None:
     """The two rows differ by 0.3 m in how far their rooms are shifted against each other."""
     rooms = [box(0, 0, 5, 3), box(5.1, 1.0, 4, 6), box(40, 0, 5, 3), box(45.1, 1.3, 4, 6)]
     plan = a_graph(rooms)
@@ -136,7 +136,7 @@ def test_the_oracle_is_nearly_right_also_where_the_building_repeats_itself(noise
     assert np.mean(walls) > 0.94
 
 
-def test_doors_that_stand_otherwise_make_equal_offices_no_twins() -> None:
+def test_doors_that_stand_otherwise_make_equal_offices_no_symmetry() -> None:
     row = a_graph(offices([3.0] * 6, [3.0] * 6))
     corridor = row.rooms[12]
 

@@ -288,7 +288,7 @@ def test_the_smallest_and_a_large_plan(noise: str) -> None:
     assert len(whole.rooms) > 0.7 * len(BIG.rooms) and len(whole.s_graph.wall_surfaces) > 1000
 
 
-def test_what_cannot_be_drawn_is_told() -> None:
+def test_impossible_requests_are_refused() -> None:
     bare = dataclasses.replace(
         PLAN, rooms=(), wall_surfaces=tuple(dataclasses.replace(w, room=None) for w in PLAN.wall_surfaces)
     )
