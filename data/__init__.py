@@ -1,4 +1,4 @@
-"""What comes from the world, as plain types: scans, IFC models, plans, and the scene graph.
+"""Input data as plain types: scans, IFC models, plans, and the scene graph.
 
 The scene graph's names are loaded on first use, so that a command's `--help` answers at once.
 """

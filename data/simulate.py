@@ -4,8 +4,8 @@
     python -m data.simulate --bim FILE --storey NAME --storey NEXT --out DIR
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
-frame), `run.json` (what was driven) and, where the building stands otherwise than planned, `changes.json`, and
-`plan.ifc` where the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion,
+frame), `run.json` (what was driven) and, if the building differs from its plan, `changes.json`, and
+`plan.ifc` if the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion,
 unless `--rolling` asks for scans of a moving sensor, each point with its time.
 """
 
@@ -42,7 +42,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main() -> int:
-    """The command line; raises UserError."""
+    """Runs the command. Raises UserError."""
     args = _parser().parse_args()
     run = simulate(
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,

@@ -1,6 +1,7 @@
-"""GTSAM factors from numpy arrays: plane observations, floors, rooms, the BIM frame and its anchors.
+"""GTSAM factors built from numpy arrays: observed planes, floors, rooms, the BIM frame and its anchors.
 
-Imports gtsam and numpy only, so that it serves in anybody's graph.
+The package imports only gtsam and numpy, so it can be used in any factor graph. Planes are (nx, ny, nz, d) with
+n.x + d = 0; `T_a_b` maps coordinates in frame b to frame a; lengths are in metres, angles in radians.
 """
 
 from factors.bim import anchor_plane, anchor_room, frame_at, plane_from, storey_plane

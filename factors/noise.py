@@ -1,4 +1,4 @@
-"""Noise models that refuse what GTSAM would let through."""
+"""Noise models for planes and poses, with checks that GTSAM leaves out."""
 
 from typing import overload
 
@@ -12,10 +12,10 @@ def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: None) -> gts
 @overload
 def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float) -> gtsam.noiseModel.Robust: ...
 def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float | None) -> gtsam.noiseModel.Base:
-    """Noise of a plane's residual (two angles of the normal in radians, the offset in metres).
+    """Returns a noise model for a plane's residual: two angles of the normal (rad), then the offset (m).
 
-    `huber` is the threshold of the whitened residual; None leaves it Gaussian. Raises ValueError for sigmas
-    and thresholds that are not positive and finite (GTSAM accepts most of them and answers with NaN).
+    `huber` is the threshold on the whitened residual; None gives a Gaussian model. Raises ValueError for sigmas and
+    thresholds that are not positive and finite (GTSAM accepts most of them and then returns NaN).
     """
     return _robust(_diagonal([sigma_normal, sigma_normal, sigma_offset]), huber)
 
@@ -23,15 +23,19 @@ def noise_of_plane(sigma_normal: float, sigma_offset: float, huber: float | None
 def noise_of_pose(
     sigma_rotation: float, sigma_translation: float, huber: float | None = None
 ) -> gtsam.noiseModel.Base:
-    """Noise of a Pose3 residual, rotation first (radians), then translation (metres)."""
+    """Returns a noise model for a Pose3 residual: rotation (rad) first, then translation (m).
+
+    `huber` is the threshold on the whitened residual; None gives a Gaussian model. Raises ValueError as
+    `noise_of_plane`.
+    """
     return _robust(_diagonal([sigma_rotation] * 3 + [sigma_translation] * 3), huber)
 
 
 def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale: float) -> gtsam.noiseModel.Robust:
-    """Noise of a plane's residual under the loss of Geman and McClure (1987): what is far off pulls ever less.
+    """Returns a noise model for a plane's residual with the Geman-McClure loss (1987), which suppresses outliers.
 
-    A whitened residual of `scale` has a quarter of its weight. Start near the optimum: far from it nothing pulls.
-    Raises ValueError as `noise_of_plane`.
+    A whitened residual of `scale` has a quarter of its weight. Start near the optimum: far from it all gradients
+    vanish. Raises ValueError as `noise_of_plane`.
     """
     if not (np.isfinite(scale) and scale > 0):
         raise ValueError(f"scale must be positive and finite, not {scale}")
@@ -40,9 +44,9 @@ def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale:
 
 
 def noise_of_covariance(covariance: NDArray[np.float64], huber: float | None = None) -> gtsam.noiseModel.Base:
-    """Noise of a Pose3 residual of a full covariance (6, 6), rotation first (rad), then translation (m).
+    """Returns a noise model for a Pose3 residual with a covariance (6, 6): rotation (rad) first, then translation (m).
 
-    Raises ValueError for one that is not finite, symmetric and positive definite.
+    `huber` as in `noise_of_pose`. Raises ValueError unless the covariance is finite, symmetric and positive definite.
     """
     value = np.asarray(covariance, dtype=float)
     if value.shape != (6, 6) or not np.isfinite(value).all() or not np.allclose(value, value.T):

@@ -1,7 +1,7 @@
-"""Planes seen from poses. A plane is (nx, ny, nz, d) with n.x + d = 0, a unit normal to the side seen.
+"""Planes observed from poses. A plane is (nx, ny, nz, d) with n.x + d = 0 and a unit normal towards the observed side.
 
-A plane variable is kept in the frame of an anchor pose near it (`LocalOrientedPlane3Factor`), because the
-offset of a plane far from its frame's origin is coupled with its normal by the lever arm.
+A plane variable is expressed in the frame of a nearby anchor pose (`LocalOrientedPlane3Factor`): in a distant frame, a
+small error of the normal would be coupled with a large one of the offset.
 """
 
 import gtsam
@@ -13,14 +13,22 @@ from numpy.typing import ArrayLike, NDArray
 def observe_plane(
     plane_in_pose: ArrayLike, pose: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base
 ) -> gtsam.NoiseModelFactor:
-    """A plane (4,) seen in the frame of pose variable `pose`; the plane's variable lives in `anchor`'s frame.
+    """Returns a factor for a plane (4,) observed in the frame of the pose variable `pose`.
 
-    Variables: the poses `pose` T_map_pose and `anchor` T_map_anchor, and `plane` in the anchor's frame; only the motion
-    between the two poses counts, so that it does not matter where the map begins. Residual (3), in the frame of `pose`:
-    the difference of the normals in the tangent plane of the predicted one (rad), and of the offsets (m). Source:
-    OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen, ICRA 2012). The normal's residual is 0 again at 180 degrees:
-    gate below 60 degrees before adding. Raises ValueError for a plane that is not finite or whose normal is not a unit
-    vector.
+    Args:
+        plane_in_pose: (4,) the observed plane in the frame of `pose`.
+        pose: Key of the observing pose, T_map_pose.
+        anchor: Key of the anchor pose, T_map_anchor. Only the motion between both poses matters, so the factor does not
+            depend on the map's origin.
+        plane: Key of the plane variable, in the frame of `anchor`.
+        noise: Three-dimensional noise model, see `noise_of_plane`.
+
+    Residual (3), in the frame of `pose`: difference of the normals in the tangent plane of the predicted one (rad),
+    then of the offsets (m). The residual of the normal is 0 again at 180 degrees, so gate observations below 60
+    degrees. Source: OrientedPlane3 of GTSAM (Trevor, Rogers, Christensen, ICRA 2012).
+
+    Raises:
+        ValueError: The plane is not finite, or its normal is not a unit vector.
     """
     return gtsam_unstable.LocalOrientedPlane3Factor(_checked(plane_in_pose), noise, pose, anchor, plane)
 
@@ -28,17 +36,24 @@ def observe_plane(
 def observe_own_plane(
     plane_in_anchor: ArrayLike, identity: int, plane: int, noise: gtsam.noiseModel.Gaussian
 ) -> gtsam.NoiseModelFactor:
-    """The plane (4,) as its own anchor saw it: a prior on the plane variable.
+    """Returns a factor for a plane (4,) as its own anchor observed it, that is a prior on the plane variable.
 
-    Variables: `plane` in the anchor's frame, and `identity`, a pose that a tight prior holds at the identity (GTSAM
-    wraps no prior for planes). Takes Gaussian noise only. Residual (3) as in `observe_plane`, in the anchor's frame.
-    Source: as there. Raises ValueError as it does.
+    Args:
+        plane_in_anchor: (4,) the observed plane in the anchor's frame.
+        identity: Key of a pose variable that a tight prior holds at the identity (GTSAM wraps no prior for planes).
+        plane: Key of the plane variable, in the anchor's frame.
+        noise: Three-dimensional Gaussian noise model; robust ones are not supported.
+
+    Residual (3) as in `observe_plane`, in the anchor's frame. Source: as there.
+
+    Raises:
+        ValueError: As `observe_plane`.
     """
     return gtsam.OrientedPlane3Factor(_checked(plane_in_anchor), noise, identity, plane)
 
 
 def plane_from_wall(normal: ArrayLike, point: ArrayLike) -> NDArray[np.float64]:
-    """(4,) the upright plane through `point` (2,) with the horizontal unit `normal` (2,)."""
+    """Returns (4,) the vertical plane through `point` (2,), in metres, with the horizontal unit `normal` (2,)."""
     n, p = np.asarray(normal, dtype=float), np.asarray(point, dtype=float)
     return np.array([n[0], n[1], 0.0, -float(n @ p)])
 

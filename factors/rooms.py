@@ -1,5 +1,8 @@
-"""A room is a pose; its walls are planes in its own frame. So a room needs no factor of its own, holds for
-any shape and any heading, and does not depend on where the map's origin lies."""
+"""Rooms as poses, whose walls are planes in the room's frame.
+
+No factor of its own is needed for a room. This holds for any shape and heading and does not depend on the map's
+origin.
+"""
 
 import gtsam
 import numpy as np
@@ -11,22 +14,26 @@ from factors.planes import observe_plane
 def wall_of_room(
     plane_in_room: ArrayLike, room: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base
 ) -> gtsam.NoiseModelFactor:
-    """A room's wall (4,) in the frame of the room's pose variable.
+    """Returns a factor for a room's wall (4,) in the frame of the room's pose variable.
 
     Variables: the poses `room` T_map_room and `anchor` T_map_anchor, and `plane` in the anchor's frame. Residual (3) as
-    in `observe_plane`, in the room's frame. Source: in place of the room factors of S-Graphs (Bavle et al. 2022, arXiv
-    2212.11770), whose residual depends on the map's origin and which know rectangles only.
+    in `observe_plane`, in the room's frame. It replaces the room factors of S-Graphs (Bavle et al. 2022, arXiv
+    2212.11770), whose residual depends on the map's origin and which only handle rectangles. Raises ValueError as
+    `observe_plane`.
     """
     return observe_plane(plane_in_room, room, anchor, plane, noise)
 
 
 def fit_room(planes_in_bim: ArrayLike, planes_in_room: ArrayLike) -> NDArray[np.float64] | None:
-    """(4, 4) T_bim_room, the pose that lays a room's upright walls best on the planned ones; z, roll and
-    pitch are 0.
+    """Returns (4, 4) T_bim_room, the pose that aligns a room's vertical walls with the planned ones; z, roll and pitch
+    are 0.
 
-    `planes_in_bim` and `planes_in_room` are (M, 4) and correspond row by row. The yaw is the mean turn of the
-    normals, the place the least squares solution of the offsets. None where the normals span one direction
-    only, since then the room could slide.
+    Args:
+        planes_in_bim: (M, 4) planned walls in the BIM frame.
+        planes_in_room: (M, 4) the same walls in the room's frame, row by row.
+
+    The yaw is the mean rotation of the normals, the position the least-squares solution of the offsets. Returns None if
+    the normals span only one direction, since the room could then slide along its walls.
     """
     planned, seen = np.asarray(planes_in_bim, dtype=float), np.asarray(planes_in_room, dtype=float)
     if len(planned) < 2 or np.linalg.svd(planned[:, :2], compute_uv=False)[1] < 0.5:

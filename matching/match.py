@@ -1,4 +1,4 @@
-"""`python -m matching.match`: matches an S-graph's file with an A-graph's."""
+"""`python -m matching.match`: matches an S-graph with an A-graph, both read from files."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command; returns 0 whatever the answer's status is. Raises UserError."""
+    """Runs the command and returns 0 whatever the status of the match is. Raises UserError."""
     parser = Parser(prog="python -m matching.match", description="Finds where a map lies in a building's plan.")
     parser.add_argument("--s-graph", type=Path, required=True, metavar="FILE", help="the map's scene graph, JSON")
     parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="the plan's scene graph, JSON")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the answer is written, JSON")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write the match to, JSON")
     parser.add_argument("--method", default="learned", metavar="NAME", help="learned (default), voting, paper, ...")
-    parser.add_argument("--floor", metavar="NAME", help="the plan's storey that is searched (default: all)")
-    parser.add_argument("--map-floor", metavar="NAME", help="the map's storey that is matched, where it has several")
+    parser.add_argument("--floor", metavar="NAME", help="the plan's storey to search (default: all)")
+    parser.add_argument("--map-floor", metavar="NAME", help="the map's storey to match, if it has several")
     options = parser.parse_args(arguments)
     # imported here so that --help is fast
     from data.common.files import write_json
@@ -38,19 +38,19 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _floor(path: Path, graph: "SceneGraph", told: str | None, option: str) -> str:
-    """The id of the floor that is told by its id or name. Raises UserError where there is none of the kind."""
+def _floor(path: Path, graph: "SceneGraph", wanted: str | None, option: str) -> str:
+    """Returns the id of the floor with this id or name. Raises UserError unless there is exactly one."""
     known = _floors(graph)
-    found = [floor for floor, name in known.items() if told is not None and told in (floor, name)]
+    found = [floor for floor, name in known.items() if wanted is not None and wanted in (floor, name)]
     if len(found) == 1:
         return found[0]
-    wrong = "has several storeys" if told is None else f"has no storey '{told}'"
+    wrong = "has several storeys" if wanted is None else f"has no storey '{wanted}'"
     listed = ", ".join(f"{floor} ({name})" if name else floor for floor, name in known.items())
     raise UserError(f"{path}: {wrong}; give {option} with one of: {listed or 'none'}")
 
 
 def _floors(graph: "SceneGraph") -> dict[str, str]:
-    """Ids and names, of those too that only rooms or surfaces name."""
+    """Returns ids and names of all floors, including those that only rooms or surfaces refer to."""
     found = {f.id: f.name for f in graph.floors}
     for floor in (*(r.floor for r in graph.rooms), *(w.floor for w in graph.wall_surfaces)):
         if floor is not None:

@@ -1,4 +1,4 @@
-"""`Matcher`: an S-graph laid into an A-graph by one of the named methods."""
+"""`Matcher`: finds where an S-graph lies in an A-graph, by one of several methods."""
 
 import time
 from collections.abc import Callable
@@ -12,32 +12,32 @@ from matching.arrays.walls import Walls, arrays, storeys
 from matching.combinatorial.search import CombinatorialMatcher
 from matching.combinatorial.settings import DEVELOP, GRID
 from matching.result import Hypothesis, MatchResult
-from matching.search.assignment import complete
+from matching.search.assignment import assign
 from matching.search.hypotheses import Placement, search
 from matching.search.start import Start, near_start
 from matching.search.verification import verify
 
-LISTED = 10  # hypotheses in the answer
-RELATIVES = ("pca-gm", "superglue")
-WITH_WEIGHTS = ("learned", "paper", *RELATIVES)
+LISTED = 10  # hypotheses in the result, at most
+BASELINES = ("pca-gm", "superglue")
+WITH_WEIGHTS = ("learned", "paper", *BASELINES)
 
 
 class Method(Protocol):
-    """What every matcher offers."""
+    """The interface of every matching method."""
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """As `Matcher.match`."""
+        """See `Matcher.match`."""
 
 
 class VotingMatcher:
-    """Wall corners vote for motions; each is scored wall by wall, storey by storey, and verified."""
+    """Generalised Hough transform: wall corners vote for motions, which are scored wall by wall and verified."""
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """As `Matcher.match`."""
+        """See `Matcher.match`."""
         began = time.perf_counter()
         candidates = [w for w in storeys(a) if floor is None or w.floor == floor]
         for what, empty in (("S-graph", not s.wall_surfaces), ("A-graph", not candidates)):
@@ -53,31 +53,39 @@ class VotingMatcher:
 
 
 class Matcher:
-    """Finds where an S-graph lies in an A-graph. `Matcher.load(method)` gives one."""
+    """Finds where an S-graph lies in an A-graph. Create one with `Matcher.load(method)`."""
 
     def __init__(self, method: Method) -> None:
         self._method = method
 
     @staticmethod
     def load(method: str = "learned", weights: Path | str | None = None) -> "Matcher":
-        """Loads a matcher by the name of its method.
+        """Loads a matching method by name.
 
-        - `learned`: a network proposes partners, geometry verifies them. `weights` is a file; default: the shipped one.
-        - `voting`: wall corners vote for motions, which are verified. It has no weights.
-        - `paper`: the published matcher. `weights` is a file, `published` (the default) or `repository`.
-        - `pca-gm`, `superglue`: these networks on our features; their own assignment is the answer.
-        - `combinatorial`, `combinatorial-grid`: the search of iS-Graphs, as released and as in its later branch.
+        Args:
+            method: One of
+                `learned`: a graph network proposes matches, which are verified geometrically (the default);
+                `voting`: wall corners vote for motions, which are verified; no weights, no network;
+                `paper`: the published GATv2-Sinkhorn matcher; its assignment is the answer, without verification;
+                `pca-gm`, `superglue`: these networks on this project's features; their assignment is the answer;
+                `combinatorial`, `combinatorial-grid`: the search of iS-Graphs, as released and as in its later branch.
+                `NAME@WEIGHTS` gives both name and weights, for example `paper@repository`.
+            weights: A file of weights; for `paper` also `published` (the default) or `repository`. None loads the
+                weights that come with the package.
 
-        `NAME@WEIGHTS` gives both in one, as in `paper@repository`. Raises UserError for a name that does not exist, for
-        weights where the method has none, and for a file that holds no weights.
+        Returns:
+            A matcher. It may be used for any number of graphs; what it computes of the last few plans is cached.
+
+        Raises:
+            UserError: The name is unknown, the method takes no weights, or the file holds none that fit.
         """
-        name, _, told = method.partition("@")
-        weights = told or weights
+        name, _, named = method.partition("@")
+        weights = named or weights
         methods: dict[str, Callable[[], Method]] = {
             "voting": VotingMatcher,
             "learned": lambda: _learned(weights),
             "paper": lambda: _paper(weights),
-            **{kind: partial(_relative, kind, weights) for kind in RELATIVES},
+            **{kind: partial(_baseline, kind, weights) for kind in BASELINES},
             "combinatorial": lambda: CombinatorialMatcher(DEVELOP),
             "combinatorial-grid": lambda: CombinatorialMatcher(GRID),
         }
@@ -92,22 +100,26 @@ class Matcher:
     ) -> MatchResult:
         """Finds the place of an S-graph in an A-graph.
 
-        `s` is a map of one storey, in the map frame with z up; `a` is a plan of any number of storeys, in the BIM
-        frame. `floor` is the id of the one A floor to search. `start` is a rough (x, y, yaw) of the map's origin in the
-        BIM frame, in metres and radians: placements further than 3 m or 60 degrees from it are dropped.
+        Args:
+            s: The S-graph of one storey, in the map frame (metres, z up).
+            a: The A-graph of any number of storeys, in the BIM frame (metres).
+            floor: The id of the only A floor to search; None searches all.
+            start: A rough pose (x, y, yaw) of the map's origin in the BIM frame, in metres and radians. Placements
+                more than 3 m or 60 degrees away from it are dropped. Note that yaw comes last here, unlike in `T_a_s`.
 
-        The answer's `T_a_s` is (yaw, x, y) in radians and metres, p_a = R(yaw) p_s + (x, y). Commit to it only where
-        its status is `unique`.
+        Returns:
+            The match. `T_a_s` is (yaw, x, y) in radians and metres: p_a = R(yaw) p_s + (x, y). Rely on it only if the
+            status is `unique`. Graphs without wall surfaces give the status `none` rather than an error.
         """
         return self._method.match(s, a, floor=floor, start=start)
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.deformation.matcher import BentMatcher  # compiled loops are slow to import
+    from matching.deformation.matcher import DeformableMatcher  # compiled loops are slow to import
     from matching.learned.proposer import LearnedProposer
     from matching.search.voting_proposals import voting_proposals
 
-    return BentMatcher(LearnedProposer.load(weights).propose, voting_proposals)
+    return DeformableMatcher(LearnedProposer.load(weights).propose, voting_proposals)
 
 
 def _paper(weights: Path | str | None) -> Method:
@@ -116,16 +128,16 @@ def _paper(weights: Path | str | None) -> Method:
     return PaperMatcher.load(weights)
 
 
-def _relative(kind: str, weights: Path | str | None) -> Method:
-    from matching.published.baselines import RelativeMatcher
+def _baseline(kind: str, weights: Path | str | None) -> Method:
+    from matching.published.baselines import BaselineMatcher
 
-    return RelativeMatcher.load(kind, weights)
+    return BaselineMatcher.load(kind, weights)
 
 
 def _answer(found: list[Placement], candidates: list[Walls], began: float) -> MatchResult:
     best = found[0]
     s, a = best.pairing.s, best.storey
-    pairs = [complete(p) for p in found[:LISTED]]
+    pairs = [assign(p) for p in found[:LISTED]]
     verdict = verify(found, candidates, pairs[0])
     hypotheses = []
     for p, of in zip(found, pairs, strict=False):

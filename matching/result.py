@@ -1,4 +1,4 @@
-"""What a matcher answers: `MatchResult`, whose `to_dict` is the form of `matches.json`."""
+"""`MatchResult`: the result of a match. Its `to_dict` gives the content of `matches.json`."""
 
 from dataclasses import dataclass, field
 from typing import Literal, NotRequired, TypedDict
@@ -8,7 +8,7 @@ Pair = tuple[str, str, float]  # S id, A id, confidence in [0, 1]
 
 
 class HypothesisEntry(TypedDict):
-    """A hypothesis in `matches.json`: `T_a_s` is [yaw, x, y] in rad and m, `rooms` are [S id, A id]."""
+    """A hypothesis in `matches.json`: `T_a_s` is [yaw, x, y] in rad and m, `rooms` holds pairs [S id, A id]."""
 
     score: float
     T_a_s: list[float]
@@ -17,10 +17,10 @@ class HypothesisEntry(TypedDict):
 
 
 class MatchesFile(TypedDict):
-    """The form of `matches.json`; `rooms` and `wall_surfaces` are [S id, A id, confidence in [0, 1]].
+    """The content of `matches.json`; `rooms` and `wall_surfaces` hold [S id, A id, confidence in [0, 1]].
 
-    `T_a_s` is [yaw, x, y] in rad and m, None where the status is `none`. `floors` is there in a run's file alone: the A
-    floor of each S floor.
+    `T_a_s` is [yaw, x, y] in rad and m, None if the status is `none`. `floors` maps each S floor to its A floor and is
+    only in the file that a run writes.
     """
 
     status: Status
@@ -36,9 +36,13 @@ class MatchesFile(TypedDict):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One way to place the S-graph in the A-graph: `T_a_s` = (yaw, x, y), p_a = R(yaw) p_s + (x, y).
+    """One placement of the S-graph in the A-graph.
 
-    `score` is the log likelihood ratio against chance, in nats; higher is better. `rooms` are (S id, A id).
+    Attributes:
+        score: Log likelihood ratio against chance, in nats; higher is better.
+        T_a_s: (yaw, x, y) in radians and metres, map frame to BIM frame: p_a = R(yaw) p_s + (x, y).
+        floor: Id of the A floor, or None if the A-graph names no floors.
+        rooms: Matched rooms as (S id, A id).
     """
 
     score: float
@@ -47,17 +51,31 @@ class Hypothesis:
     rooms: tuple[tuple[str, str], ...] = ()
 
     def to_dict(self) -> HypothesisEntry:
-        """The form within `matches.json`."""
+        """Returns the hypothesis as in `matches.json`."""
         rooms = [list(pair) for pair in self.rooms]
         return {"score": self.score, "T_a_s": list(self.T_a_s), "floor": self.floor, "rooms": rooms}
 
 
 @dataclass(frozen=True)
 class MatchResult:
-    """The answer of `Matcher.match`.
+    """The result of `Matcher.match`.
 
-    `rooms` and `wall_surfaces` are those of the first hypothesis, (S id, A id, confidence), whatever the
-    status is; only a `unique` answer is fit to be committed to. `T_a_s` is None where the status is `none`.
+    Rooms, wall surfaces and hypotheses are given whatever the status is. Only a `unique` result should be relied on.
+
+    Attributes:
+        status: `unique` if exactly one placement explains the S-graph, `ambiguous` if several do about equally well,
+            `none` if no placement has enough evidence.
+        reason: The status explained in one line.
+        rooms: Matched rooms of the best hypothesis as (S id, A id, confidence); a confidence is a probability in [0,
+            1].
+        wall_surfaces: Matched wall surfaces, as `rooms`. Several S surfaces may be matched to one A surface, since a
+            map often holds a wall in pieces.
+        T_a_s: (yaw, x, y) of the best hypothesis in radians and metres, p_a = R(yaw) p_s + (x, y); None if the status
+            is `none`.
+        floor: Id of the A floor of the best hypothesis.
+        hypotheses: Distinct placements, best first. Two are distinct if they differ in floor, by more than 0.5 m at the
+            S-graph's centroid, or by more than 5 degrees.
+        seconds: Computation time. Results are compared without it.
     """
 
     status: Status
@@ -70,7 +88,7 @@ class MatchResult:
     seconds: float = field(default=0.0, compare=False)
 
     def to_dict(self) -> MatchesFile:
-        """The form of `matches.json`."""
+        """Returns the result as in `matches.json`."""
         return {
             "status": self.status,
             "reason": self.reason,

@@ -1,4 +1,4 @@
-"""Small work: whether torch works here, a matcher's first answer, and a network's file to try readers on."""
+"""Small jobs that check the installation: PyTorch, a matcher's first result, a network file for readers."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -15,15 +15,17 @@ from matching.search.proposals import Proposals, TopK
 
 
 def work() -> None:
-    """Fails where torch does not work here."""
+    """Raises if PyTorch does not work on this machine."""
     import torch  # slow to import
 
     assert float((torch.eye(3) @ torch.ones(3)).sum()) == 3
 
 
 def make_ready(matcher: Matcher, method: str) -> None:
-    """Has a matcher answer on three small rooms: its compiled loops are loaded then, or compiled, and not when a robot
-    waits for its first answer. `method` is the name that it was loaded by."""
+    """Runs a matcher on three small rooms, so that its compiled loops are loaded or compiled before a robot needs them.
+
+    `method` is the name by which it was loaded.
+    """
     done = FOLDER / "learned"  # the one method of which there is much to compile
     if method.partition("@")[0] == "learned" and FOLDER.is_dir() and not done.exists() and cores() > 1:
         on_two_cores(propose, search)
@@ -41,18 +43,18 @@ def propose() -> None:
 
 
 def search() -> None:
-    """The other half: without a proposal all that finds, bends and judges a place is asked."""
-    from matching.deformation.matcher import BentMatcher
+    """Compiles the other half: without proposals, all steps of placing and verification run."""
+    from matching.deformation.matcher import DeformableMatcher
     from matching.search.voting_proposals import voting_proposals
 
     def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0))) for n in (len(s.wall_surfaces), 0)))
 
-    BentMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
+    DeformableMatcher(nothing, voting_proposals).match(three_rooms(), three_rooms())
 
 
 def three_rooms() -> SceneGraph:
-    """A small plan."""
+    """Returns a small plan."""
     sizes = ((0.0, 0.0, 4.0, 3.0), (4.2, 0.0, 9.0, 3.5), (0.0, 3.2, 4.0, 8.0))
     rooms, walls, doors = [], [], (Door("d0", ("r0", "r1"), (4.1, 1.5)), Door("d1", ("r0", "r2"), (2.0, 3.1)))
     for n, (x0, y0, x1, y1) in enumerate(sizes):
@@ -65,7 +67,7 @@ def three_rooms() -> SceneGraph:
 
 
 def write_small_network(path: Path) -> None:
-    """A network with more form than weights, always the same; untrained."""
+    """Writes a small untrained network, always the same."""
     import torch
 
     from matching.learned.torch_weights import save_network

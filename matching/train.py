@@ -18,7 +18,7 @@ DEVICES = ("auto", "cpu", "cuda")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command. Raises UserError."""
+    """Runs the command. Raises UserError."""
     given = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args(given)
     if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
@@ -47,9 +47,9 @@ def main(arguments: list[str] | None = None) -> int:
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         training.load(checkpoint)
-        print(f"goes on after step {training.step}")
+        print(f"resuming after step {training.step}")
 
-    def looked(row: Row) -> None:
+    def on_evaluation(row: Row) -> None:
         training.save(checkpoint)
         save_network(out / weights, training.best_network())
         write_curve(out, training.curve)
@@ -59,7 +59,7 @@ def main(arguments: list[str] | None = None) -> int:
     limits = Limits(options.steps, options.minutes, options.every)
     with batches(drawing, options.seed, training.step, options.workers, options.scheduler) as stream:
         watched = held_out(Drawing(tuple(others), seeds_of("validation", GENERATED)), HELD_OUT_SEED)
-        ended = train(training, stream, watched, limits, looked)
+        ended = train(training, stream, watched, limits, on_evaluation)
     print(ended)
     draw_curve(out, training.curve)
     write_card(out, {
@@ -82,17 +82,17 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> Parser:
     parser = Parser(
         prog="python -m matching.train",
-        description="Trains the matching network on generated plans and on the plans given. Goes on where it was "
-        "stopped when --out holds a run. Writes learned.npz (or NETWORK.pt), curve.csv, curve.png, model_card.json.",
+        description="Trains the matching network on generated plans and on the plans given. Resumes if --out "
+        "holds a run. Writes learned.npz (or NETWORK.pt), curve.csv, curve.png, model_card.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
     parser.add_argument(
-        "--network", default="learned", metavar="NAME", help="learned (default), or a relative: pca-gm, superglue"
+        "--network", default="learned", metavar="NAME", help="learned (default), or a baseline: pca-gm, superglue"
     )
     parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
     parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="steps at most (default: 20000)")
     parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
-    parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between looks (default: 250)")
+    parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between evaluations (default: 250)")
     parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
     add_options(parser, "--workers", "processes that draw data (default: 1)")
     parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU where there is one")
@@ -100,7 +100,7 @@ def _parser() -> Parser:
 
 
 def _named(argument: str) -> str:
-    """Paths of this machine mean nothing to others; their names may."""
+    """Shortens absolute paths to names, since paths of this machine mean nothing elsewhere."""
     return Path(argument).name if Path(argument).is_absolute() else argument
 
 
@@ -111,7 +111,7 @@ def _device(name: str, gpu: bool) -> str:
 
 
 def _split(paths: list[Path]) -> tuple[list["Plan"], list["Plan"]]:
-    """The files' plans to train on and those held out, by building; the test buildings are in neither."""
+    """The files' plans for training and validation, split by building; test buildings are in neither."""
     from data.plans.sources import read_plans
     from data.plans.splits import split_of
 

@@ -1,1 +1,1 @@
-"""What every package needs: the user's error, atomic files, processes, compiled loops, work on a cluster."""
+"""Shared by all packages: the user error, atomic files, processes, compiled loops, cluster tasks."""

@@ -1,4 +1,4 @@
-"""Which build of this distribution is installed: its version, and a hash of all that it consists of."""
+"""Identifies the installed build: its version and a hash of its content."""
 
 import importlib.metadata as metadata
 from functools import lru_cache
@@ -10,9 +10,9 @@ PACKAGES = ("data", "matching", "factors", "sgslam", "evaluation")
 
 @lru_cache(maxsize=1)
 def build() -> str:
-    """The version and the hash, as `0.1.0 (1a2b3c4d)`: two machines that say the same run the same code and weights.
+    """Returns version and hash, as `0.1.0 (1a2b3c4d)`. Machines with the same value run the same code and weights.
 
-    A checkout's version says little, since it stays while the code changes.
+    The version of a checkout alone says little, since it stays the same while the code changes.
     """
     here, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=4)
     for package in PACKAGES:

@@ -1,4 +1,4 @@
-"""Processes that work for this one."""
+"""Child processes."""
 
 import multiprocessing
 import os
@@ -14,13 +14,13 @@ R = TypeVar("R")
 
 
 class ProcessEndedError(UserError):
-    """A process ended before it had answered; where it lacked memory, it may do so on another try."""
+    """A process ended without a result; if it ran out of memory, another try may succeed."""
 
 
-def apart(function: Callable[..., R], *arguments: Any, what: str) -> R:
-    """The function's answer, found by a process of its own, so that its peak memory is its own too.
+def run_isolated(function: Callable[..., R], *arguments: Any, what: str) -> R:
+    """Runs a function in a process of its own, so that its peak memory can be measured, and returns its result.
 
-    Raises what the function raises, and ProcessEndedError, which names `what` was done.
+    Raises what the function raises, and ProcessEndedError, whose text names `what`.
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -46,12 +46,12 @@ def _answer(sender: Connection, function: Callable[..., Any], arguments: tuple[A
         answer = function(*arguments)
     except Exception as error:
         answer = error
-    with suppress(BrokenPipeError):  # whoever asked has been killed
+    with suppress(BrokenPipeError):  # the parent has been killed
         sender.send(answer)
 
 
 def end_with_parent() -> None:
-    """Called in a child: it ends when its parent does, even by SIGKILL, so that nobody works for nobody."""
+    """Called in a child: makes it end when its parent does, even by SIGKILL."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return
@@ -64,8 +64,8 @@ def end_with_parent() -> None:
 
 
 def may_have_children() -> None:
-    """Lets this process start others although it is a daemon, which multiprocessing forbids.
+    """Allows this process to start others although it is a daemon, which multiprocessing forbids.
 
-    A Dask worker below its nanny is one. Its children must be daemons too, or call `end_with_parent`.
+    Dask workers started by a nanny are daemons. Their children must be daemons too, or call `end_with_parent`.
     """
     multiprocessing.current_process().daemon = False

@@ -1,4 +1,4 @@
-"""What all command lines share: a user's mistake is one line on standard error and exit code 2."""
+"""Common to all commands: a user's mistake gives one line on standard error and exit code 2."""
 
 import argparse
 import sys
@@ -14,7 +14,7 @@ _called: ContextVar[str | None] = ContextVar("the name under which a command was
 
 @contextmanager
 def called_as(name: str) -> Iterator[None]:
-    """Within it a command's help and errors speak of it by this name, whatever it calls itself."""
+    """Context in which a command's help and errors use this name instead of its own."""
     before = _called.set(name)
     try:
         yield
@@ -23,18 +23,18 @@ def called_as(name: str) -> Iterator[None]:
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line. `prog` is what the command calls itself; see `called_as`."""
+    """An argument parser whose errors are one line. `prog` is the command's own name; see `called_as`."""
 
     def __init__(self, prog: str | None = None, **options: Any) -> None:
         super().__init__(_called.get() or prog, **options)
 
     def error(self, message: str) -> NoReturn:
-        """Prints the error alone, without the usage, and exits with 2."""
+        """Prints the error without the usage and exits with 2."""
         self.exit(2, f"error: {message}; see '{self.prog} --help'\n")
 
 
 def run_command(command: Callable[[], int | None]) -> NoReturn:
-    """Runs a command and exits with what it returns; a UserError is told in one line, exit code 2."""
+    """Runs a command and exits with its return value; a UserError gives one line and exit code 2."""
     try:
         code = command() or 0
     except UserError as error:

@@ -1,7 +1,7 @@
-"""Tasks done by the workers of a Dask cluster, each answered once, whatever becomes of the workers.
+"""Runs tasks on the workers of a Dask cluster; every task gets exactly one result.
 
-Tasks are pure: what they need goes with them, what they find comes back, and only who asks writes files. So a task
-whose worker dies is simply done again elsewhere (Dask does that), and the answers are those of one machine.
+Tasks are pure: their inputs are sent along, their results come back, and only the caller writes files. If a worker
+dies, Dask runs its task elsewhere, and the results equal those of a single machine.
 """
 
 import argparse
@@ -41,7 +41,7 @@ class _Failed:
 
 
 def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) -> None:
-    """`--scheduler`, and the option `local` for so many processes of this machine: one or the other."""
+    """Adds `--scheduler` and the option `local` for a number of local processes; they exclude each other."""
     either = parser.add_mutually_exclusive_group()
     either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
     either.add_argument(
@@ -53,14 +53,14 @@ def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) ->
 
 @contextmanager
 def connected(scheduler: str) -> Iterator["Cluster"]:
-    """The cluster of a scheduler (`tcp://HOST:PORT`); on leaving, what was asked for and is not done is released.
+    """Connects to a scheduler (`tcp://HOST:PORT`); on exit, unfinished tasks are released.
 
-    Raises UserError where `reached` does, where no worker comes, and for a worker with another build of sgslam.
+    Raises UserError as `reached` does, if no worker appears, and if a worker has another build of sgslam.
     """
     reached(scheduler)
     from distributed import Client
 
-    for name in ("distributed", "distributed.client"):  # what goes wrong we tell ourselves, in one line
+    for name in ("distributed", "distributed.client"):  # errors are reported here, in one line
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(scheduler, timeout=CONNECTING_S)
@@ -73,8 +73,10 @@ def connected(scheduler: str) -> Iterator["Cluster"]:
 
 
 def reached(scheduler: str) -> str:
-    """The address itself, where dask.distributed is installed and a scheduler is there; else raises UserError, soon,
-    where Dask would try for long, or, of a stranger who does not answer, for ever."""
+    """Returns the address if dask.distributed is installed and a scheduler responds there; otherwise raises UserError.
+
+    Dask itself would retry for long, or wait forever for a server of another kind.
+    """
     try:
         there = find_spec("distributed")
     except ValueError:
@@ -83,7 +85,7 @@ def reached(scheduler: str) -> str:
         raise UserError("--scheduler needs dask.distributed; pip install 'sgslam[cluster]'")
     found = re.fullmatch(r"(tcp|tls)://(.+):(\d+)", scheduler)
     if not found:
-        raise UserError(f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` tells it")
+        raise UserError(f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` prints it")
     try:
         with socket.create_connection((found[2].strip("[]"), int(found[3])), CONNECTING_S) as line:
             # it greets first, with a message that begins with its length in 8 bytes
@@ -96,38 +98,40 @@ def reached(scheduler: str) -> str:
 
 
 class Cluster:
-    """A scheduler and its workers, which may come and go while tasks are done."""
+    """A scheduler and its workers, which may come and go."""
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
         self._name = f"sgslam-{uuid.uuid4().hex[:8]}"
-        self._given = self._threads = 0
-        self._looked = self._peopled = time.monotonic()
+        self._submitted = self._threads = 0
+        self._checked_at = self._had_workers = time.monotonic()
 
     def check(self) -> None:
-        """Waits for a first worker. Raises UserError where none comes, and for a worker of another build."""
+        """Waits for a first worker. Raises UserError if none appears or a worker has another build."""
         try:
             self._client.wait_for_workers(1, timeout=CONNECTING_S)
         except TimeoutError:
             raise UserError(
                 f"--scheduler {self._address}: it has no worker; start some with `dask worker {self._address}`"
             ) from None
-        ask = "__import__('data.common.build', fromlist=['build']).build()"  # a function of ours could not be asked for
-        for worker, told in self._client.run(eval, ask, on_error="return").items():
-            if told != build():
-                has = f"sgslam {told}" if isinstance(told, str) else f"no sgslam that it can use ({_line(told)})"
+        ask = "__import__('data.common.build', fromlist=['build']).build()"  # sgslam's functions cannot be sent
+        for worker, message in self._client.run(eval, ask, on_error="return").items():
+            if message != build():
+                has = (
+                    f"sgslam {message}" if isinstance(message, str) else f"no sgslam that it can use ({_line(message)})"
+                )
                 raise UserError(f"the worker {worker} has {has}, and here it is {build()}; install the same on all")
-        self._look()
+        self._check_workers()
         print(f"{self._threads} threads of workers at {self._address}", flush=True)
 
     def over(
         self, tasks: Iterable[T], function: Callable[[T], R], name: Name[T], files: Files = ()
     ) -> Iterator[tuple[T, R]]:
-        """Every task with its answer, once, in the order in which the answers come.
+        """Yields every task with its result, in order of completion.
 
-        `function` is a module's own, or a partial of one; `files` are those that it reads. A task that raises, or whose
-        workers die one after the other, is tried again alone when all others are done. Raises UserError for what one
-        raises, at once; and at the end for tasks that still fail, by `name`.
+        `function` is a function of a module, or a partial of one; `files` are the files it reads. A task that raises,
+        or whose workers die repeatedly, is tried again alone after all others. Raises UserError for what a task raises,
+        at once, and at the end for tasks that still fail, by `name`.
         """
         work, aside = self._sent(function, files), []
         for task, answer in self._stream(iter(tasks), work, name):
@@ -140,7 +144,7 @@ class Cluster:
         failed = []
         for task, why in aside:
             print(f"{name(task)}: {why}; once more, alone", flush=True)
-            answer = self._answer(self._give(work, task), [name(task)])
+            answer = self._answer(self._submit_task(work, task), [name(task)])
             if isinstance(answer, _Failed):
                 failed.append(f"{name(task)}: {answer.why}")
             else:
@@ -149,20 +153,22 @@ class Cluster:
             raise UserError(f"all others are done, but {len(failed)} failed twice: {'; '.join(failed)}")
 
     def in_order(self, tasks: Iterable[T], function: Callable[[T], R], name: Name[T]) -> Iterator[R]:
-        """The answers in the order of the tasks, of which there may be no end; as many are worked on ahead as the
-        cluster can. One that fails is tried once more; raises UserError where that fails too."""
+        """Yields the results in the order of the tasks, which may be endless; the cluster works ahead as far as it can.
+
+        A failed task is tried once more; raises UserError if that fails too.
+        """
         work = self._sent(function)
         ahead: deque[tuple[T, Any]] = deque()
         waiting = iter(tasks)
         while True:
-            self._look()
-            ahead.extend((task, self._give(work, task)) for task in islice(waiting, self._room(len(ahead))))
+            self._check_workers()
+            ahead.extend((task, self._submit_task(work, task)) for task in islice(waiting, self._capacity(len(ahead))))
             if not ahead:
                 return
             task, future = ahead.popleft()
             answer = self._answer(future, [name(task)])
             if isinstance(answer, _Failed):
-                answer = self._answer(self._give(work, task), [name(task)])
+                answer = self._answer(self._submit_task(work, task), [name(task)])
             if isinstance(answer, _Failed):
                 raise UserError(f"{name(task)} failed twice: {answer.why}")
             yield answer
@@ -172,8 +178,10 @@ class Cluster:
 
         running: dict[Any, T] = {}
         while True:
-            self._look(map(name, running.values()))
-            running.update((self._give(work, task), task) for task in islice(waiting, self._room(len(running))))
+            self._check_workers(map(name, running.values()))
+            running.update(
+                (self._submit_task(work, task), task) for task in islice(waiting, self._capacity(len(running)))
+            )
             if not running:
                 return
             try:
@@ -181,7 +189,7 @@ class Cluster:
             except TimeoutError:
                 continue
             except CancelledError:
-                raise self._lost() from None
+                raise self._workers_lost() from None
             for future in done:
                 task = running[future]
                 answer = self._answer(future, [name(task)])
@@ -191,18 +199,18 @@ class Cluster:
     def _sent(self, function: Callable[[Any], Any], files: Files = ()) -> Any:
         return self._submit(itself, Work.of(function, files))
 
-    def _give(self, work: Any, task: Any) -> Any:
+    def _submit_task(self, work: Any, task: Any) -> Any:
         return self._submit(do, work, task)
 
     def _submit(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        self._given += 1
-        return self._client.submit(function, *arguments, key=f"{self._name}-{self._given}", pure=False)
+        self._submitted += 1
+        return self._client.submit(function, *arguments, key=f"{self._name}-{self._submitted}", pure=False)
 
-    def _room(self, running: int) -> int:
+    def _capacity(self, running: int) -> int:
         return max(0, AHEAD * max(1, self._threads) - running)
 
     def _answer(self, future: Any, names: Iterable[str]) -> Any:
-        """Of one that is done, or will be. Raises UserError for a refusal and where the cluster is gone."""
+        """Waits for a result. Raises UserError for a refusal and if the cluster is gone."""
         from distributed import CancelledError, KilledWorker
 
         while True:
@@ -211,44 +219,44 @@ class Cluster:
             except KilledWorker as error:
                 return _Failed(f"its worker died, {error.allowed_failures + 1} times")
             except CancelledError:
-                raise self._lost() from None
+                raise self._workers_lost() from None
             except Exception as error:
                 if future.status == "error":
                     return _Failed(_line(error))
                 if not isinstance(error, TimeoutError):
-                    raise self._lost() from error
-                self._look(names)
+                    raise self._workers_lost() from error
+                self._check_workers(names)
                 continue
             if isinstance(answer, Refused):
                 raise UserError(answer.why)
             return answer
 
-    def _look(self, running: Iterable[str] = ()) -> None:
-        """Now and then: how many threads there are. Raises UserError where there has been none for long."""
+    def _check_workers(self, running: Iterable[str] = ()) -> None:
+        """Counts threads at intervals. Raises UserError if there have been none for long."""
         now = time.monotonic()
-        if self._threads and now - self._looked < LOOK_EVERY_S:
+        if self._threads and now - self._checked_at < LOOK_EVERY_S:
             return
         try:
             self._threads = sum(self._client.nthreads().values())
         except Exception:  # whatever a connection that broke makes of it
-            raise self._lost() from None
-        self._looked = now
+            raise self._workers_lost() from None
+        self._checked_at = now
         if self._threads:
-            self._peopled = now
-        elif now - self._peopled > WORKERLESS_S:
+            self._had_workers = now
+        elif now - self._had_workers > WORKERLESS_S:
             raise UserError(
                 f"--scheduler {self._address}: all workers are gone, at work on: {', '.join(running)}; what is done "
                 "is kept: start workers and give the same command again"
             )
 
-    def _lost(self) -> UserError:
+    def _workers_lost(self) -> UserError:
         return UserError(
             f"--scheduler {self._address}: the connection is lost; what is done is kept: give the same command again"
         )
 
 
 def _line(error: object) -> str:
-    """The last line of what an error says, which in a traceback is the reason."""
+    """The last line of an error's text, which in a traceback is the reason."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     lines = str(error).strip().splitlines()

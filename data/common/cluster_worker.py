@@ -1,5 +1,4 @@
-"""What a worker of a Dask cluster does for `data.common.cluster`: one task, after a look at whether its answer would
-count."""
+"""The worker's side of `data.common.cluster`: runs one task after checking that its result would be valid."""
 
 import os
 from collections.abc import Callable, Iterable
@@ -18,7 +17,7 @@ CHUNK = 1 << 20
 
 @dataclass(frozen=True)
 class Needed:
-    """A file or folder that the tasks read, and a digest of what it holds on the machine that asks."""
+    """A file or folder that the tasks read, and a digest of its content on the caller's machine."""
 
     path: str
     digest: str
@@ -33,7 +32,7 @@ class Needed:
 
 @dataclass(frozen=True)
 class Work:
-    """What is done with every task, and what must be the same here as where it was asked for."""
+    """The function for every task, and what must be the same here as on the caller's machine."""
 
     function: Callable[[Any], Any]
     build: str
@@ -47,13 +46,13 @@ class Work:
 
 @dataclass(frozen=True)
 class Refused:
-    """Why all tasks would go wrong; a mistake of the user's."""
+    """Why all tasks would fail; a user's mistake."""
 
     why: str
 
 
 def do(work: Work, task: Any) -> Any:
-    """The task's answer, or Refused; raises what a task that may pass elsewhere raises."""
+    """Returns the task's result, or Refused; raises errors that may not occur elsewhere."""
     try:
         _check_build(work.build)
         _check_files(work.needed)
@@ -65,12 +64,12 @@ def do(work: Work, task: Any) -> Any:
 
 
 def itself(work: Work) -> Work:
-    """As a task of its own, `work` goes to a worker once, not with every task, and is not lost with the worker."""
+    """Returns `work`. Run as a task of its own, it is sent to a worker once and not lost with the worker."""
     return work
 
 
 def scratch() -> Path:
-    """This worker's own folder, gone when the worker ends."""
+    """The worker's own folder, removed when the worker ends."""
     from distributed import get_worker
 
     folder = Path(get_worker().local_directory) / "sgslam"
@@ -85,7 +84,7 @@ def _check_build(wanted: str) -> None:
 
 @lru_cache(maxsize=8)
 def _check_files(needed: tuple[Needed, ...]) -> None:
-    """Once for all tasks; a refusal is not remembered, since the user may mend it."""
+    """Checks files once for all tasks; a refusal is not cached, since the user may correct it."""
     for file in needed:
         where = file.path if Path(file.path).is_absolute() else f"{file.path} (in {os.getcwd()})"
         if not Path(file.path).exists():
@@ -95,7 +94,7 @@ def _check_files(needed: tuple[Needed, ...]) -> None:
 
 
 def _digest(path: str) -> str:
-    """Of a file's bytes; of the names and sizes of what lies in a folder, since scans are large."""
+    """A digest of a file's bytes, or of the names and sizes in a folder, since scans are large."""
     digest = blake2b(digest_size=16)
     if Path(path).is_dir():
         for file in sorted(Path(path).rglob("*")):

@@ -1,4 +1,4 @@
-"""Functions compiled to machine code, for the few loops over points or pairs that numpy has no word for."""
+"""Functions compiled to machine code, for the few loops that numpy cannot express."""
 
 import shutil
 from collections.abc import Callable
@@ -17,14 +17,15 @@ MOST_VERSIONS = 5  # on disk, of some 12 MB each
 
 
 def sources(root: Path) -> list[Path]:
-    """The files that compiled functions and the numbers in them are from: those with the word `compiled`."""
+    """The files that compiled functions and their constants come from: those that contain the word `compiled`."""
     files = (path for package in PACKAGES for path in sorted((root / package).rglob("*.py")))
     return [path for path in files if b"compiled" in path.read_bytes()]
 
 
 def version(root: Path) -> str:
-    """A hash of the sources. By itself numba looks at a function's own file alone, and goes on with the old functions
-    and numbers of others after an update."""
+    """A hash of the sources. Numba itself only checks a function's own file and would keep outdated callees and
+    constants.
+    """
     digest = blake2b(digest_size=8)
     for path in sources(root):
         digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes())
@@ -32,9 +33,9 @@ def version(root: Path) -> str:
 
 
 def folder(parent: Path, version: str) -> Path:
-    """Where a version's machine code is kept, made if need be; the oldest of other versions then go.
+    """Returns the folder for a version's machine code, created if needed; the oldest other versions are removed.
 
-    Where it cannot be made numba looks for another place.
+    If it cannot be created, numba chooses another place.
     """
     chosen = parent / f"sgslam-{version}"
     with suppress(OSError):
@@ -52,17 +53,18 @@ FOLDER = folder(Path(config.CACHE_DIR or _HERE / "__pycache__"), version(_ROOT))
 
 
 def compiled(function: _F) -> _F:
-    """`function` compiled by numba at its first call with arguments of a kind; kept on disk for later processes.
+    """Compiles `function` with numba at the first call with given argument types; the result is cached on disk.
 
-    Where no folder for it can be written (a read-only installation without a home), each process compiles anew.
-    IEEE arithmetic is kept as written (no fastmath; x / 0 is infinite), so that results are the same on each call.
+    If no folder is writable (a read-only installation without a home), each process compiles again. Arithmetic follows
+    IEEE (no fastmath; x / 0 is infinite), so results are reproducible.
     """
     return _compiled(function, inline="never")
 
 
 def compiled_within(function: _F) -> _F:
-    """As `compiled`, but as a part of the compiled function that calls it: for a long one with one caller, which would
-    be compiled by itself first and then again within that."""
+    """As `compiled`, but inlined into the compiled function that calls it: for long functions with one caller, which
+    would otherwise be compiled twice.
+    """
     return _compiled(function, inline="always")
 
 
@@ -80,7 +82,7 @@ def _compiled(function: _F, inline: str) -> _F:
 
 @intrinsic  # type: ignore[untyped-decorator]
 def power_of_two(typing_context: Any, exponent: Any) -> Any:
-    """2 to a whole power from -126 to 127, both in single precision; for compiled functions."""
+    """2 to an integer power from -126 to 127, in single precision; for compiled functions."""
 
     def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         real = context.get_value_type(types.float32)

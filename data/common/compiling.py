@@ -1,4 +1,4 @@
-"""Compiling on two cores, the first time after an installation or an update: it takes half as long."""
+"""Compiles on two cores after an installation or an update, which halves the time."""
 
 import subprocess
 import sys
@@ -10,8 +10,10 @@ Work = Callable[[], object]
 
 
 def on_two_cores(work: Work, other: Work) -> None:
-    """Does `work`, and in another process `other`, a function of a module, and waits for both: what one has compiled
-    the other loads. Where the other process fails, what it should have compiled is compiled by who needs it."""
+    """Runs `work`, and `other` (a function of a module) in another process, and waits for both.
+
+    What one has compiled the other can load. If the other process fails, its functions are compiled when first needed.
+    """
     code = f"from {other.__module__} import {other.__qualname__} as work; work()"
     quiet = subprocess.DEVNULL
     helper = subprocess.Popen(

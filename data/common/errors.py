@@ -1,5 +1,5 @@
-"""The one exception that stands for a mistake of the user's: told in one line, exit code 2."""
+"""The exception for a user's mistake: printed as one line, exit code 2."""
 
 
 class UserError(Exception):
-    """What is wrong, where, and what to do, in one line; commands print it and exit with 2."""
+    """What is wrong, where, and what to do, in one line. Commands print it and exit with 2."""

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all."""
+"""Atomic files: written completely or not at all."""
 
 import json
 import os
@@ -11,8 +11,10 @@ from typing import Any, BinaryIO
 
 @contextmanager
 def atomic_file(path: Path | str) -> Iterator[BinaryIO]:
-    """A file to write to that lies beside `path` and is renamed into place at the end, so that a reader never sees half
-    of it; where writing fails, what was at `path` stays."""
+    """Yields a temporary file beside `path` that is renamed to it at the end, so that readers never see a partial file.
+
+    If writing fails, the previous content of `path` stays.
+    """
     path = Path(path)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:

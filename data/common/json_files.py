@@ -1,4 +1,4 @@
-"""JSON files of users: whatever is wrong with one is told in one line."""
+"""Reads users' JSON files; all errors are one line."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,9 @@ from data.common.errors import UserError
 
 
 def read_json(path: Path | str, wanted: str) -> Any:
-    """The file's value. Raises UserError where it cannot be read or is not JSON; `wanted` is what to give instead."""
+    """Returns the file's value. Raises UserError if it cannot be read or is not JSON; `wanted` says what to give
+    instead.
+    """
     try:
         return json.loads(Path(path).read_bytes())
     except OSError as error:

@@ -1,1 +1,1 @@
-"""Public data sets, laid out as `sgslam.run` takes them."""
+"""Public data sets, converted to the input of `sgslam.run`."""

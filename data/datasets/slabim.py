@@ -1,7 +1,7 @@
-"""SLABIM, public scans of a university building with its BIM, laid out as what `sgslam.run` takes.
+"""SLABIM, public scans of a university building with its BIM, converted to the input of `sgslam.run`.
 
 H. Huang, Z. Qiao, Z. Yu, C. Liu, S. Shen, F. Zhang, H. Yin: SLABIM: A SLAM-BIM Coupled Dataset in HKUST Main Building.
-ICRA 2025. What is read of it:
+ICRA 2025. These files are read:
 
     BIM/<storey>/mesh/walls.ply, floors.ply, columns.ply          metres, z up
     sensor_data/<storey>_<region>/points/data/<frame>.pcd         sensor frame, metres
@@ -29,7 +29,7 @@ LEAST_MOTION_M = 0.01
 
 @dataclass(frozen=True)
 class SlabimSession:
-    """A session of the data set, checked: what is needed is there."""
+    """A session of the data set, with all required files present."""
 
     name: str
     scans: tuple[Path, ...]  # in order
@@ -39,13 +39,13 @@ class SlabimSession:
 
     @staticmethod
     def open(root: Path, name: str) -> "SlabimSession":
-        """A session such as `3F_Region1`. Raises UserError for what is missing or does not fit together."""
+        """Opens a session such as `3F_Region1`. Raises UserError for missing or inconsistent files."""
         sessions = root / "sensor_data"
         points = sessions / name / "points"
         if not (points / "data").is_dir():
             there = sorted(p.name for p in sessions.iterdir() if p.is_dir()) if sessions.is_dir() else []
-            told = f"there are: {', '.join(there)}" if there else "give the folder with BIM and sensor_data"
-            raise UserError(f"{points / 'data'}: no such folder; {told}")
+            message = f"there are: {', '.join(there)}" if there else "give the folder with BIM and sensor_data"
+            raise UserError(f"{points / 'data'}: no such folder; {message}")
         mesh = root / "BIM" / name.partition("_")[0] / "mesh"
         if missing := [part for part in PARTS if not (mesh / part).is_file()]:
             raise UserError(f"{mesh}: has no {missing[0]}; unpack the data set's BIM there")
@@ -61,7 +61,7 @@ class SlabimSession:
     def lay_out(self, out: Path) -> None:
         """Writes `scans` (links and times.txt), `a_graph.json`, `truth.tum`, and `sequence.yaml` for the ablation.
 
-        What is there already is replaced. Raises UserError where the meshes are no building's.
+        Existing files are replaced. Raises UserError if the meshes are not of a building.
         """
         graph = read_mesh(*self.meshes).graph
         folder = out / "scans"
@@ -80,7 +80,7 @@ class SlabimSession:
 
 
 def _stamps(path: Path) -> list[int]:
-    """The last number of each line, seconds or whole nanoseconds."""
+    """Stamps from the last number of each line, seconds or integer nanoseconds."""
     stamps = []
     try:
         lines = path.read_text().splitlines()
@@ -99,7 +99,7 @@ def _stamps(path: Path) -> list[int]:
 
 
 def _truth(path: Path) -> Trajectory:
-    """The poses, which an early release gave as one and the same, its scans being in the building's frame."""
+    """The poses; an early release has identical ones, since its scans are in the building's frame."""
     truth = Trajectory.read_tum(path)
     if len(truth) > 1 and np.ptp(truth.positions, axis=0).max() < LEAST_MOTION_M:
         raise UserError(f"{path}: all poses are the same; take the data set's later release, with scans as seen")

@@ -1,1 +1,1 @@
-"""Buildings drawn by a random generator, and the demo's."""
+"""Randomly generated buildings, and the demo building."""

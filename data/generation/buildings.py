@@ -1,4 +1,4 @@
-"""Buildings drawn by chance, to tune and train matchers on: as varied as real ones, and the same for the same seed."""
+"""Generates random buildings for training and tuning matchers; the same seed gives the same building."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -22,8 +22,8 @@ def generate_plan(kind: str, seed: int) -> Plan:
     """A building of one of `KINDS` as an A-graph in metres, with one floor, a tower with three to eight.
 
     The same kind and seed give the same plan. Rooms do not overlap, neighbours are a wall apart (0.1 m or more),
-    every wall surface lies on an edge of its room, and every room can be reached through doors where its
-    neighbours allow for one. Each (kind, seed) is its own building. Raises ValueError for an unknown kind.
+    every wall surface lies on an edge of its room, and every room can be reached through doors if its neighbours
+    allow one. Each (kind, seed) is its own building. Raises ValueError for an unknown kind.
     """
     if kind not in KINDS:
         raise ValueError(f"unknown kind '{kind}'; one of {', '.join(KINDS)}")
@@ -34,7 +34,7 @@ def generate_plan(kind: str, seed: int) -> Plan:
 
 
 def _site(rng: Rng) -> tuple[float, tuple[float, float]]:
-    """Half of the plans are drawn along the axes, the others as the site lies."""
+    """Half of the plans are aligned with the axes, the others rotated at random."""
     turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
     return turn, (float(rng.uniform(-50, 50)), float(rng.uniform(-50, 50)))
 
@@ -90,7 +90,7 @@ def _l_shape(rng: Rng) -> list[Storey]:
 
 
 def _skewed(rng: Rng) -> list[Storey]:
-    """Slanted cuts, or a layout at right angles that is sheared and narrowed: straight walls stay straight."""
+    """A layout with slanted cuts, or a rectangular one that is sheared and narrowed; straight walls stay straight."""
     if rng.random() < 0.5:
         cells = apartment(rng, int(rng.integers(5, 13)), tilt=float(np.radians(rng.uniform(4, 16))))
         return [_storey(cells, rng, 0.15)]
@@ -129,7 +129,7 @@ def _mirrored_twins(rng: Rng) -> list[Storey]:
 
 
 def _tower(rng: Rng) -> list[Storey]:
-    """Storeys of one layout: all equal, or with some walls more; the ground floor may differ."""
+    """Storeys with one layout: identical, or with some additional walls; the ground floor may differ."""
     if rng.random() < 0.5:
         cells = apartment(rng, int(rng.integers(6, 13)))
     elif rng.random() < 0.4:
@@ -164,7 +164,7 @@ def _rebuilt(cells: Sequence[Cell], rng: Rng, share: float) -> list[Cell]:
 
 
 def _campus(rng: Rng) -> list[Storey]:
-    """Buildings of several kinds, some of them built more than once, turned against each other; one storey."""
+    """Buildings of several kinds on one storey, some of them repeated and rotated."""
     kinds = ("office", "corridor", "l_shape", "skewed", "mirrored_twins", "apartment")
     wanted, surfaces = float(rng.uniform(1200, 4900)), 0
     houses: list[Storey] = []
@@ -179,7 +179,9 @@ def _campus(rng: Rng) -> list[Storey]:
 
 
 def _laid_out(houses: Sequence[Storey], rng: Rng) -> Storey:
-    """In rows, each turned as it comes; half of the campuses have one main direction, and right angles to it."""
+    """Places houses in rows, each rotated at random; half of the campuses keep to one direction and its right
+    angles.
+    """
     square, gap = rng.random() < 0.5, float(rng.uniform(6, 20))
     across = int(np.ceil(np.sqrt(len(houses))))
     campus, x, y, high = Storey((), ()), 0.0, 0.0, 0.0

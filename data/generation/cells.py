@@ -28,7 +28,7 @@ def apartment_program(rng: Rng, rooms: int) -> list[tuple[str, float]]:
 
 
 def treemap(rng: Rng, area: Polygon, program: Sequence[tuple[str, float]], tilt: float = 0.0) -> list[Cell]:
-    """A convex area (a rectangle where `tilt` is 0) cut in two, again and again, so that each room gets its share.
+    """Divides a convex area (a rectangle if `tilt` is 0) repeatedly in two, so that each room gets its share.
 
     `tilt` (rad) skews the cuts.
     """
@@ -83,7 +83,9 @@ def _cut(area: Polygon, share: float, tilt: float, across: bool) -> tuple[Polygo
 
 
 def carved(rng: Rng, cells: list[Cell], share: float) -> list[Cell]:
-    """Some large rooms lose a corner to a closet, or are joined with a small neighbour: rooms that are L-shaped."""
+    """Cuts a closet out of a corner of some large rooms, or joins them with a small neighbour, which gives L-shaped
+    rooms.
+    """
     result = []
     for cell in cells:
         x0, y0, x1, y1 = cell.area.bounds
@@ -101,9 +103,9 @@ def carved(rng: Rng, cells: list[Cell], share: float) -> list[Cell]:
 def row(
     rng: Rng, span: tuple[float, float], y0: float, y1: float, module: float, variety: float, inner_y: float
 ) -> list[Cell]:
-    """Rooms side by side between x of `span` and y0, y1: as many equal modules as fit.
+    """Rooms side by side within x of `span` and y0, y1: as many equal modules as fit.
 
-    With `variety` (a probability) a room takes two modules, or is divided in depth, its door side at `inner_y`.
+    With probability `variety` a room takes two modules, or is divided in depth, its door side at `inner_y`.
     """
     count = max(1, round((span[1] - span[0]) / module))
     xs = np.linspace(*span, count + 1)
@@ -123,7 +125,7 @@ def row(
 
 
 def without_spans(span: tuple[float, float], taken: Spans, shortest: float) -> list[tuple[float, float]]:
-    """What of `span` no corridor crosses, in pieces of at least `shortest`."""
+    """The parts of `span` that no corridor crosses, in pieces of at least `shortest`."""
     pieces, start = [], span[0]
     for low, high in [*sorted(taken), (span[1], span[1])]:
         if low - start >= shortest:
@@ -133,5 +135,5 @@ def without_spans(span: tuple[float, float], taken: Spans, shortest: float) -> l
 
 
 def joined_cells(areas: Sequence[Area], kind: str) -> Cell:
-    """Cells that touch, as one."""
+    """Joins cells that touch."""
     return Cell(largest(united(areas)), kind)

@@ -1,4 +1,4 @@
-"""The demo building's two storeys as drawn: walls with their doors and windows, rooms, furniture. Metres.
+"""The demo building's two storeys: walls with doors and windows, rooms, furniture. Metres.
 
 x points east, y north, both from the building's outer south-west corner; z from the storey's floor.
 """
@@ -28,7 +28,7 @@ class Opening:
 
 @dataclass(frozen=True)
 class PlanWall:
-    """Runs along its middle line; where it meets a wall that was drawn before it, it ends at that one's face.
+    """A wall along its middle line; where it meets an earlier wall, it ends at that one's face.
 
     Outer walls run with the building to their left.
     """
@@ -52,7 +52,7 @@ class PlanWall:
 
 @dataclass(frozen=True)
 class Furniture:
-    """Stands with the middle of its footprint at x y, looks north turned left by `yaw` degrees."""
+    """A piece with the middle of its footprint at x y, facing north rotated left by `yaw` degrees."""
 
     kind: str  # desk, table, cupboard, chair or sofa
     x: float
@@ -63,7 +63,7 @@ class Furniture:
 
 @dataclass(frozen=True)
 class StoreyPlan:
-    """`rooms` are given by a point in each."""
+    """A storey; `rooms` are given by a point in each."""
 
     name: str
     elevation: float
@@ -86,7 +86,7 @@ class StoreyPlan:
 
 
 def tidied(area: shapely.Polygon) -> shapely.Polygon:
-    """The same polygon in whole millimetres, without needless corners, begun at one certain corner."""
+    """Returns the polygon in whole millimetres, without redundant corners, starting at a well-defined corner."""
     return shapely.normalize(shapely.set_precision(area, 0.001).simplify(0.0005))
 
 

@@ -1,4 +1,4 @@
-"""What breaks the plain outline of a generated room: pillars, piers, service shafts and niches."""
+"""Features of generated rooms: pillars, piers, service shafts and niches."""
 
 from dataclasses import replace
 
@@ -13,9 +13,9 @@ Rng = np.random.Generator
 
 
 def furnished(storey: Storey, rng: Rng, share: float) -> Storey:
-    """Each room gets a feature with the probability `share`; large rooms get pillars. Doors stay clear.
+    """Adds a feature to each room with the probability `share`; large rooms get pillars. Doors stay clear.
 
-    What is added lies within the room, so that the walls between rooms keep their thickness.
+    Features lie within the room, so that walls keep their thickness.
     """
     doors: dict[int, list[tuple[float, float]]] = {}
     for at, rooms in storey.doors:
@@ -34,7 +34,7 @@ def furnished(storey: Storey, rng: Rng, share: float) -> Storey:
 
 
 def _standing(area: Area, rng: Rng, shaft: bool) -> Area:
-    """A shaft in a corner, or a pier or a niche's cheek at a wall."""
+    """A shaft in a corner, or a pier or a niche's side at a wall."""
     edges = edges_of(area)
     along, inward, length = frame_of(edges)
     k = int(rng.choice(len(length), p=length / length.sum()))

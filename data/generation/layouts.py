@@ -16,14 +16,14 @@ LONGEST = 50.0  # m: longer buildings have another wing
 
 
 def apartment(rng: Rng, rooms: int, tilt: float = 0.0) -> list[Cell]:
-    """4 to 12 rooms: along a corridor, about a hall, or through one another; some L-shaped. The best of a few tries."""
+    """4 to 12 rooms: along a corridor, around a hall, or one behind another; some L-shaped. The best of a few tries."""
     tries = [_apartment(rng, rooms, tilt) for _ in range(8 if tilt else 16)]
     cells = min(tries, key=_worst)
     return cells if tilt else carved(rng, cells, 0.3)
 
 
 def _worst(cells: Sequence[Cell]) -> float:
-    """How much the least usable room lacks: too narrow for its kind, or too long for its width."""
+    """What the least usable room lacks: too narrow for its kind, or too long for its width."""
     worst = 0.0
     for cell in cells:
         x0, y0, x1, y1 = cell.area.bounds
@@ -54,7 +54,7 @@ def _outline(rng: Rng, width: float, depth: float, tilt: float) -> shapely.Polyg
 
 
 def _with_hall(cells: list[Cell]) -> list[Cell]:
-    """The room with most neighbours distributes the others."""
+    """Makes the room with most neighbours the hall."""
     areas = np.array([c.area for c in cells], dtype=object)
     hall = int(np.argmax([int((shapely.distance(areas, a) < 1e-3).sum()) for a in areas]))
     return [Cell(c.area, "hall" if k == hall else c.kind) for k, c in enumerate(cells)]
@@ -134,7 +134,7 @@ class Wings:
 
 
 def wings_drawn(rng: Rng, rooms: int, branches: int) -> Wings:
-    """Sizes for about so many rooms, as real offices, schools and clinics have them."""
+    """Draws sizes for about this many rooms, as in real offices, schools and clinics."""
     module = float(rng.choice([2.5, 2.7, 3.0, 3.6, 4.2, 5.0])) * float(rng.uniform(0.96, 1.04))
     run = rooms * module
     while branches < 3 and run > LONGEST * (2 + branches):
@@ -160,7 +160,7 @@ def wings_drawn(rng: Rng, rooms: int, branches: int) -> Wings:
 
 
 def wing_cells(rng: Rng, wings: Wings) -> list[Cell]:
-    """Corridors and the rows of rooms along them."""
+    """Returns corridors and the rows of rooms along them."""
     upper, lower = wings.depths
     half, length = wings.corridor / 2, wings.length
     cells, corridors = [], [box(0, -half, length, half)]

@@ -39,7 +39,7 @@ class Walls:
 
     @staticmethod
     def drawn(rng: np.random.Generator) -> "Walls":
-        """As real buildings have them."""
+        """Draws thicknesses as in real buildings."""
         inner = float(rng.choice([0.1, 0.115, 0.12, 0.15, 0.175, 0.2]))
         outer = float(rng.choice([0.24, 0.3, 0.36, 0.4]))
         return Walls(inner, max(inner, float(rng.choice([0.12, 0.15, 0.2, 0.24]))), outer)
@@ -54,7 +54,7 @@ class Storey:
     doors: tuple[tuple[Xy, tuple[int, ...]], ...] = ()
 
     def moved(self, linear: NDArray[np.float64], offset: Sequence[float] = (0.0, 0.0)) -> "Storey":
-        """Under p -> linear p + offset; `linear` is (2, 2)."""
+        """Returns the storey under p -> linear p + offset; `linear` is (2, 2)."""
         change = linear.T
 
         def move(points: Points) -> Points:
@@ -64,19 +64,19 @@ class Storey:
         return Storey(tuple(shapely.transform(r, move) for r in self.rooms), self.kinds, doors)
 
     def joined(self, other: "Storey") -> "Storey":
-        """Both, side by side as they lie."""
+        """Joins both storeys side by side."""
         n = len(self.rooms)
         theirs = tuple((at, tuple(n + k for k in rooms)) for at, rooms in other.doors)
         return Storey(self.rooms + other.rooms, self.kinds + other.kinds, self.doors + theirs)
 
     def bounds(self) -> tuple[float, float, float, float]:
-        """Lowest x y, highest x y."""
+        """Lowest (x, y), highest (x, y)."""
         low_x, low_y, high_x, high_y = shapely.total_bounds(np.array(self.rooms, dtype=object)).tolist()
         return low_x, low_y, high_x, high_y
 
 
 def built(cells: Sequence[Cell], walls: Walls, rng: np.random.Generator) -> Storey:
-    """Rooms half a wall inside their cells and a whole outer wall inside the outline; every room has a door."""
+    """Returns rooms half a wall inside their cells and a whole outer wall inside the outline; every room has a door."""
     outline = closed(shapely.union_all([c.area for c in cells]), 0.02)  # no hairline between cells
     inside = outline.buffer(-walls.outer, join_style="mitre")
     rooms, kinds = [], []
@@ -93,7 +93,7 @@ def built(cells: Sequence[Cell], walls: Walls, rng: np.random.Generator) -> Stor
 def _doors(
     rooms: list[Area], kinds: list[str], walls: Walls, rng: np.random.Generator
 ) -> list[tuple[Xy, tuple[int, ...]]]:
-    """A tree of doors from the halls on, some more, and one or two from outside."""
+    """A tree of doors starting from the halls, some more, and one or two from outside."""
     edges = [edges_of(r) for r in rooms]
     reach = max(walls.inner, walls.corridor) + 0.02
     gaps = rooms_behind([(r, None) for r in rooms], edges, reach)

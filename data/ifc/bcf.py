@@ -1,4 +1,4 @@
-"""Topics for BIM viewers: BIM Collaboration Format 2.1 (buildingSMART), a zip of XML files."""
+"""Writes topics for BIM viewers: BIM Collaboration Format 2.1 (buildingSMART), a zip of XML files."""
 
 import io
 import uuid
@@ -21,8 +21,9 @@ _STAMP = (1980, 1, 1, 0, 0, 0)  # of the files in the zip: the same topics give 
 
 @dataclass(frozen=True)
 class Topic:
-    """One finding. `global_ids` are the products that it is about, drawn in `color` (AARRGGBB); `segment` is where it
-    is (two points, metres, the model's world coordinates), `towards` (x y) the side that it is looked at from."""
+    """A finding. `global_ids` are the products concerned, drawn in `color` (AARRGGBB); `segment` is its place (two
+    points, metres, the model's world coordinates), `towards` (x, y) the side of the camera.
+    """
 
     title: str
     description: str
@@ -35,14 +36,14 @@ class Topic:
 
 @dataclass(frozen=True)
 class Model:
-    """The IFC file that the topics are about; `project` is the GlobalId of its IfcProject, empty where not known."""
+    """The IFC file that the topics refer to; `project` is the GlobalId of its IfcProject, empty if unknown."""
 
     filename: str
     project: str = ""
 
 
 def write_bcf(path: Path | str, topics: list[Topic], model: Model, created: datetime) -> None:
-    """Writes the topics atomically; `created` with its time zone. Lines are drawn where a topic has no product."""
+    """Writes the topics atomically; `created` has a time zone. Topics without a product are drawn as lines."""
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         version = Element("Version", VersionId="2.1")
@@ -107,7 +108,7 @@ def _viewpoint(guid: str, topic: Topic) -> Element:
 
 
 def _camera(root: Element, topic: Topic) -> None:
-    """From the free side, from above, at the middle."""
+    """Looks at the middle from above, from the free side."""
     middle = np.mean(np.array(topic.segment), axis=0)
     place = middle + np.array([_BACK * topic.towards[0], _BACK * topic.towards[1], _UP])
     ahead = (middle - place) / np.linalg.norm(middle - place)

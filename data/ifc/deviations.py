@@ -1,4 +1,4 @@
-"""A copy of an IFC model whose walls tell how they were built: a property set, and a colour."""
+"""Writes a copy of an IFC model whose walls show how they were built: by a property set and a colour."""
 
 import uuid
 from collections.abc import Iterator
@@ -29,8 +29,11 @@ _THICK = 0.02  # m, of the slab that shows the side of an unplanned wall
 
 @dataclass(frozen=True)
 class WallFinding:
-    """What is known of the wall with this GlobalId: how far it stands off its place in the plan (`shift_in_bim`, x y,
-    metres), with the `sigma_m` of that, and how far it is turned in plan (`tilt_rad`); `reason` says why."""
+    """A finding on the wall with this GlobalId.
+
+    `shift_in_bim` (x, y) is its offset from the plan in metres, `sigma_m` the standard deviation of that, `tilt_rad`
+    its rotation in plan; `reason` explains the status.
+    """
 
     global_id: str
     status: Status
@@ -88,17 +91,17 @@ def project_of(ifc: Path | str) -> str:
 def _properties(model: ifcopenshell.file, finding: WallFinding) -> dict[str, tuple[str, Any]]:
     """Names to IFC types and values."""
     metre, radian = calculate_unit_scale(model), calculate_unit_scale(model, "PLANEANGLEUNIT")
-    told: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", finding.status)}
+    entries: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", finding.status)}
     if finding.shift_in_bim is not None:
         x, y = finding.shift_in_bim
-        told["Offset"] = "IfcLengthMeasure", float(np.hypot(x, y)) / metre
-        told["OffsetX"], told["OffsetY"] = ("IfcLengthMeasure", x / metre), ("IfcLengthMeasure", y / metre)
+        entries["Offset"] = "IfcLengthMeasure", float(np.hypot(x, y)) / metre
+        entries["OffsetX"], entries["OffsetY"] = ("IfcLengthMeasure", x / metre), ("IfcLengthMeasure", y / metre)
     if finding.sigma_m is not None:
-        told["OffsetSigma"] = "IfcLengthMeasure", finding.sigma_m / metre
+        entries["OffsetSigma"] = "IfcLengthMeasure", finding.sigma_m / metre
     if finding.tilt_rad is not None:
-        told["Turn"] = "IfcPlaneAngleMeasure", finding.tilt_rad / radian
-    told["Reason"] = "IfcText", finding.reason
-    return told
+        entries["Turn"] = "IfcPlaneAngleMeasure", finding.tilt_rad / radian
+    entries["Reason"] = "IfcText", finding.reason
+    return entries
 
 
 def _describe(model: ifcopenshell.file, product: Entity, properties: dict[str, tuple[str, Any]]) -> None:

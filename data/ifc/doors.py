@@ -1,4 +1,4 @@
-"""Doors of an IFC model: where they stand and which rooms they join."""
+"""Doors of an IFC model: their positions and the rooms they join."""
 
 import ifcopenshell
 import ifcopenshell.util.placement
@@ -17,14 +17,14 @@ ABOVE_SILL = 0.5  # m
 
 
 def doors_of(model: ifcopenshell.file, rooms: list[RoomVolume], walls: dict[str, Area]) -> tuple[Door, ...]:
-    """Every IfcDoor that has a place; `walls` are the walls' areas in plan by GlobalId."""
+    """Returns every IfcDoor with a position; `walls` are the walls' areas in plan by GlobalId."""
     entities = {door.GlobalId: door for door in model.by_type("IfcDoor")}
     found = (_door(door, rooms, walls) for door in entities.values())
     return tuple(door for door in found if door is not None)
 
 
 def _door(door: ifcopenshell.entity_instance, rooms: list[RoomVolume], walls: dict[str, Area]) -> Door | None:
-    """The middle of the opening within its wall, since a door's own shape may hold an open leaf."""
+    """Uses the middle of the opening in its wall, since a door's own shape may include an open leaf."""
     vertices, host = body_of(door)
     if vertices is None:
         return None
@@ -42,7 +42,7 @@ def _door(door: ifcopenshell.entity_instance, rooms: list[RoomVolume], walls: di
 
 
 def body_of(filling: ifcopenshell.entity_instance) -> tuple[NDArray[np.float64] | None, str | None]:
-    """Vertices (N, 3) of the opening that a door or window fills, else of itself, and the GlobalId of the wall."""
+    """Vertices (N, 3) of the opening that a door or window fills, or of itself, and the GlobalId of the wall."""
     host, opening = None, None
     for fills in filling.FillsVoids:
         opening = triangulated(fills.RelatingOpeningElement)
@@ -67,13 +67,13 @@ def _middle(points: NDArray[np.float64], across: NDArray[np.float64]) -> NDArray
 
 
 def _rooms_beside(centre: NDArray[np.float64], across: NDArray[np.float64], rooms: list[RoomVolume]) -> tuple[str, ...]:
-    """The ids of the rooms first met on both sides, one where they are the same."""
+    """The ids of the rooms next to both sides, one if they are the same."""
     sides = (_room_ahead(centre, sign * across, rooms) for sign in (1.0, -1.0))
     return tuple(dict.fromkeys(room for room in sides if room is not None))
 
 
 def _room_ahead(centre: NDArray[np.float64], direction: NDArray[np.float64], rooms: list[RoomVolume]) -> str | None:
-    """The nearest room that one can stand in, else the nearest."""
+    """The nearest room large enough to stand in, or the nearest."""
     path = shapely.LineString([centre, centre + REACH * direction])
     start = shapely.Point(centre)
     met = []

@@ -1,4 +1,4 @@
-"""The sides of walls cut at one height: straight edges of the cut, each with the side that is free."""
+"""The sides of walls cut at one height: straight edges of the section, with their free side."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ OPENING_WIDTH = 6.0  # m: no opening is wider
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """From `start`, `length` metres along `along`; `normal` points out of the wall, right of `along`."""
+    """An edge from `start`, `length` metres along `along`; `normal` points out of the wall, right of `along`."""
 
     start: Vec
     along: Vec
@@ -32,21 +32,21 @@ class Edge:
 
     @property
     def normal(self) -> Vec:
-        """Unit, out of the wall."""
+        """(2,) unit vector out of the wall."""
         return np.array([self.along[1], -self.along[0]])
 
     def shifted(self, distance: float) -> shapely.LineString:
-        """The edge moved out along its normal."""
+        """The edge moved outwards along its normal."""
         a = self.start + distance * self.normal
         return shapely.LineString([a, a + self.length * self.along])
 
     def point(self, u: float) -> Vec:
-        """`u` metres along the edge."""
+        """The point `u` metres along the edge."""
         return self.start + u * self.along
 
 
 def straightened(area: Area) -> Area:
-    """The area with needless corners taken out and curves replaced by chords of about 0.3 m or longer."""
+    """Returns the area without redundant corners, with curves replaced by chords of at least about 0.3 m."""
     polygons = []
     for polygon in shapely.get_parts(area):
         polygon = _each_ring(orient(polygon), _without_flat)
@@ -81,7 +81,7 @@ def edges_of(area: Area) -> list[Edge]:
 
 
 def ends_of(area: Area, widest: float) -> list[Edge]:
-    """The edges at which walls of a straightened area end: short ones between two outer corners."""
+    """The edges at the ends of walls of a straightened area: short ones between two outer corners."""
     ends = []
     for polygon in map(orient, shapely.get_parts(area)):
         for ring in (polygon.exterior, *polygon.interiors):
@@ -133,7 +133,7 @@ def _chords(points: Points) -> Points:
 
 
 def _greedy(chain: Points) -> Points:
-    """Each chord as long as CURVE_SAG allows; Douglas and Peucker's would differ from height to height."""
+    """Chords as long as CURVE_SAG allows; those of Douglas and Peucker would differ between heights."""
     kept = [0]
     for k in range(2, len(chain)):
         a, chord = chain[kept[-1]], chain[k] - chain[kept[-1]]

@@ -1,4 +1,6 @@
-"""Rooms of an IFC model without spaces: the closed faces between the walls of a level, doors and windows shut."""
+"""Rooms of an IFC model without spaces: the closed faces between the walls of a level, with doors and windows
+closed.
+"""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -43,9 +45,9 @@ class Filling:
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """A closed face between walls at one level; `doors` and `walls` tell how much of what bounds it begins there.
+    """A closed face between walls at one level.
 
-    `doors` is their number, `walls` an area in m2.
+    `doors` and `walls` measure what bounds it and begins there: the number of doors, and the area of walls in m2.
     """
 
     area: Area
@@ -124,7 +126,7 @@ def _rooms(level: Level, faces: list[Face], levels: list[Level]) -> tuple[RoomVo
 
 
 def open_rest(walls: Area, faces: list[Area]) -> Area:
-    """What lies indoors and in no closed face."""
+    """The indoor area outside all closed faces."""
     outlines = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(closed(walls, INDOORS)))
     rest = difference(difference(outlines, walls), united(faces))
     return shapely.MultiPolygon([p for p in shapely.get_parts(opened(rest, HALF_WIDTH)) if p.area > MIN_OPEN])

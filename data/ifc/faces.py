@@ -1,4 +1,4 @@
-"""Pieces of walls' sides joined to wall surfaces: one for each plane in which walls turn a side to a room."""
+"""Joins pieces of walls' sides to wall surfaces: one for each plane in which walls face a room."""
 
 from collections import defaultdict
 from collections.abc import Iterator
@@ -27,7 +27,7 @@ MIN_HEIGHT = 0.3  # m
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """The part of a wall's edge from `low` to `high` metres along it, which faces `room`; seen in the cut at `z`."""
+    """The part of a wall's edge from `low` to `high` metres along it that faces `room`, in the section at `z`."""
 
     solid: Solid
     room: str | None
@@ -47,9 +47,9 @@ class Piece:
 
 
 def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurface]:
-    """The surfaces, with empty ids. Pieces of one room in one plane are joined over gaps up to a door's.
+    """Returns the surfaces, with empty ids. Pieces of one room in one plane are joined over gaps up to a door's width.
 
-    Where no room is known, a gap in which a wall stands (`cuts`: the walls' cuts) is not joined over.
+    If the room is unknown, pieces are not joined over a gap with a wall in it (`cuts`: the walls' sections).
     """
     of_room: dict[str | None, list[Piece]] = defaultdict(list)
     for piece in pieces:
@@ -67,7 +67,7 @@ def merged(level: Level, pieces: list[Piece], cuts: list[Area]) -> list[WallSurf
 
 
 def _by_plane(pieces: list[Piece]) -> list[tuple[Edge, list[Piece]]]:
-    """From the longest piece down: what lies in its plane. (A neighbour's would go on around curves.)"""
+    """Groups pieces by plane, starting with the longest, so that curves stay separate."""
     pieces = sorted(pieces, key=lambda p: -p.length)
     ends, along = np.stack([p.ends() for p in pieces]), np.stack([p.edge.along for p in pieces])
     solids = np.array([id(p.solid) for p in pieces])
@@ -107,7 +107,7 @@ def _wall_between(plane: Edge, low: float, high: float, walls: shapely.STRtree) 
 
 
 def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface | None:
-    """The surface in the plane of its longest piece; None where only slim or low pieces make it up."""
+    """The surface in the plane of its longest piece; None if it is too slim or low."""
     plane = max(pieces, key=lambda p: p.length).edge
     spans = united([_span(p, plane) for p in pieces], gap=BUTT)
     of_solid: dict[Solid, Intervals] = defaultdict(list)
@@ -130,7 +130,7 @@ def _surface(level: Level, room: str | None, pieces: list[Piece]) -> WallSurface
 
 
 def _standing(pieces: list[Piece], plane: Edge, middle: float) -> Iterator[tuple[str, float, float, bool]]:
-    """Where which wall stands, from the `middle` of the surface, and whether in every cut."""
+    """Where which wall stands, relative to the `middle` of the surface, and whether it is in every section."""
     cuts = {p.z for p in pieces}
     found = []
     for solid in dict.fromkeys(p.solid for p in pieces):

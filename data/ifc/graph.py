@@ -66,7 +66,7 @@ def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:
 def _levels(
     floors: tuple[Floor, ...], rooms: list[RoomVolume], solids: list[Solid], shadows: dict[str, Area]
 ) -> list[Level]:
-    """Where the walls are looked at: at each storey's rooms, and in storeys with walls but no rooms."""
+    """The levels at which walls are cut: at each storey's rooms, and in storeys with walls but no rooms."""
     levels = []
     elevation = {f.id: f.elevation for f in floors}
     of_floor: dict[str | None, list[RoomVolume]] = defaultdict(list)

@@ -1,7 +1,7 @@
-"""IFC files read in a process of their own: what is broken in a way that ends the reader's process ends no other.
+"""Reads IFC files in a separate process, so that a file that crashes the reader does not end this process.
 
-ifcopenshell is C++ and can be brought down by a damaged file. `read_guarded` asks a helper (this module, run alone),
-which is started once, loads ifcopenshell, and reads each file in a copy of itself with limits on memory and time.
+ifcopenshell is C++ and may crash on a damaged file. `read_guarded` uses a helper (this module, run alone), which starts
+once, loads ifcopenshell, and reads each file in a fork with limits on memory and time.
 """
 
 import atexit
@@ -23,10 +23,10 @@ _helpers: dict[int, subprocess.Popen[bytes]] = {}  # by process: a copy of this 
 
 
 def read_guarded(path: Path, seconds: float | None = None) -> dict[str, Any]:
-    """`{"graph": ..., "notices": [...]}` of an IFC file, as `data.ifc.graph.read_ifc` makes them.
+    """Returns `{"graph": ..., "notices": [...]}` of an IFC file, see `data.ifc.graph.read_ifc`.
 
-    Raises UserError as that does, and where the file brings its reader down or takes over `seconds` or 8 GB (larger
-    files may take more).
+    Raises UserError as that does, and if the file crashes its reader or takes more than `seconds` or 8 GB (larger files
+    may take more).
     """
     size = path.stat().st_size
     limits = {"seconds": seconds or SECONDS + SECONDS_EACH * size, "memory": MEMORY + MEMORY_EACH * size}
@@ -44,7 +44,7 @@ def read_guarded(path: Path, seconds: float | None = None) -> dict[str, Any]:
 
 
 def _asked(request: dict[str, Any]) -> int:
-    """The exit code of the reader, minus the signal's number where one ended it."""
+    """The exit code of the reader, or minus the number of the signal that ended it."""
     helper = _helpers.get(os.getpid())
     if helper is None or helper.poll() is not None:
         helper = _helpers[os.getpid()] = _started()
@@ -78,7 +78,7 @@ def _end(helper: subprocess.Popen[bytes], owner: int) -> None:
 
 
 def _serve(requests: BinaryIO, answers: BinaryIO) -> None:
-    """Answers each request, a line of JSON, with the exit code of the copy that reads the file."""
+    """Answers each request, a line of JSON, with the exit code of the fork that reads the file."""
     import data.ifc.graph  # noqa: F401  loaded once, for all copies
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)

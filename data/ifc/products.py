@@ -33,7 +33,7 @@ class IfcProduct:
 
 
 def open_ifc(path: Path | str) -> ifcopenshell.file:
-    """Opens an IFC file; raises UserError where it is missing, not IFC, or cut off."""
+    """Opens an IFC file. Raises UserError if it is missing, not IFC, or truncated."""
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{path}: no such file; give an IFC file")
@@ -48,7 +48,7 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
 
 
 def _open_zip(path: Path) -> ifcopenshell.file:
-    """The one .ifc of an archive, unpacked beside nothing of the user's."""
+    """Opens the only .ifc file of an archive."""
     try:
         with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory(prefix="sgslam-") as folder:
             inside = [m for m in archive.infolist() if m.filename.lower().endswith(".ifc") and not m.is_dir()]
@@ -69,7 +69,7 @@ def _open_zip(path: Path) -> ifcopenshell.file:
 
 
 def _is_whole(path: Path) -> bool:
-    """Whether the end mark of a STEP file is there; ifcopenshell reads a file that was cut off without a word."""
+    """Whether a STEP file has its end mark; ifcopenshell reads a truncated file without a warning."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - 1000))
         return b"END-ISO-10303-21" in file.read()
@@ -79,10 +79,10 @@ def products(model: ifcopenshell.file, classes: tuple[str, ...]) -> Iterator[Ifc
     """Yields the products of these classes (subclasses too) that have a geometry.
 
     Products whose geometry cannot be made are left out. Openings are subtracted. An assembly without a
-    geometry of its own (a curtain wall) has that of its parts, unless these are asked for themselves.
+    geometry of its own (a curtain wall) has that of its parts, unless these are among the classes themselves.
     """
-    asked = dict.fromkeys(p for c in classes for p in model.by_type(c))
-    for product in asked:
+    wanted = dict.fromkeys(p for c in classes for p in model.by_type(c))
+    for product in wanted:
         bodies = [product]
         if product.Representation is None:
             bodies = [p for p in _parts(product) if not any(p.is_a(c) for c in classes)]

@@ -1,4 +1,4 @@
-"""Rooms of an IFC model: the footprints of its spaces, without those that are no rooms for a robot."""
+"""Rooms of an IFC model: the footprints of its spaces, without those that a robot cannot enter."""
 
 from dataclasses import dataclass, field, replace
 
@@ -49,10 +49,10 @@ class Level:
 
 
 def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
-    """The rooms, and one-line notices on spaces that were left out.
+    """Returns the rooms, and one-line notices on spaces that are left out.
 
-    Left out: outer and gross spaces, spaces that only cover rooms of their own, doubles, shafts, voids.
-    A space within another is a room, and cut out of the other.
+    Left out are outer and gross spaces, spaces that only cover other rooms, duplicates, shafts and voids. A space
+    within another is a room and is cut out of the other.
     """
     spaces = model.by_type("IfcSpace")
     chosen = {s.GlobalId: s for s in spaces if _is_room(s)}
@@ -100,7 +100,7 @@ def _tidy(area: Area) -> Area:
 
 
 def finished(volume: RoomVolume) -> RoomVolume:
-    """With the room's polygon and centroid as its area has them."""
+    """Returns the room with polygon and centroid from its area."""
     outer = shapely.Polygon(volume.area.exterior)
     polygon = tuple((float(x), float(y)) for x, y in outer.exterior.coords[:-1])
     centroid = (float(outer.centroid.x), float(outer.centroid.y))
@@ -108,7 +108,7 @@ def finished(volume: RoomVolume) -> RoomVolume:
 
 
 def _without_overlaps(volumes: list[RoomVolume]) -> list[RoomVolume]:
-    """From the smallest up: doubles and covering spaces fall out, larger ones lose what lies within them."""
+    """From the smallest up: drops duplicates and covering spaces; larger ones lose what lies within them."""
     kept: list[RoomVolume] = []
     for volume in sorted(volumes, key=lambda v: v.area.area):
         within = [k for k in kept if k.beside(volume) and _inside(k.area, volume.area)]

@@ -1,4 +1,4 @@
-"""Products cut by horizontal planes, and seen from above: polygons in plan, metres, BIM frame."""
+"""Horizontal sections of products, and their outlines from above: polygons in plan, metres, BIM frame."""
 
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,4 +1,4 @@
-"""ifcopenshell at its smallest: whether it works here."""
+"""Checks that ifcopenshell works on this machine."""
 
 import ifcopenshell
 import ifcopenshell.geom
@@ -6,7 +6,7 @@ import ifcopenshell.guid
 
 
 def work() -> None:
-    """Fails where ifcopenshell does not work here."""
+    """Raises if ifcopenshell does not work on this machine."""
     model = ifcopenshell.file(schema="IFC4")
     model.create_entity("IfcProject", ifcopenshell.guid.new())
     assert len(model.by_type("IfcProject")) == 1

@@ -1,4 +1,4 @@
-"""The storeys of an IFC model and where their finished floors lie."""
+"""The storeys of an IFC model and the elevations of their finished floors."""
 
 import ifcopenshell
 import ifcopenshell.util.placement

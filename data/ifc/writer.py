@@ -1,4 +1,4 @@
-"""Writes a building as an IFC4 file: storeys, and products whose bodies are upright prisms."""
+"""Writes a building as an IFC4 file: storeys, and products whose bodies are vertical prisms."""
 
 import uuid
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ STAMP = "2025-01-01T00:00:00"  # in every file's header: the same building gives
 
 @dataclass(frozen=True)
 class Prism:
-    """What stands on `outline` (corners in x y, not closed) from z `low` to `high`; metres."""
+    """The volume above `outline` (corners x y, not closed) from z `low` to `high`, in metres."""
 
     outline: tuple[tuple[float, float], ...]
     low: float
@@ -37,12 +37,12 @@ class Prism:
 
 
 def box(x0: float, y0: float, z0: float, x1: float, y1: float, z1: float) -> Prism:
-    """The prism between two corners."""
+    """Returns the prism between two corners."""
     return Prism(((x0, y0), (x1, y0), (x1, y1), (x0, y1)), z0, z1)
 
 
 def placed(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Matrix:
-    """T that turns about z by `yaw` (radians), then moves by x y z (metres)."""
+    """Returns T (4, 4): rotation about z by `yaw` (radians), then translation by x y z (metres)."""
     T = np.eye(4)
     T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     T[:3, 3] = x, y, z
@@ -111,7 +111,7 @@ class IfcWriter:
         T_storey_hole: Matrix | None = None,
         filling: Entity | None = None,
     ) -> None:
-        """Cuts an opening into a wall or slab; `filling` is the door or window that stands in it."""
+        """Cuts an opening into a wall or slab; `filling` is the door or window in it."""
         opening = self._entity("IfcOpeningElement", f"{host.Name} opening", "OPENING")
         self._shape(opening, storey, [hole], T_storey_hole)
         ifcopenshell.api.feature.add_feature(self.model, feature=opening, element=host)
@@ -127,7 +127,7 @@ class IfcWriter:
         return product
 
     def save(self, path: Path | str) -> None:
-        """Gives all GlobalIds anew, by the project's name and the order of creation, and writes the file."""
+        """Creates all GlobalIds from the project's name and the order of creation, and writes the file."""
         for number, root in enumerate(self.model.by_type("IfcRoot")):
             own = uuid.uuid5(uuid.NAMESPACE_OID, f"{self._name}/{number}")
             root.GlobalId = ifcopenshell.guid.compress(own.hex)

@@ -20,19 +20,19 @@ PLANS = "an IFC file (.ifc, .ifczip), a drawing (.dxf), GeoJSON (.geojson), or a
 
 @dataclass(frozen=True)
 class Bim:
-    """The A-graph, and what the user should know about it, in one line each."""
+    """The A-graph, and notices for the user, one line each."""
 
     graph: SceneGraph
     notices: tuple[str, ...] = ()
 
 
 def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequence[str] = ()) -> Bim:
-    """Reads `.ifc` or `.ifczip`, `.dxf` (`layers`: those with the walls), `.geojson`, or, as `.json`, an A-graph,
-    GeoJSON or a floor plan (`data.plans.polygons_json`).
+    """Reads a plan: `.ifc` or `.ifczip`; `.dxf` (`layers` names those with the walls); `.geojson`; or `.json` with an
+    A-graph, GeoJSON or a floor plan (`data.plans.polygons_json`).
 
-    What was made of an IFC file is kept in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's
-    cache directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind,
-    cannot be read, or has no walls.
+    The result for an IFC file is cached in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's cache
+    directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind, unreadable, or
+    without walls.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -79,14 +79,14 @@ def _with_walls(graph: SceneGraph, path: Path) -> SceneGraph:
 
 
 def user_cache() -> Path:
-    """The folder where A-graphs are kept: $SGSLAM_CACHE_DIR, else `sgslam` in the user's cache directory."""
+    """The folder of cached A-graphs: $SGSLAM_CACHE_DIR, else `sgslam` in the user's cache directory."""
     if own := os.environ.get("SGSLAM_CACHE_DIR"):
         return Path(own)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "sgslam"
 
 
 def _cached(entry: Path) -> Bim | None:
-    """The kept result; None where there is none, or none that can be read."""
+    """The cached result; None if there is none that can be read."""
     try:
         kept = json.loads(entry.read_text())
         return Bim(SceneGraph.from_dict(kept["graph"]), tuple(map(str, kept["notices"])))
@@ -95,7 +95,7 @@ def _cached(entry: Path) -> Bim | None:
 
 
 def _keep(entry: Path, bim: Bim) -> None:
-    """A cache that cannot be written costs time at the next run, no more."""
+    """Writes the cache; a failure only costs time at the next run."""
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
         write_json(entry, {"graph": bim.graph.to_dict(), "notices": list(bim.notices)})

@@ -37,7 +37,7 @@ CURVE = 16  # chords of a bow
 
 @dataclass
 class _Drawn:
-    """What one layer holds, in the drawing's units."""
+    """The content of one layer, in the drawing's units."""
 
     segments: list[Array] = field(default_factory=list)  # each (K, 2, 2)
     filled: list[list[Array]] = field(default_factory=list)  # rings (N, 2) of each hatch or solid
@@ -47,10 +47,10 @@ class _Drawn:
 
 
 def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, tuple[str, ...]]:
-    """The A-graph of a drawing, one storey at z = 0, and notices (layers, units, rooms made).
+    """Returns the A-graph of a drawing, one storey at z = 0, and notices (layers, units, rooms found).
 
-    `layers` names those with the walls; without it those are taken whose names say so. Raises UserError for a file that
-    is missing or no DXF, for unknown layers, and where no layer is known to hold walls or it holds none.
+    `layers` names those with the walls; by default those whose names suggest it. Raises UserError for a file that is
+    missing or no DXF, for unknown layers, and if no layer is recognised as walls or it is empty.
     """
     path = Path(path)
     drawing = _open(path)
@@ -59,7 +59,7 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     segments = np.concatenate([np.empty((0, 2, 2)), *(s for name in chosen for s in by_layer[name].segments)])
     filled = [rings for name in chosen for rings in by_layer[name].filled]
     try:
-        scale, told = _scale(drawing, segments, filled, path)
+        scale, message = _scale(drawing, segments, filled, path)
         walls = _walls(segments, filled, scale)
         graph, made = graph_of_storeys([FlatStorey(path.stem, walls.area)], str(path))
     except UserError:
@@ -67,8 +67,8 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     except Exception as error:  # shapely and what is built on it raise many kinds
         raise UserError(f"{path}: its lines make no plan ({type(error).__name__}); name the walls' layers") from None
     if not walls.is_double and not filled:
-        told.append("walls are drawn as single lines; they are taken to be 0.1 m thick")
-    return graph, (*notices, *told, *made)
+        message.append("walls are drawn as single lines; they are taken to be 0.1 m thick")
+    return graph, (*notices, *message, *made)
 
 
 def _open(path: Path) -> Any:
@@ -100,21 +100,23 @@ def _by_layer(drawing: Any, path: Path) -> dict[str, _Drawn]:
 
 @dataclass
 class _Budget:
-    """How much may still be drawn: blocks of blocks can hold more than any memory."""
+    """Limits the number of drawn entities, since nested blocks can exceed any memory."""
 
     path: Path
     lines: int = MOST
     blocks: int = MOST_BLOCKS
 
     def check(self) -> None:
-        """Raises UserError where it is overdrawn."""
+        """Raises UserError if the limit is exceeded."""
         if self.lines < 0 or self.blocks < 0:
             most = f"{MOST:,} lines or {MOST_BLOCKS:,} blocks"
             raise UserError(f"{self.path}: holds over {most}; purge the drawing")
 
 
 def _exploded(entities: Any, layer: str, depth: int, budget: _Budget) -> Iterator[tuple[str, Any]]:
-    """Entities with their layers; blocks and multilines as what they are made of, layer 0 within one being its own."""
+    """Entities with their layers; blocks and multilines are expanded, with layer 0 in a block meaning the block's
+    own.
+    """
     for entity in entities:
         own = entity.dxf.get("layer", "0")
         own = layer if own == "0" else own
@@ -130,7 +132,7 @@ def _exploded(entities: Any, layer: str, depth: int, budget: _Budget) -> Iterato
 
 
 def _add(drawn: _Drawn, entity: Any) -> int:
-    """Takes an entity's lines in plan; returns how many. Entities that are broken are passed over."""
+    """Adds an entity's lines in plan and returns their number. Broken entities are skipped."""
     from ezdxf import path as paths
 
     kind = entity.dxftype()
@@ -158,15 +160,15 @@ def _flat(path: Any) -> Array:
 
 
 def _chosen(by_layer: dict[str, _Drawn], layers: Sequence[str], path: Path) -> tuple[list[str], list[str]]:
-    """The layers of the walls, and what to tell of them."""
+    """The layers of the walls, and notices."""
     fullest = sorted(by_layer.items(), key=lambda item: -item[1].count())[:12]
     listed = ", ".join(f"{name} ({drawn.count()})" for name, drawn in fullest)
     if not by_layer:
         raise UserError(f"{path}: no lines in its model space; give a plan with walls")
     if layers:
-        asked = {name.casefold() for name in layers}
-        known = [name for name in by_layer if name.casefold() in asked]
-        missing = asked - {name.casefold() for name in known}
+        wanted = {name.casefold() for name in layers}
+        known = [name for name in by_layer if name.casefold() in wanted]
+        missing = wanted - {name.casefold() for name in known}
         if missing:
             raise UserError(f"--layer {min(missing)}: no such layer with lines in {path}; there are: {listed}")
         return known, []
@@ -177,7 +179,7 @@ def _chosen(by_layer: dict[str, _Drawn], layers: Sequence[str], path: Path) -> t
 
 
 def is_wall_layer(name: str) -> bool:
-    """Whether a layer's name (`A-WALL-FULL`, `Aussenwände`, `plan$0$MUR`) tells of walls or what closes them."""
+    """Whether a layer's name (`A-WALL-FULL`, `Aussenwände`, `plan$0$MUR`) means walls or what closes them."""
     words = [w for w in re.split(r"[^\w]|_|\d", name.casefold().rpartition("$")[2]) if w]
     if any(word.startswith(no) for word in words for no in NOT_WALLS):
         return False
@@ -185,12 +187,12 @@ def is_wall_layer(name: str) -> bool:
 
 
 def _short(word: str) -> bool:
-    """Whether other words may hold this one by chance."""
+    """Whether other words may contain this one by chance."""
     return word.isascii() and len(word) < 4
 
 
 def _scale(drawing: Any, segments: Array, filled: list[list[Array]], path: Path) -> tuple[float, list[str]]:
-    """Metres of the drawing's unit, and what to tell: the header's, else that in which walls are of a wall's size."""
+    """Metres per unit, and notices: from the header, else the unit that gives walls a plausible thickness."""
     corners = np.concatenate([segments.reshape(-1, 2), *(r for rings in filled for r in rings)])
     extent = float(np.ptp(corners, axis=0).max())
     stated = UNITS.get(_header(drawing, "$INSUNITS"))

@@ -1,4 +1,4 @@
-"""A plan without heights (rooms as polygons, or walls alone) as an A-graph, storey by storey."""
+"""Converts a plan without heights (rooms as polygons, or walls alone) to an A-graph, storey by storey."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,15 +23,15 @@ JAMB = 0.7  # m: no wall's end is wider
 DOORWAY = 1.6  # m: a wider gap between walls joins what lies on its sides
 PASSABLE = 0.5  # m: a narrower gap between walls is no door
 REACH = 0.1  # m: a doorway's rooms begin this close to it
-HEIGHT = 2.6  # m: of a storey whose height is not known; it is not told on
+HEIGHT = 2.6  # m: of a storey of unknown height; used internally only
 PARTING = 0.01  # m: rooms that share an edge in a plan without walls have one this thin between them
 
 
 @dataclass(frozen=True, eq=False)
 class FlatStorey:
-    """What is drawn of one storey: `walls` the area of walls and windows, `rooms` id, name and area, `doors` areas.
+    """A drawn storey: `walls` is the area of walls and windows, `rooms` are id, name and area, `doors` areas.
 
-    `elevation` is the z of its floor and `height` that of its rooms, where they are known. Metres.
+    `elevation` is the z of its floor and `height` that of its rooms, if known. Metres.
     """
 
     name: str
@@ -43,10 +43,10 @@ class FlatStorey:
 
 
 def graph_of_storeys(storeys: Sequence[FlatStorey], where: str) -> tuple[SceneGraph, tuple[str, ...]]:
-    """The A-graph (frame "bim") and notices. A storey with rooms has these, another the closed faces between its walls,
-    gaps between walls' ends up to 1.6 m taken for doors.
+    """Returns the A-graph (frame "bim") and notices.
 
-    Raises UserError where there are no walls.
+    A storey without rooms gets the closed faces between its walls; gaps between wall ends of up to 1.6 m are taken for
+    doors. Raises UserError if there are no walls.
     """
     graphs, notices = [], []
     for number, storey in enumerate(storeys, 1):
@@ -66,7 +66,7 @@ def graph_of_storeys(storeys: Sequence[FlatStorey], where: str) -> tuple[SceneGr
 def _with_rooms(storey: FlatStorey, floor: Floor) -> SceneGraph:
     key = floor.id
     walls = storey.walls
-    if walls.is_empty:  # rooms that touch have a wall between them, which nobody drew
+    if walls.is_empty:  # rooms that touch have a wall between them that is not drawn
         walls = united(area.boundary.buffer(PARTING) for _, _, area in storey.rooms)
     height = None if storey.height is None else (floor.elevation or 0.0, (floor.elevation or 0.0) + storey.height)
     rooms = [
@@ -81,7 +81,7 @@ def _with_rooms(storey: FlatStorey, floor: Floor) -> SceneGraph:
 
 @dataclass(frozen=True, eq=False)
 class _Prism(Solid):
-    """Walls that are alike at every height."""
+    """Walls with the same section at every height."""
 
     area: Area
 

@@ -1,8 +1,8 @@
-"""GeoJSON as a plan: rooms as polygons, walls as polygons or lines, doors; storeys, elevations, heights as properties.
+"""GeoJSON plans: rooms as polygons, walls as polygons or lines, doors; storeys, elevations and heights as properties.
 
-Coordinates are metres, or degrees (RFC 7946), told by their extent, which become metres east and north of the
-plan's middle. What a feature is its properties tell (`type`, `kind`, `category`, `feature_type`, `indoor`, `layer`),
-as in indoor maps of OpenStreetMap and IMDF; an untold polygon is a room, an untold line a wall.
+Coordinates are metres, or degrees (RFC 7946) if their extent suggests it; these are converted to metres east and north
+of the plan's middle. Properties say what a feature is (`type`, `kind`, `category`, `feature_type`, `indoor`, `layer`),
+as in indoor maps of OpenStreetMap and IMDF; by default a polygon is a room and a line a wall.
 """
 
 import math
@@ -68,9 +68,9 @@ class _Feature:
 
 
 def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
-    """The A-graph (frame "bim") of a feature collection, and notices.
+    """Returns the A-graph (frame "bim") of a feature collection, and notices.
 
-    Raises UserError where it is none, its geometry is broken, its size is no building's, or it has no walls or rooms.
+    Raises UserError if it is none, its geometry is broken, its size is implausible, or it has no walls or rooms.
     """
     if not isinstance(value, dict) or value.get("type") not in ("FeatureCollection", "Feature"):
         raise UserError(f"{where}: not GeoJSON; give a FeatureCollection")
@@ -128,23 +128,23 @@ def _in_metres(features: list[_Feature], where: str) -> tuple[list[_Feature], li
     turn = math.radians(1) * EARTH
     factors = np.array([turn * math.cos(math.radians(lat)), turn])
     moved = shapely.transform([f.shape for f in features], lambda xy: (xy - [lon, lat]) * factors)
-    told = f"degrees became metres east (x) and north (y) of longitude {lon:.7f}, latitude {lat:.7f}"
-    return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [told]
+    message = f"degrees became metres east (x) and north (y) of longitude {lon:.7f}, latitude {lat:.7f}"
+    return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [message]
 
 
 def _sort_in(storey: _Storey, feature: _Feature) -> None:
-    """A feature to what it is."""
+    """Adds a feature to its storey, by what it is."""
     kinds = [str(feature.properties[n]).lower() for n in KIND if feature.properties.get(n) not in (None, "")]
-    told = " ".join(kinds)
+    message = " ".join(kinds)
     kind = feature.shape.geom_type.removeprefix("Multi")
     storey.elevations += [z] if (z := feature.number(ELEVATION)) is not None else []
     storey.heights += [h] if (h := feature.number(HEIGHT)) is not None and h > 1.0 else []
-    if any(word in told for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
+    if any(word in message for word in DOOR) or ("door" in feature.properties and kind != "Polygon"):
         depth, cap = 0.0 if kind == "Polygon" else DOOR_DEPTH / 2, "flat" if kind == "LineString" else "square"
         storey.doors.append(polygons_of(feature.shape.buffer(depth, cap_style=cap)))
     elif kind == "Polygon":
         area = polygons_of(feature.shape)
-        if any(word in told for word in WALL):
+        if any(word in message for word in WALL):
             storey.walls.append(area)
         elif not any(k in NO_PART for k in kinds) and is_room(kinds[-1] if kinds else ""):
             storey.rooms.append((feature.id, feature.text(("name", "label", "room", "number")), area))

@@ -12,16 +12,16 @@ HIGHEST = 400.0  # m: what is higher is not in metres
 
 
 def is_mesh(path: Path | str) -> bool:
-    """Whether a file's name is that of a mesh."""
+    """Whether a file's suffix is that of a mesh."""
     return Path(path).suffix.lower() in MESH_SUFFIXES
 
 
 def read_triangles(path: Path | str, *more: Path | str) -> NDArray[np.float64]:
-    """(M, 3, 3) the triangles of `.stl`, `.dae`, `.obj` or `.ply`, of several files together. COLLADA's unit and up
-    axis are heeded; the others are taken to be in metres with z up, since they do not say.
+    """Returns (M, 3, 3) the triangles of one or more `.stl`, `.dae`, `.obj` or `.ply` files, in metres with z up.
 
-    Raises UserError for a file that is missing, of another kind, cannot be read, holds no triangles, and where all
-    together are plainly not in metres.
+    COLLADA's unit and up axis are used; the other formats do not state theirs and are taken as metres with z up. Raises
+    UserError for a file that is missing, of another kind, unreadable or empty, and if all together are implausibly
+    large.
     """
     triangles = np.concatenate([_triangles(Path(p)) for p in (path, *more)])
     height = float(np.ptp(triangles[:, :, 2]))
@@ -52,7 +52,7 @@ def _triangles(path: Path) -> NDArray[np.float64]:
 
 
 def _upright(triangles: NDArray[np.float64], path: Path) -> NDArray[np.float64]:
-    """In metres with z up, as the file's `asset` tells."""
+    """Converts to metres with z up, as stated by the file's `asset`."""
     import collada
 
     asset = collada.Collada(str(path), ignore=[collada.DaeError]).assetInfo

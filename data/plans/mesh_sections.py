@@ -17,7 +17,7 @@ AT_ONCE = 2_000_000  # solid angles
 
 
 def mesh_solid(triangles: Array, name: str) -> "MeshSolid":
-    """All of a mesh as one body."""
+    """Returns a mesh as one body."""
     faces = np.arange(3 * len(triangles), dtype=np.int32).reshape(-1, 3)
     z = triangles[:, :, 2]
     product = IfcProduct("mesh", "IfcWall", name, None, triangles.reshape(-1, 3), faces)
@@ -25,7 +25,7 @@ def mesh_solid(triangles: Array, name: str) -> "MeshSolid":
 
 
 class MeshSolid(Solid):
-    """A body whose cuts hold although its surface is not closed."""
+    """A body whose sections are valid although its surface is not closed."""
 
     @lru_cache(maxsize=64)  # noqa: B019 - a body is made once for a building
     def section(self, z: float) -> Area:
@@ -49,9 +49,9 @@ class MeshSolid(Solid):
 
 
 def winding_numbers(triangles: Array, points: Array) -> Array:
-    """(N,) how often triangles (M, 3, 3) go around each of the points (N, 3).
+    """(N,) the winding numbers of triangles (M, 3, 3) around points (N, 3).
 
-    The solid angle of each triangle by Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 1983.
+    Solid angles after Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 1983.
     """
     numbers = []
     for part in np.array_split(points, max(1, -(-len(points) * len(triangles) // AT_ONCE))):

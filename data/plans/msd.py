@@ -33,7 +33,7 @@ LARGEST_FIELD = 10_000_000  # characters
 
 @dataclass
 class Index:
-    """Where the rows of each plan begin in the file (bytes), and of each floor its doors and walls."""
+    """Where the rows of each plan begin in the file (bytes), and the doors and walls of each floor."""
 
     header: list[str]
     plans: dict[str, array] = field(default_factory=dict)
@@ -51,13 +51,13 @@ def read_msd(
 ) -> Iterator[Plan]:
     """The table's plans in the order in which they first appear; the rows of a plan may lie anywhere in it.
 
-    The file is gone through once for where each row begins, then each plan's rows are read when its turn comes: the
-    memory needed is some bytes a row. `by="floor"` gives whole floors with what lies outside apartments (stairs).
+    The file is scanned once for where each row begins, then each plan's rows are read when needed: this takes a few
+    bytes of memory per row. `by="floor"` gives whole floors with what lies outside apartments (stairs).
     An apartment on several floors has several floors in its graph; ids of floors are the table's. With `outside`
     balconies are rooms. `merge_collinear`: see `scene_graph_of`; without it shafts and small rooms stay, as in the
     published matcher's data.
 
-    Rows without a usable polygon and plans without rooms are left out and counted, told by `on_skip` in one line
+    Rows without a usable polygon and plans without rooms are left out and counted, reported by `on_skip` in one line
     each kind. Raises UserError for a file that is not such a table.
     """
     with path.open("rb") as file:
@@ -112,7 +112,7 @@ def _index(file: BinaryIO, path: Path, by: By) -> Index:
 
 
 class _Starts:
-    """A binary file's lines as text; knows where the next line begins."""
+    """A binary file's lines as text; records where the next line begins."""
 
     def __init__(self, file: BinaryIO) -> None:
         self._file, self._position = file, 0
@@ -138,7 +138,7 @@ def _row(file: BinaryIO, start: int, header: list[str]) -> dict[str, str]:
 
 
 def _id(value: str) -> str:
-    """Ids without the `.0` that a table with gaps gives whole numbers."""
+    """Ids without the `.0` that a table with gaps adds to integers."""
     return value[:-2] if value.endswith(".0") else value
 
 

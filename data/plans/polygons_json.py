@@ -21,12 +21,12 @@ OUTSIDE = ("balcony", "loggia", "veranda", "terrace", "patio", "garden", "outdoo
 NO_ROOM = ("shaft", "void", "ps", "pipe space", "structure", "lightwell", "elevator_shaft")
 DOORS = ("door", "entrance_door", "sliding_door")
 WALLS = ("wall", "railing", "column", "window")
-TWIN = 0.1  # m2: rooms of twins differ less
-TWIN_ROOMS = 4  # fewer rooms agree by chance
+DUPLICATE = 0.1  # m2: rooms of duplicates differ less
+DUPLICATE_ROOMS = 4  # fewer rooms agree by chance
 
 
 def is_room(kind: str, outside: bool = False) -> bool:
-    """Whether a robot may be in a room of this kind: shafts and voids never, balconies only with `outside`."""
+    """Whether a robot may enter a room of this kind: never shafts and voids, balconies only with `outside`."""
     word = kind.strip().lower().replace(" ", "_")
     if word in NO_ROOM or word.replace("_", " ") in NO_ROOM:
         return False
@@ -47,8 +47,8 @@ def read_json_plan(text: str | bytes, where: str, merge_collinear: bool = True) 
     except UserError as error:
         raise UserError(f"{where}: {error}") from None
     except Exception as error:  # shapely raises many kinds where coordinates are none
-        told = (str(error).splitlines() or [""])[0][:100]
-        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {told})") from None
+        message = (str(error).splitlines() or [""])[0][:100]
+        raise UserError(f"{where}: not a floor plan in JSON ({type(error).__name__}: {message})") from None
     if not graph.wall_surfaces:
         raise UserError(f"{where}: no room with walls; skip it, or draw its rooms as polygons")
     return Plan(name, str(value.get("building") or name), graph)
@@ -79,7 +79,7 @@ def _area(item: dict[str, Any]) -> Area:
 
 
 def _check_metres(doors: list[Area]) -> None:
-    """A door is the one thing in a plan whose size is known."""
+    """Checks the unit by the doors, whose size is known."""
     if not doors:
         return
     corners = np.stack([np.asarray(shapely.oriented_envelope(d).exterior.coords)[:3] for d in doors])
@@ -89,19 +89,19 @@ def _check_metres(doors: list[Area]) -> None:
 
 
 class Buildings:
-    """Plans of one building as they come: twins, whose rooms agree in their areas, share the first one's."""
+    """Recognises plans of one building: duplicates, whose rooms have equal areas, get the first one's building."""
 
     def __init__(self) -> None:
         self._seen: dict[int, list[tuple[np.ndarray, str]]] = {}
 
     def of(self, plan: Plan) -> str:
-        """The building of the first plan with rooms as large as this one's, else the plan's own."""
+        """The building of the first plan with the same room areas, otherwise the plan's own."""
         areas = np.sort([shapely.Polygon(r.polygon).area for r in plan.graph.rooms if r.polygon is not None])
-        if len(areas) < TWIN_ROOMS:
+        if len(areas) < DUPLICATE_ROOMS:
             return plan.building
         same_count = self._seen.setdefault(len(areas), [])
         for other, building in same_count:
-            if np.abs(other - areas).max() < TWIN:
+            if np.abs(other - areas).max() < DUPLICATE:
                 return building
         same_count.append((areas, plan.building))
         return plan.building

@@ -1,4 +1,4 @@
-"""Which plans a matcher may learn from, which only reports may use, and how plans are split."""
+"""Which plans are for training, validation and test."""
 
 import hashlib
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ SHARES: Mapping[Split, float] = MappingProxyType({"train": 0.7, "validation": 0.
 
 
 def split_of(building: str, seed: int = 0) -> Split:
-    """The split of all plans of a building, by a hash: the same on every machine and whatever else there is."""
+    """The split of all plans of a building, by a hash of its name: the same on every machine."""
     digest = hashlib.sha256(f"{seed}:{building}".encode()).digest()
     at = int.from_bytes(digest[:8], "big") / 2**64
     for split, share in SHARES.items():

@@ -1,4 +1,4 @@
-"""Walls from the lines of a drawing, metres: what lies between two lines that are a wall's thickness apart is wall."""
+"""Finds walls in the lines of a drawing, in metres: the area between two lines a wall's thickness apart."""
 
 from dataclasses import dataclass
 
@@ -19,16 +19,16 @@ MEET = 0.02  # m: ends of lines this close to another line are meant to meet it
 
 @dataclass(frozen=True, eq=False)
 class DrawnWalls:
-    """The walls' footprints; `is_double`: most walls are drawn as two lines, not as one."""
+    """The walls' footprints; `is_double` says whether most walls are drawn as two lines rather than one."""
 
     area: Area
     is_double: bool
 
 
 def walls_of_lines(segments: Array, polygons: list[Area]) -> DrawnWalls:
-    """Walls of line segments (K, 2, 2) and of polygons that are walls as they are.
+    """Returns the walls of line segments (K, 2, 2) and of polygons that are walls themselves.
 
-    Loose ends across from each other, a wall's thickness apart, are closed; gaps for doors stay open.
+    Open ends opposite each other, a wall's thickness apart, are closed; gaps for doors stay open.
     """
     given = united(p.buffer(0.0) for p in polygons)
     if not len(segments):

@@ -1,4 +1,4 @@
-"""Bags record by record, from the start as far as they can be read: what was never closed, was cut off, or is damaged.
+"""Reads bags record by record as far as possible: not closed properly, truncated or damaged.
 
 ROS 1: wiki.ros.org/Bags/Format/2.0. MCAP: mcap.dev/spec. sqlite3: rosbag2's tables `topics` and `messages`.
 """
@@ -18,7 +18,7 @@ _MAGIC_1, _MAGIC_MCAP = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n"
 
 
 class Record(NamedTuple):
-    """A message as it lies in a bag; `is_cdr`: serialised as in ROS 2, else as in ROS 1."""
+    """A message as stored in a bag; `is_cdr`: serialised as in ROS 2, otherwise as in ROS 1."""
 
     topic: str
     msgtype: str
@@ -29,7 +29,7 @@ class Record(NamedTuple):
 
 @dataclass
 class Recovery:
-    """Iterating gives the messages in the file's order; afterwards `damage` tells what could not be read, if any."""
+    """Iterates over the messages in the file's order; afterwards `damage` says what could not be read, if anything."""
 
     path: Path
     damage: str | None = None
@@ -168,7 +168,7 @@ class Recovery:
 
 
 def normal_type(name: str) -> str:
-    """`sensor_msgs/msg/PointCloud2` for `sensor_msgs/PointCloud2` too."""
+    """Normalises a type: `sensor_msgs/PointCloud2` becomes `sensor_msgs/msg/PointCloud2`."""
     parts = name.split("/")
     return f"{parts[0]}/msg/{parts[-1]}" if len(parts) > 1 else name
 
@@ -199,20 +199,20 @@ def _ros1_fields(data: bytes) -> dict[str, bytes]:
 
 
 def _text(data: bytes, at: int) -> tuple[str, int]:
-    """A string with its length before it, and where it ends."""
+    """A string preceded by its length, and where it ends."""
     (size,) = struct.unpack_from("<I", data, at)
     return data[at + 4 : at + 4 + size].decode(), at + 4 + size
 
 
 def _plain(message: bytes) -> bytes:
-    """The message of a bag that compresses each one, which only its metadata.yaml tells."""
+    """The message of a bag that compresses each message, as stated only in its metadata.yaml."""
     if not message.startswith(b"\x28\xb5\x2f\xfd"):
         return message
     return _unpacked("zstd", message, LARGEST_CHUNK)[0]
 
 
 def _unpacked(compression: str, data: bytes, size: int) -> tuple[bytes, bool]:
-    """As much of a chunk as can be unpacked, and whether that is all of its `size` bytes."""
+    """The part of a chunk that can be unpacked, and whether that is all of its `size` bytes."""
     if compression in ("", "none"):
         return data, len(data) >= size
     unpacker = _unpacker(compression)

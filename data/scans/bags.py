@@ -112,18 +112,18 @@ class BagScans(ScanSource):
             raise UserError(f"{self.path}: no scans in it (PointCloud2 or Livox CustomMsg){why}; give a bag with some")
         self.topic = self._choose(counts, topic)
         self._count = counts[self.topic]
-        self._unset_told = False
+        self._unset_logged = False
 
     def __len__(self) -> int:
         """How many messages the topic has."""
         return self._count
 
-    def _choose(self, counts: Counter[str], asked: str | None) -> str:
+    def _choose(self, counts: Counter[str], wanted: str | None) -> str:
         listed = ", ".join(f"{name} ({count})" for name, count in sorted(counts.items()))
-        if asked is not None:
-            named = [name for name in counts if name.strip("/") == asked.strip("/")]
+        if wanted is not None:
+            named = [name for name in counts if name.strip("/") == wanted.strip("/")]
             if not named:
-                raise UserError(f"--topic {asked}: no such topic with scans in {self.path}; there are: {listed}")
+                raise UserError(f"--topic {wanted}: no such topic with scans in {self.path}; there are: {listed}")
             return named[0]
         lidars = list(counts) if len(counts) == 1 else [name for name in counts if self._is_lidar(name)]
         if len(lidars) != 1:
@@ -140,7 +140,7 @@ class BagScans(ScanSource):
             return False
 
     def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        self._index, self._unset_told = 0, False
+        self._index, self._unset_logged = 0, False
         self._records = (record for part in self._parts for record in part.messages(self.topic))
         return repeat(self._next)
 
@@ -148,15 +148,15 @@ class BagScans(ScanSource):
         record = next(self._records, None)
         index, self._index = self._index, self._index + 1
         if record is None:
-            self._told_at_end(index)
+            self._log_at_end(index)
             raise EndOfScansError
         cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
-        if not cloud.stamp_ns and record.log_ns and not self._unset_told:
-            self._unset_told = True
+        if not cloud.stamp_ns and record.log_ns and not self._unset_logged:
+            self._unset_logged = True
             self.remarks.append(f"{self.topic}: headers without a stamp; the time of recording is taken for it")
         return finished(index, cloud.stamp_ns or record.log_ns, cloud.points, cloud.times, self.path)
 
-    def _told_at_end(self, read: int) -> None:
+    def _log_at_end(self, read: int) -> None:
         for part in self._parts:
             if part.damage:
                 lost = f" of {self._count}" if read < self._count else ""

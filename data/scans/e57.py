@@ -22,10 +22,10 @@ _FIELDS = ("cartesianX", "cartesianY", "cartesianZ"), ("sphericalRange", "spheri
 
 
 class E57Scans(ScanSource):
-    """The scans of an E57 file, each in its scanner's own frame; where all have poses, they are its odometry."""
+    """The scans of an E57 file, each in its scanner's frame. If all have poses, these serve as odometry."""
 
     def __init__(self, path: Path | str) -> None:
-        """Reads the file's list of scans. Raises UserError where it cannot be read, holds none, or pye57 is missing."""
+        """Reads the file's list of scans. Raises UserError if it cannot be read, is empty, or pye57 is missing."""
         super().__init__()
         self.path = Path(path)
         self._file = _opened(self.path)
@@ -48,7 +48,7 @@ class E57Scans(ScanSource):
         self._counts = [int(head.point_count) for head in heads]
 
     def __len__(self) -> int:
-        """How many scans the file holds."""
+        """The number of scans in the file."""
         return len(self._counts)
 
     def _jobs(self) -> Iterator[Callable[[], Scan]]:
@@ -85,7 +85,7 @@ def _opened(path: Path) -> Any:
 
 
 def _begin(head: Any) -> int | None:
-    """When a scan was begun (ns since 1970); None where the file does not tell."""
+    """The start time of a scan (ns since 1970); None if the file does not state it."""
     try:
         seconds = float(head["acquisitionStart"]["dateTimeValue"].value())
     except Exception:

@@ -1,4 +1,4 @@
-"""Scans in order as `Scan`s, and a folder of them, everything that is cheap to check checked before one is read."""
+"""Scans in a folder; all cheap checks are done before the first scan is read."""
 
 import re
 from collections import Counter
@@ -17,15 +17,15 @@ from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasin
 
 
 class ScanFolder(ScanSource):
-    """The scans of a folder in natural order of their names. Also `files`; `stamps_ns` is always there."""
+    """The scans of a folder in natural order of their names. Also has `files`; `stamps_ns` is always known."""
 
     stamps_ns: NDArray[np.int64]
 
     def __init__(self, path: Path | str) -> None:
-        """Lists the files and settles their stamps; reads no scan.
+        """Lists the files and determines their stamps; reads no scan.
 
-        Raises UserError for a folder that is missing, empty or of mixed formats, and for stamps that are too
-        many or too few, or of which more than a fifth repeat or go backwards.
+        Raises UserError for a folder that is missing, empty or of mixed formats, and for stamps whose number does not
+        fit, or of which more than a fifth repeat or go backwards.
         """
         super().__init__()
         self.path = Path(path)
@@ -36,7 +36,7 @@ class ScanFolder(ScanSource):
             check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
 
     def __len__(self) -> int:
-        """How many scans the folder holds, readable or not."""
+        """The number of scans in the folder, readable or not."""
         return len(self.files)
 
     def _jobs(self) -> Iterator[Callable[[], Scan]]:
@@ -73,7 +73,7 @@ def _list_scans(path: Path) -> list[Path]:
 
 
 def _order_and_stamps(path: Path, files: list[Path]) -> tuple[list[Path], list[int], str | None]:
-    """The files in order, their stamps (ns), and what to tell the user of the stamps."""
+    """The files in order, their stamps (ns), and a note on the stamps for the user."""
     for times in (path / "times.txt", path.resolve().parent / "times.txt"):
         if times.is_file():
             stamps = read_times(times)

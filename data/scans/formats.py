@@ -1,7 +1,7 @@
-"""One scan's file to points: KITTI `.bin`, `.pcd`, `.ply`, `.npy`, `.las`, `.laz`.
+"""Reads one scan file: KITTI `.bin`, `.pcd`, `.ply`, `.npy`, `.las`, `.laz`.
 
-What a header claims is held against the file's size before anything is allocated. Coordinates are metres in
-the sensor frame; NaN and zero returns are still in here.
+Sizes in headers are checked against the file's size before memory is allocated. Coordinates are metres in the sensor
+frame; NaN and zero returns are still included.
 """
 
 import os
@@ -26,14 +26,14 @@ LZF_BEST_RATIO = 100  # LZF packs at most 264 bytes into 3
 
 
 def read_points(path: Path) -> Points:
-    """The points alone of `read_timed`."""
+    """Returns the points (N, 3) of `read_timed`."""
     return read_timed(path)[0]
 
 
 def read_timed(path: Path) -> tuple[Points, Times]:
-    """The scan's points (N, 3), float32 or float64 as stored, and their times (N,) as stored, by the file's suffix.
+    """Returns the scan's points (N, 3), float32 or float64 as stored, and their times (N,) as stored, or None.
 
-    Raises UnreadableScanError for whatever is wrong with the file, MissingReaderError where an extra is needed.
+    Raises UnreadableScanError if anything is wrong with the file, MissingReaderError if an extra is needed.
     """
     try:
         points, times = READERS[path.suffix.lower()](path)
@@ -111,7 +111,7 @@ def _read_pcd(path: Path) -> tuple[Points, Times]:
 
 
 def _pcd_header(file: BinaryIO) -> list[str]:
-    """The header's lines up to and with DATA; the file stands at the first byte of data then."""
+    """The header's lines including DATA; the file is then at the first byte of data."""
     lines: list[str] = []
     while len(lines) < 100:
         raw = file.readline(4096)

@@ -1,4 +1,4 @@
-"""The times of single points as the drivers of LiDARs write them: under several names, in several units."""
+"""Times of single points, as LiDAR drivers write them: under several names, in several units."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ _SINCE_1973 = 1e8  # s: a larger time is one of a clock
 
 
 def time_field(names: list[str] | tuple[str, ...]) -> str | None:
-    """The name among a point's fields that is its time's; None where there is none."""
+    """The name of the time field among a point's fields; None if there is none."""
     by_name = {name.lower(): name for name in reversed(names)}
     if "s" in by_name:  # s and t are a texture's coordinates
         by_name.pop("t", None)
@@ -23,13 +23,13 @@ def time_field(names: list[str] | tuple[str, ...]) -> str | None:
 
 
 def seconds_after(values: NDArray[np.generic], stamp_ns: int) -> Floats | None:
-    """(N,) seconds after the scan's stamp, of times (N,) in whatever unit, from whatever origin; None where they tell
-    nothing (all the same, not finite, or no unit makes a scan of them).
+    """Converts times (N,) in any unit and from any origin to seconds (N,) after the scan's stamp.
 
-    The unit is the one in which the scan's length is nearest to a turn of 0.1 s; whole numbers are never seconds. Times
-    of a clock (after 1973 in that unit) are held against the stamp, and where the two clocks are no scan's length
-    from each other, against the first point; times that begin elsewhere, such as since the sensor was
-    switched on or of a GPS week, likewise.
+    Returns None if they carry no information: all equal, not finite, or no unit gives a plausible scan. The unit is the
+    one in which the scan's duration is closest to a turn of 0.1 s; integers are never seconds. Times of a clock (after
+    1973 in that unit) are taken relative to the stamp, or, if both clocks differ by more than a scan's duration, to the
+    first point. Times with another origin (such as power-on, or the GPS week) are taken relative to the first point
+    too.
     """
     if values.ndim != 1 or values.dtype.kind not in "fiu" or not len(values):
         return None

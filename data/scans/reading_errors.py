@@ -1,4 +1,4 @@
-"""Why a scan cannot be read."""
+"""Exceptions of scan readers."""
 
 from data.common.errors import UserError
 
@@ -12,4 +12,4 @@ class EndOfScansError(Exception):
 
 
 class MissingReaderError(UserError):
-    """A library is not installed that reads the format."""
+    """The library that reads the format is not installed."""

@@ -1,4 +1,4 @@
-"""One scan, and sources of scans in order: what every format gives."""
+"""A scan, and the interface of all sources of scans."""
 
 from abc import ABC, abstractmethod
 from collections import deque
@@ -21,7 +21,7 @@ WORST_SHARE_SKIPPED = 0.2
 
 _FAR = 1e9  # m
 
-_AHEAD = LOOK_AHEAD  # scans read before they are asked for, so that a reader that is held up holds up nobody
+_AHEAD = LOOK_AHEAD  # scans read ahead, so that a slow reader does not delay the run
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Scan:
 
 @dataclass(frozen=True)
 class SkippedScan:
-    """A scan that could not be used, and why."""
+    """A scan that could not be used, and the reason."""
 
     index: int
     path: Path
@@ -70,21 +70,23 @@ class ScanSource(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """How many scans there are, readable or not."""
+        """The number of scans, readable or not."""
 
     @abstractmethod
     def _jobs(self) -> Iterator[Callable[[], Scan]]:
-        """What reads each scan, in order; it raises UnreadableScanError where it cannot, EndOfScansError at the end."""
+        """Functions that read each scan, in order; they raise UnreadableScanError on failure, EndOfScansError at
+        the end.
+        """
 
     def _name(self, index: int) -> tuple[Path, str]:
-        """The file of a scan and what to call it."""
+        """The file of a scan and its name."""
         return self.path, f"{self.path.name}, scan {index}"
 
     def __iter__(self) -> Iterator[Scan]:
-        """Yields the usable scans; those skipped are listed in `skipped`.
+        """Yields the usable scans; the others are listed in `skipped`.
 
-        Left out is also what cannot be in time: stamps that repeat, go back, or are far ahead of those that follow.
-        Raises UserError as soon as more than a fifth has been skipped.
+        Scans with impossible stamps are skipped too: stamps that repeat, go back, or are far ahead of those that
+        follow. Raises UserError as soon as more than a fifth has been skipped.
         """
         self.skipped, self.remarks, rule = [], [], StampRule()
         with ThreadPoolExecutor(1) as reader:
@@ -128,8 +130,8 @@ def finished(
     index: int, stamp_ns: int, points: NDArray[Any], times: NDArray[Any] | None, path: Path,
     T_odom_sensor: NDArray[np.float64] | None = None,
 ) -> Scan:  # fmt: skip
-    """A scan of points (N, 3) and their times (N,) as stored (see `point_times`), without NaN, infinite and zero
-    returns. Raises UnreadableScanError where nothing is left.
+    """Returns a scan of points (N, 3) and their times (N,) as stored (see `point_times`), without NaN, infinite and
+    zero returns. Raises UnreadableScanError if nothing is left.
     """
     if not len(points):
         raise UnreadableScanError("it is empty")

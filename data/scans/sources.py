@@ -1,4 +1,4 @@
-"""Scans of whatever the user has: a folder of scans, a bag, an E57 file."""
+"""Opens scans in any form: a folder of scans, a bag, an E57 file."""
 
 from pathlib import Path
 
@@ -9,9 +9,9 @@ from data.scans.scan import ScanSource
 
 
 def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
-    """The scans of a folder, a bag, or an E57 file; of a bag those of one `topic`, guessed where it is None.
+    """Opens the scans of a folder, a bag, or an E57 file; of a bag those of one `topic`, chosen automatically if None.
 
-    Raises UserError where there are none, and where a `topic` is named for what has no topics.
+    Raises UserError if there are none, and if a `topic` is given for anything but a bag.
     """
     from data.scans.bags import BagScans, is_bag
 

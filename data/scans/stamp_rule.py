@@ -1,17 +1,17 @@
-"""Which scans' stamps can be used: a repeated one, one that goes back and one far ahead of its followers cannot."""
+"""Decides which scans' stamps can be used: not those that repeat, go back, or are far ahead of their followers."""
 
 from collections.abc import Callable, Sequence
 
 from data.trajectory.stamps import NS, ns_to_seconds
 
-LOOK_AHEAD = 8  # scans that are asked whether a stamp far ahead is right
-GAP_NS = 10 * NS  # a longer pause between scans is told to the user
+LOOK_AHEAD = 8  # next scans that decide whether a stamp far ahead is right
+GAP_NS = 10 * NS  # longer pauses between scans are reported
 
 
 class StampRule:
     """Judges stamps (ns) one after the other.
 
-    A single wrong stamp costs its own scan: one far ahead is not believed where most of the next scans come before it.
+    A single wrong stamp costs only its own scan: one far ahead is rejected if most of the next scans come before it.
     """
 
     def __init__(self) -> None:
@@ -19,7 +19,9 @@ class StampRule:
         self.gaps: list[tuple[int, int, int]] = []  # (index, stamp before, stamp after)
 
     def judge(self, index: int, stamp_ns: int, following: Callable[[], Sequence[int]]) -> str | None:
-        """Why this scan cannot be used, or None. `following` gives the stamps of the next scans, at most LOOK_AHEAD."""
+        """Returns why this scan cannot be used, or None. `following` yields the stamps of the next scans, at most
+        LOOK_AHEAD.
+        """
         last = self.last_ns
         if last is not None and stamp_ns <= last:
             how = "repeats" if stamp_ns == last else f"goes back by {ns_to_seconds(last - stamp_ns)} s from"
@@ -35,7 +37,7 @@ class StampRule:
         return None
 
     def remark(self) -> str | None:
-        """One line on long pauses, None where there was none."""
+        """A line on long pauses, None if there was none."""
         if not self.gaps:
             return None
         index, before, after = max(self.gaps, key=lambda gap: gap[2] - gap[1])
@@ -47,7 +49,7 @@ class StampRule:
 
 
 def unusable(stamps_ns: Sequence[int]) -> int:
-    """How many of all scans' stamps cannot be used."""
+    """The number of scans whose stamps cannot be used."""
     rule = StampRule()
 
     def judge(index: int, stamp_ns: int) -> str | None:

@@ -58,8 +58,8 @@ class PlaneSeen:
 class PlaneGraph:
     """Keyframes as T_map_sensor (4, 4), planes (4,) and room centres (3,) in the map frame, by their ids in the file.
 
-    `walls` are the planes that bound each room, `same` pairs of planes that are one wall. `refused`: what was left out
-    of the file because its numbers were never set, a line for each.
+    `walls` are the planes that bound each room, `same` pairs of planes of one wall. `refused` has a line for everything
+    left out because its numbers were never set.
     """
 
     keyframes: dict[int, Floats]
@@ -72,9 +72,11 @@ class PlaneGraph:
     refused: tuple[str, ...]
 
     def scene_graph(self) -> SceneGraph:
-        """The S-graph in plan view: rooms `r<id>` and the walls that bound them, `w<plane>@r<room>`, each as long as
-        the room's other walls leave it. Walls that bound no room are left out, and rooms whose walls the file does not
-        tell: nobody could say how long their walls are."""
+        """Returns the S-graph in plan view: rooms `r<id>` and the walls that bound them, `w<plane>@r<room>`.
+
+        A wall's length follows from the room's other walls. Walls that bound no room are left out, and rooms whose
+        walls are not in the file, since the length of their walls is unknown.
+        """
         rooms = {n: centre for n, centre in self.rooms.items() if n in self.walls}
         surfaces = [
             surface for n, centre in rooms.items() for plane in self.walls[n]
@@ -99,7 +101,7 @@ class PlaneGraph:
 
 
 def read_g2o(path: Path | str) -> PlaneGraph:
-    """Reads what is not fixed; vertices and edges of other kinds are passed over.
+    """Reads all vertices and edges that are not fixed; those of other kinds are skipped.
 
     Raises UserError, naming the line, for a file that cannot be read, a line that breaks off or holds a word in place
     of a number, a vertex whose numbers were never set, an edge to nothing, and where no keyframe or no plane is left.
@@ -128,7 +130,7 @@ class _Reader:
         self._refused: list[str] = []
 
     def read(self, lines: list[str]) -> PlaneGraph:
-        """The graph of a file's lines, without what is fixed or not set. Raises UserError, naming the line."""
+        """Returns the graph of a file's lines, without what is fixed or not set. Raises UserError, naming the line."""
         words = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
         fixed = {self._id(number, name) for number, (tag, *names) in words if tag == "FIX" for name in names}
         rows = [self._row(number, tag, rest) for number, (tag, *rest) in words if tag in _FIELDS]
@@ -180,14 +182,14 @@ class _Reader:
             raise self._bad(line, f"'{word}' is no id") from None
 
     def _is_set(self, row: _Row) -> bool:
-        """Whether all numbers of a row were set; if not, an edge is refused. Raises UserError for a vertex."""
+        """Whether all numbers of a row are set; otherwise an edge is refused. Raises UserError for a vertex."""
         unset = [x for x in row.numbers.tolist() if not math.isfinite(x) or 0 < abs(x) < sys.float_info.min]
         if not unset:
             return True
-        told = f"{row.tag} of {' and '.join(map(str, row.ids))} holds a number that was never set ({unset[0]:g})"
+        message = f"{row.tag} of {' and '.join(map(str, row.ids))} holds a number that was never set ({unset[0]:g})"
         if row.tag.startswith("VERTEX"):
-            raise self._bad(row.line, told)
-        self._refused.append(f"line {row.line}: {told}")
+            raise self._bad(row.line, message)
+        self._refused.append(f"line {row.line}: {message}")
         return False
 
     def _check_edge(self, row: _Row, kinds: dict[int, str]) -> None:

@@ -1,7 +1,7 @@
-"""`SceneGraph`: floors, rooms, wall surfaces, doors and keyframes; both the A-graph and the S-graph are one.
+"""`SceneGraph`: floors, rooms, wall surfaces, doors and keyframes. Both the A-graph and the S-graph are scene graphs.
 
-Metres and radians. All coordinates are in the graph's own frame: `bim` (the IFC model's world frame) for an
-A-graph, `map` for an S-graph.
+Lengths are in metres, angles in radians. Coordinates are in the graph's own frame: `bim` (the IFC model's world frame)
+for an A-graph, `map` for an S-graph.
 """
 
 import math
@@ -27,7 +27,7 @@ SCHEMA_VERSION = 1
 
 @dataclass(frozen=True)
 class Floor:
-    """A storey; `elevation` is the z of its finished floor."""
+    """A storey. `elevation` is the z of its finished floor in metres, None if unknown."""
 
     id: str
     name: str = ""
@@ -36,7 +36,15 @@ class Floor:
 
 @dataclass(frozen=True)
 class Room:
-    """A room or corridor; `polygon` is the footprint's outer ring, not closed."""
+    """A room or corridor.
+
+    Attributes:
+        id: Unique within the graph.
+        centroid: (x, y) in metres.
+        floor: Id of the floor, None if unknown.
+        name: The name in the plan.
+        polygon: Outer ring of the footprint as (x, y) in metres, without repeating the first corner; None if unknown.
+    """
 
     id: str
     centroid: Xy
@@ -47,12 +55,21 @@ class Room:
 
 @dataclass(frozen=True)
 class WallSurface:
-    """One side of a wall: `centroid` is its footprint's mid point, `normal` points into the room it faces.
+    """One side of a wall.
 
-    `height` is (z of the lower edge, z of the upper edge), of a plan's surface in the building's frame, of one of a map
-    above its floor; `plane` is (nx, ny, nz, d) with n.x + d = 0. `parts` tell of a planned surface where which wall
-    stands: (its source, from, to, whether in full height or under a window), metres leftward from the middle as one
-    looks along the normal; between them are doors and other openings.
+    Attributes:
+        id: Unique within the graph.
+        room: Id of the room that the surface faces, None if unknown.
+        centroid: (x, y) of the footprint's mid point in metres.
+        normal: (x, y) unit vector into the room.
+        length: Length of the footprint in metres, None if unknown.
+        floor: Id of the floor, None if unknown.
+        source: What the surface was read from, for example the wall's GlobalId in the IFC file.
+        height: z of the lower and the upper edge in metres: in the BIM frame for a plan, above the floor for a map.
+        plane: (nx, ny, nz, d) with n.x + d = 0, None if unknown.
+        parts: Where which wall stands along a planned surface: (source, from, to, whether full-height rather than below
+            a window). Positions are metres from the mid point, to the left when looking along the normal. The gaps
+            between parts are doors and other openings.
     """
 
     id: str
@@ -67,7 +84,7 @@ class WallSurface:
     parts: tuple[tuple[str, Number, Number, Annotated[bool, Field(strict=True)]], ...] = ()
 
     def ends(self) -> tuple[Xy, Xy]:
-        """The footprint's two end points, the first to the left of one who looks along the normal."""
+        """Returns both end points (x, y) of the footprint, the left one (looking along the normal) first."""
         half = (self.length or 0.0) / 2
         (cx, cy), (nx, ny) = self.centroid, self.normal
         return (cx - ny * half, cy + nx * half), (cx + ny * half, cy - nx * half)
@@ -75,7 +92,9 @@ class WallSurface:
 
 @dataclass(frozen=True)
 class Door:
-    """A passage; `rooms` are the ids of those it joins (one for an outer door)."""
+    """A door or passage. `rooms` holds the ids of the rooms it joins (one for an outer door), `centroid` is (x, y) in
+    metres.
+    """
 
     id: str
     rooms: tuple[str, ...]
@@ -84,7 +103,16 @@ class Door:
 
 @dataclass(frozen=True)
 class Keyframe:
-    """`pose` is T_map_sensor as x y z qx qy qz qw; `observes` are ids of wall surfaces."""
+    """A pose of the sensor in the map.
+
+    Attributes:
+        id: Unique within the graph.
+        stamp_ns: Time in nanoseconds.
+        pose: T_map_sensor as (x, y, z, qx, qy, qz, qw); metres and a unit quaternion.
+        floor: Id of the floor, None if unknown.
+        room: Id of the room, None if unknown.
+        observes: Ids of the wall surfaces observed from here.
+    """
 
     id: str
     stamp_ns: Annotated[int, Field(strict=True, ge=-(2**63), lt=2**63)]
@@ -96,7 +124,16 @@ class Keyframe:
 
 @dataclass(frozen=True)
 class SceneGraph:
-    """One building, planned (A-graph) or seen (S-graph). Ids are unique within the graph."""
+    """A building as planned (A-graph) or as mapped (S-graph). Immutable; ids are unique within the graph.
+
+    Attributes:
+        frame: Name of the frame of all coordinates: `bim` or `map`.
+        rooms, wall_surfaces, doors, floors, keyframes: The nodes of the graph.
+
+    Raises:
+        UserError: An id is used twice, a surface refers to a missing room, a normal is not a unit vector, a length is
+            not positive, or a number is not finite.
+    """
 
     frame: str
     rooms: tuple[Room, ...] = ()
@@ -106,7 +143,7 @@ class SceneGraph:
     keyframes: tuple[Keyframe, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raises UserError for ids given twice, references to nothing, and numbers that are not finite."""
+        """Checks the graph; see the class for what is refused. Raises UserError."""
         everything: list[Room | WallSurface | Door | Floor | Keyframe] = [
             *self.rooms, *self.wall_surfaces, *self.doors, *self.floors, *self.keyframes
         ]  # fmt: skip
@@ -127,17 +164,17 @@ class SceneGraph:
 
     @cached_property
     def room_by_id(self) -> dict[str, Room]:
-        """Rooms by their ids."""
+        """Rooms by id."""
         return {r.id: r for r in self.rooms}
 
     @cached_property
     def surface_by_id(self) -> dict[str, WallSurface]:
-        """Wall surfaces by their ids."""
+        """Wall surfaces by id."""
         return {w.id: w for w in self.wall_surfaces}
 
     @cached_property
     def surfaces_of_room(self) -> dict[str, tuple[WallSurface, ...]]:
-        """The wall surfaces that face each room, in the graph's order."""
+        """The wall surfaces facing each room, by room id, in the graph's order."""
         facing: dict[str, list[WallSurface]] = {r.id: [] for r in self.rooms}
         for surface in self.wall_surfaces:
             if surface.room is not None:
@@ -145,7 +182,7 @@ class SceneGraph:
         return {room: tuple(surfaces) for room, surfaces in facing.items()}
 
     def on_floor(self, floor: str | None) -> "SceneGraph":
-        """The part of the graph that belongs to one floor."""
+        """Returns the part of the graph on one floor, given by id; None selects nodes without a floor."""
         rooms = tuple(r for r in self.rooms if r.floor == floor)
         kept = {r.id for r in rooms}
 
@@ -159,19 +196,19 @@ class SceneGraph:
         )  # fmt: skip
 
     def centroid(self) -> NDArray[np.float64]:
-        """(2,) the mean of the rooms' centroids, of the wall surfaces' where there is no room."""
+        """Returns (2,) the mean of the rooms' centroids in metres, or of the wall surfaces' if there are no rooms."""
         points = [r.centroid for r in self.rooms] or [w.centroid for w in self.wall_surfaces] or [(0.0, 0.0)]
         return np.mean(np.asarray(points, dtype=float), axis=0)
 
     def to_dict(self) -> dict[str, Any]:
-        """The form of `scene_graph.schema.json`, version 1."""
+        """Returns the graph as plain data in the form of `scene_graph.schema.json`, version 1."""
         return {"schema_version": SCHEMA_VERSION, **{f.name: _plain(getattr(self, f.name)) for f in fields(self)}}
 
     @staticmethod
     def from_dict(value: Any) -> "SceneGraph":
-        """Reads the form of `to_dict`; unknown properties are ignored.
+        """Creates a graph from the form of `to_dict`; unknown properties are ignored.
 
-        Raises UserError where the form is not kept.
+        Raises UserError if the data does not have this form, or as the constructor does.
         """
         if not isinstance(value, dict) or value.get("schema_version") != SCHEMA_VERSION:
             raise UserError("scene graph: not a scene graph of schema_version 1")
@@ -182,18 +219,19 @@ class SceneGraph:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = ".".join(map(str, first["loc"]))
-            told = first["msg"].replace("tuple", "list")
-            raise UserError(f"scene graph: {where}: {told} (given: {str(first['input'])[:40]})") from None
+            message = first["msg"].replace("tuple", "list")
+            raise UserError(f"scene graph: {where}: {message} (given: {str(first['input'])[:40]})") from None
 
     def save(self, path: Path | str) -> None:
-        """Writes JSON atomically."""
+        """Writes the graph as JSON, atomically."""
         write_json(path, self.to_dict())
 
     @staticmethod
     def load(path: Path | str, part: str | None = None) -> "SceneGraph":
-        """Reads JSON, or what a larger file holds as `part`, where it does (`a_graph` of a known pair, for one).
+        """Reads a graph from a JSON file.
 
-        Raises UserError, naming the file, where it is missing or not a scene graph.
+        If the file holds an object with the key `part`, the graph is read from there (for example `a_graph` in a file
+        of a pair of graphs). Raises UserError, naming the file, if it is missing or does not hold a scene graph.
         """
         value = read_json(path, "a scene graph's JSON file")
         try:

@@ -1,4 +1,4 @@
-"""A scene graph laid elsewhere by a motion of the plane."""
+"""Moves a scene graph in the plane."""
 
 from dataclasses import replace
 
@@ -10,9 +10,9 @@ from data.scene_graph.graph import SceneGraph, Xy
 
 
 def moved(graph: SceneGraph, T_out_graph: Array) -> SceneGraph:
-    """The graph's rooms, wall surfaces and doors by (yaw, x, y), p_out = R(yaw) p_graph + (x, y).
+    """Moves rooms, wall surfaces and doors by (yaw, x, y) in rad and m: p_out = R(yaw) p_graph + (x, y).
 
-    Ids, order and the name of the frame stay; `plane`s are left out, keyframes too.
+    Ids, order and the frame's name stay; `plane`s and keyframes are left out.
     """
     T = np.asarray(T_out_graph, dtype=float)
 

@@ -1,4 +1,4 @@
-"""A building that stands otherwise than planned: some of its walls moved, some never built, some never planned."""
+"""A building that differs from its plan: some walls moved, some not built, some not planned."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
@@ -19,29 +19,30 @@ LEAST, MOST = 0.1, 0.3  # m across, of a moved wall
 
 @dataclass(frozen=True)
 class Changes:
-    """The shares of a storey's walls (IfcWall) that are moved by 10 to 30 cm across, either way, or left out, or that
-    stand though the plan lacks them."""
+    """The shares of a storey's walls (IfcWall) that are moved by 10 to 30 cm across, left out, or missing in the
+    plan.
+    """
 
     moved: float = 0.0
     absent: float = 0.0
     unplanned: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raises UserError for shares that cannot be."""
+        """Raises UserError for impossible shares."""
         shares = (self.moved, self.absent, self.unplanned)
         if not (min(shares) >= 0 and sum(shares) <= 1):
-            told = f"moved ({self.moved:g}), absent ({self.absent:g}) and unplanned ({self.unplanned:g})"
-            raise UserError(f"shares of {told} walls: give 0 to 1 in all")
+            message = f"moved ({self.moved:g}), absent ({self.absent:g}) and unplanned ({self.unplanned:g})"
+            raise UserError(f"shares of {message} walls: give 0 to 1 in all")
 
     @property
     def any(self) -> bool:
-        """Whether anything is to be changed."""
+        """Whether anything changes."""
         return bool(self.moved or self.absent or self.unplanned)
 
 
 @dataclass(frozen=True)
 class Change:
-    """What became of the wall with this GlobalId; `offset_in_bim` is its shift in plan, metres."""
+    """What happened to the wall with this GlobalId; `offset_in_bim` is its shift (x, y) in metres."""
 
     id: str
     kind: Literal["moved", "absent", "unplanned"]
@@ -66,7 +67,9 @@ def draw_changes(walls: list[IfcProduct], changes: Changes, seed: int) -> tuple[
 def as_built(
     model: ifcopenshell.file, planned: list[IfcProduct], changes: tuple[Change, ...]
 ) -> list[IfcProduct]:
-    """The products after the changes; what fills a wall's openings goes with it. Gaps at a moved wall's ends stay."""
+    """Returns the products after the changes; fillings of a wall's openings move with it. Gaps at a moved wall's
+    ends stay.
+    """
     change_of = {}
     for change in (change for change in changes if change.kind != "unplanned"):
         change_of.update(dict.fromkeys([change.id, *_fillings(model.by_guid(change.id))], change))

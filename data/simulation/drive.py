@@ -1,4 +1,4 @@
-"""How a robot drives curves: bounded acceleration, slower in bends, turns on the spot between them."""
+"""How a robot drives curves: bounded acceleration, slower in bends, turning on the spot between them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def drive(
 
 
 def _headings(leg: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) the curve's direction at its points, without jumps of a whole turn."""
+    """(N,) the curve's direction at its points, unwrapped."""
     tangents = np.gradient(leg[:, :2], axis=0)
     return np.unwrap(np.arctan2(tangents[:, 1], tangents[:, 0]))
 

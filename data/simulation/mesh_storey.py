@@ -1,4 +1,4 @@
-"""One storey of a building's mesh as a robot meets it."""
+"""One storey of a building's mesh, for the simulation."""
 
 from pathlib import Path
 
@@ -16,9 +16,9 @@ Array = NDArray[np.float64]
 
 
 def mesh_storey(path: Path | str, storey: str = "", changes: Changes | None = None) -> StoreyModel:
-    """Reads the mesh; `storey` is the id or name of a level as its A-graph has it, empty for the lowest.
+    """Reads the mesh; `storey` is the id or name of a level in its A-graph, empty for the lowest.
 
-    Raises UserError for an unknown level, one without rooms, and changes: a mesh has no walls of their own to move.
+    Raises UserError for an unknown level, one without rooms, and for changes, since a mesh has no separate walls.
     """
     if changes is not None and changes.any:
         raise UserError(f"{path}: a mesh has no single walls that could be moved; give an IFC file")

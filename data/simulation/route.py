@@ -1,4 +1,4 @@
-"""A tour of the rooms through the open doors: smooth curves that keep the robot's distance to everything."""
+"""A tour of the rooms through open doors, along smooth curves that keep the robot's clearance."""
 
 import cv2
 import numpy as np
@@ -64,7 +64,7 @@ def tour(
 
 
 def _not_passed(grid: Grid, goals: dict[int, Cell], leg: Curve) -> dict[int, Cell]:
-    """The goals that lie farther than VISITED from the leg."""
+    """The goals further than VISITED from the leg."""
     places = grid.to_xy(np.array(list(goals.values())))
     distance = np.linalg.norm(leg[::10, None] - places, axis=2).min(axis=0)
     return {k: goal for (k, goal), d in zip(goals.items(), distance, strict=True) if d > VISITED}
@@ -76,7 +76,7 @@ def curve_length(curve: Curve) -> float:
 
 
 class Planner:
-    """Ways through the largest connected part of the cells where the robot fits, counted in rooms."""
+    """Paths through the largest connected part of the cells where the robot fits, measured in rooms."""
 
     def __init__(self, grid: Grid, radius: float, rng: np.random.Generator) -> None:
         self.grid, self.need, self.rng = grid, radius + MARGIN, rng
@@ -103,7 +103,7 @@ class Planner:
         return {k: self.random_cell(k) for k in self.rooms}
 
     def nearest(self, here: Cell, goals: list[Cell]) -> tuple[Curve, Cell]:
-        """The smooth way to the goal that costs least, and that goal; no two ways are quite the same."""
+        """The smooth path to the goal with the lowest cost, and that goal; paths vary at random."""
         rows, columns = self.free.shape
         whim = cv2.resize(self.rng.random((rows // WHIM + 2, columns // WHIM + 2)), (columns, rows))
         planner = MCP_Geometric(self._costs * (1 + whim))
@@ -112,7 +112,7 @@ class Planner:
         return self._smooth(self.grid.to_xy(np.array(planner.traceback(there)))), there
 
     def _smooth(self, way: Curve) -> Curve:
-        """Gaussian smoothing along the way, ends held; narrower where it would come too near to obstacles."""
+        """Gaussian smoothing along the path with fixed ends; narrower where it would come too close to obstacles."""
         way = _resample(way)
         curves = np.stack([_gaussian(way, width) for width in WIDTHS])
         narrower = np.zeros(len(way))  # index into WIDTHS at each point

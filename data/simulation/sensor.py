@@ -1,4 +1,4 @@
-"""A spinning LiDAR: the directions of its beams, and what it measures in a scene of triangles."""
+"""A spinning LiDAR: the directions of its beams, and its measurements in a scene of triangles."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,7 +27,7 @@ class SpinningSensor:
     rate: float = 10.0
 
     def __post_init__(self) -> None:
-        """Raises UserError for a sensor that cannot be."""
+        """Raises UserError for an impossible sensor."""
         if self.beams < 1 or self.azimuths < 1 or not self.rate > 0:
             raise UserError("sensor: beams, azimuths and rate must be positive")
         if not -90 <= self.lowest_deg <= self.highest_deg <= 90:

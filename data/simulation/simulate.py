@@ -1,8 +1,8 @@
-"""A simulated drive through a building: a way through its rooms, scans of it, and the truth.
+"""Simulates a drive through a building: a route through its rooms, scans along it, and the truth.
 
-All doors stand open (their leaves are left out), furniture is included, window panes are opaque. From storey to storey
-the way goes by the building's stairs; the sensor rises along the flight's slope, as if carried or on legs, and leans
-with it by a small part of its angle.
+All doors are open (their leaves are left out), furniture is included, window panes are opaque. The route changes
+storeys by the building's stairs; the sensor rises along the flight's slope, as if carried or on legs, and tilts with it
+by a small part of its angle.
 """
 
 import shutil
@@ -39,7 +39,7 @@ ROBOT = Robot()
 ROBOT_TOP = 1.6  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
 PLAN = "plan.ifc"  # what the plan shows, where it lacks walls that stand
 ON_FLOOR = 0.1  # m from a storey's level, at which the robot is on it
-LEAN = 0.15  # of a stair's slope by which the sensor leans: who carries it keeps it nearly level
+LEAN = 0.15  # share of a stair's slope by which the sensor tilts: it is carried nearly level
 SENSOR_TOP = 0.1  # m: half a sensor's height
 
 
@@ -57,10 +57,10 @@ class VisitedRoom:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRun:
-    """What was driven: `rooms` as they were entered, the start's first; `truth` is T_bim_sensor of each scan.
+    """A simulated drive. `rooms` are in order of entry, starting room first; `truth` is T_bim_sensor of each scan.
 
-    `storey` is where it began, `storeys` are all in the order of the drive. Metres, seconds, radians; `start_yaw` is in
-    the BIM frame. `changes` are what stands otherwise than planned.
+    `storey` is where it began, `storeys` are all in order. Metres, seconds, radians; `start_yaw` is in the BIM frame.
+    `changes` are the differences from the plan.
     """
 
     out_dir: Path
@@ -75,7 +75,7 @@ class SimulatedRun:
 
     @property
     def rooms_entered(self) -> int:
-        """How many different rooms were entered."""
+        """The number of different rooms entered."""
         return len({room.id for room in self.rooms})
 
 
@@ -96,17 +96,17 @@ def simulate(
 ) -> SimulatedRun:
     """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
 
-    `ifc` may be a building's mesh too (see `data.plans.mesh_plan`); `storey` is then the name of one of its levels, or
-    empty for the lowest. Several storeys are driven in their order; one that is named again is come back to.
+    `ifc` may also be a building's mesh (see `data.plans.mesh_plan`); `storey` is then the name of one of its levels, or
+    empty for the lowest. Several storeys are driven in the given order; a storey named again is visited again.
 
-    The robot enters `min_rooms` rooms (all, where fewer can be reached), drives `min_length` metres at least,
-    and returns (on each storey, where there are several; then it goes on by the stairs). The level sensor stands
-    `sensor_height` metres above the storey's floor. `changes` are made to the building that is driven, not to its plan,
-    and need a drive on one storey. With `and_back` the whole way is then driven in the other direction, so that every
-    place is seen twice. With `rolling` the sensor moves while it turns: a scan's stamp, and its true pose, are those of
-    its first azimuth. The same seed gives the same bytes. Raises UserError for an unreadable IFC file, an unknown
-    storey, one on which the robot cannot move, storeys without a stair that it can climb, an `out_dir` that is not
-    empty, and settings that cannot be.
+    The robot enters `min_rooms` rooms (all, if fewer can be reached), drives at least `min_length` metres, and returns
+    (on each of several storeys, before it takes the stairs). The sensor is level, `sensor_height` metres above the
+    storey's floor. `changes` are made to the building, not to its plan, and need a drive on one storey. With `and_back`
+    the whole route is then driven in reverse, so that every place is seen twice. With `rolling` the sensor moves while
+    it turns: a scan's stamp and true pose are those of its first azimuth. The same seed gives the same bytes.
+
+    Raises UserError for an unreadable IFC file, an unknown storey, one on which the robot cannot move, storeys without
+    stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
     """
     from data.geometry.raycast import TriangleScene
     from data.simulation.occupancy import build_grid
@@ -179,7 +179,7 @@ def _models(ifc: Path | str, storeys: list[str], changes: Changes | None, seed: 
     if changes is not None and changes.any:
         raise UserError("walls that stand otherwise than planned: give one storey, not several")
     if is_mesh(ifc):
-        raise UserError(f"{ifc}: a mesh does not tell its stairs; give one storey, or an IFC file")
+        raise UserError(f"{ifc}: a mesh has no marked stairs; give one storey, or an IFC file")
     return load_storeys(ifc, storeys)
 
 
@@ -236,7 +236,7 @@ def _write(
     run: SimulatedRun, scene: "TriangleScene", sensor: SpinningSensor, scan_format: str, settings: Settings,
     bim: Path | str, way: _Way,
 ) -> None:  # fmt: skip
-    """Casts the rays and writes into a folder beside, which then takes the final name: all or nothing."""
+    """Casts the rays and writes to a temporary folder, which is then renamed: all or nothing."""
     run.out_dir.parent.mkdir(parents=True, exist_ok=True)
     unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
     try:

@@ -1,4 +1,4 @@
-"""The way of a robot over a stair: where it can stand on the building's triangles, from one storey to the next."""
+"""The path of a robot over stairs: where it can stand on the building's triangles, from one storey to the next."""
 
 from dataclasses import dataclass
 
@@ -115,7 +115,7 @@ def _has_rim(places: Way, scene: TriangleScene, radius: float) -> NDArray[np.boo
 
 
 def _room(places: Way, scene: TriangleScene, most: float) -> NDArray[np.float64]:
-    """Metres to what stands nearest to the side, at any of the heights; `most` where it is farther."""
+    """Distance in metres to the nearest obstacle to the side, at any of the heights; at most `most`."""
     room = np.full(len(places), most)
     for height in HEIGHTS:
         for direction in _around(16):
@@ -141,9 +141,9 @@ def _on(ground: _Ground, storey: Storey) -> NDArray[np.int64]:
 def _easiest(
     ground: _Ground, first: NDArray[np.int64], last: NDArray[np.int64], radius: float
 ) -> NDArray[np.int64] | None:
-    """The places of the way that costs least from any of the first ones to any of the last; None where there is none.
+    """The places of the cheapest path from any of the first to any of the last; None if there is none.
 
-    Within the storeys' floors ways are for the storeys' own planners: there it costs nothing to begin or end.
+    Within the storeys' floors their own planners are responsible: starting or ending there costs nothing.
     """
     if not len(first) or not len(last):
         return None

@@ -1,4 +1,4 @@
-"""One storey of an IFC model as a robot meets it: what is solid, its rooms, its level; doors stand open."""
+"""One storey of an IFC model for the simulation: solid parts, rooms and floor level; doors are open."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,11 +42,10 @@ class Space:
 
 @dataclass(frozen=True, eq=False)
 class StoreyModel:
-    """`solid` is the whole building's; all else is the storey's. Metres, BIM frame.
+    """A storey in the BIM frame, in metres; `solid` and `stairs` are those of the whole building.
 
-    `level` is the z of the finished floor, `extent` are the lowest and the highest x y, (2,) each. `changes` tells
-    what stands otherwise than the plan has it; `walls` are the storey's IfcWalls and, as the spaces, the plan's.
-    `stairs` are the whole building's.
+    `level` is the z of the finished floor, `extent` the lowest and highest (x, y), (2,) each. `changes` are the
+    differences from the plan; `walls` are the storey's IfcWalls and, like the spaces, as planned.
     """
 
     id: str
@@ -73,7 +72,7 @@ def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, se
 
 
 def load_storeys(ifc: Path | str, storeys: Sequence[str]) -> list[StoreyModel]:
-    """As `load_storey`, of several storeys; what stands is as planned. One that is named twice is read once."""
+    """As `load_storey`, for several storeys, as planned. A storey named twice is read once."""
     model = open_ifc(ifc)
     entities = {name: _find_storey(model, name, ifc) for name in storeys}
     shapes, models = _Shapes.of(model), dict[str, StoreyModel]()
@@ -104,7 +103,7 @@ def _storey_model(
     model: ifcopenshell.file, entity: ifcopenshell.entity_instance, shapes: _Shapes, changes: Changes | None, seed: int,
     what: str,
 ) -> StoreyModel:  # fmt: skip
-    """`what` names the storey in messages."""
+    """Returns the model; `what` names the storey in messages."""
     solid = shapes.solid
     walls = [p for p in solid if p.storey == entity.GlobalId and model.by_guid(p.global_id).is_a("IfcWall")]
     made = draw_changes(walls, changes, seed) if changes is not None else ()
@@ -226,7 +225,7 @@ def _stair_crosses(faces: Triangles, stairs: list[Triangles]) -> bool:
 
 
 def _threshold(opening: IfcProduct, level: float) -> Triangles:
-    """The lower faces of an opening that stands on the floor: the floor in a doorway, between two spaces."""
+    """The lower faces of an opening that stands on the floor: the floor in a doorway."""
     triangles = _triangles(opening)
     near = np.abs(triangles[:, :, 2] - level).max(axis=1) < 0.05
     return triangles[near]

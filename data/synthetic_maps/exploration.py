@@ -1,4 +1,4 @@
-"""The storeys of an A-graph as a robot meets them: from which room one comes into which, and walks through them."""
+"""The storeys of an A-graph for exploration: which rooms are connected, and walks through them."""
 
 import weakref
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ class Storey(WallDirections):
         return bool(((points >= low) & (points <= high)).all())
 
     def somewhere_in(self, room: int, rng: np.random.Generator) -> Array:
-        """(2,) a place in a room, drawn from its box; its centroid where none is hit that the room holds."""
+        """(2,) a random place in a room, drawn from its box; its centroid if no draw lies in the room."""
         area = self.areas[room]
         low, high = self._boxes[room] if area is None else np.reshape(area.bounds, (2, 2))
         for place in rng.uniform(low, high, (20, 2)):
@@ -83,12 +83,12 @@ class Storey(WallDirections):
 
     @cached_property
     def by_door(self) -> list[list[int]]:
-        """To which rooms the doors of each room lead."""
+        """The rooms to which the doors of each room lead."""
         return _neighbours([(i, j) for i, j, _ in self.doors], len(self.rooms))
 
     @cached_property
     def across_walls(self) -> list[list[int]]:
-        """Which rooms lie across a wall of each room: antiparallel sides, near and beside each other."""
+        """The rooms behind a wall of each room: with antiparallel sides that are close and overlap."""
         half = np.where(np.isnan(self.length), UNKNOWN_LENGTH, self.length) / 2
         arm = half[:, None] * self.tangent
         lines = shapely.linestrings(np.stack((self.centre - arm, self.centre + arm), axis=1))
@@ -103,14 +103,16 @@ class Storey(WallDirections):
 
     @cached_property
     def reach(self) -> tuple[Index, Index]:
-        """(rooms,) how many rooms with walls one reaches from each: by doors; by doors and across walls."""
+        """(rooms,) how many rooms with walls can be reached from each: by doors; by doors and across walls."""
         both = [a + b for a, b in zip(self.by_door, self.across_walls, strict=True)]
         return _sizes(self.by_door, self.walls_of), _sizes(both, self.walls_of)
 
 
 @dataclass(frozen=True)
 class Walk:
-    """Rooms in the order they were entered, and the place in it of the room from which each was entered, -1 first."""
+    """Rooms in the order of entry, and for each the position in it of the room it was entered from, -1 for the
+    first.
+    """
 
     rooms: tuple[int, ...]
     parents: tuple[int, ...]
@@ -120,9 +122,9 @@ _known: dict[int, tuple[weakref.ref[SceneGraph], list[Storey]]] = {}
 
 
 def storeys_of(graph: SceneGraph) -> list[Storey]:
-    """The storeys with rooms that have wall surfaces, in the order of `floors`, then of appearance.
+    """Returns the storeys with rooms that have wall surfaces, in the order of `floors`, then of appearance.
 
-    They are kept for as long as the graph lives.
+    The result is cached for the lifetime of the graph.
     """
     known = _known.get(id(graph))
     if known is None or known[0]() is not graph:
@@ -133,11 +135,11 @@ def storeys_of(graph: SceneGraph) -> list[Storey]:
 
 
 def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int | None = None) -> Walk:
-    """Explores so many rooms that have walls, one after the other: through doors, where none leads on across a wall.
+    """Explores `count` rooms with walls, through doors, or across a wall if no door leads on.
 
-    The first one is drawn among those from where the count can be reached, by doors alone if possible; fewer rooms
-    are explored where there are no more. `count` None: all, also those that no way leads to, the nearest first. `start`
-    names the first one in place of a draw.
+    The first room is drawn among those from which the count can be reached, by doors alone if possible; fewer rooms are
+    explored if there are no more. With `count` None all rooms are explored, unconnected ones by distance. `start` fixes
+    the first room. Raises UserError for a count below 1.
     """
     walled = np.array([len(w) > 0 for w in storey.walls_of])
     wanted = int(walled.sum()) if count is None else count
@@ -154,7 +156,7 @@ def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int
             ways.open(rooms)
         way = doors.draw(rng) or walls.draw(rng)
         if way is None and count is None:
-            way = _leap(storey, rooms, walled)
+            way = _nearest_remaining(storey, rooms, walled)
         if way is None:
             break
         parents.append(way[0])
@@ -164,7 +166,7 @@ def walk(storey: Storey, rng: np.random.Generator, count: int | None, start: int
 
 
 class _Ways:
-    """The ways from rooms that were entered to rooms that were not."""
+    """Connections from entered rooms to others."""
 
     def __init__(self, neighbours: list[list[int]]) -> None:
         self._neighbours = neighbours
@@ -173,14 +175,14 @@ class _Ways:
         self._opened = 0
 
     def open(self, rooms: list[int]) -> None:
-        """Adds the ways out of the rooms that were entered since."""
+        """Adds the connections of rooms entered since the last call."""
         for place in range(self._opened, len(rooms)):
             self._entered.add(rooms[place])
             self._ways += [(place, k) for k in self._neighbours[rooms[place]] if k not in self._entered]
         self._opened = len(rooms)
 
     def draw(self, rng: np.random.Generator) -> tuple[int, int] | None:
-        """One of the ways, all alike likely; None where there is none."""
+        """A connection drawn uniformly, or None."""
         while self._ways:
             n = int(rng.integers(len(self._ways)))
             self._ways[n], self._ways[-1] = self._ways[-1], self._ways[n]
@@ -190,7 +192,7 @@ class _Ways:
         return None
 
 
-def _leap(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> tuple[int, int]:
+def _nearest_remaining(storey: Storey, rooms: list[int], walled: NDArray[np.bool_]) -> tuple[int, int]:
     others = np.setdiff1d(np.flatnonzero(walled), rooms)
     distance = np.linalg.norm(storey.middle[others, None] - storey.middle[None, rooms], axis=-1)
     k, n = np.unravel_index(int(distance.argmin()), distance.shape)
@@ -231,7 +233,7 @@ def _neighbours(pairs: list[tuple[int, int]], count: int) -> list[list[int]]:
 
 
 def components(neighbours: list[list[int]]) -> Index:
-    """(rooms,) labels from 0 up, equal for rooms that hang together."""
+    """(rooms,) labels from 0 on, equal for connected rooms."""
     from scipy.sparse import csr_array  # slow to import
     from scipy.sparse.csgraph import connected_components
 

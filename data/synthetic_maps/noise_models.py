@@ -1,16 +1,16 @@
-"""S-graphs drawn from A-graphs: the published perturbation, and what LiDAR maps of real buildings look like.
+"""Draws S-graphs from A-graphs: with the published perturbation, or like LiDAR maps of real buildings.
 
-| regime | what is seen | how |
+| noise model | rooms | noise |
 |---|---|---|
 | `paper` | rooms and walls dropped at random | the published perturbation (`data.synthetic_maps.published_noise`) |
 | `real` | a connected set of rooms | walls with the noise of real scans, missing, in pieces, clutter |
-| `drift` | the same | and every step from room to room adds to the rooms' motion |
-| `messy` | the same | drift, and rooms merged and cut, surfaces without a room |
-| `warped` | the same | drift with steps three times as wrong: maps without any tracking by walls |
+| `drift` | the same | the same, and each step from room to room adds to the rooms' motion |
+| `mis_segmented` | the same | drift, and rooms merged and split, surfaces without a room |
+| `heavy_drift` | the same | drift with three times the error per step, as in maps without tracking by walls |
 
-Nothing but the wall surfaces that were seen tells of the plan: an S room has no footprint, its centroid is that of
-the box of its surfaces; names, sources, heights and ids of the plan are not in the S-graph, and its order is drawn.
-The map's origin and heading are those of a robot that started somewhere in one of the rooms.
+The S-graph shows nothing of the plan but the observed wall surfaces: an S room has no footprint, its centroid is that
+of the box of its surfaces; names, sources, heights and ids of the plan are missing, and the order is random. The map's
+origin and heading are those of a robot that started somewhere in one of the rooms.
 """
 
 from collections.abc import Mapping
@@ -25,12 +25,12 @@ from data.geometry.se2 import Array
 from data.scene_graph import Door, Floor, Room, SceneGraph, WallSurface, Xy
 from data.synthetic_maps.exploration import Index, Storey, Walk, storeys_of, walk
 from data.synthetic_maps.published_noise import global_noise, surviving_rooms, surviving_walls
-from data.synthetic_maps.room_noise import Housed, housed, mistaken, overlooked, true_rooms
-from data.synthetic_maps.wall_noise import see
+from data.synthetic_maps.room_noise import MapRooms, mis_segmented, rooms_as_entered, some_doors_missed, true_rooms
+from data.synthetic_maps.wall_noise import observe_walls
 
-REGIMES = ("paper", "real", "drift", "messy", "warped")
+NOISE_MODELS = ("paper", "real", "drift", "mis_segmented", "heavy_drift")
 DRIFT_YAW, DRIFT_XY = float(np.radians(1.5)), 0.15  # sigmas of each step from room to room: rad; m along each axis
-WARPED = 3.0  # times as much
+HEAVY_DRIFT = 3.0  # times the errors of `drift`
 SIGMA_DOOR = 0.1  # m along each axis
 FLOOR_ID = "floor-0"
 Motion = tuple[float, float, float]
@@ -38,13 +38,13 @@ Motion = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class DrawnGraph:
-    """An S-graph and its truth: S ids to A ids; what has no true match (clutter) is not in them.
+    """An S-graph and its true matches from S ids to A ids; clutter has none.
 
-    Motions are (yaw, x, y), p_a = R(yaw) p_s + (x, y). `T_a_s_by_room` holds each S room's own true motion. `T_a_s`
-    is the motion of the map, for one that is `bent` the best rigid fit of the true wall matches (ends of S surfaces
-    to lines of A surfaces). A room cut in two is twice in `rooms`; of a merged room the truth is the A room from
-    which most of its walls, by length, were seen (its other walls keep their own true match, and that room's own
-    motion is not told). `floor` is the A-graph's.
+    Motions are (yaw, x, y) in rad and m, p_a = R(yaw) p_s + (x, y). `T_a_s_by_room` holds each S room's own true
+    motion. `T_a_s` is the motion of the map; for a `deformed` one the best rigid fit of the true wall matches (ends of
+    S surfaces to lines of A surfaces). A room split in two occurs twice in `rooms`. The truth for a merged room is the
+    A room with most of its walls, by length; its other walls keep their own true match, but that room's motion is not
+    given. `floor` is the A floor's id.
     """
 
     s_graph: SceneGraph
@@ -53,25 +53,27 @@ class DrawnGraph:
     T_a_s: Motion
     T_a_s_by_room: Mapping[str, Motion]
     floor: str | None
-    bent: bool
+    deformed: bool
 
 
 def draw(
-    a: SceneGraph, regime: str, rng: np.random.Generator, rooms: int | None = None, floor: str | None = None
+    a: SceneGraph, noise: str, rng: np.random.Generator, rooms: int | None = None, floor: str | None = None
 ) -> DrawnGraph:
-    """Draws an S-graph of one floor of an A-graph.
+    """Draws an S-graph of one floor of an A-graph with one of NOISE_MODELS.
 
-    `rooms` is how many rooms are explored, None for all of the floor; where fewer hang together it is fewer, and a
-    room of which nothing is seen is not in the S-graph. The regime `paper` always drops its own share and ignores it.
-    `floor` None: drawn among the floors whose rooms have wall surfaces. The same generator state gives the same graph.
+    `rooms` is the number of rooms to explore, None for the whole floor; fewer are explored if fewer are connected.
+    Rooms without any observation are not in the S-graph. `paper` drops its own share of rooms and ignores `rooms`. With
+    `floor` None the floor is drawn among those whose rooms have wall surfaces. The same generator state gives the same
+    graph.
 
-    Raises UserError for an unknown regime or floor, a graph without rooms that have wall surfaces, and `rooms` < 1.
+    Raises UserError for an unknown noise model or floor, a graph without rooms that have wall surfaces, and `rooms` <
+    1.
     """
-    if regime not in REGIMES:
-        raise UserError(f"no regime '{regime}' of S-graphs; there are: {', '.join(REGIMES)}")
+    if noise not in NOISE_MODELS:
+        raise UserError(f"no noise model '{noise}' of S-graphs; there are: {', '.join(NOISE_MODELS)}")
     storey = _choose(a, floor, rng)
     while True:  # of a small part of a plan it may happen that nothing is seen
-        drawn = _paper(storey, rng) if regime == "paper" else draw_walk(storey, walk(storey, rng, rooms), regime, rng)
+        drawn = _paper(storey, rng) if noise == "paper" else draw_walk(storey, walk(storey, rng, rooms), noise, rng)
         if drawn.rooms:
             return drawn
 
@@ -93,58 +95,61 @@ def _paper(storey: Storey, rng: np.random.Generator) -> DrawnGraph:
     rooms = surviving_rooms(storey, rng)
     T_map_a = global_noise(rng)
     walked = Walk(tuple(rooms.tolist()), (-1,) * len(rooms))
-    map_rooms = housed(storey, walked, surviving_walls(storey, rooms, rng))
+    map_rooms = rooms_as_entered(storey, walked, surviving_walls(storey, rooms, rng))
     place = se2.apply(T_map_a, storey.middle[rooms])
     motions = dict.fromkeys(walked.rooms, T_map_a)
     return _built(storey, map_rooms, motions, rng, False, place)
 
 
-def draw_walk(storey: Storey, walked: Walk, regime: str, rng: np.random.Generator) -> DrawnGraph:
-    """Draws the S-graph of a walk through a storey; a room of which nothing is seen is not in it.
+def draw_walk(storey: Storey, walked: Walk, noise: str, rng: np.random.Generator) -> DrawnGraph:
+    """Draws the S-graph of a walk through a storey; rooms without any observation are not in it.
 
-    Raises UserError for an unknown regime, and for `paper`, which knows no walk.
+    Raises UserError for an unknown noise model, and for `paper`, which has no walk.
     """
-    if regime not in REGIMES[1:]:
-        raise UserError(f"no regime '{regime}' of S-graphs of a walk; there are: {', '.join(REGIMES[1:])}")
-    map_rooms = housed(storey, walked, see(storey, np.array(walked.rooms), rng))
-    map_rooms = overlooked(map_rooms, rng)
-    bent = regime != "real"
-    if regime == "messy":
-        map_rooms = mistaken(map_rooms, walked, rng)
+    if noise not in NOISE_MODELS[1:]:
+        raise UserError(f"no noise model '{noise}' of S-graphs of a walk; there are: {', '.join(NOISE_MODELS[1:])}")
+    map_rooms = rooms_as_entered(storey, walked, observe_walls(storey, np.array(walked.rooms), rng))
+    map_rooms = some_doors_missed(map_rooms, rng)
+    deformed = noise != "real"
+    if noise == "mis_segmented":
+        map_rooms = mis_segmented(map_rooms, walked, rng)
     start = storey.somewhere_in(walked.rooms[0], rng)
     yaw = rng.uniform(-np.pi, np.pi)
     T_map_a = np.array([yaw, *se2.rotate(yaw, -start)])
-    times = WARPED if regime == "warped" else 1.0
-    motions = _drifted(storey, walked, T_map_a, times, rng) if bent else dict.fromkeys(walked.rooms, T_map_a)
-    return _built(storey, map_rooms, motions, rng, bent)
+    factor = HEAVY_DRIFT if noise == "heavy_drift" else 1.0
+    motions = _drifted(storey, walked, T_map_a, factor, rng) if deformed else dict.fromkeys(walked.rooms, T_map_a)
+    return _built(storey, map_rooms, motions, rng, deformed)
 
 
 def _drifted(
-    storey: Storey, walked: Walk, T_map_a: Array, times: float, rng: np.random.Generator
+    storey: Storey, walked: Walk, T_map_a: Array, factor: float, rng: np.random.Generator
 ) -> dict[int, Array]:
-    """T_map_a of each room: that of the room from which it was entered, and a step more, a turn about its centroid."""
+    """T_map_a of each room: that of the room it was entered from, plus a random step about its centroid."""
     motions: list[Array] = []
     for room, parent in zip(walked.rooms, walked.parents, strict=True):
         if parent < 0:
             motions.append(T_map_a)
             continue
-        yaw, middle = rng.normal(0, times * DRIFT_YAW), storey.middle[room]
-        step = np.array([yaw, *(middle - se2.rotate(yaw, middle) + rng.normal(0, times * DRIFT_XY, 2))])
+        yaw, middle = rng.normal(0, factor * DRIFT_YAW), storey.middle[room]
+        step = np.array([yaw, *(middle - se2.rotate(yaw, middle) + rng.normal(0, factor * DRIFT_XY, 2))])
         motions.append(se2.compose(motions[parent], step))
     return dict(zip(walked.rooms, motions, strict=True))
 
 
 def _built(
-    storey: Storey, map_rooms: Housed, motions: Mapping[int, Array], rng: np.random.Generator, bent: bool,
+    storey: Storey, map_rooms: MapRooms, motions: Mapping[int, Array], rng: np.random.Generator, deformed: bool,
     places: Array | None = None,
 ) -> DrawnGraph:  # fmt: skip
-    """The graph in the map frame, its order drawn. `motions` are T_map_a by A room, the first the map's own;
-    `places` (map rooms, 2) are the rooms' centroids in the map, None for those of the boxes of their surfaces."""
+    """Returns the graph in the map frame, in random order.
+
+    `motions` are T_map_a by A room, the map's own first; `places` (map rooms, 2) are the rooms' centroids in the map,
+    None for those of the boxes of their surfaces.
+    """
     seen, truth = map_rooms.seen, true_rooms(map_rooms)
     T = np.array([motions[r] for r in seen.room.tolist()]).reshape(-1, 3)
     centre, arm = se2.apply(T, seen.centre), se2.rotate(T[:, 0], seen.arm)
     T_a_s = se2.inverse(next(iter(motions.values())))
-    if bent:
+    if deformed:
         T_a_s = _fitted(storey, seen.wall, centre, arm, T_a_s)
     known = list(truth)
     names = {known[k]: f"R{n}" for n, k in enumerate(rng.permutation(len(known)).tolist())}
@@ -168,12 +173,12 @@ def _built(
     return DrawnGraph(
         SceneGraph("map", tuple(rooms), walls, doors, (Floor(FLOOR_ID),)),
         {name: storey.rooms[truth[home]].id for home, name in names.items()}, wall_truth, _triple(T_a_s),
-        {name: _triple(se2.inverse(motions[truth[home]])) for home, name in names.items()}, storey.floor, bent,
+        {name: _triple(se2.inverse(motions[truth[home]])) for home, name in names.items()}, storey.floor, deformed,
     )  # fmt: skip
 
 
 def _doors(
-    map_rooms: Housed, motions: Mapping[int, Array], names: Mapping[int, str], rng: np.random.Generator, sigma: float
+    map_rooms: MapRooms, motions: Mapping[int, Array], names: Mapping[int, str], rng: np.random.Generator, sigma: float
 ) -> tuple[Door, ...]:
     found: list[tuple[tuple[str, ...], Xy]] = []
     for door in map_rooms.doors:
@@ -184,7 +189,7 @@ def _doors(
 
 
 def _fitted(storey: Storey, wall: Index, centre: Array, arm: Array, start: Array) -> Array:
-    """(3,) T_a_s: the ends of the S surfaces to the lines of their A surfaces `wall`, -1 for none."""
+    """(3,) T_a_s that fits the ends of the S surfaces to the lines of their A surfaces `wall`, -1 for none."""
     true = np.flatnonzero(wall >= 0)
     ends = np.concatenate((centre[true] + arm[true], centre[true] - arm[true]))
     lines = np.tile(wall[true], 2)
@@ -192,7 +197,7 @@ def _fitted(storey: Storey, wall: Index, centre: Array, arm: Array, start: Array
 
 
 def _box_centre(centre: Array, arm: Array) -> Array:
-    """(2,) the middle of the box of the surfaces, whose sides lie along the longest of them."""
+    """(2,) the middle of the box around the surfaces, aligned with the longest of them."""
     longest = arm[np.hypot(*arm.T).argmax()]
     grid = float(np.arctan2(longest[1], longest[0]))
     ends = se2.rotate(-grid, np.concatenate((centre + arm, centre - arm)))

@@ -1,8 +1,8 @@
-"""S-graphs by the perturbation on which the published matcher was trained and measured, as its public code does it.
+"""The perturbation with which the published matcher was trained and evaluated, as in its public code.
 
-(snt-arg, graph_matching_gnn and situational_graphs_datasets: room and wall dropout, global noise, local noise.)
-Rooms are dropped independently, with their walls, so what is left need not hang together; the turn is about the
-origin of the A-graph's own frame, lengths and the places of rooms are exact.
+(snt-arg, graph_matching_gnn and situational_graphs_datasets: room and wall dropout, global noise, local noise.) Rooms
+are dropped independently, with their walls, so the rest need not be connected. The rotation is about the origin of the
+A-graph's own frame; lengths and room positions are exact.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ import shapely
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.exploration import Index, Storey
-from data.synthetic_maps.wall_noise import Seen
+from data.synthetic_maps.wall_noise import ObservedWalls
 
 DROPPED = 0.15  # of the rooms, and of the walls of those that are left
 SHIFT = 0.01  # m: the width of the uniform shift of the whole graph along each axis,
@@ -20,7 +20,7 @@ LOCAL_TURN = float(np.radians(0.012 * 360))  # and of each wall's normal
 
 
 def surviving_rooms(storey: Storey, rng: np.random.Generator) -> Index:
-    """Rooms that are left, at least one of those that have walls."""
+    """Returns the remaining rooms, at least one of those that have walls."""
     walled = np.flatnonzero([len(w) > 0 for w in storey.walls_of])
     while True:
         kept = walled[rng.random(len(walled)) >= DROPPED]
@@ -28,10 +28,10 @@ def surviving_rooms(storey: Storey, rng: np.random.Generator) -> Index:
             return kept
 
 
-def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> Seen:
-    """The walls that are left of these rooms, with the local noise.
+def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> ObservedWalls:
+    """Returns the remaining walls of these rooms, with local noise.
 
-    A wall that was drawn is dropped only if more than one of it and its two neighbours in the room's ring are left.
+    A wall drawn for dropout is only dropped if more than one of it and its two neighbours in the room's ring remain.
     """
     kept = []
     for room in rooms.tolist():
@@ -44,17 +44,17 @@ def surviving_walls(storey: Storey, rooms: Index, rng: np.random.Generator) -> S
     wall = np.concatenate(kept)
     centre = storey.centre[wall] + LOCAL_SHIFT * (rng.random((len(wall), 2)) - 0.5)
     heading = storey.heading[wall] + LOCAL_TURN * (rng.random(len(wall)) - 0.5)
-    return Seen(wall, storey.room[wall], centre, heading, storey.length[wall])
+    return ObservedWalls(wall, storey.room[wall], centre, heading, storey.length[wall])
 
 
 def global_noise(rng: np.random.Generator) -> Array:
-    """(3,) T_map_a: turned by any angle about the origin, shifted by 5 mm at most along each axis before that."""
+    """(3,) T_map_a: a shift by at most 5 mm along each axis, then a random rotation about the origin."""
     yaw = rng.uniform(0, 2 * np.pi)
     return np.array([se2.wrap(np.array(yaw)), *se2.rotate(yaw, SHIFT * (rng.random(2) - 0.5))])
 
 
 def _ring(storey: Storey, room: int) -> Index:
-    """A room's walls in the order in which one meets them going round."""
+    """A room's walls in order around the room."""
     walls = storey.walls_of[room]
     area = storey.areas[room]
     if area is not None and area.geom_type == "Polygon":

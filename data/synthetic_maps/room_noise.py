@@ -1,4 +1,4 @@
-"""Which surfaces a map counts to which room: as they are, or with rooms merged, cut in two, and surfaces astray."""
+"""Assigns observed surfaces to map rooms: correctly, or with rooms merged, split, and surfaces without a room."""
 
 from dataclasses import dataclass, replace
 
@@ -7,12 +7,12 @@ import numpy as np
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.exploration import Index, Storey, Walk
-from data.synthetic_maps.wall_noise import SHORTEST, Seen, joined
+from data.synthetic_maps.wall_noise import SHORTEST, ObservedWalls, joined
 
 DOOR_MISSING = 0.1
 ALTERED = 0.1  # of the rooms: merged with a neighbour or cut in two, half of them each
-ASTRAY = 0.1  # of the surfaces: no room is known
-LEAST_CUT = 2.0  # m; a shorter room is not cut
+ASTRAY = 0.1  # share of the surfaces without a room
+LEAST_CUT = 2.0  # m; shorter rooms are not split
 
 
 @dataclass(frozen=True)
@@ -25,32 +25,34 @@ class Passage:
 
 
 @dataclass(frozen=True, eq=False)
-class Housed:
+class MapRooms:
     """The surfaces of a map, the map room of each, -1 for none, and the doors. Map rooms are 0, 1, ..."""
 
-    seen: Seen
+    seen: ObservedWalls
     home: Index  # (N,)
     doors: tuple[Passage, ...]
 
 
-def housed(storey: Storey, walk: Walk, seen: Seen) -> Housed:
-    """Every surface in the room that it was seen from, and all doors; map rooms are numbered as they were entered."""
+def rooms_as_entered(storey: Storey, walk: Walk, seen: ObservedWalls) -> MapRooms:
+    """Assigns every surface to the room it was seen from, with all doors; map rooms are numbered in order of entry."""
     place = {r: n for n, r in enumerate(walk.rooms)}
     doors = tuple(
         Passage((place[i], place[j]), at, i if place[i] < place[j] else j)
         for i, j, at in storey.doors
         if i in place and j in place
     )
-    return Housed(seen, np.array([place[r] for r in seen.room.tolist()], dtype=np.int64), doors)
+    return MapRooms(seen, np.array([place[r] for r in seen.room.tolist()], dtype=np.int64), doors)
 
 
-def overlooked(map_rooms: Housed, rng: np.random.Generator) -> Housed:
-    """One door in ten is not seen."""
+def some_doors_missed(map_rooms: MapRooms, rng: np.random.Generator) -> MapRooms:
+    """Drops each door with a probability of 10 %."""
     return replace(map_rooms, doors=tuple(d for d in map_rooms.doors if rng.random() >= DOOR_MISSING))
 
 
-def mistaken(map_rooms: Housed, walk: Walk, rng: np.random.Generator) -> Housed:
-    """One room in ten merged with a neighbour or cut in two, each room once at most; one surface in ten astray."""
+def mis_segmented(map_rooms: MapRooms, walk: Walk, rng: np.random.Generator) -> MapRooms:
+    """Merges a tenth of the rooms with a neighbour or splits them, each room at most once; a tenth of the surfaces lose
+    their room.
+    """
     count = len(walk.rooms)
     altered: set[int] = set()
     for n in np.flatnonzero(rng.random(count) < ALTERED).tolist():
@@ -69,8 +71,8 @@ def mistaken(map_rooms: Housed, walk: Walk, rng: np.random.Generator) -> Housed:
     return replace(map_rooms, home=home)
 
 
-def true_rooms(map_rooms: Housed) -> dict[int, int]:
-    """Map room to the A room from which most of its walls, by length, were seen."""
+def true_rooms(map_rooms: MapRooms) -> dict[int, int]:
+    """Maps each map room to the A room from which most of its walls, by length, were seen."""
     found = {}
     length = np.nan_to_num(map_rooms.seen.length, nan=1.0)
     for home in np.unique(map_rooms.home[map_rooms.home >= 0]).tolist():
@@ -82,21 +84,21 @@ def true_rooms(map_rooms: Housed) -> dict[int, int]:
 
 
 def _beside(walk: Walk, n: int) -> list[int]:
-    """The rooms that were entered from this one, and the one from which it was entered."""
+    """The rooms entered from this one, and the one it was entered from."""
     return [k for k, p in enumerate(walk.parents) if p == n] + ([walk.parents[n]] if walk.parents[n] >= 0 else [])
 
 
-def _merged(map_rooms: Housed, kept: int, gone: int) -> Housed:
+def _merged(map_rooms: MapRooms, kept: int, gone: int) -> MapRooms:
     doors = []
     for door in map_rooms.doors:
         first, last = (kept if r == gone else r for r in door.rooms)
         if first != last:
             doors.append(replace(door, rooms=(first, last)))
-    return Housed(map_rooms.seen, np.where(map_rooms.home == gone, kept, map_rooms.home), tuple(doors))
+    return MapRooms(map_rooms.seen, np.where(map_rooms.home == gone, kept, map_rooms.home), tuple(doors))
 
 
-def _cut(map_rooms: Housed, room: int, new: int, rng: np.random.Generator) -> Housed:
-    """The room cut across its longer side; walls that the cut crosses are cut too."""
+def _cut(map_rooms: MapRooms, room: int, new: int, rng: np.random.Generator) -> MapRooms:
+    """Splits the room across its longer side; walls that cross the line are cut."""
     seen, home = map_rooms.seen, map_rooms.home
     mine = np.flatnonzero(home == room)
     if len(mine) < 2:
@@ -119,7 +121,7 @@ def _cut(map_rooms: Housed, room: int, new: int, rng: np.random.Generator) -> Ho
     place = se2.rotate(grid, middle)
     doors = [_after_cut(door, room, new, along, at) for door in map_rooms.doors]
     seen_from = int(np.bincount(part.room).argmax())
-    return Housed(
+    return MapRooms(
         joined([seen.at(rest), *pieces]), np.concatenate(homes), (*doors, Passage((room, new), place, seen_from))
     )
 
@@ -130,8 +132,8 @@ def _after_cut(door: Passage, room: int, new: int, along: Array, at: float) -> P
     return replace(door, rooms=(first, last))
 
 
-def _side(part: Seen, along: Array, offset: float) -> Seen:
-    """What lies where along . p + offset < 0, pieces shorter than a visible wall left out."""
+def _side(part: ObservedWalls, along: Array, offset: float) -> ObservedWalls:
+    """The part with along . p + offset < 0, without pieces shorter than a visible wall."""
     first, last = (part.centre + s * part.arm for s in (1, -1))
     f, g = first @ along + offset, last @ along + offset
     crossed = f * g < 0

@@ -1,4 +1,4 @@
-"""A storey explored from the nearest room to the farthest, and what a map holds at each step of it."""
+"""Explores a storey from the nearest room to the farthest, and restricts maps to the rooms entered so far."""
 
 import heapq
 from collections.abc import Collection
@@ -14,10 +14,10 @@ from data.synthetic_maps.noise_models import DrawnGraph
 
 
 def nearest_first(storey: Storey, start: int) -> tuple[Walk, int]:
-    """All rooms that can be reached from one, in the order of the way from its middle to their doors, and how many of
-    them by doors alone; then, as a model may lack doors, on across walls, the nearest room first.
+    """Returns all rooms in the order of the distance from one room's middle, and how many of them doors connect.
 
-    The way leads straight from door to door.
+    Distances follow straight lines from door to door. Since a model may lack doors, the remaining rooms follow across
+    walls, nearest first.
     """
     rooms, parents = [start], [-1]
     waiting = _Waiting(storey)
@@ -41,7 +41,7 @@ def nearest_first(storey: Storey, start: int) -> tuple[Walk, int]:
 
 
 class _Waiting:
-    """Dijkstra's queue over doors: where one comes in by each, and how far that is."""
+    """Dijkstra's queue over doors, by the distance at which a room is entered through each."""
 
     def __init__(self, storey: Storey) -> None:
         self._storey = storey
@@ -54,13 +54,13 @@ class _Waiting:
         self._tie = count()
 
     def enter(self, room: int, way: float, place: Array) -> None:
-        """Adds the ways from a place in a room to its doors."""
+        """Adds the paths from a place in a room to its doors."""
         for door in self._doors_of[room]:
             far = way + float(np.hypot(*(self._storey.doors[door][2] - place)))
             heapq.heappush(self._queue, (far, next(self._tie), room, door))
 
     def next(self) -> tuple[int, int] | None:
-        """The room one comes from and the one one comes into, by the nearest door that was not passed this way."""
+        """The room left and the room entered through the nearest door not yet passed in this direction."""
         while self._queue:
             way, _, room, door = heapq.heappop(self._queue)
             if (room, door) in self._passed:
@@ -73,8 +73,8 @@ class _Waiting:
         return None
 
 
-def seen_in(drawn: DrawnGraph, rooms: set[str]) -> DrawnGraph:
-    """What a rigid map held when only these rooms of the A-graph had been entered: nothing of it is drawn anew."""
+def restricted_to(drawn: DrawnGraph, rooms: set[str]) -> DrawnGraph:
+    """Returns a rigid map as it was when only these A rooms had been entered, with the same random draws."""
     graph = drawn.s_graph
     kept = {s for s, a in drawn.rooms.items() if a in rooms}
     walls = tuple(w for w in graph.wall_surfaces if w.room in kept)
@@ -91,7 +91,7 @@ def seen_in(drawn: DrawnGraph, rooms: set[str]) -> DrawnGraph:
 
 
 def perfect_map(a: SceneGraph, rooms: Collection[str]) -> DrawnGraph:
-    """A map of some rooms of one storey (at least one) without any noise, in the A-graph's own frame and names."""
+    """Returns a noise-free map of some rooms of one storey (at least one), in the A-graph's frame and with its ids."""
     part = SceneGraph(
         "map", tuple(r for r in a.rooms if r.id in rooms), tuple(w for w in a.wall_surfaces if w.room in rooms),
         tuple(d for d in a.doors if len(d.rooms) > 1 and set(rooms).issuperset(d.rooms)),

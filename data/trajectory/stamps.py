@@ -42,9 +42,9 @@ def ns_to_seconds(stamp_ns: int) -> str:
 
 
 def stamp_in_name(stem: str) -> int | None:
-    """The stamp (ns) that a scan's name carries: seconds with a decimal point or at least 16 digits of ns.
+    """The stamp (ns) in a scan's name: seconds with a decimal point, or at least 16 digits of ns.
 
-    A prefix without digits is allowed (`scan_1700000000.25`); None where the name carries no stamp.
+    A prefix without digits is allowed (`scan_1700000000.25`); None if there is no stamp.
     """
     if match := _SECONDS_IN_NAME.fullmatch(stem):
         return seconds_to_ns(match[1].lstrip("-") if match.start(1) > 0 else match[1])
@@ -77,7 +77,7 @@ def stamps_from_names(files: Sequence[Path]) -> list[int] | None:
 
 
 def read_times(path: Path) -> list[int]:
-    """Stamps (ns) from a file with one float second a line; blank lines and `#` comments are passed over."""
+    """Reads stamps (ns) from a file with one float second per line; blank lines and `#` comments are skipped."""
     stamps = []
     try:
         lines = path.read_text().splitlines()
@@ -95,7 +95,7 @@ def read_times(path: Path) -> list[int]:
 
 
 def check_increasing(stamps_ns: NDArray[np.int64], where: str, names: Sequence[str]) -> None:
-    """Raises UserError, naming the first pair, where a stamp repeats or goes backwards."""
+    """Raises UserError, naming the first pair, if a stamp repeats or goes backwards."""
     bad = np.flatnonzero(stamps_ns[1:] <= stamps_ns[:-1])
     if bad.size:
         i = int(bad[0])

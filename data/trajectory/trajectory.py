@@ -56,20 +56,22 @@ class Trajectory:
         return Trajectory(self.stamps_ns, T_new_old @ self.poses)
 
     def between(self, other: "Trajectory") -> "Trajectory":
-        """The poses from the other's first stamp to its last; none where that has none."""
+        """The poses from the other's first stamp to its last; empty if that has none."""
         if not len(other):
             return Trajectory(self.stamps_ns[:0], self.poses[:0])
         kept = (self.stamps_ns >= other.stamps_ns[0]) & (self.stamps_ns <= other.stamps_ns[-1])
         return Trajectory(self.stamps_ns[kept], self.poses[kept])
 
     def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(M, 4, 4) the poses at other stamps (M,) int64: between two poses the way is straight and the turn even, and
-        before the first and after the last it goes on as between the two next to it. Raises ValueError for less than
-        two poses."""
+        """Returns (M, 4, 4) the poses at other stamps (M,) int64, by linear interpolation of position and rotation.
+
+        Before the first and after the last pose, it extrapolates from the two nearest. Raises ValueError for less than
+        two poses.
+        """
         from scipy.spatial.transform import Rotation  # here, because it takes a third of a second
 
         if len(self) < 2:
-            raise ValueError(f"trajectory: {len(self)} poses, and between two is asked for")
+            raise ValueError(f"trajectory: {len(self)} poses; interpolation needs two")
         after = np.clip(np.searchsorted(self.stamps_ns, stamps_ns), 1, len(self) - 1)
         first, second = self.poses[after - 1], self.poses[after]
         span = self.stamps_ns[after] - self.stamps_ns[after - 1]
@@ -91,9 +93,9 @@ class Trajectory:
 
     @staticmethod
     def read_tum(path: Path | str) -> "Trajectory":
-        """Reads a TUM file; comments (#) and blank lines are passed over, quaternions normalised.
+        """Reads a TUM file; comments (#) and blank lines are skipped, quaternions normalised.
 
-        Raises UserError, with the line's number, where the file is not a trajectory with increasing stamps.
+        Raises UserError, with the line's number, if the file is not a trajectory with increasing stamps.
         """
         try:
             lines = Path(path).read_text().splitlines()

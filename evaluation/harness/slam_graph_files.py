@@ -73,7 +73,8 @@ def read_drives(folder: Path) -> Iterator[SlamDrive]:
 
 
 def _truth(drawn: DrawnGraph) -> dict[str, Any]:
-    return {k: v for k, v in asdict(drawn).items() if k not in ("s_graph", "T_a_s_by_room")}
+    truth = {k: v for k, v in asdict(drawn).items() if k not in ("s_graph", "T_a_s_by_room")}
+    return truth | {"bent": truth.pop("deformed")}
 
 
 def _drawn(s_graph: SceneGraph, truth: dict[str, Any]) -> DrawnGraph:

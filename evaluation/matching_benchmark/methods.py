@@ -26,14 +26,14 @@ def load_method(name: str) -> Matcher:
 
 
 def _voting(by_parts: bool) -> Matcher:
-    from matching.deformation.matcher import BentMatcher
+    from matching.deformation.matcher import DeformableMatcher
     from matching.search.voting_proposals import voting_proposals
 
-    return Matcher(BentMatcher(partial(voting_proposals, by_parts=by_parts)))
+    return Matcher(DeformableMatcher(partial(voting_proposals, by_parts=by_parts)))
 
 
 def _shuffled() -> Matcher:
-    from matching.deformation.matcher import BentMatcher
+    from matching.deformation.matcher import DeformableMatcher
     from matching.learned.proposer import LearnedProposer
 
     network = LearnedProposer.load()
@@ -43,7 +43,7 @@ def _shuffled() -> Matcher:
         rng = np.random.default_rng(len(s.wall_surfaces))
         return Proposals(_mixed(proposals.walls, rng), _mixed(proposals.rooms, rng))
 
-    return Matcher(BentMatcher(propose))
+    return Matcher(DeformableMatcher(propose))
 
 
 def _mixed(of: TopK, rng: np.random.Generator) -> TopK:

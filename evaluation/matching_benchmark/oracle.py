@@ -13,7 +13,7 @@ from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph
 from matching.arrays.walls import Walls, arrays, storeys
 from matching.result import Hypothesis, MatchResult
-from matching.search.assignment import complete
+from matching.search.assignment import assign
 from matching.search.hypotheses import Placement, groups_of
 from matching.search.scoring import SIGMA_SCORE, Pairing, fit
 
@@ -28,7 +28,7 @@ def oracle_match(drawn: DrawnGraph, a: SceneGraph) -> MatchResult:
     storey = next((w for w in storeys(a) if w.floor == drawn.floor), None)
     if storey is None:
         return MatchResult("none", "the true floor has no wall surface")
-    pairs = complete(_true_placement(drawn, s, storey))
+    pairs = assign(_true_placement(drawn, s, storey))
     rooms = tuple((s.rooms[r].id, storey.rooms[q].id, c) for r, q, c in pairs.rooms)
     walls = tuple((s.ids[i], storey.ids[j], c) for i, j, c in pairs.surfaces)
     sole = Hypothesis(0.0, drawn.T_a_s, storey.floor, tuple((r, q) for r, q, _ in rooms))
@@ -43,8 +43,8 @@ def _true_placement(drawn: DrawnGraph, s: Walls, storey: Walls) -> Placement:
     pairing = Pairing.near(s, storey, float(motion[0]), group)
     state = np.empty((1, len(pairing.centre), 3))
     for g, centre in enumerate(pairing.centre):
-        housed = s.room[(group == g) & (s.room >= 0)]
-        T_a_s = drawn.T_a_s_by_room.get(s.rooms[housed[0]].id, drawn.T_a_s) if len(housed) else drawn.T_a_s
+        with_room = s.room[(group == g) & (s.room >= 0)]
+        T_a_s = drawn.T_a_s_by_room.get(s.rooms[with_room[0]].id, drawn.T_a_s) if len(with_room) else drawn.T_a_s
         T = se2.compose(se2.compose(T_own_a, np.array(T_a_s)), s.T_graph_own)
         state[0, g] = T[0], *se2.apply(T, centre)
     return Placement(storey, motion, np.array(drawn.T_a_s), pairing, state, fit(pairing, state, SIGMA_SCORE), 0.0)

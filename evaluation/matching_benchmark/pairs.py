@@ -11,13 +11,14 @@ import numpy as np
 from data import SceneGraph
 from data.common.errors import UserError
 from data.plans.sources import Plan, read_plans
-from data.synthetic_maps.noise_models import REGIMES, DrawnGraph, draw
+from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 from evaluation.harness.slam_graph_files import read_drives
+from evaluation.matching_benchmark.rows import written_as
 from evaluation.metrics.true_matches import TrueMatches
-from matching.ambiguity.symmetries import twins
+from matching.ambiguity.symmetries import symmetries
 
-ELSEWHERE, SGSLAM = "elsewhere", "sgslam"
-DRAWN = (*REGIMES, ELSEWHERE)
+NEGATIVE, SGSLAM = "negative", "sgslam"
+DRAWN = (*NOISE_MODELS, NEGATIVE)
 COLUMNS = (1, 2, 3, 4, 6, 9, 14)  # rooms seen; and all
 FIRST_SEED = 900_000  # of generated plans, so that none is one that a matcher was trained on
 
@@ -53,11 +54,11 @@ class Prepared:
     @staticmethod
     def of(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
         """An S-graph of this A-graph."""
-        nats = [twin.nats for twin in twins(drawn, a_graph)]
+        nats = [twin.nats for twin in symmetries(drawn, a_graph)]
         return Prepared(drawn, a_graph, truth_of(drawn), bool(nats), min(nats, default=None))
 
     @staticmethod
-    def elsewhere(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
+    def negative(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
         """An S-graph of another building: it has no place in this A-graph."""
         return Prepared(drawn, a_graph, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None, None)
 
@@ -118,11 +119,12 @@ class DrawnPair:
     def prepare(self) -> Prepared:
         """Draws the S-graph; what is drawn depends on seed, plan, regime, rooms and index alone."""
         plan = self.source.plan
-        rng = np.random.default_rng(_hash(self.seed, plan.building, plan.name, self.regime, self.rooms, self.index))
+        name = written_as(self.regime)
+        rng = np.random.default_rng(_hash(self.seed, plan.building, plan.name, name, self.rooms, self.index))
         floors = floors_of(plan.graph, self.rooms)
         floor = floors[int(rng.integers(len(floors)))]
-        if self.regime == ELSEWHERE:
-            return Prepared.elsewhere(draw(plan.graph, "real", rng, self.rooms, floor), self.target.plan.graph)
+        if self.regime == NEGATIVE:
+            return Prepared.negative(draw(plan.graph, "real", rng, self.rooms, floor), self.target.plan.graph)
         return Prepared.of(draw(plan.graph, self.regime, rng, self.rooms, floor), plan.graph)
 
 
@@ -194,16 +196,16 @@ def pairs_of_cell(
 ) -> list[DrawnPair]:
     """`count` pairs, spread evenly over the plans that have a floor of so many rooms; none where no plan has.
 
-    Which plan gets one more than another, and which other building an `elsewhere` map is of, is told by hashes of the
+    Which plan gets one more than another, and which other building an `negative` map is of, is told by hashes of the
     names, so that neither depends on the order of the plans.
     """
     fit = [c for c in candidates if floors_of(c.plan.graph, rooms)]
-    targets = candidates if regime == ELSEWHERE else fit
-    order = sorted(targets, key=lambda c: _hash(seed, regime, rooms, c.plan.building, c.plan.name))
+    targets = candidates if regime == NEGATIVE else fit
+    order = sorted(targets, key=lambda c: _hash(seed, written_as(regime), rooms, c.plan.building, c.plan.name))
     found = []
     for n in range(count if order else 0):
         target, index = order[n % len(order)], n // len(order)
-        source = _another(fit, target, rooms, index, seed) if regime == ELSEWHERE else target
+        source = _another(fit, target, rooms, index, seed) if regime == NEGATIVE else target
         if source is not None:
             found.append(DrawnPair(target, source, regime, rooms, index, seed))
     return found

@@ -35,7 +35,7 @@ def write_plots(rows: Sequence[Row], out: Path) -> list[Path]:
 def _f1(rows: Sequence[Row], colour: dict[str, str]) -> Any:
     from matplotlib import pyplot as plt
 
-    told = [r for r in rows if r.regime != "elsewhere"]
+    told = [r for r in rows if r.regime != "negative"]
     groups = [g for g in SIZES if any(size_of(r.size) == g for r in told)]
     regimes = in_order(told)
     if not told:

@@ -132,8 +132,8 @@ def _made(out: Path) -> str:
 INTRODUCTION = (
     "A pair is an S-graph and the plan in which it is to be found. The S-graph is drawn from a plan by a regime: "
     "`paper` (the published perturbation), `real` (a connected set of rooms, with the noise of real scans, walls "
-    "missing, in pieces, and clutter), `drift` (and the map bends), `messy` (and rooms are badly cut), `warped` (drift "
-    "three times as wide), `elsewhere` "
+    "missing, in pieces, and clutter), `drift` (and the map bends), `mis_segmented` (and rooms are badly cut), "
+    "`heavy_drift` (drift three times as wide), `negative` "
     "(`real`, from another building: every `unique` answer is wrong). `oracle` is given the true place and does the "
     "rest as `voting` does: what is missing to 1 there no matcher of this kind can know."
 )

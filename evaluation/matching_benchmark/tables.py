@@ -10,7 +10,7 @@ from evaluation.matching_benchmark.rows import ORACLE, Row
 from evaluation.metrics.bootstrap import Estimate
 
 Cell = Callable[[Measures], str]
-REGIME_ORDER = ("paper", "real", "drift", "messy", "warped", "elsewhere", "sgslam")
+REGIME_ORDER = ("paper", "real", "drift", "mis_segmented", "heavy_drift", "negative", "sgslam")
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         if not own:
             continue
         about = f"{group} plans ({_about(own)})"
-        to_find = [r for r in own if r.regime != "elsewhere"]
+        to_find = [r for r in own if r.regime != "negative"]
         if to_find:
             found.append(_by_rooms(f"Wall F1, {about}", WALL_NOTE, to_find, lambda m: told(m.walls.f1)))
             found.append(_by_rooms(f"Room F1, {about}", WALL_NOTE, to_find, lambda m: told(m.rooms.f1)))
@@ -51,8 +51,8 @@ def tables(rows: Sequence[Row]) -> list[Table]:
 def full_tables(rows: Sequence[Row]) -> list[Table]:
     """Wall F1 on each set of plans, and all measures of every cell: size of plan, regime, method, rooms seen."""
     found = []
-    for name in sorted({r.plans for r in rows if r.regime != "elsewhere"}):
-        own = [r for r in rows if r.plans == name and r.regime != "elsewhere"]
+    for name in sorted({r.plans for r in rows if r.regime != "negative"}):
+        own = [r for r in rows if r.plans == name and r.regime != "negative"]
         sizes = sorted({(r.size, r.plan) for r in own})
         title = f"Wall F1, `{name}` ({len(sizes)} plans of {sizes[0][0]} to {sizes[-1][0]} rooms)"
         found.append(_by_rooms(title, WALL_NOTE, own, lambda m: told(m.walls.f1)))

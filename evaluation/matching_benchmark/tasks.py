@@ -8,7 +8,7 @@ from typing import Any
 from data.common.errors import UserError
 from evaluation.matching_benchmark.cells import SIZES, size_of
 from evaluation.matching_benchmark.methods import load_method
-from evaluation.matching_benchmark.pairs import DRAWN, ELSEWHERE, Pair, pairs_of_cell, read_candidates, slam_pairs
+from evaluation.matching_benchmark.pairs import DRAWN, NEGATIVE, Pair, pairs_of_cell, read_candidates, slam_pairs
 from evaluation.matching_benchmark.rows import ORACLE
 from evaluation.matching_benchmark.worker import Task
 
@@ -73,7 +73,7 @@ def tasks_of(wanted: Wanted, there: Set[tuple[Any, ...]]) -> list[Task]:
             missing = tuple(
                 method
                 for method, most in wanted.pairs.items()
-                if n < most and key_of(pair, method) not in there and (method, pair.regime) != (ORACLE, ELSEWHERE)
+                if n < most and key_of(pair, method) not in there and (method, pair.regime) != (ORACLE, NEGATIVE)
             )
             if missing:
                 tasks.append(Task(pair, missing))

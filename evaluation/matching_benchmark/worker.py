@@ -207,7 +207,7 @@ def judged(blank: Row, prepared: Prepared, matcher: Any) -> Row:
             result = matcher.match(prepared.drawn.s_graph, prepared.a_graph)
         seconds = time.perf_counter() - began
         rooms, walls = tallies(result, prepared.truth, prepared.drawn.s_graph)
-        wrong = is_wrong(result, prepared.truth, prepared.drawn.bent)
+        wrong = is_wrong(result, prepared.truth, prepared.drawn.deformed)
     except Exception as error:
         told = f"{type(error).__name__}: {error}".splitlines()[0]
         return replace(blank, status="failed", reason=told, seconds=time.perf_counter() - began)

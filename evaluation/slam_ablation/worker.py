@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
-from data.common.children import apart, may_have_children
+from data.common.children import may_have_children, run_isolated
 from data.common.cluster_worker import scratch
 from evaluation.harness.conditions import Conditions
 from evaluation.harness.sequences import SequenceSpec, prepare
@@ -42,7 +42,7 @@ class Answer:
 def run_apart(task: Task, drives: Path) -> Answer:
     """Runs with the drive that is in the folder `drives`, or is made there. Raises what the run raises, and
     ProcessEndedError."""
-    return apart(_run, task, drives, what=task.told())
+    return run_isolated(_run, task, drives, what=task.told())
 
 
 _preparing, _ready = threading.Lock(), set[tuple[object, ...]]()  # of a worker of a cluster
@@ -54,7 +54,7 @@ def run_there(task: Task) -> Answer:
     drives, drive = scratch(), (task.spec, task.seed, task.conditions)
     with _preparing:
         if drive not in _ready:
-            apart(_prepare, task, drives, what=task.told())
+            run_isolated(_prepare, task, drives, what=task.told())
             _ready.add(drive)
     return run_apart(task, drives)
 

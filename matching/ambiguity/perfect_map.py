@@ -1,4 +1,4 @@
-"""What an S-graph saw of a building: the plan's own walls, without the map's noise, as far as the map has them."""
+"""The walls of a plan that an S-graph observed, without the map's noise."""
 
 from dataclasses import dataclass, replace
 
@@ -11,22 +11,24 @@ from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import DrawnGraph
 from data.synthetic_maps.wall_noise import SIGMA_END
 
-CLIPPED = 3 * SIGMA_END  # m: an end of the map's surface that lies further inside the wall is no end of the wall
+CLIPPED = 3 * SIGMA_END  # m: a surface that ends further inside its wall than this does not show the wall's end
 
 
 @dataclass(frozen=True)
-class Sight:
-    """Parts of A surfaces, and whether the wall goes on (N, 2) beyond the end to the right, to the left, of one who
-    looks along the normal."""
+class VisibleWalls:
+    """A surfaces or parts of them.
+
+    `goes_on` (N, 2) says whether the wall continues beyond its right and its left end, looking along the normal.
+    """
 
     surfaces: tuple[WallSurface, ...]
     goes_on: NDArray[np.bool_]
 
 
-def sight(drawn: DrawnGraph, a: SceneGraph) -> Sight:
-    """Every A surface that is in the map, whole, but where the map's surfaces end well within it up to there.
+def visible_walls(drawn: DrawnGraph, a: SceneGraph) -> VisibleWalls:
+    """Returns every A surface that is in the map, clipped where the map's surfaces end well before the wall does.
 
-    Raises KeyError where the truth names what is not in the A-graph.
+    Raises KeyError if the true matches refer to something that is not in the A-graph.
     """
     seen: dict[str, list[Array]] = {}
     for s_id, a_id in drawn.wall_surfaces.items():
@@ -44,11 +46,13 @@ def sight(drawn: DrawnGraph, a: SceneGraph) -> Sight:
         place = (x - ny * middle, y + nx * middle)
         surfaces.append(wall if not any(clipped) else replace(wall, centroid=place, length=high - low))
         goes_on.append(clipped)
-    return Sight(tuple(surfaces), np.array(goes_on, dtype=bool).reshape(-1, 2))
+    return VisibleWalls(tuple(surfaces), np.array(goes_on, dtype=bool).reshape(-1, 2))
 
 
 def _along(drawn: DrawnGraph, s_id: str, wall: WallSurface) -> Array:
-    """(2,) where an S surface ends on its wall, metres to the left of its middle; without a length: all of it."""
+    """(2,) where an S surface ends on its wall, in metres to the left of its middle; the whole wall if it has no
+    length.
+    """
     surface = drawn.s_graph.surface_by_id[s_id]
     if surface.length is None:
         half = (wall.length or 0.0) / 2

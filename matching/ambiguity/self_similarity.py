@@ -10,7 +10,7 @@ from data import SceneGraph
 from data.geometry import se2
 from data.synthetic_maps.exploration import Storey, storeys_of
 from data.synthetic_maps.walks import perfect_map
-from matching.ambiguity.symmetries import Twin, twins
+from matching.ambiguity.symmetries import Symmetry, symmetries
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,14 @@ class SelfSimilarity:
 
     def __init__(self, a: SceneGraph) -> None:
         self._a = a
-        self._cache: dict[frozenset[str], list[Twin]] = {}
+        self._cache: dict[frozenset[str], list[Symmetry]] = {}
         self._storeys = {s.floor: s for s in storeys_of(a)}
 
-    def symmetries(self, rooms: Collection[str]) -> list[Twin]:
+    def symmetries(self, rooms: Collection[str]) -> list[Symmetry]:
         """The other placements of a perfect map of these rooms, which lie on one storey."""
         key = frozenset(rooms)
         if key not in self._cache:
-            self._cache[key] = twins(perfect_map(self._a, key), self._a)
+            self._cache[key] = symmetries(perfect_map(self._a, key), self._a)
         return self._cache[key]
 
     def similar_places(self, rooms: Collection[str]) -> list[SimilarPlace]:

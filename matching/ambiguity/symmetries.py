@@ -1,22 +1,20 @@
-"""Pairs that no method can be blamed for leaving ambiguous: where the building repeats itself.
+"""Finds a plan's symmetries: other places that explain an S-graph about as well as its true one.
 
-What the S-graph saw of the building, the true A surfaces of its surfaces, is laid elsewhere into the A-graph: turned,
-in another row of offices, on another storey. The S-graph's own noise plays no part, only what it saw does (a wall
-that was seen short of its end by more than noise counts as far as it was seen). Another place is a twin when even an
-observer who knows the noise of maps (`data.synthetic_maps.wall_noise`: walls are off by 0.061 m across, each end by
-0.346 m along, one wall in ten is missing; `data.synthetic_maps.noise_models`: from room to room 0.15 m and 1.5 degrees,
-where the map is bent, in `warped` maps too) must expect less than ln(199) = 5.3 nats for the truth over it: in every
-second map such an observer would not be 99.5 % sure of the truth. In the others he would: only of places for which less
-than one nat is to be expected he is sure as good as never. (What is measured of a map gives an evidence that is spread
-about the expected one with twice that as its variance.)
+No matcher can be blamed for leaving such a pair ambiguous. The true A surfaces of the S-graph are placed elsewhere in
+the A-graph: rotated, in another row of offices, on another storey. The S-graph's own noise is left out; only its extent
+counts (a wall whose end was not observed is clipped there). Another place is a symmetry if an ideal observer expects
+less than ln(199) = 5.3 nats of evidence for the truth over it. Such an observer knows the noise of maps: walls are
+off by 0.061 m across and by 0.346 m at each end, one wall in ten is missing (`data.synthetic_maps.wall_noise`), and
+deformed maps drift by 0.15 m and 1.5 degrees from room to room (`data.synthetic_maps.noise_models`; also assumed for
+`heavy_drift`). The observed evidence scatters about the expected one with twice the latter as its variance. At 5.3 nats
+the observer is less than 99.5 % sure of the truth in every second map; below one nat he is hardly ever sure.
 
-The evidence to be expected between two Gaussian hypotheses that differ by d_k in the measurements k is
-sum d_k^2 / (2 sigma_k^2), least over the motion of the map and, where it is bent, of its rooms with the drift as
-prior (the same as the drift marginalised). A wall costs 7 nats at most (2, if shorter than 0.8 m; 14, if longer than
-clutter is): that much speaks against a place where there is none; a door, known to 0.1 m, costs 3. To that comes,
-for better or worse, what is not in the map though it stands in the rooms that were entered, walls and doors.
-Directions count with a sigma of 1 degree and must agree within 3: hardly a plan is drawn, or a wall built, as true as
-a LiDAR measures its direction.
+The expected evidence between two Gaussian hypotheses that differ by d_k in the measurements k is
+sum d_k^2 / (2 sigma_k^2). It is minimised over the motion of the map and, where the map is deformed, of its rooms with
+the drift as prior (which equals marginalising the drift). A wall of the map where the plan has none costs 7 nats
+(2 if shorter than 0.8 m, 14 if longer than any clutter); a missing door, whose place is known to 0.1 m, costs 3. Walls
+and doors of the entered rooms that are not in the map count for or against the place. Directions have a sigma of
+1 degree and must agree within 3, since plans are not drawn, and walls not built, as precisely as a LiDAR measures.
 """
 
 from dataclasses import dataclass, replace
@@ -29,9 +27,9 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import DrawnGraph
 from data.synthetic_maps.wall_noise import MISSING, SHORTEST, SIGMA_END
-from matching.ambiguity.perfect_map import sight
-from matching.ambiguity.symmetry_doors import doors_at_home, doors_there, seen_doors
-from matching.ambiguity.symmetry_evidence import Laid, lay, part_of
+from matching.ambiguity.perfect_map import visible_walls
+from matching.ambiguity.symmetry_doors import doors_at_home, doors_there, observed_doors
+from matching.ambiguity.symmetry_evidence import PlacedPart, part_of, place_part
 from matching.arrays.walls import Index, Walls, arrays, storeys
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.search.scoring import explained
@@ -47,48 +45,57 @@ MOST = 20  # places that are worked out on each storey
 
 
 @dataclass(frozen=True)
-class Twin:
-    """Another place: `T_a_s` (yaw, x, y), A floor id, and the evidence for the truth over it to be expected, nats."""
+class Symmetry:
+    """Another place that explains the map.
+
+    `T_a_s` is (yaw, x, y) in rad and m, `floor` the A floor's id, `nats` the expected evidence for the truth over it.
+    """
 
     T_a_s: tuple[float, float, float]
     floor: str | None
     nats: float
 
 
-def twins(drawn: DrawnGraph, a: SceneGraph) -> list[Twin]:
-    """The other places, least told apart from the truth first; distinct as the hypotheses of an answer are.
+def symmetries(drawn: DrawnGraph, a: SceneGraph) -> list[Symmetry]:
+    """Returns the symmetries of a map's true place, those hardest to tell from it first.
 
-    Raises KeyError where the truth names what is not in the A-graph.
+    They are distinct in the same sense as the hypotheses of a match. Raises KeyError if the true matches refer to
+    something that is not in the A-graph.
     """
-    seen = sight(drawn, a)
+    seen = visible_walls(drawn, a)
     if not seen.surfaces:
         return []
-    part = part_of(arrays(a, drawn.floor, list(seen.surfaces)), seen.goes_on, drawn.bent)
+    part = part_of(arrays(a, drawn.floor, list(seen.surfaces)), seen.goes_on, drawn.deformed)
     floors = storeys(a)
     home = next(s for s in floors if part.walls.ids[0] in s.ids)
     index = {key: n for n, key in enumerate(home.ids)}
     at_home = np.array([index[key] for key in part.walls.ids])
     entered = _entered(home, at_home, part.walls.half)
     entered_rooms = np.unique(entered[entered >= 0])
-    doors, own = seen_doors(drawn, a, part), set(drawn.rooms.values())  # of rooms that were merged no doors are known
+    doors, own = (
+        observed_doors(drawn, a, part),
+        set(drawn.rooms.values()),
+    )  # of rooms that were merged no doors are known
     apart = entered_rooms[[home.rooms[r].id in own for r in entered_rooms]]
     truth = _completeness(home, entered_rooms, at_home) + doors_at_home(doors, part, a, home, apart)
     found = []
     for storey in floors:
-        for laid in lay(part, storey, np.reshape(_elsewhere(part.walls, storey, home), (-1, 3))):
-            nats = laid.nats + truth
-            if nats >= SURE:  # what follows only tells against the place
+        for placed_part in place_part(part, storey, np.reshape(_elsewhere(part.walls, storey, home), (-1, 3))):
+            nats = placed_part.nats + truth
+            if nats >= SURE:  # all that follows only lowers the place's odds
                 continue
-            rooms = _rooms(laid, entered, storey)
-            nats += doors_there(doors, part, laid, a, storey, rooms) - _completeness(storey, rooms, laid.partner)
-            T_a_a = between_graphs(part.walls, storey, laid.motion(part))
+            rooms = _rooms(placed_part, entered, storey)
+            nats += doors_there(doors, part, placed_part, a, storey, rooms) - _completeness(
+                storey, rooms, placed_part.partner
+            )
+            T_a_a = between_graphs(part.walls, storey, placed_part.motion(part))
             yaw, x, y = se2.compose(T_a_a, np.array(drawn.T_a_s)).tolist()
-            found.append(Twin((yaw, x, y), storey.floor, nats))
-    return _distinct(sorted(found, key=lambda twin: twin.nats), drawn)
+            found.append(Symmetry((yaw, x, y), storey.floor, nats))
+    return _distinct(sorted(found, key=lambda symmetry: symmetry.nats), drawn)
 
 
 def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
-    """Motions between own frames that lay most walls on walls, roughly, the best first; none near the truth."""
+    """Motions between own frames that roughly align most walls, best first; none near the true one."""
     rough: list[tuple[float, Array]] = []
     few = _longest(seen, FEW)
     for voted in candidates(seen, storey):
@@ -110,7 +117,7 @@ def _elsewhere(seen: Walls, storey: Walls, home: Walls) -> list[Array]:
 
 
 def _longest(walls: Walls, most: int) -> Walls:
-    """So many of the walls, by length: to try many places with."""
+    """The longest walls, to try many places with."""
     chosen = np.argsort(-walls.half, kind="stable")[:most]
     return replace(
         walls, ids=tuple(walls.ids[n] for n in chosen), centre=walls.centre[chosen], heading=walls.heading[chosen],
@@ -119,41 +126,41 @@ def _longest(walls: Walls, most: int) -> Walls:
 
 
 def _apart(motion: Array, other: Array) -> bool:
-    """Whether two motions differ, at the origin of the frame that they move."""
+    """Whether two motions differ at the origin of the frame that they move."""
     off, turned = np.hypot(*(motion - other)[1:]), abs(se2.wrap(motion[:1] - other[:1])[0])
     return bool(off > DISTINCT_M or turned > DISTINCT_RAD)
 
 
-def _distinct(found: list[Twin], drawn: DrawnGraph) -> list[Twin]:
-    """Those below the limit that differ, at the S-graph's centroid, from the truth and from all before them."""
+def _distinct(found: list[Symmetry], drawn: DrawnGraph) -> list[Symmetry]:
+    """Symmetries below the limit that differ, at the S-graph's centroid, from the truth and from each other."""
     middle = drawn.s_graph.centroid()
 
     def at(T_a_s: tuple[float, float, float]) -> Array:
         return np.array([T_a_s[0], *se2.apply(np.array(T_a_s), middle)])
 
     kept: list[tuple[str | None, Array]] = [(drawn.floor, at(drawn.T_a_s))]
-    twins = []
-    for twin in found:
-        new = twin.floor, at(twin.T_a_s)
-        if twin.nats < SURE and all(new[0] != floor or _apart(new[1], place) for floor, place in kept):
+    distinct = []
+    for symmetry in found:
+        new = symmetry.floor, at(symmetry.T_a_s)
+        if symmetry.nats < SURE and all(new[0] != floor or _apart(new[1], place) for floor, place in kept):
             kept.append(new)
-            twins.append(twin)
-    return twins
+            distinct.append(symmetry)
+    return distinct
 
 
 def _entered(home: Walls, seen: Index, half: Array) -> Index:
-    """(N,) the room of each seen wall, -1 where most of the room's walls, by length, are not in the map."""
-    housed = home.room >= 0
-    size = np.bincount(home.room[housed], home.half[housed], len(home.rooms) + 1)
+    """(N,) the room of each observed wall, -1 if the map lacks most of the room's walls (by length)."""
+    with_room = home.room >= 0
+    size = np.bincount(home.room[with_room], home.half[with_room], len(home.rooms) + 1)
     rooms = home.room[seen]
     share = np.bincount(rooms[rooms >= 0], half[rooms >= 0], len(size)) / np.maximum(size, 1e-9)
     return np.where((rooms >= 0) & (share[rooms] >= ENTERED), rooms, -1)
 
 
-def _rooms(laid: Laid, entered: Index, storey: Walls) -> Index:
-    """The rooms there on which most of the walls of each entered room lie."""
-    on = (laid.partner >= 0) & (entered >= 0)
-    there = storey.room[laid.partner]
+def _rooms(placed_part: PlacedPart, entered: Index, storey: Walls) -> Index:
+    """The rooms in which most of the walls of each entered room come to lie."""
+    on = (placed_part.partner >= 0) & (entered >= 0)
+    there = storey.room[placed_part.partner]
     on &= there >= 0
     pairs, count = np.unique(np.column_stack((entered[on], there[on])), axis=0, return_counts=True)
     order = np.lexsort((-count, pairs[:, 0]))
@@ -162,7 +169,7 @@ def _rooms(laid: Laid, entered: Index, storey: Walls) -> Index:
 
 
 def _completeness(storey: Walls, rooms: Index, seen: Index) -> float:
-    """Nats of which walls of the rooms were seen, and which were not: some are missing, short ones vanish."""
+    """Nats for which of the rooms' walls are in the map: some are missed, short ones are seldom seen."""
     walls = np.flatnonzero(np.isin(storey.room, rooms))
     vanish = np.where(storey.known[walls], ndtr((SHORTEST - 2 * storey.half[walls]) / (np.sqrt(2) * SIGMA_END)), 0.0)
     missing = MISSING + (1 - MISSING) * vanish

@@ -1,4 +1,4 @@
-"""What the doors that an S-graph saw tell of another place: whether there are doors too, and no others."""
+"""Doors as evidence for or against a symmetric place: it should have the same doors, and no others."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import SIGMA_DOOR, DrawnGraph
 from data.synthetic_maps.room_noise import DOOR_MISSING
-from matching.ambiguity.symmetry_evidence import Laid, Part
+from matching.ambiguity.symmetry_evidence import Part, PlacedPart
 from matching.arrays.doors import Doors, doors
 from matching.arrays.walls import Index, Walls
 
@@ -19,15 +19,15 @@ SAME = 3 * SIGMA_DOOR  # m
 
 
 @dataclass(frozen=True, eq=False)
-class SeenDoors:
-    """Doors of the plan that are in the map, in the own frame of a part's walls, and the part's groups beside them."""
+class ObservedDoors:
+    """The plan's doors that are in the map, in the own frame of a part's walls, and the groups beside them."""
 
     place: Array  # (D, 2)
     group: Index  # (D, 2), -1 for none
 
 
-def seen_doors(drawn: DrawnGraph, a: SceneGraph, part: Part) -> SeenDoors:
-    """The doors of the A-graph that the doors of the S-graph are."""
+def observed_doors(drawn: DrawnGraph, a: SceneGraph, part: Part) -> ObservedDoors:
+    """Returns the doors of the A-graph that match doors of the S-graph."""
     plan = [d for d in a.doors if len(d.rooms) == 2]
     group_of = {part.walls.rooms[r].id: int(g) for r, g in zip(part.walls.room, part.group, strict=True) if r >= 0}
     found: dict[str, tuple[Array, list[int]]] = {}
@@ -40,36 +40,38 @@ def seen_doors(drawn: DrawnGraph, a: SceneGraph, part: Part) -> SeenDoors:
             true = here[int(np.argmin(off))]
             found[true.id] = np.array(true.centroid), [group_of.get(r, -1) for r in true.rooms]
     place = np.array([p for p, _ in found.values()], dtype=float).reshape(-1, 2)
-    return SeenDoors(
+    return ObservedDoors(
         se2.apply(se2.inverse(part.walls.T_graph_own), place),
         np.array([g for _, g in found.values()], dtype=np.int64).reshape(-1, 2),
     )
 
 
-def doors_at_home(seen: SeenDoors, part: Part, a: SceneGraph, home: Walls, rooms: Index) -> float:
-    """Nats, 0 at the most, of which doors between the rooms that the map entered are in it."""
+def doors_at_home(seen: ObservedDoors, part: Part, a: SceneGraph, home: Walls, rooms: Index) -> float:
+    """Nats (at most 0) for which doors between the entered rooms are in the map."""
     T_home_part = se2.compose(se2.inverse(home.T_graph_own), part.walls.T_graph_own)
     return _completeness(doors(a, home), rooms, se2.apply(T_home_part, seen.place))
 
 
-def doors_there(seen: SeenDoors, part: Part, laid: Laid, a: SceneGraph, storey: Walls, rooms: Index) -> float:
-    """Nats, 0 at the least, against the place where the part was laid, in these rooms of a storey."""
-    plan, at = doors(a, storey), _placed(seen, part, laid)
+def doors_there(
+    seen: ObservedDoors, part: Part, placed_part: PlacedPart, a: SceneGraph, storey: Walls, rooms: Index
+) -> float:
+    """Nats (at least 0) against the place of a part in these rooms of a storey."""
+    plan, at = doors(a, storey), _placed(seen, part, placed_part)
     off = np.hypot(*np.moveaxis(at[:, None] - plan.place, -1, 0)).min(axis=1, initial=np.inf)
     return float(np.minimum(0.5 * (off / SIGMA_DOOR) ** 2, NO_DOOR).sum() - _completeness(plan, rooms, at))
 
 
-def _placed(seen: SeenDoors, part: Part, laid: Laid) -> Array:
-    """(D, 2) in the storey's own frame, by the motions of the groups beside each door, in the mean."""
+def _placed(seen: ObservedDoors, part: Part, placed_part: PlacedPart) -> Array:
+    """(D, 2) the doors in the storey's own frame, by the mean motion of the groups beside each."""
     known = (seen.group >= 0).astype(float)
     known = np.where(known.any(axis=1, keepdims=True), known, 1.0)
-    state = laid.state[seen.group]
+    state = placed_part.state[seen.group]
     moved = se2.rotate(state[..., 0], seen.place[:, None] - part.centre[seen.group]) + state[..., 1:]
     return np.asarray(np.einsum("drc,dr->dc", moved, known / known.sum(axis=1, keepdims=True)))
 
 
 def _completeness(plan: Doors, rooms: Index, seen: Array) -> float:
-    """Nats of which doors between the rooms were seen, and which were not."""
+    """Nats for which doors between the rooms were observed and which were not."""
     between = (plan.rooms >= 0).all(axis=1) & np.isin(plan.rooms, rooms).all(axis=1)
     off = np.hypot(*np.moveaxis(plan.place[between, None] - seen, -1, 0)).min(axis=1, initial=np.inf)
     return float(np.log(np.where(off < SAME, 1 - DOOR_MISSING, DOOR_MISSING)).sum())

@@ -1,4 +1,4 @@
-"""A part of a building laid over another place of it: which walls lie on which, and what tells the two apart."""
+"""Places a part of a building at another place of it, and measures what tells the two apart."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,18 +27,20 @@ HOLD = 1e-6  # of what the walls leave open
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Walls that move together where the map is rigid, room by room where it is bent."""
+    """Walls that move together if the map is rigid, room by room if it is deformed."""
 
     walls: Walls
     goes_on: NDArray[np.bool_]  # (N, 2) the wall goes on beyond its end, against and along its tangent
     group: Index  # (N,)
     centre: Array  # (G, 2)
-    links: Index  # (L, 2) groups between which the map may bend
+    links: Index  # (L, 2) groups between which the map may deform
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
-    """Of each wall the `partner` (N,), -1 for none, its part in the evidence (N,) nats, and what bending costs."""
+class PlacedPart:
+    """A part at a place: the `partner` (N,) of each wall, -1 for none, its `cost` (N,) in nats, and the cost of
+    bending.
+    """
 
     state: Array  # (G, 3) yaw, and the place of each group's centre
     partner: Index
@@ -47,27 +49,29 @@ class Laid:
 
     @property
     def nats(self) -> float:
-        """All that the walls and the bending cost."""
+        """The total cost of walls and bending."""
         return float(self.cost.sum() + self.bending)
 
     def motion(self, part: Part) -> Array:
-        """(3,) the motion between own frames that is nearest to those of the groups, whatever their sizes."""
+        """(3,) the motion between own frames nearest to those of the groups, all weighted alike."""
         yaw = float(np.angle(np.exp(1j * self.state[:, 0]).sum()))
         return np.array([yaw, *(self.state[:, 1:].mean(axis=0) - se2.rotate(yaw, part.centre.mean(axis=0)))])
 
 
-def part_of(walls: Walls, goes_on: NDArray[np.bool_], bent: bool) -> Part:
-    """The rooms are linked as a tree, the nearest first, if the map is bent; else all is one group."""
-    group = groups_of(walls) if bent else np.zeros(len(walls), dtype=np.int64)
+def part_of(walls: Walls, goes_on: NDArray[np.bool_], deformed: bool) -> Part:
+    """Returns walls as a part. If the map is deformed, its rooms are linked by a shortest tree; otherwise all is one
+    group.
+    """
+    group = groups_of(walls) if deformed else np.zeros(len(walls), dtype=np.int64)
     size = np.bincount(group)
     centre = np.stack([np.bincount(group, walls.centre[:, k]) / size for k in (0, 1)], axis=-1)
     return Part(walls, goes_on, group, centre, _tree(centre))
 
 
-def lay(part: Part, storey: Walls, motions: Array) -> Iterator[Laid]:
-    """Lays the part by each of the motions (M, 3) between own frames, which are near, and then as well as it can be.
+def place_part(part: Part, storey: Walls, motions: Array) -> Iterator[PlacedPart]:
+    """Places a part by each of the motions (M, 3) between own frames, and refines each placement.
 
-    Gauss-Newton on what walls are off across and at their ends, each to the wall that costs least.
+    Gauss-Newton on the walls' offsets across and at their ends, each to the wall with the lowest cost.
     """
     most = max(1, AT_ONCE // (len(part.walls) * max(1, len(storey))))
     for first in range(0, len(motions), most):
@@ -77,13 +81,16 @@ def lay(part: Part, storey: Walls, motions: Array) -> Iterator[Laid]:
         for loosened in LOOSENED:
             state = _step(part, storey, state, loosened)
         cost, partner, *_ = _pairs(part, storey, state, 1.0)
-        residual, _ = _bent(part, state)
-        yield from map(Laid, state, partner, cost, 0.5 * np.einsum("mi,mi->m", residual, residual))
+        residual, _ = _drift_residual(part, state)
+        yield from map(PlacedPart, state, partner, cost, 0.5 * np.einsum("mi,mi->m", residual, residual))
 
 
 def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Array, Index, Array, Array]:
-    """Of M states (M, G, 3): (M, N) cost and partner, (M, N, 4) off across, at both ends and in direction, in sigmas,
-    (M, N, 2) the middles."""
+    """Associates walls for M states (M, G, 3).
+
+    Returns (M, N) cost and partner, (M, N, 4) offsets across, at both ends and in direction in sigmas, and (M, N, 2)
+    the mid points.
+    """
     walls = part.walls
     yaw = state[:, part.group, 0]
     placed = se2.rotate(yaw, walls.centre - part.centre[part.group]) + state[:, part.group, 1:]
@@ -111,7 +118,7 @@ def _pairs(part: Part, storey: Walls, state: Array, loosened: float) -> tuple[Ar
 
 
 def _step(part: Part, storey: Walls, state: Array, loosened: float) -> Array:
-    """One step of least squares; the motions are of the groups' centres."""
+    """One step of least squares on the motions of the groups' centres."""
     count, groups, walls = *state.shape[:2], np.arange(len(part.walls))
     _, partner, off, placed = _pairs(part, storey, state, loosened)
     on = (partner >= 0)[..., None]  # the others' rows are empty
@@ -129,17 +136,18 @@ def _step(part: Part, storey: Walls, state: Array, loosened: float) -> Array:
     across, along = both
     ends = [np.where(off[..., k, None] == 0, 0.0, along) for k in (1, 2)]  # nothing holds a wall that may go on
     turned = rows(np.full(placed.shape[:2], 1 / SIGMA_TURN), np.zeros_like(placed))
-    residual, bent = _bent(part, state)
-    J = np.concatenate((across, *ends, turned, bent), axis=1)
+    residual, J_drift = _drift_residual(part, state)
+    J = np.concatenate((across, *ends, turned, J_drift), axis=1)
     r = np.concatenate((np.moveaxis(off, 2, 1).reshape(count, -1), residual), axis=1)[..., None]
     J_T = np.swapaxes(J, 1, 2)
     step = np.linalg.solve(J_T @ J + HOLD * np.eye(3 * groups), -J_T @ r)
     return np.asarray(state + step.reshape(state.shape))
 
 
-def _bent(part: Part, state: Array) -> tuple[Array, Array]:
-    """(M, 3 L) how far linked groups moved otherwise, in sigmas of the drift of one step, and (M, 3 L, 3 G) by the
-    state."""
+def _drift_residual(part: Part, state: Array) -> tuple[Array, Array]:
+    """(M, 3 L) how far linked groups moved differently, in sigmas of one step of drift, and its Jacobian (M, 3 L, 3
+    G).
+    """
     g, h = part.links.T
     count, groups = state.shape[:2]
     arm = se2.rotate(state[:, g, 0], part.centre[h] - part.centre[g])

@@ -1,6 +1,6 @@
-"""Symmetric systems of 3 x 3 blocks, one for each node of a graph and each of its edges, solved node by node.
+"""A sparse Cholesky solver for symmetric systems of 3 x 3 blocks, one for each node and each edge of a graph.
 
-A node that goes joins those of its neighbours that are left; the one with the fewest goes first (W. F. Tinney and
+Eliminating a node connects its remaining neighbours; the node with the fewest is eliminated first (W. F. Tinney and
 J. W. Walker: Direct solutions of sparse network equations by optimally ordered triangular factorization, 1967).
 """
 
@@ -15,7 +15,7 @@ from matching.arrays.walls import Index
 
 
 class Elimination(NamedTuple):
-    """In which order G nodes go, and the B blocks of each with the neighbours that are left when it goes."""
+    """The order in which G nodes are eliminated, and the B blocks of each with its remaining neighbours."""
 
     order: Index  # (G,)
     first: Index  # (G + 1,) where the blocks begin of the node that goes first, second, ...
@@ -27,7 +27,7 @@ class Elimination(NamedTuple):
 
 @compiled
 def elimination(edges: Index, count: int) -> Elimination:
-    """For edges (E, 2) between `count` nodes, none of them twice."""
+    """Returns the elimination for distinct edges (E, 2) between `count` nodes."""
     joined, order = _joined(edges, count)
     first, block = np.zeros(count + 1, dtype=np.int64), np.full((count, count), -1)
     later, changes = np.empty(joined.sum() // 2, dtype=np.int64), 0
@@ -54,7 +54,7 @@ def elimination(edges: Index, count: int) -> Elimination:
 
 @compiled_within
 def _joined(edges: Index, count: int) -> tuple[NDArray[np.bool_], Index]:
-    """(G, G) which nodes are neighbours when one of them goes, and the order."""
+    """(G, G) the neighbours of each node when it is eliminated, and the order."""
     joined, left = np.zeros((count, count), dtype=np.bool_), np.ones(count, dtype=np.bool_)
     order = np.empty(count, dtype=np.int64)
     for e in range(len(edges)):
@@ -79,10 +79,10 @@ def _joined(edges: Index, count: int) -> tuple[NDArray[np.bool_], Index]:
 
 @compiled
 def solve(e: Elimination, own: Array, between: Array, x: Array) -> None:
-    """Writes the solution of a positive definite system into its right side (G, 3).
+    """Solves a positive definite system; the solution overwrites the right side (G, 3).
 
-    `own` (G, 3, 3) are the blocks on the diagonal, of which the lower triangle is read, `between` (B, 3, 3) the others;
-    both are lost.
+    `own` (G, 3, 3) are the diagonal blocks, of which the lower triangle is read, `between` (B, 3, 3) the others; both
+    are overwritten.
     """
     order, first, later, at = e.order, e.first, e.later, 0
     for n in range(len(order)):
@@ -113,7 +113,7 @@ def solve(e: Elimination, own: Array, between: Array, x: Array) -> None:
 
 @compiled
 def _factored(A: Array, g: int) -> None:
-    """Writes Cholesky's lower factor into the lower triangle of one of (G, 3, 3)."""
+    """Overwrites the lower triangle of one of (G, 3, 3) with its Cholesky factor."""
     A[g, 0, 0] = np.sqrt(A[g, 0, 0])
     A[g, 1, 0] /= A[g, 0, 0]
     A[g, 2, 0] /= A[g, 0, 0]
@@ -124,7 +124,7 @@ def _factored(A: Array, g: int) -> None:
 
 @compiled
 def _lowered(L: Array, g: int, b: Array, r: int) -> None:
-    """Writes the solution of a lower triangular system, one of (G, 3, 3), into a row of right sides (R, 3)."""
+    """Solves a lower triangular system, one of (G, 3, 3), for a row of right sides (R, 3), in place."""
     b[r, 0] /= L[g, 0, 0]
     b[r, 1] = (b[r, 1] - L[g, 1, 0] * b[r, 0]) / L[g, 1, 1]
     b[r, 2] = (b[r, 2] - L[g, 2, 0] * b[r, 0] - L[g, 2, 1] * b[r, 1]) / L[g, 2, 2]

@@ -1,4 +1,4 @@
-"""The walls nearest to each wall: looked up among points along them, ranked by the gaps between the walls."""
+"""The nearest walls of each wall: candidates from points along the walls, ranked by the gaps between walls."""
 
 import numpy as np
 
@@ -11,10 +11,10 @@ IN_CELL = 16  # points, in the mean, of a cell of the grid that they are kept in
 
 
 def nearest_walls(walls: Walls, size: int) -> tuple[Index, Array]:
-    """(N, size) the nearest other walls, -1 where there are fewer, and their gaps in metres.
+    """Returns (N, size) the nearest other walls, -1 where there are fewer, and their gaps in metres.
 
-    The gap is from the nearer of one wall's ends and mid point to the other wall, the lesser way round. Only walls are
-    ranked of which one has a point among the SEARCHED that are nearest to one of the other's.
+    The gap is the distance from the nearest of one wall's ends and mid point to the other wall, the smaller of both
+    directions. Only walls are ranked that have a point among the SEARCHED nearest points of the other one.
     """
     points, owner = _points(walls.centre, walls.tangent, walls.half)
     points -= points.min(axis=0)
@@ -28,7 +28,7 @@ def nearest_walls(walls: Walls, size: int) -> tuple[Index, Array]:
 
 @compiled
 def _points(centre: Array, tangent: Array, half: Array) -> tuple[Array, Index]:
-    """(P, 2) points along the walls, from end to end, and (P,) the walls that they are of."""
+    """(P, 2) points along the walls, from end to end, and (P,) the walls they belong to."""
     count = 2 + np.ceil(2 * half / SAMPLED_M).astype(np.int64)
     points, owner, at = np.empty((count.sum(), 2)), np.empty(count.sum(), dtype=np.int64), 0
     for i in range(len(half)):
@@ -42,8 +42,11 @@ def _points(centre: Array, tangent: Array, half: Array) -> tuple[Array, Index]:
 
 @compiled
 def _celled(points: Array, owner: Index, side: float) -> tuple[Array, Index, Index, Index, int]:
-    """(2, P) points of none below 0 in the order of their cells, row by row, and the walls that they are of; where each
-    is now, where each cell begins, and how many columns of cells there are."""
+    """Sorts points with non-negative coordinates into grid cells.
+
+    Returns (2, P) the points in the order of their cells, row by row, the walls they belong to, where each point is
+    now, where each cell begins, and the number of columns of cells.
+    """
     cell, last = np.empty(len(points), dtype=np.int64), (int(points[:, 0].max() / side), int(points[:, 1].max() / side))
     first = np.zeros((last[0] + 1) * (last[1] + 1) + 1, dtype=np.int64)
     for p in range(len(points)):
@@ -63,8 +66,9 @@ def _nearest(
     point: Array, owner: Index, place: Index, first: Index, columns: int, side: float,
     centre: Array, normal: Array, tangent: Array, half: Array, size: int,
 ) -> tuple[Index, Array]:  # fmt: skip
-    """`point` (2, P) lie in the order of their cells, which begin at `first`, row by row; `place` (P,) tells where
-    those of the first wall are, then those of the second, and so on."""
+    """Finds the nearest walls. `point` (2, P) is in the order of cells, which begin at `first`; `place` (P,) says where
+    the points of the first wall are, then those of the second, and so on.
+    """
     walls, points = len(half), point.shape[1]
     nearest, gaps, cost = np.full((walls, size), -1), np.full((walls, size), np.inf), np.full((walls, size), np.inf)
     among, square, met = np.empty(points, dtype=np.int64), np.empty(points), np.full(walls, -1)
@@ -88,7 +92,7 @@ def _nearest(
 
 @compiled
 def _within(p: int, point: Array, first: Index, columns: int, side: float, among: Index, square: Array) -> int:
-    """Writes which points are the SEARCHED nearest to p, itself and ties included, and returns how many."""
+    """Writes the SEARCHED points nearest to p, itself and ties included, and returns their number."""
     rows = (len(first) - 1) // columns
     x, y = point[0, p], point[1, p]
     column, row = int(x / side), int(y / side)
@@ -117,7 +121,7 @@ def _within(p: int, point: Array, first: Index, columns: int, side: float, among
 
 @compiled
 def _looked_at(point: Array, begin: int, end: int, x: float, y: float, among: Index, square: Array) -> None:
-    """Writes which points these are, of successive ones, and the squares of how far they are; it is vector code."""
+    """Writes consecutive points and their squared distances; compiles to vector code."""
     point_x, point_y = point[0, begin:end], point[1, begin:end]
     for k in range(len(point_x)):
         among[k] = begin + k
@@ -135,8 +139,9 @@ def _inside(square: Array, limit: float) -> int:
 
 @compiled
 def _limit(square: Array, high: float, above: int) -> float:
-    """A number that SEARCHED of the squares, at least, are not above; more only where they are alike. `above` are not
-    above `high`."""
+    """A bound that at least SEARCHED of the squares are not above, more only in case of ties. `above` are not above
+    `high`.
+    """
     low, below = -1e-9, 0
     while high - low > 1e-9 * max(high, 1e-9):
         share = (SEARCHED + 0.5 - below) / (above - below)  # as if they lay evenly between the bounds
@@ -156,8 +161,8 @@ def _ranked(
     one: int, other: int, gap: float, x: float, y: float, normal: Array, tangent: Array,
     nearest: Index, gaps: Array, cost: Array,
 ) -> None:  # fmt: skip
-    """Another wall takes its place among those of a wall, from whose centre it lies at (x, y)."""
-    # Walls that meet have no gap at all: what else they have decides, so that the choice is no matter of rounding.
+    """Inserts another wall at (x, y) from a wall's centre into its ranking."""
+    # Walls that meet have no gap; other properties decide, so that rounding does not.
     beside = x * (normal[one, 0] + 2 * tangent[one, 0]) + y * (normal[one, 1] + 2 * tangent[one, 1])
     new = gap + 0.03 * np.sqrt(x * x + y * y) + 0.001 * beside
     size = at = nearest.shape[1]
@@ -176,8 +181,9 @@ def _ranked(
 
 @compiled
 def _gap(x: float, y: float, one: int, other: int, normal: Array, tangent: Array, half: Array) -> float:
-    """The square of metres from the ends and the mid point of another wall, which lies at (x, y) from a wall's centre,
-    to this."""
+    """The squared distance in metres from the ends and mid point of another wall, at (x, y) from a wall's centre, to
+    this.
+    """
     least = np.inf
     for end in (-1.0, 0.0, 1.0):
         u, v = x + end * half[other] * tangent[other, 0], y + end * half[other] * tangent[other, 1]

@@ -14,14 +14,15 @@ from data.scene_graph import Room, SceneGraph, WallSurface
 
 Index = NDArray[np.int64]
 BUILDING_GAP = 10.0  # metres
-UNKNOWN_HALF_LENGTH = 1.0  # metres, where neither the graph nor the room's other walls tell
+UNKNOWN_HALF_LENGTH = 1.0  # metres, if neither the graph nor the room's other walls give it
 
 
 @dataclass(frozen=True)
 class Walls(WallDirections):
-    """N wall surfaces of one storey, in their own frame `own`: origin at their mean, x along most walls.
+    """N wall surfaces of one storey in their own frame: origin at their mean, x along most walls.
 
-    The own frame makes every later step independent of where and how the graph's frame lies.
+    The own frame makes all later steps independent of the graph's frame. `T_graph_own` (yaw, x, y) maps it to the
+    graph's.
     """
 
     ids: tuple[str, ...]
@@ -51,12 +52,12 @@ class Walls(WallDirections):
 
     @cached_property
     def building(self) -> Index:
-        """(N,) which building each wall is of: one further than 10 m from all others is of another."""
+        """(N,) the building of each wall: walls more than 10 m away from all others are of another building."""
         return _buildings(self.centre, self.tangent, self.half)
 
     @cached_property
     def building_areas(self) -> Array:
-        """(buildings,) square metres, of boxes along the walls about their mid points, a metre added."""
+        """(buildings,) square metres of boxes along the walls about their mid points, extended by a metre."""
         areas = []
         for k in range(int(self.building.max()) + 1):
             own = self.building == k
@@ -67,8 +68,8 @@ class Walls(WallDirections):
     @cached_property
     def first_of_room(self) -> Index:
         """(rooms,) the first wall of each room."""
-        housed = np.flatnonzero(self.room >= 0)
-        return np.asarray(housed[np.unique(self.room[housed], return_index=True)[1]])
+        with_room = np.flatnonzero(self.room >= 0)
+        return np.asarray(with_room[np.unique(self.room[with_room], return_index=True)[1]])
 
     @cached_property
     def room_centroids(self) -> Array:
@@ -77,12 +78,12 @@ class Walls(WallDirections):
 
     @cached_property
     def weight(self) -> Array:
-        """(N,) what a surface counts: grows with its length, but a long one is still one observation."""
+        """(N,) the weight of each surface: grows with its length, but a long one is still one observation."""
         return np.sqrt(np.clip(2 * self.half, 0.35, 6.0))
 
 
 def storeys(graph: SceneGraph) -> list[Walls]:
-    """The graph's storeys that have wall surfaces, in the order of `floors`, then of appearance."""
+    """Returns the graph's storeys that have wall surfaces, in the order of `floors`, then of appearance."""
     floor_of = {r.id: r.floor for r in graph.rooms}
 
     def floor(surface: WallSurface) -> str | None:
@@ -95,7 +96,7 @@ def storeys(graph: SceneGraph) -> list[Walls]:
 
 
 def arrays(graph: SceneGraph, floor: str | None, surfaces: list[WallSurface]) -> Walls:
-    """The arrays of some wall surfaces (at least one) of a graph, taken as one storey."""
+    """Returns some wall surfaces (at least one) of a graph as arrays, taken as one storey."""
     faced = {w.room for w in surfaces}
     rooms = [r for r in graph.rooms if r.id in faced]
     index = {r.id: k for k, r in enumerate(rooms)}
@@ -130,12 +131,12 @@ def crossings(centre: Array, heading: Array) -> tuple[Array, Array]:
 
 
 def _grid(heading: Array, weight: Array) -> float:
-    """Walls of a building stand at right angles mostly: the fourth harmonic has the direction of the grid."""
+    """Direction of the building's grid from the fourth harmonic, since most walls are at right angles."""
     return float(np.angle(np.sum(weight * np.exp(4j * heading))) / 4)
 
 
 def _buildings(centre: Array, tangent: Array, half: Array) -> Index:
-    """(N,) labels, equal for walls that are near each other; walls are looked at as rows of points."""
+    """(N,) labels, equal for walls that are near each other; walls are sampled as rows of points."""
     from scipy.sparse import coo_matrix  # slow to import
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

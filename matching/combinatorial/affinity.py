@@ -1,4 +1,4 @@
-"""What the combinatorial search compares: distances of rooms, distances and angles of walls taken as planes.
+"""The affinities of the combinatorial search: distances of rooms, distances and angles of walls as planes.
 
 Walls are infinite: lengths, doors, adjacency and floors play no part.
 """
@@ -16,7 +16,7 @@ from matching.combinatorial.settings import CombinatorialSettings, Gaussian, Pla
 
 @dataclass(frozen=True)
 class Datums:
-    """One graph as the search sees it: M rooms and N walls."""
+    """A graph for the search: M rooms and N walls."""
 
     rooms: tuple[str, ...]
     walls: tuple[str, ...]
@@ -28,7 +28,7 @@ class Datums:
 
     @staticmethod
     def of(graph: SceneGraph, settings: CombinatorialSettings) -> "Datums":
-        """Rooms lie at the elevations of their floors, where these are told."""
+        """Rooms are placed at the elevations of their floors where these are given."""
         height = {f.id: f.elevation or 0.0 for f in graph.floors} if settings.storeys_apart else {}
         place = [(*r.centroid, height.get(r.floor or "", 0.0)) for r in graph.rooms]
         row = {w.id: k for k, w in enumerate(graph.wall_surfaces)}
@@ -78,9 +78,9 @@ def _apart(points: Array) -> Array:
 
 
 def room_affinity(settings: CombinatorialSettings, s: Compared, a: Compared, of_a: Index) -> Array:
-    """(B, n, n) how alike the distances of n S rooms and of those A rooms (B, n) are; 1 on the diagonal.
+    """(B, n, n) how similar the distances of n S rooms and of those A rooms (B, n) are; 1 on the diagonal.
 
-    Rooms that are nearer to each other than the bound never agree: so it is published.
+    As published, rooms closer to each other than the bound never agree.
     """
     kernel = settings.rooms
     theirs = a.distance[of_a[:, :, None], of_a[:, None, :]]
@@ -92,7 +92,7 @@ def room_affinity(settings: CombinatorialSettings, s: Compared, a: Compared, of_
 
 
 def wall_affinity(planes: Planes, s: Compared, a: Compared, of_s: Index, of_a: Index) -> Array:
-    """(..., n, n) how alike n S walls (..., n) lie to each other as those A walls (..., n) do."""
+    """(..., n, n) how similar the relative poses of n S walls (..., n) and of those A walls (..., n) are."""
     distance, angle = (
         np.abs(x[of_a[..., :, None], of_a[..., None, :]] - y[of_s[..., :, None], of_s[..., None, :]])
         for x, y in ((a.distance, s.distance), (a.angle, s.angle))
@@ -102,7 +102,7 @@ def wall_affinity(planes: Planes, s: Compared, a: Compared, of_s: Index, of_a: I
 
 
 def fits_room(settings: CombinatorialSettings, s_feet: Array, a_feet: Array) -> Array:
-    """(A walls, S walls) whether the walls are as far from the centres of their rooms, by the interlevel affinity."""
+    """(A walls, S walls) whether walls are equally far from the centres of their rooms, by the interlevel affinity."""
     away = np.abs(np.linalg.norm(a_feet, axis=-1)[:, None] - np.linalg.norm(s_feet, axis=-1)[None, :])
     return np.asarray(_gaussian(away, settings.planes.distance) >= settings.least_interlevel)
 

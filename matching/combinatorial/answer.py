@@ -1,4 +1,4 @@
-"""The solutions of the combinatorial search as an answer, with the motion that fits their pairs best."""
+"""The solutions of the combinatorial search as a match result, with the motion that fits their pairs best."""
 
 from collections.abc import Sequence
 
@@ -11,13 +11,13 @@ from matching.combinatorial.merge import Merged
 from matching.result import Hypothesis, MatchResult
 from matching.search.rigid_fit import fit_pairs
 
-LISTED = 10  # hypotheses in the answer
+LISTED = 10  # hypotheses in the result, at most
 
 
 def answer(
     s: Datums, a: Datums, plan: SceneGraph, solutions: Sequence[Merged], motions: Sequence[Array], seconds: float
 ) -> MatchResult:
-    """`unique` for one solution, `ambiguous` for several: the first found is then as good as any."""
+    """Returns `unique` for one solution, `ambiguous` for several (the first found is then as good as any)."""
     if not solutions:
         return MatchResult("none", "no set of rooms and walls agrees with the plan", seconds=seconds)
     count, first = len(solutions), solutions[0]

@@ -20,21 +20,23 @@ BACK, MOST_BACK = 0.25, 99  # a step that loses is cut to a quarter
 
 @dataclass(frozen=True)
 class Dense:
-    """Of B problems: the `value` u'Mu (B,), and which of the n pairs are `chosen` (B, n), as many as the value says."""
+    """Solutions of B problems: `value` u'Mu (B,), and which of the n pairs are `chosen` (B, n), as many as the
+    value.
+    """
 
     value: Array
     chosen: NDArray[np.bool_]
 
     @property
     def score(self) -> Array:
-        """(B,) the value for each pair chosen: 1 where all agree entirely."""
+        """(B,) the value per chosen pair: 1 where all agree entirely."""
         return np.asarray(self.value / np.maximum(self.chosen.sum(axis=1), 1))
 
 
 def densest(M: Array, rng: np.random.Generator, restarts: int = 1, check: Callable[[], None] = lambda: None) -> Dense:
-    """For (B, n, n) affinities in [0, 1], 1 on the diagonal (0 for a pair that is not to be had).
+    """Solves B problems of (B, n, n) affinities in [0, 1], 1 on the diagonal (0 for a pair that is excluded).
 
-    Starts are random; of several the one with the highest value is kept. `check` is called now and then, to stop it.
+    Starts are random; the best of several is returned. `check` is called regularly and may raise to stop the search.
     """
     best = np.full(len(M), -np.inf)
     vector = np.zeros(M.shape[:2])
@@ -47,7 +49,7 @@ def densest(M: Array, rng: np.random.Generator, restarts: int = 1, check: Callab
 
 
 def _ascent(M: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array]:
-    """(B,) values and (B, n) vectors, from the starts u."""
+    """(B,) values and (B, n) vectors from the starts u."""
     contradicts = (M == 0).astype(float)
     u = _unit(_times(M, u))
     d = _penalty(M, contradicts, u)
@@ -64,7 +66,7 @@ def _ascent(M: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array
 
 
 def _climb(Md: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array]:
-    """Projected gradient ascent of u'Md u on the unit sphere's part u >= 0."""
+    """Projected gradient ascent of u'Md u on the part u >= 0 of the unit sphere."""
     value = np.sum(u * _times(Md, u), axis=1)
     left = np.arange(len(Md))
     for _ in range(INNER):
@@ -88,7 +90,7 @@ def _climb(Md: Array, u: Array, check: Callable[[], None]) -> tuple[Array, Array
 
 
 def _penalty(M: Array, contradicts: Array, u: Array) -> Array:
-    """(B,) by how much d is to be raised; 0 where nothing contradicts any more."""
+    """(B,) by how much d is to be raised; 0 if no contradiction is left."""
     against = _times(contradicts, u)
     at = (against > ZERO) & (u > ZERO)
     ratio = np.where(at, _times(M, u) / np.where(at, against, 1.0), 0.0)

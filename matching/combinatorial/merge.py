@@ -1,4 +1,4 @@
-"""Wall sets of several rooms put together, judged as a whole; ties; and walls that are added in the end."""
+"""Combines wall sets of several rooms, keeps ties, and adds the remaining walls."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,8 @@ LEAST_COS, MOST_SIN = 0.8, 0.2  # of the plan's turn, where it must be upright
 
 @dataclass(frozen=True)
 class Merged:
-    """A solution: pairs of rooms and of walls, (S, A) rows; `frame` is the room pair about whose centres it was judged.
+    """A solution: pairs of rooms and of walls as (S, A) rows; `frame` is the room pair about whose centres it was
+    compared.
 
     `consistency` is the mean affinity of its wall pairs with each other.
     """
@@ -33,9 +34,9 @@ class Merged:
 def merged(
     s: Datums, a: Datums, settings: CombinatorialSettings, rooms: Pairs, sets: Sequence[list[AgreeingSet]], clock: Clock
 ) -> list[Merged]:
-    """All combinations of one wall set of each room pair that are consistent as a whole. Raises TimeIsUpError.
+    """Returns all consistent combinations of one wall set of each room pair. Raises TimeIsUpError.
 
-    The mean of a combination's affinities is a sum of blocks, one for each two of its wall sets.
+    The mean of a combination's affinities is computed as a sum of blocks, one for each pair of wall sets.
     """
     frame = rooms[_reference(sets) if settings.about_best else 0]
     walls = list(dict.fromkeys(pair for options in sets for x in options for pair in x.pairs))
@@ -87,9 +88,9 @@ def upright(s: Datums, a: Datums, solution: Merged) -> bool:
 
 
 def tied(found: list[Merged], apart: float) -> list[Merged]:
-    """The solutions that a chain of consistencies, none further than `apart` from the next, joins to the best.
+    """Returns the solutions linked to the best by a chain of consistencies at most `apart` from each other.
 
-    So DBSCAN with one sample does in one dimension.
+    This equals DBSCAN with one sample in one dimension.
     """
     value = np.sort([m.consistency for m in found])[::-1]
     gaps = np.nonzero(-np.diff(value) > apart)[0]
@@ -98,7 +99,7 @@ def tied(found: list[Merged], apart: float) -> list[Merged]:
 
 
 def with_roomless(s: Datums, a: Datums, settings: CombinatorialSettings, solution: Merged) -> Merged:
-    """Walls that face no room are added where they lie to the first pair as in the plan."""
+    """Adds walls without a room where their pose relative to the first pair is as in the plan."""
     like = _to(s, a, settings.planes, solution, s.roomless, a.roomless, solution.walls[:1])
     added = _one_to_one(like, settings.least_interlevel, s.roomless, a.roomless)
     walls = (*solution.walls, *added)
@@ -108,7 +109,7 @@ def with_roomless(s: Datums, a: Datums, settings: CombinatorialSettings, solutio
 
 
 def with_left_over(s: Datums, a: Datums, settings: CombinatorialSettings, solution: Merged) -> Merged:
-    """Walls of matched rooms that were left over are paired, as deviated ones, where all that is matched allows it."""
+    """Pairs the remaining walls of matched rooms, as deviated ones, if all other matches agree."""
     if settings.deviated is None:
         return solution
     walls = solution.walls
@@ -123,7 +124,7 @@ def with_left_over(s: Datums, a: Datums, settings: CombinatorialSettings, soluti
 def _to(
     s: Datums, a: Datums, planes: Planes, solution: Merged, of_s: Index, of_a: Index, pairs: Pairs
 ) -> NDArray[np.float64]:
-    """(S walls, A walls) the mean affinity of each possible pair with the pairs that are given."""
+    """(S walls, A walls) the mean affinity of each possible pair with the given pairs."""
     likes = np.zeros((len(of_s), len(of_a)))
     for i, w in enumerate(of_s.tolist()):
         for j, v in enumerate(of_a.tolist()):
@@ -132,7 +133,7 @@ def _to(
 
 
 def _one_to_one(like: Array, least: float, of_s: Index, of_a: Index) -> Pairs:
-    """The best first."""
+    """Pairs one to one, best first."""
     found: list[tuple[int, int]] = []
     for at in np.argsort(-like, axis=None, kind="stable").tolist():
         i, j = divmod(at, like.shape[1])

@@ -4,15 +4,15 @@ M. Shaheer, J. A. Millan-Romera, H. Bavle, J. L. Sanchez-Lopez, J. Civera, H. Vo
 Localization Informing Situational Graphs with Architectural Graphs. IROS 2023, as its public code does it.
 
 1. Rooms: all injections of S rooms into A rooms; of each the densest set whose distances agree; the largest sets.
-2. Walls: for each pair of rooms in them, all injections of their walls likewise, about the rooms' centres.
-3. Every combination of the wall sets of a set of rooms, judged as a whole by its mean affinity.
-4. The best, and all that tie with it: one is the answer, several are symmetries.
+2. Walls: for each pair of rooms in them, all injections of their walls in the same way, about the rooms' centres.
+3. Combinations: every choice of wall sets for a set of rooms, scored by its mean affinity.
+4. Result: the best combination and all that tie with it. One is unique, several are symmetries.
 
-Distances and angles are the same in a mirror, so it finds mirror images too. It is exponential in rooms and
-factorial in walls. Ours is the matching as published, with these differences: random starts have a seed, rounding
-makes no angle undefined, an empty map is answered, walls without a room are paired one to one, and a rigid motion
-is fitted to the pairs, because our answers tell where the map lies. Maps that were matched before are not remembered,
-and where walls may be left out only solutions with the most walls tie: what was published is silent there.
+Distances and angles do not change in a mirror, so mirror images are found too. The search is exponential in rooms and
+factorial in walls. It differs from the published one as follows: random starts have a seed, rounding makes no angle
+undefined, an empty map gives a result, walls without a room are paired one to one, and a rigid motion is fitted to the
+pairs. Earlier maps are not remembered. Where walls may be left out, only solutions with the most walls tie, which the
+publication leaves open.
 """
 
 import time
@@ -33,14 +33,14 @@ from matching.search.start import Start, near_start
 
 @dataclass(frozen=True)
 class CombinatorialMatcher:
-    """Matches by exhaustive search; `settings` are DEVELOP (the released matcher) or GRID (the later branch)."""
+    """Matches by exhaustive search. `settings` are DEVELOP (the released matcher) or GRID (the later branch)."""
 
     settings: CombinatorialSettings = DEVELOP
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """As `Matcher.match`. Confidences are the solution's consistency divided by the number of solutions."""
+        """See `Matcher.match`. Confidences are the solution's consistency divided by the number of solutions."""
         clock = Clock(time.perf_counter(), self.settings.limit_s)
         planned = a if floor is None else a.on_floor(floor)
         for what, empty in (("S-graph", not s.rooms), ("A-graph", not planned.rooms)):
@@ -59,14 +59,14 @@ class CombinatorialMatcher:
 
 
 class Search:
-    """One search; what it finds out about a pair of rooms is kept."""
+    """One search; results for pairs of rooms are cached."""
 
     def __init__(self, s: Datums, a: Datums, settings: CombinatorialSettings, clock: Clock) -> None:
         self.s, self.a, self.settings, self.clock = s, a, settings, clock
         self._wall_sets: dict[tuple[int, int], list[AgreeingSet]] = {}
 
     def run(self) -> list[Merged]:
-        """The solutions that tie. Raises TimeIsUpError."""
+        """Returns the solutions that tie. Raises TimeIsUpError."""
         found: list[Merged] = []
         for rooms in self.room_sets():
             sets = [self.wall_sets(r, q) for r, q in rooms]
@@ -81,7 +81,7 @@ class Search:
         return [with_left_over(self.s, self.a, self.settings, m) for m in best]
 
     def room_sets(self) -> list[Pairs]:
-        """Sets of room pairs whose centres are as far from each other in both graphs."""
+        """Sets of room pairs whose centres have the same distances in both graphs."""
         s, a = Compared.of_points(self.s.place), Compared.of_points(self.a.place)
         found = agreeing_sets(
             injections(len(self.s.rooms), len(self.a.rooms)), lambda of_a: room_affinity(self.settings, s, a, of_a),

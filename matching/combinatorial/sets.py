@@ -1,4 +1,4 @@
-"""Sets of pairs that agree: every way to give each S datum an A datum of its own is tried."""
+"""Sets of pairs that agree, found by trying every way to assign each S datum a different A datum."""
 
 import itertools
 import math
@@ -12,18 +12,18 @@ from data.geometry.se2 import Array
 from matching.arrays.walls import Index
 from matching.combinatorial.clipper import densest
 
-CHUNK, ENTRIES = 4096, 1 << 20  # tried at once: so many, of so many affinities together
+CHUNK, ENTRIES = 4096, 1 << 20  # injections tried at once, and their affinities, at most
 Affinity = Callable[[Index], Array]  # (B, n) A datums of the n S datums -> (B, n, n), 1 on the diagonal
 Pairs = tuple[tuple[int, int], ...]  # (S, A)
 
 
 class TimeIsUpError(Exception):
-    """The search has taken longer than it may."""
+    """The search exceeded its time limit."""
 
 
 @dataclass(frozen=True)
 class Clock:
-    """Tells when to stop."""
+    """Stops the search at its time limit."""
 
     began: float
     limit_s: float
@@ -36,7 +36,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class AgreeingSet:
-    """Pairs that agree, and how well: 1 is entirely."""
+    """Pairs that agree, and their score: 1 if entirely."""
 
     pairs: Pairs
     score: float
@@ -45,7 +45,8 @@ class AgreeingSet:
 def agreeing_sets(
     injections: Iterator[Index], affinity: Affinity, least: float, restarts: int, clock: Clock
 ) -> list[AgreeingSet]:
-    """The largest sets of pairs within the injections whose score is above `least`, each once, in order of finding.
+    """Returns the largest sets of pairs within the injections whose score is above `least`, each once, in order of
+    finding.
 
     Raises TimeIsUpError.
     """
@@ -67,9 +68,9 @@ def agreeing_sets(
 
 
 def injections(s: int, a: int, fits: Array | None = None, partial: bool = False) -> Iterator[Index]:
-    """All ways to give s datums one of a datums each, none twice: (B, s) at a time; none where s is more than a.
+    """Yields all ways to assign s datums different ones of a datums, (B, s) at a time; none if s is more than a.
 
-    With `fits` (a, s) only those whose pairs all fit; if `partial`, all, with -1 in the place of pairs that do not.
+    With `fits` (a, s), only those whose pairs all fit; if `partial`, all, with -1 in place of pairs that do not fit.
     """
     every = itertools.chain.from_iterable(itertools.permutations(range(a), s))
     chunk = min(CHUNK, max(1, ENTRIES // max(s, 1) ** 2))

@@ -1,4 +1,4 @@
-"""The two published sets of parameters of iS-Graphs' search."""
+"""The two published parameter sets of iS-Graphs' search."""
 
 from dataclasses import dataclass
 
@@ -21,11 +21,11 @@ class Planes:
 
 @dataclass(frozen=True)
 class CombinatorialSettings:
-    """Everything of the search that is a number or a choice. Lengths in metres, angles in radians.
+    """The parameters of the search. Lengths in metres, angles in radians.
 
-    `limit_s` is how long an answer may take. `least_rooms`, `least_walls` (of one room), `least_interlevel` (of a wall
-    with its room) and `least_global` are the affinities from which on a set of pairs is kept. `restarts` are the
-    solver's starts for each set.
+    `limit_s` is the time limit of a match. A set of pairs is kept from the affinities `least_rooms`, `least_walls` (of
+    one room), `least_interlevel` (of a wall with its room) and `least_global` on. `restarts` is the number of random
+    starts for each set.
     """
 
     limit_s: float = 60.0

@@ -1,7 +1,7 @@
-"""Where else a hypothesis may lie: the plan's own likenesses of the place.
+"""Alternative placements of a hypothesis: places where the plan looks like the one it explains.
 
-What the map explains of the plan is laid upon the plan itself, without noise and without bend, by the same votes of
-corners that match a map. Every other place where it fits is a rival, however the first one was found.
+The walls of the plan that the map explains are matched with the plan itself, without noise and deformation, by the same
+corner votes that match a map. Every other place where they fit is an alternative, however the hypothesis was found.
 """
 
 import numpy as np
@@ -19,18 +19,20 @@ from matching.search.plan_walls import PlanWalls
 from matching.search.scoring import FAR, SAME_DIRECTION, SIGMA_HEADING, SIGMA_SCORE
 from matching.search.voting import Marks, vote
 
-PLACES, MOST_PLACES = 12, 192  # of each yaw mode; more where all of those are equal
+PLACES, MOST_PLACES = 12, 192  # of each yaw mode; more if all of those fit
 SIGMA = 0.4  # metres across: places that are alike, not equal
-LEAST = 0.4  # of the walls' weight that a likeness explains
-ITSELF_M, ITSELF_RAD = 0.4, float(np.radians(4))  # nearer ones are the place itself
+LEAST = 0.4  # of the walls' weight that must fit
+ITSELF_M, ITSELF_RAD = 0.4, float(np.radians(4))  # closer ones are the place itself
 EQUAL = 1e-9  # metres, radians
-MOST, EQUALLY, MOST_EQUAL = 6, 0.9, 120  # but all that are so alike: only doors tell equal rooms apart
-LEAST_WALLS, MOST_WALLS = 3, 200  # of the place, that are laid elsewhere,
-MOST_CORNERS, MOST_ASKED = 80, 40  # of which vote, and are asked whether they lie well there
+MOST, EQUALLY, MOST_EQUAL = 6, 0.9, 120  # all that fit this well are kept: only doors tell equal rooms apart
+LEAST_WALLS, MOST_WALLS = 3, 200  # walls of the place that are used,
+MOST_CORNERS, MOST_ASKED = 80, 40  # corners that vote, and walls that check a place
 
 
-def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
-    """Fields that are the best one (K = 1), moved to where the plan is alike; `table` (Ns, P) its partners."""
+def alternative_placements(scene: Scene, best: Fields, table: Index) -> Fields:
+    """Returns the best field (K = 1) moved to all places where the plan looks alike; `table` (Ns, P) are its
+    partners.
+    """
     storey, plan = int(best.storey[0]), scene.plan
     quality = judge(scene, table[None], best.state, SIGMA_SCORE).quality[0]
     used = np.unique(table[quality > SEEN]) - int(plan.first[storey])
@@ -39,25 +41,27 @@ def rivals(scene: Scene, best: Fields, table: Index) -> Fields:
         return Fields(np.zeros(0, dtype=np.int64), np.zeros((0, *best.state.shape[1:])))
     own = corners(plan.storeys[storey], used)
     own = own[:: -(-len(own) // MOST_CORNERS) or 1]
-    found = [_likenesses(plan, storey, used, own, st) for st in range(len(plan.storeys))]
+    found = [_similar_places(plan, storey, used, own, st) for st in range(len(plan.storeys))]
     worth, motion = (np.concatenate([f[n] for f in found]) for n in (0, 1))
     at = np.repeat(np.arange(len(found)), [len(f[0]) for f in found])
     most = np.argsort(-worth, kind="stable")[: max(MOST, min(int(np.sum(worth > EQUALLY)), MOST_EQUAL))]
-    most = most[_unlike(at[most], motion[most])]
+    most = most[_distinct_motions(at[most], motion[most])]
     return Fields(at[most], _moved(best.state[0], motion[most]))
 
 
-def _unlike(storey: Index, motion: Array) -> Index:
-    """The first of each that is there several times: a place where votes gather may be the peak of several bins."""
+def _distinct_motions(storey: Index, motion: Array) -> Index:
+    """Indices of the first of equal motions: a place may be the peak of several bins of votes."""
     same = (np.abs(motion[:, None] - motion).max(axis=2) < EQUAL) & (storey[:, None] == storey)
     return np.flatnonzero(~(same & np.tri(len(same), k=-1, dtype=bool)).any(axis=1))
 
 
-def _likenesses(
+def _similar_places(
     plan: PlanWalls, home: int, used: Index, own: Marks, storey: int, places: int = PLACES
 ) -> tuple[Array, Array]:
-    """(K,) shares explained and (K, 3) motions of the places in a storey that are like some walls at home, which have
-    these corners; their own place aside."""
+    """Finds the places in a storey that look like some walls at home, given the corners of these.
+
+    Returns (K,) the shares of the walls' weight that fit and (K, 3) the motions; their own place is left out.
+    """
     voted = [c.motions for c in vote(own, plan.corners[storey], places)]
     if not voted:
         return np.zeros(0), np.zeros((0, 3))
@@ -68,7 +72,7 @@ def _likenesses(
     stretch = int(plan.first[storey]), int(plan.first[storey + 1])
     worth = _explained(own_lines, own_centre, weight, headings, lines, stretch, motions) / weight.sum()
     if np.sum(worth > EQUALLY) >= places < MOST_PLACES:  # there may be more
-        return _likenesses(plan, home, used, own, storey, 4 * places)
+        return _similar_places(plan, home, used, own, storey, 4 * places)
     alike = worth > LEAST
     if storey == home:
         middle = a.centre[used].mean(axis=0)
@@ -81,8 +85,10 @@ def _likenesses(
 def _explained(
     own: Array, centre: Array, weight: Array, headings: Array, lines: Array, storey: tuple[int, int], motions: Array
 ) -> Array:
-    """(K,) the weight of walls, their lines and centres given, that motions (K, 3) lay on lines (6, N), those of a
-    storey, whose headings ascend: as `scoring.explained` judges; 0 where it is less than is asked for."""
+    """(K,) weight of the walls that motions (K, 3) align with lines (6, N) of a storey, sorted by heading.
+
+    Quality is as in `scoring.explained`; 0 if the weight is below the required one.
+    """
     total, whole, off = np.zeros(len(motions)), weight.sum(), np.empty(storey[1] - storey[0])
     for k in range(len(motions)):
         yaw, shift_x, shift_y = motions[k]

@@ -1,4 +1,4 @@
-"""Rooms and wall surfaces matched under a field of motions: each surface under its own room's motion."""
+"""Assigns rooms and wall surfaces under a field of motions: each surface under its own room's motion."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,8 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from matching.arrays.walls import Index, Walls
-from matching.deformation.deformed_hypotheses import Bent
-from matching.deformation.field_loops import Loops, compared, laid, turns
+from matching.deformation.deformed_hypotheses import DeformedHypotheses
+from matching.deformation.field_loops import Loops, compared, turns, wall_poses
 from matching.search.assignment import Pairs
 from matching.search.confidence import room_confidence, surface_confidence
 
@@ -19,7 +19,7 @@ LEAST_QUALITY = 0.008
 LEAST_OFF = 0.05  # quality of a short piece that slid wholly off its short wall
 LEAST_SHARE = 0.25  # of an S room's walls, by length, that lie in its A room
 PART_SHARE = 0.2  # of a room's walls in another A room: it may be two rooms in one
-OTHER_ROOM, OTHER_PART = 0.2, 0.5  # what a wall pair is worth whose rooms were not matched, or may be, to each other
+OTHER_ROOM, OTHER_PART = 0.2, 0.5  # weight of a wall pair whose rooms are not matched to each other, or may be
 SECOND_SHARE = 0.6  # of the walls of an S room in an A room that another S room has: it was cut in two
 CONTESTED = 0.5  # of the best A room's share; where another one has more, the S room is not matched
 INSIDE = 0.05  # of share, that a room counts more in which the S room's centroid lies
@@ -31,8 +31,8 @@ Matches = tuple[tuple[int, int, float], ...]  # indices into S and A, share amon
 
 
 @dataclass(frozen=True)
-class _Laid:
-    """The pairs (Ns, P) of S walls with A walls of one storey, and where its rooms are."""
+class _Layout:
+    """The possible pairs (Ns, P) of S walls with A walls of one storey, and where the map's rooms lie."""
 
     s: Walls
     a: Walls
@@ -43,38 +43,41 @@ class _Laid:
     placed: Array  # (R, 2) the centroids of S's rooms, in the plan's frame
 
 
-def complete(found: Bent, k: int) -> Pairs:
-    """The pairs of one hypothesis, indices into S's walls and rooms and into those of its storey.
+def assign(found: DeformedHypotheses, k: int) -> Pairs:
+    """Returns the matches of hypothesis k as indices into S's walls and rooms and into those of its storey.
 
-    A surface pair's confidence is that of the share q / (q + q' + 0.02) with its quality q, q' the next best A wall's;
-    a room pair's the like with the shares of the S room's walls, by length.
+    The confidence of a surface pair follows from the share q / (q + q' + 0.02) of its quality q, where q' is that of
+    the next best A wall; that of a room pair likewise from the shares of the S room's walls, by length.
     """
-    laid = _laid(found, k)
-    share = _shares(laid)
-    rooms = _rooms(laid, share)
-    told = tuple((r, q, room_confidence(c)) for r, q, c in rooms)
-    return Pairs(told, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(laid, share, rooms)))
+    layout = _layout(found, k)
+    share = _shares(layout)
+    rooms = _rooms(layout, share)
+    matched = tuple((r, q, room_confidence(c)) for r, q, c in rooms)
+    return Pairs(matched, tuple((i, j, surface_confidence(c)) for i, j, c in _surfaces(layout, share, rooms)))
 
 
-def complete_rooms(found: Bent, k: int) -> Matches:
-    """The rooms alone."""
-    laid = _laid(found, k)
-    return _rooms(laid, _shares(laid))
+def assign_rooms(found: DeformedHypotheses, k: int) -> Matches:
+    """Returns the room matches alone."""
+    layout = _layout(found, k)
+    return _rooms(layout, _shares(layout))
 
 
-def _laid(found: Bent, k: int) -> _Laid:
+def _layout(found: DeformedHypotheses, k: int) -> _Layout:
     scene, table, storey = found.scene, found.table[k], int(found.fields.storey[k])
     quality, along = _likely(scene.loops, table, found.fields.state[k])
     partner = np.where(table >= 0, table - scene.plan.first[storey], 0)
     placed = found.rooms_placed[k]
-    return _Laid(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, placed)
+    return _Layout(scene.s, scene.plan.storeys[storey], scene.plan.footprints[storey], partner, quality, along, placed)
 
 
 @compiled
 def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
-    """(Ns, P) quality in [0, 1]: across, in direction, by how much lies beside, and by both ends, which slide, or stop
-    short of the plan's: a short piece may slide off a short wall. And S's mid point along A's wall."""
-    quality, at, pose = np.zeros(table.shape), np.zeros(table.shape), laid(m, state, turns(state))
+    """(Ns, P) quality in [0, 1], and S's mid point along A's wall.
+
+    The quality combines the offset across, the direction, the overlap and both ends, which are inaccurate or stop short
+    of the plan's; a short piece may slide off a short wall.
+    """
+    quality, at, pose = np.zeros(table.shape), np.zeros(table.shape), wall_poses(m, state, turns(state))
     for i in range(len(table)):
         for p in range(table.shape[1]):
             if table[i, p] < 0:
@@ -97,17 +100,17 @@ def _likely(m: Loops, table: Index, state: Array) -> tuple[Array, Array]:
     return quality, at
 
 
-def _shares(laid: _Laid) -> Array:
-    """(S rooms, A rooms) of each S room's walls, by length, what lies on walls of the A room."""
-    s, a = laid.s, laid.a
-    return np.asarray(_shared(s.room, s.half, a.room, laid.partner, laid.quality, len(s.rooms), len(a.rooms)))
+def _shares(layout: _Layout) -> Array:
+    """(S rooms, A rooms) the share of each S room's walls, by length, that lies on walls of the A room."""
+    s, a = layout.s, layout.a
+    return np.asarray(_shared(s.room, s.half, a.room, layout.partner, layout.quality, len(s.rooms), len(a.rooms)))
 
 
 @compiled
 def _shared(
     room: Index, half: Array, a_room: Index, partner: Index, quality: Array, rooms: int, a_rooms: int
 ) -> Array:
-    """As `_shares`."""
+    """See `_shares`."""
     share, size = np.zeros((rooms, a_rooms)), np.zeros(rooms)
     for i in range(len(room)):
         if room[i] < 0:
@@ -124,24 +127,25 @@ def _shared(
     return share
 
 
-def _rooms(laid: _Laid, share: Array) -> Matches:
-    """Each S room's best A room; of two S rooms with the same one the lesser keeps it where it is another part.
+def _rooms(layout: _Layout, share: Array) -> Matches:
+    """The best A room of each S room. Of two S rooms with the same one, the smaller keeps it if it is another part of
+    it.
 
-    Two rooms that the map took for one, about equally large, are left unmatched.
+    An S room that merges two A rooms of about the same size stays unmatched.
     """
     if not share.size:
         return ()
-    s, a = laid.s, laid.a
-    merit = _merit(share, laid.placed, *laid.footprints)
+    s, a = layout.s, layout.a
+    merit = _merit(share, layout.placed, *layout.footprints)
     order = np.argsort(-merit.max(axis=1), kind="stable")
-    chosen = _chosen(share, merit, order, s.room, s.half, a.room, laid.partner, laid.quality, laid.along)
-    told = zip(range(len(chosen)), chosen.tolist(), _among(merit, chosen, DOUBT_ROOM).tolist(), strict=True)
-    return tuple((r, q, c) for r, q, c in told if q >= 0)
+    chosen = _chosen(share, merit, order, s.room, s.half, a.room, layout.partner, layout.quality, layout.along)
+    rows = zip(range(len(chosen)), chosen.tolist(), _among(merit, chosen, DOUBT_ROOM).tolist(), strict=True)
+    return tuple((r, q, c) for r, q, c in rows if q >= 0)
 
 
 @compiled
 def _merit(share: Array, placed: Array, corners: Array, first: Index) -> Array:
-    """(S rooms, A rooms) the shares, more where the S room's centroid (S rooms, 2) lies in the A room's footprint."""
+    """(S rooms, A rooms) the shares, raised if the S room's centroid (S rooms, 2) lies in the A room's footprint."""
     merit = share.copy()
     for r in range(share.shape[0]):
         for q in range(share.shape[1]):
@@ -152,7 +156,7 @@ def _merit(share: Array, placed: Array, corners: Array, first: Index) -> Array:
 
 @compiled
 def _holds(corners: Array, x: float, y: float) -> bool:
-    """Whether a point lies in a footprint (C, 2): by the edges that the line from the point along x crosses."""
+    """Whether a point lies in a footprint (C, 2), by counting the edges that a ray along x crosses."""
     inside = False
     for n in range(len(corners)):
         x1, y1, x2, y2 = corners[n - 1, 0] - x, corners[n - 1, 1] - y, corners[n, 0] - x, corners[n, 1] - y
@@ -166,7 +170,9 @@ def _chosen(
     share: Array, merit: Array, order: Index, s_room: Index, half: Array, a_room: Index, partner: Index,
     quality: Array, along: Array,
 ) -> Index:  # fmt: skip
-    """(S rooms,) their A rooms, of the few of most merit, -1 for none; `order` tells which S rooms choose first."""
+    """(S rooms,) the A rooms, among the few of most merit, -1 for none; `order` is the order in which S rooms
+    choose.
+    """
     chosen = np.full(len(share), -1)
     for r in order:
         left = merit[r].copy()
@@ -221,13 +227,13 @@ def _apart(
 
 @compiled
 def beside(at: float, half: float, other_at: float, other_half: float) -> float:
-    """How long two pieces of a wall lie beside each other, at these places along it; below 0 where they do not."""
+    """The overlap of two pieces of a wall at these places along it; negative if there is a gap."""
     return min(at + half, other_at + other_half) - max(at - half, other_at - other_half)
 
 
 @compiled
 def _most_but(value: Array, chosen: int) -> float:
-    """The largest of values, none below 0, but for one."""
+    """The largest of non-negative values, except for one."""
     most = 0.0
     for n in range(len(value)):
         if n != chosen and value[n] > most:
@@ -237,7 +243,7 @@ def _most_but(value: Array, chosen: int) -> float:
 
 @compiled
 def _among(value: Array, chosen: Index, doubt: float) -> Array:
-    """(N,) the share of the chosen one among each row of values (N, P), 0 where none is chosen (-1)."""
+    """(N,) the share of the chosen value in each row of values (N, P), 0 if none is chosen (-1)."""
     found = np.zeros(len(value))
     for n in range(len(value)):
         if chosen[n] >= 0:
@@ -246,27 +252,30 @@ def _among(value: Array, chosen: Index, doubt: float) -> Array:
     return found
 
 
-def _surfaces(laid: _Laid, share: Array, rooms: Matches) -> Matches:
-    """The likeliest pairs first; of several S walls on one A wall those that lie beside each other are its pieces."""
-    s, a = laid.s, laid.a
+def _surfaces(layout: _Layout, share: Array, rooms: Matches) -> Matches:
+    """The surface pairs, likeliest first; several S walls on one A wall are its pieces if they lie side by side."""
+    s, a = layout.s, layout.a
     trust = np.ones((len(share) + 1, share.shape[1] + 1))  # the last of each: of walls without a room
     trust[:-1, :-1] = np.where(share > PART_SHARE, OTHER_PART, OTHER_ROOM)
-    trust[:-1][~(share > PART_SHARE).any(axis=1)] = 1.0  # nothing is known of them
+    trust[:-1][~(share > PART_SHARE).any(axis=1)] = 1.0  # unknown
     for r, q, _ in rooms:
         trust[r, q] = 1.0
-    quality = laid.quality * trust[s.room[:, None], a.room[laid.partner]]
+    quality = layout.quality * trust[s.room[:, None], a.room[layout.partner]]
     rows, columns = np.nonzero(quality > LEAST_QUALITY)
     order = np.argsort(-quality[rows, columns], kind="stable")
-    matched = _pieces(rows[order], columns[order], laid.partner, laid.along, s.half)
+    matched = _pieces(rows[order], columns[order], layout.partner, layout.along, s.half)
     found = np.flatnonzero(matched >= 0)
-    partner, sure = laid.partner[found, matched[found]], _among(quality, matched, DOUBT)[found]
+    partner, sure = layout.partner[found, matched[found]], _among(quality, matched, DOUBT)[found]
     return tuple(zip(found.tolist(), partner.tolist(), sure.tolist(), strict=True))
 
 
 @compiled
 def _pieces(rows: Index, columns: Index, partner: Index, along: Array, half: Array) -> Index:
-    """(Ns,) the pair of each wall, -1 for none: the first in the order given that does not lie mostly beside another on
-    the same A wall. A longer one may: what is known of a wall is often a short piece, well seen, and a long one."""
+    """(Ns,) the pair of each wall, -1 for none: the first in the given order that does not mostly overlap another on
+    its A wall.
+
+    A longer wall may overlap: a wall is often mapped as a short, accurate piece and a long one.
+    """
     matched = np.full(len(half), -1)
     for e in range(len(rows)):
         i, p = rows[e], columns[e]

@@ -1,9 +1,9 @@
-"""From proposals to distinct hypotheses, each a field of motions over the map.
+"""Searches for distinct hypotheses, each a field of motions over the map.
 
-Local motions are voted for (`local_motions`); from the part of the map where one is sure it grows over its
-neighbours, room by room, each room's walls speaking as soon as a neighbour has found its place (`grow`); every field
-is scored by its evidence (`bent_evidence`). The plan's own likenesses of the best place are added as rivals
-(`rivals`), so that a twin is never overlooked because nobody proposed it.
+Proposed matches vote for local motions (`local_motions`). Each grows from the part of the map where it is most certain
+over the neighbouring rooms (`grow`). A room's walls are used as soon as one of its neighbours is placed. Every field is
+scored by its evidence (`evidence`). Places where the plan looks like the best one are added (`alternative_placements`),
+so that a symmetric place is found even if nothing proposed it.
 """
 
 from collections.abc import Callable
@@ -17,40 +17,44 @@ from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
 from matching.arrays.doors import doors
 from matching.arrays.walls import Index, arrays
-from matching.deformation.alternative_placements import rivals
+from matching.deformation.alternative_placements import alternative_placements
 from matching.deformation.evidence import Chance, evidence
 from matching.deformation.field import Fields, Scene, explained, motions
 from matching.deformation.field_rigid import distinct, rigid
-from matching.deformation.guided_field import Led, begun, led
+from matching.deformation.guided_field import GuidedFields, advance, guided
 from matching.deformation.local_motions import local_motions, seeds
-from matching.deformation.local_restarts import settled
+from matching.deformation.local_restarts import restart_locally
 from matching.search.groups import groups
 from matching.search.hypotheses import between_graphs
 from matching.search.plan_walls import PlanWalls
 from matching.search.proposals import TopK
 from matching.search.scoring import SIGMA_SCORE
 
-SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; a group's walls speak ever more sharply
+SIGMAS = np.array([0.35, 0.25, 0.18, 0.13])  # metres across; decreasing as a group's walls settle
 LAST_SIGMAS = np.array([0.25, 0.18, 0.13, 0.13])
 SEEDS = 14
-DOUBTFUL = 150  # walls of a map, times the seeds that are tried however little speaks for them
-WALLS = 2000  # of a map, times the hypotheses that are followed: large maps leave less doubt
-HOPEFUL, RIVALS = 0.5, 2  # of what the best one explains; fields far behind are not followed, but for a few
+DOUBTFUL = 150  # walls of a map times the seeds that are always tried
+WALLS = 2000  # of a map times the hypotheses that are refined: large maps are less ambiguous
+HOPEFUL, ALTERNATIVES = 0.5, 2  # share of what the best field explains; weaker ones are dropped, but a few always stay
 SAME = 0.02  # metres, radians
-FOLLOWED = 8  # fields that are polished and scored
+FOLLOWED = 8  # fields that are refined and scored, at most
 MOST_STEPS = 30  # of growth; larger maps grow by several rooms a step
 
 
 @dataclass(frozen=True)
-class Bent:
-    """K distinct hypotheses, best first: fields with (K, Ns, P) partners, `score` in nats, the same with `wary` ends,
-    and the rigid motion (K, 3) that is nearest to each, between own frames."""
+class DeformedHypotheses:
+    """K distinct hypotheses, best first.
+
+    `fields` are the motions of the map's groups, `table` (K, Ns, P) the candidate A walls of each S wall, -1 for none.
+    `score` (K,) is the evidence in nats, `conservative` (K,) the same with wall ends trusted less. `rigid` (K, 3) is
+    the rigid motion (yaw, x, y) nearest to each field, between the graphs' own frames.
+    """
 
     scene: Scene
     fields: Fields
     table: Index
     score: Array
-    wary: Array
+    conservative: Array
     rigid: Array
 
     def __len__(self) -> int:
@@ -58,14 +62,14 @@ class Bent:
 
     @cached_property
     def between_graphs(self) -> Array:
-        """(K, 3) the rigid motions, between the graphs' frames."""
+        """(K, 3) the nearest rigid motions T_a_s (yaw, x, y), between the graphs' frames."""
         storeys = self.scene.plan.storeys
         own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 3)
         return se2.compose(se2.compose(own, self.rigid), se2.inverse(self.scene.s.T_graph_own))
 
     @cached_property
     def rooms_placed(self) -> Array:
-        """(K, R, 2) where the hypotheses lay the centroids of the map's rooms, in the plan's frame."""
+        """(K, R, 2) the centroids of the map's rooms as placed by each hypothesis, in the plan's frame."""
         s, storeys = self.scene.s, self.scene.plan.storeys
         own = np.array([storeys[k].T_graph_own for k in self.fields.storey.tolist()]).reshape(-1, 1, 3)
         moved = motions(self.scene, self.fields.state)[:, self.scene.group_of_room]
@@ -73,30 +77,32 @@ class Bent:
 
 
 def scene_of(s: SceneGraph, plan: PlanWalls) -> Scene:
-    """A map with at least one wall surface, and what it may be laid into."""
+    """Returns the scene of a map with at least one wall surface and a plan."""
     walls = arrays(s, None, list(s.wall_surfaces))
     own = doors(s, walls)
     return Scene(walls, groups(walls, own), plan, own)
 
 
-def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> Bent:
-    """Distinct hypotheses, best first; none where the proposals agree on no motion.
+def search(scene: Scene, proposals: TopK, allowed: Callable[[Array], bool] | None = None) -> DeformedHypotheses:
+    """Returns distinct hypotheses, best first; none if the proposals agree on no motion.
 
-    `proposals` of the map's walls for those of the storeys, one storey after the other; `allowed` is asked of
-    T_a_s (3,).
+    `proposals` are those of the map's walls for the walls of all storeys, one storey after the other. `allowed` says
+    for T_a_s (3,), between the graphs' frames, whether a placement is allowed.
     """
     s = scene.s
     fewest, most = (min(max(w // len(s), least), SEEDS) for w, least in ((DOUBTFUL, 2), (WALLS, 4)))
     fields, sure = seeds(scene, local_motions(scene, proposals), fewest, most)
     fields, sure = _allowed(scene, fields, sure, allowed)
     if not len(fields):
-        return Bent(scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+        return DeformedHypotheses(
+            scene, fields, np.zeros((0, len(s), 0), dtype=np.int64), np.zeros(0), np.zeros(0), np.zeros((0, 3))
+        )
     grown = grow(scene, fields, sure)
     chance = Chance.of(scene, grown.fields, grown.table)
     found = _scored(scene, grown, chance)
-    more = rivals(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
+    more = alternative_placements(scene, found.fields[np.zeros(1, dtype=np.int64)], found.table[0])
     if len(more):
-        found = _merged(found, _scored(scene, polished(scene, begun(scene, more), LAST_SIGMAS), chance))
+        found = _merged(found, _scored(scene, polished(scene, guided(scene, more), LAST_SIGMAS), chance))
     if allowed is None:
         return found
     kept = [k for k, T_a_s in enumerate(found.between_graphs) if allowed(T_a_s)]
@@ -115,66 +121,66 @@ def _allowed(
     return fields[chosen], sure[chosen]
 
 
-def grow(scene: Scene, fields: Fields, sure: Index) -> Led:
-    """Lets each field grow from its sure group over the map; those that come to explain most are polished."""
+def grow(scene: Scene, fields: Fields, sure: Index) -> GuidedFields:
+    """Grows each field from its initial group over the map; those that explain most are refined."""
     hops = scene.groups.hops[sure]  # (K, G)
     pace = max(1, int(np.ceil(hops.max() / MOST_STEPS)))
-    turn = -(-hops // pace)  # the step in which a group begins to speak
+    turn = -(-hops // pace)  # the step from which on a group's walls are used
     age = np.arange(1, int(turn.max()) + 1)[:, None, None] - turn
     sigmas = np.where(age >= 0, SIGMAS[np.minimum(np.maximum(age, 0), len(SIGMAS) - 1)], np.inf)
-    grown = _followed(scene, led(scene, begun(scene, fields), sigmas, anew=4))
-    grown = _unlike(polished(scene, grown, SIGMAS[1:]))
-    settled_ = Led(settled(scene, grown.fields, grown.table), grown.seen, grown.table)
-    return polished(scene, settled_, LAST_SIGMAS)
+    grown = _followed(scene, advance(scene, guided(scene, fields), sigmas, search_every=4))
+    grown = _distinct_fields(polished(scene, grown, SIGMAS[1:]))
+    restarted = GuidedFields(restart_locally(scene, grown.fields, grown.table), grown.seen, grown.table)
+    return polished(scene, restarted, LAST_SIGMAS)
 
 
-def _followed(scene: Scene, grown: Led) -> Led:
-    """Those that explain most, and differ."""
+def _followed(scene: Scene, grown: GuidedFields) -> GuidedFields:
+    """The fields that explain most and differ."""
     quality = explained(scene, grown.table, grown.fields.state, 0.3)
     worth = quality @ scene.s.weight
     best = np.argsort(-worth, kind="stable")
     best = best[distinct(grown.fields.storey[best], rigid(scene, grown.fields, quality)[best])]
     hopeful = worth[best] >= HOPEFUL * worth[best[0]]
-    hopeful[:RIVALS] = True
+    hopeful[:ALTERNATIVES] = True
     return grown[best[hopeful][: min(max(WALLS // len(scene.s), 3), FOLLOWED)]]
 
 
-def _unlike(grown: Led) -> Led:
-    """The first of those that have come to be the same."""
+def _distinct_fields(grown: GuidedFields) -> GuidedFields:
+    """The first of fields that have become equal."""
     state, storey = grown.fields.state, grown.fields.storey
     off = np.abs(state[:, None] - state).max(axis=(2, 3))
     same = (off < SAME) & (storey[:, None] == storey)
     return grown[np.flatnonzero(same.argmax(axis=1) == np.arange(len(state)))]
 
 
-def polished(scene: Scene, begin: Led, sigmas: Array) -> Led:
-    """After a step of each of the sigmas (T,), in which all walls speak."""
+def polished(scene: Scene, begin: GuidedFields, sigmas: Array) -> GuidedFields:
+    """Returns the fields after one step with each of the sigmas (T,), using all walls."""
     every = np.empty((len(sigmas), *begin.fields.state.shape[:2]))
     every[:] = sigmas[:, None, None]
-    return led(scene, begin, every)
+    return advance(scene, begin, every)
 
 
-def _scored(scene: Scene, grown: Led, chance: Chance) -> Bent:
+def _scored(scene: Scene, grown: GuidedFields, chance: Chance) -> DeformedHypotheses:
     fields, table = grown.fields, grown.table
-    score, wary = evidence(scene, fields, table, chance)
+    score, conservative = evidence(scene, fields, table, chance)
     near = rigid(scene, fields, explained(scene, table, fields.state, SIGMA_SCORE))
     order = np.argsort(-score, kind="stable")
-    found = Bent(scene, fields[order], table[order], score[order], wary[order], near[order])
+    found = DeformedHypotheses(scene, fields[order], table[order], score[order], conservative[order], near[order])
     return _chosen(found, distinct(found.fields.storey, found.rigid))
 
 
-def _chosen(found: Bent, chosen: Index) -> Bent:
-    scores = found.score[chosen], found.wary[chosen]
-    return Bent(found.scene, found.fields[chosen], found.table[chosen], *scores, found.rigid[chosen])
+def _chosen(found: DeformedHypotheses, chosen: Index) -> DeformedHypotheses:
+    scores = found.score[chosen], found.conservative[chosen]
+    return DeformedHypotheses(found.scene, found.fields[chosen], found.table[chosen], *scores, found.rigid[chosen])
 
 
-def _merged(one: Bent, other: Bent) -> Bent:
+def _merged(one: DeformedHypotheses, other: DeformedHypotheses) -> DeformedHypotheses:
     storey = np.concatenate((one.fields.storey, other.fields.storey))
     state = np.concatenate((one.fields.state, other.fields.state))
     score = np.concatenate((one.score, other.score))
     order = np.argsort(-score, kind="stable")
-    both = Bent(
+    both = DeformedHypotheses(
         one.scene, Fields(storey, state)[order], np.concatenate((one.table, other.table))[order], score[order],
-        np.concatenate((one.wary, other.wary))[order], np.concatenate((one.rigid, other.rigid))[order],
+        np.concatenate((one.conservative, other.conservative))[order], np.concatenate((one.rigid, other.rigid))[order],
     )  # fmt: skip
     return _chosen(both, distinct(both.fields.storey, both.rigid))

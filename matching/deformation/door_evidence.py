@@ -1,8 +1,8 @@
-"""Doors as evidence: a door of the map should be one of the plan's, and doors between rooms seen should be in the map.
+"""Doors as evidence: a map's door should be one of the plan's, and doors between observed rooms should be in the map.
 
-Walls alone are often alike, from office to office and from flat to mirrored flat; where their doors are is not. As
-with walls, a door of the map is either one of the plan, off by what is marginalised over, or something else: a neck
-in a room that the map took for two. Chance is a door of the plan at a random place.
+Walls alone are often alike, from office to office and from a flat to its mirror image; doors are not. As with walls, a
+door of the map is either one of the plan, with a deviation that is marginalised over, or something else, such as a
+narrow passage in a room that the map took for two. Chance is a door of the plan at a random place.
 """
 
 import numpy as np
@@ -13,16 +13,16 @@ from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
 
 SIGMAS = np.array([0.15, 0.45])  # metres, of both axes
-SHARES = np.array([0.75, 0.25])  # of the doors that are off by so much
-NO_DOOR = 0.25  # of the map's doors are none of the plan's
-OTHER_ROOMS = 0.3  # what a door counts that joins other rooms than the map's does
-DENSITY = 0.06  # doors a square metre, that are met by chance
-FAR_M = 4.5  # doors of the plan beyond the map's are not looked at: ten deviations, nothing is left of them
+SHARES = np.array([0.75, 0.25])  # prior of each deviation
+NO_DOOR = 0.25  # share of the map's doors that are not in the plan
+OTHER_ROOMS = 0.3  # weight of a door that joins other rooms than the map's door
+DENSITY = 0.06  # doors per square metre, by chance
+FAR_M = 4.5  # more distant doors are ignored: ten deviations
 OPEN = 0.7  # of the plan's doors between two rooms that were seen
 
 
 def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
-    """(K,) nats of the doors; `homes` (K, R) are the A rooms, of the field's storey, of the S rooms, -1 for none."""
+    """(K,) nats of the doors; `homes` (K, R) are the A rooms of the S rooms, in the field's storey, -1 for none."""
     if not len(scene.doors) and not any(len(d) for d in scene.plan.doors):
         return np.zeros(len(fields))
     nats, own = [], scene.doors
@@ -35,7 +35,7 @@ def door_evidence(scene: Scene, fields: Fields, homes: Index) -> Array:
 
 @compiled
 def _placed(state: Array, centre: Array, group_of_room: Index, place: Array, rooms: Index) -> Array:
-    """(D, 2) the map's doors, each where a field (G, 3) lays it with its rooms (D, 2), in the mean."""
+    """(D, 2) the map's doors, placed by the mean motion of their rooms (D, 2) in a field (G, 3)."""
     placed = np.zeros(place.shape)
     for d in range(len(place)):
         known = max((rooms[d] >= 0).sum(), 1)
@@ -51,8 +51,10 @@ def _placed(state: Array, centre: Array, group_of_room: Index, place: Array, roo
 
 @compiled
 def _of_one(placed: Array, doors: Index, home: Index, plan: Array, plan_rooms: Index, rooms: int) -> float:
-    """Nats of the map's doors, which lie at `placed` (D, 2) between its rooms `doors` (D, 2), in a storey with doors at
-    `plan` (M, 2) between its rooms (M, 2)."""
+    """Nats of the map's doors, placed at `placed` (D, 2) between rooms `doors` (D, 2).
+
+    The storey has doors at `plan` (M, 2) between its rooms (M, 2).
+    """
     seen, is_home, total = np.zeros(len(plan), dtype=np.bool_), np.zeros(rooms + 1, dtype=np.bool_), 0.0
     for room in home:
         is_home[room] |= room >= 0

@@ -1,9 +1,9 @@
-"""How much more likely the map is under a field of motions than by chance, in nats.
+"""The log likelihood ratio of a map under a field of motions against chance, in nats.
 
-As `evidence` for a rigid placement: each S wall is a wall of the plan, off its line by a normal deviation whose
-size is marginalised over, or something else; chance is an A wall of its direction met at a random place. Beyond
-that the walls of an S room are those of one A room, seldom of two, which the map took for one; the A rooms' walls
-should be in the map, and doors where the plan has them; and the field pays for how it bends between neighbours.
+As `matching.search.evidence` for a rigid placement: each S wall is either a wall of the plan, with a normal deviation
+whose size is marginalised over, or something else; chance is an A wall of its direction at a random place. In addition,
+the walls of an S room belong to one A room, or rarely to two that the map merged; the A rooms' walls and doors should
+be in the map; and the field pays for its deformation between neighbours.
 """
 
 from dataclasses import dataclass
@@ -39,12 +39,12 @@ TWO_IN_ONE = 0.05  # of the S rooms are two A rooms
 # A robot finds an end well or not at all; a map that was drawn by hand, or is old, has them all, and all a little off.
 ENDS = np.array([(0.05, 0.5, 0.45, 0.05, 1.0), (0.35, 0.87, 0.08, 0.05, 1.0)])
 OTHER = 1 - SEEN_TO_END
-WARY_ENDS = np.array([(sigma, SEEN_TO_END, OTHER, OTHER, END_TRUST) for sigma in END_SIGMAS])
+CONSERVATIVE_ENDS = np.array([(sigma, SEEN_TO_END, OTHER, OTHER, END_TRUST) for sigma in END_SIGMAS])
 
 
 @dataclass(frozen=True)
 class _Homes:
-    """Of K fields and R S rooms the A rooms, of the field's storey, where most and second most of the walls are."""
+    """Of K fields and R S rooms, the A rooms of the field's storey with most and second most of the walls."""
 
     first: Index  # (K, R), -1 for none
     second: Index  # (K, R)
@@ -52,9 +52,9 @@ class _Homes:
 
 @dataclass(frozen=True)
 class Chance:
-    """The storey and building whose walls stand for those that are met by chance: one for all fields of a scene.
+    """The storey and building whose walls define chance, the same for all fields of a scene.
 
-    Were it each field's own, then of two equal places the one in the emptier storey would seem the better.
+    With one for each field, the place in the emptier of two equal storeys would look better.
     """
 
     storey: int
@@ -62,7 +62,7 @@ class Chance:
 
     @staticmethod
     def of(scene: Scene, fields: Fields, table: Index) -> "Chance":
-        """Where most walls of the first field are, by what they explain."""
+        """Where most walls of the first field are, weighted by what they explain."""
         quality = judge(scene, table[:1], fields.state[:1], SIGMA_SCORE).quality[0]
         storey = int(fields.storey[0])
         building = scene.plan.storeys[storey].building[np.where(table[0] >= 0, table[0] - scene.plan.first[storey], 0)]
@@ -71,24 +71,26 @@ class Chance:
 
 
 def evidence(scene: Scene, fields: Fields, table: Index, chance: Chance) -> tuple[Array, Array]:
-    """(K,) nats, comparable between fields of one scene, in whatever storey; and the same with wary ends.
+    """(K,) nats, comparable between all fields of a scene, and (K,) the same with conservative ends.
 
-    `ENDS` tell places apart that are alike; `WARY_ENDS` make less of ends that agree, which they do by chance too, at
-    the best of many wrong places.
+    `ENDS` separate similar places; `CONSERVATIVE_ENDS` give less weight to ends that agree, which also happens by
+    chance at the best of many wrong places.
     """
     now = judge(scene, table, fields.state, SIGMA_SCORE)
     homes = _homes(scene, table, now.quality)
-    walls, wary = _of_walls(scene, fields, table, now, homes, chance)
+    walls, conservative = _of_walls(scene, fields, table, now, homes, chance)
     seen = []
     for k, storey in enumerate(fields.storey.tolist()):
         a, first = scene.plan.storeys[storey], int(scene.plan.first[storey])
         seen.append(_completeness(a.half, a.room, len(a.rooms), table[k], first, now.quality[k], homes.first[k]))
     rest = np.array(seen) + door_evidence(scene, fields, homes.first) - 0.5 * bending(scene, fields)
-    return walls + rest, wary + rest
+    return walls + rest, conservative + rest
 
 
 def bending(scene: Scene, fields: Fields) -> Array:
-    """(K,) chi^2 of a chain of rooms, from the mean of all pairs of neighbours: they form circles, drift does not."""
+    """(K,) chi^2 of a chain of rooms, from the mean over all neighbours: neighbours form loops, drift accumulates
+    along a path.
+    """
     if not len(scene.groups.edges):
         return np.zeros(len(fields))
     each = np.minimum(chi2(scene, fields.state), MOST_STRAINED)
@@ -104,7 +106,7 @@ def _homes(scene: Scene, table: Index, quality: Array) -> _Homes:
 def _homes_of(
     s_room: Index, weight: Array, s_rooms: int, a_room: Index, a_rooms: int, table: Index, quality: Array
 ) -> tuple[Index, Index]:
-    """As `_Homes`: each wall votes for the room of its best partner."""
+    """See `_Homes`; each wall votes for the room of its best partner."""
     first, second = np.full((len(table), s_rooms), -1), np.full((len(table), s_rooms), -1)
     for k in range(len(table)):
         votes = np.zeros((s_rooms, a_rooms))
@@ -125,16 +127,16 @@ def _homes_of(
 def _of_walls(
     scene: Scene, fields: Fields, table: Index, now: Judged, homes: _Homes, chance: Chance
 ) -> tuple[Array, Array]:
-    """(K,) nats of all S walls with `ENDS`, and with `WARY_ENDS`, precisions marginalised over."""
+    """(K,) nats of all S walls with `ENDS` and with `CONSERVATIVE_ENDS`, marginalised over precisions."""
     s, plan = scene.s, scene.plan
     met = _met(scene, fields, chance)
     nats = _nats(
         s.half, s.known, s.room, plan.half, plan.known, plan.room, table, now.beside, now.across, now.along,
-        now.turned, met, homes.first, homes.second, np.concatenate((ENDS, WARY_ENDS)),
+        now.turned, met, homes.first, homes.second, np.concatenate((ENDS, CONSERVATIVE_ENDS)),
     ).reshape(len(table), len(SIGMAS), -1)  # fmt: skip
     each = nats[:, :, : len(ENDS)], nats[:, :, len(ENDS) :]
-    told, wary = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
-    return told, wary
+    nats, conservative = (np.logaddexp.reduce(n, axis=(1, 2)) - np.log(n.shape[1] * n.shape[2]) for n in each)
+    return nats, conservative
 
 
 @compiled
@@ -143,7 +145,7 @@ def _nats(
     table: Index, beside: Array, across: Array, along: Array, turned: Array, met: Array, first: Index, second: Index,
     ends: Array,
 ) -> Array:  # fmt: skip
-    """(K, precisions) of all S walls: room by room, whose walls are those of one A room or of two."""
+    """(K, precisions) nats of all S walls, room by room; a room's walls are those of one A room or of two."""
     fields, walls, width = table.shape
     precisions = len(SIGMAS) * len(ends)
     total, density = np.zeros((fields, precisions)), np.empty(precisions)
@@ -165,14 +167,14 @@ def _nats(
                     best[0, n], best[1, n] = max(best[0, n], ratio * in_one), max(best[1, n], ratio * in_two)
             other = min(max(NOT_IN_PLAN / (2 * half[i]), NOT_IN_PLAN_BOUNDS[0]), NOT_IN_PLAN_BOUNDS[1])
             for n in range(precisions):
-                told = also = np.log((1 - other) * best[0, n] + other)
+                of_wall = also = np.log((1 - other) * best[0, n] + other)
                 if best[1, n] != best[0, n]:
                     also = np.log((1 - other) * best[1, n] + other)
                 if room[i] >= 0:
-                    rooms[0, room[i], n] += told
+                    rooms[0, room[i], n] += of_wall
                     rooms[1, room[i], n] += also
                 else:
-                    total[k, n] += told
+                    total[k, n] += of_wall
         for r in range(rooms.shape[1]):
             for n in range(precisions):
                 total[k, n] += either(rooms[0, r, n] + np.log(1 - TWO_IN_ONE), rooms[1, r, n] + np.log(TWO_IN_ONE))
@@ -183,8 +185,9 @@ def _nats(
 def _measured(
     across: float, along: float, half: float, a_half: float, known: bool, ends: Array, density: Array
 ) -> None:
-    """Writes (precisions,) the density of a wall off a line of the plan, times that of its ends where lengths are
-    known."""
+    """Writes (precisions,) the density of a wall's offset from a line of the plan, times that of its ends if
+    lengths are known.
+    """
     for e in range(len(ends)):
         sigma, seen, short, beyond, trust = ends[e]
         both = 1.0
@@ -202,19 +205,18 @@ def _measured(
 
 @compiled
 def _normal(off: float, sigma: float) -> float:
-    """Density; beyond ten deviations nothing is left of it beside what else a wall may be."""
+    """Normal density; 0 beyond ten deviations, where other explanations dominate."""
     return np.exp(-0.5 * (off / sigma) ** 2) / (np.sqrt(2 * np.pi) * sigma) if abs(off) < 10 * sigma else 0.0
 
 
 @compiled
 def either(one: float, other: float) -> float:
-    """The log of the sum of two numbers whose logs are given."""
+    """The logarithm of the sum of two numbers given by their logarithms."""
     return max(one, other) + np.log1p(np.exp(-abs(one - other)))
 
 
 def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
-    """(K, Ns) how many A walls of its direction an S wall meets a metre across, at a random place of the building;
-    directions are taken by degrees."""
+    """(K, Ns) how many A walls of its direction an S wall meets per metre across, at a random place of the building."""
     storeys = scene.plan.storeys
     a = storeys[chance.storey]
     turned = np.array([storeys[st].T_graph_own[0] - a.T_graph_own[0] for st in fields.storey.tolist()])
@@ -225,7 +227,7 @@ def _met(scene: Scene, fields: Fields, chance: Chance) -> Array:
 
 @compiled
 def _walls_met(heading: Array, half: Array, state: Array, turned: Array, count: Array, a_half: Array) -> Array:
-    """(K, Ns) as `_met`, in the whole building; `count` and `a_half` (360,) are of its walls of each direction."""
+    """(K, Ns) as `_met`; `count` and `a_half` (360,) are those of the building's walls for each degree of direction."""
     found = np.empty((len(state), len(heading)))
     for k in range(len(state)):
         yaw = np.arctan2(np.sin(state[k, :, 0]).sum(), np.cos(state[k, :, 0]).sum()) + turned[k]
@@ -239,9 +241,9 @@ def _walls_met(heading: Array, half: Array, state: Array, turned: Array, count: 
 def _completeness(
     half: Array, a_room: Index, rooms: int, table: Index, first: int, quality: Array, home: Index
 ) -> float:
-    """Nats of the A walls (of one storey) that the map should show: of the A rooms where most walls of some S room are.
+    """Nats for the A walls of one storey that the map should have: those of A rooms with most walls of some S room.
 
-    An A room was either entered, and most of its walls are seen, or glimpsed through a door.
+    An A room was either entered, so that most of its walls are observed, or seen through a door.
     """
     seen = np.zeros(len(half), dtype=np.bool_)
     for i in range(table.shape[0]):

@@ -1,8 +1,8 @@
-"""A field of motions: each part of the map has its own, held by its neighbours' and drawn by its walls' lines.
+"""A field of motions: each part of the map has its own, tied to its neighbours' and aligned with the plan's walls.
 
-K fields are worked on at once. A group's motion is kept as (yaw, x, y) of its centre after the motion, so that a
-small turn does not move it. `field_partners` looks up which walls of the plan each wall of the map may be,
-`field_step` moves the field.
+K fields are processed at once. A group's motion is kept as (yaw, x, y) of its centre after the motion, so that a small
+rotation does not move it. `field_partners` finds the walls of the plan that each wall of the map may be, `field_step`
+moves the field.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from data.geometry.se2 import Array
 from matching.arrays.blocks import elimination
 from matching.arrays.doors import Doors
 from matching.arrays.walls import Index, Walls
-from matching.deformation.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
+from matching.deformation.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 from matching.search.groups import Groups
 from matching.search.plan_walls import PlanWalls
 
@@ -25,7 +25,7 @@ STEP = np.array([np.radians(2.0), 0.2, 0.2])  # how the motion changes from a ro
 
 @dataclass(frozen=True)
 class Scene:
-    """What is to be laid where."""
+    """A map, its groups and doors, and the plan in which it is searched."""
 
     s: Walls
     groups: Groups
@@ -36,8 +36,8 @@ class Scene:
     def group_of_room(self) -> Index:
         """(R,) the group of each of the map's rooms."""
         found = np.full(len(self.s.rooms), -1)
-        housed = self.s.room >= 0
-        found[self.s.room[housed]] = self.groups.of_wall[housed]
+        with_room = self.s.room >= 0
+        found[self.s.room[with_room]] = self.groups.of_wall[with_room]
         return found
 
     @cached_property
@@ -57,7 +57,7 @@ class Scene:
 
     @cached_property
     def loops(self) -> Loops:
-        """For compiled loops."""
+        """The scene as arrays for compiled loops."""
         s, groups, plan = self.s, self.groups, self.plan
         return Loops(
             s.heading, s.half, s.weight, groups.of_wall, self.arm, groups.centre, groups.edges,
@@ -68,7 +68,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Fields:
-    """K fields: the storey (K,) and the state (K, G, 3) of the groups."""
+    """K fields: the storey (K,) and the state (K, G, 3) of the groups, (yaw, x, y) of each centre after the motion."""
 
     storey: Index
     state: Array
@@ -93,7 +93,7 @@ def motions(scene: Scene, state: Array) -> Array:
 
 @dataclass(frozen=True)
 class Judged:
-    """Per field, S wall and pair (K, Ns, P): quality in [0, 1], and S's mid point off A's line and along it."""
+    """For each field, S wall and pair (K, Ns, P): quality in [0, 1], and S's mid point across and along A's line."""
 
     quality: Array
     beside: Array  # share of S's length that lies beside A's, in [0, 1]
@@ -103,7 +103,7 @@ class Judged:
 
 
 def judge(scene: Scene, table: Index, state: Array, sigma: float) -> Judged:
-    """How well S walls lie on the partners of a table (K, Ns, P), -1 for none; `sigma` in metres across."""
+    """Scores how well S walls lie on their partners in a table (K, Ns, P), -1 for none; `sigma` in metres across."""
     return Judged(*_judged(scene.loops, table, state, sigma))
 
 
@@ -114,7 +114,7 @@ def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     fields, walls, width = table.shape
     found, sharp = np.zeros((5, fields, walls, width)), sharpness(sigma)
     for k in range(fields):
-        pose = laid(m, state[k], turns(state[k]))
+        pose = wall_poses(m, state[k], turns(state[k]))
         for i in range(walls):
             for p in range(width):
                 if table[k, i, p] >= 0:
@@ -127,7 +127,7 @@ def _judged(m: Loops, table: Index, state: Array, sigma: float) -> Array:
 
 
 def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
-    """(K, Ns) the quality of each S wall's best pair, as `judge` has it."""
+    """(K, Ns) the quality of each S wall's best pair, see `judge`."""
     return np.asarray(_explained(scene.loops, table, state, sigma))
 
 
@@ -135,14 +135,14 @@ def explained(scene: Scene, table: Index, state: Array, sigma: float) -> Array:
 def _explained(m: Loops, table: Index, state: Array, sigma: float) -> Array:
     best, lines, half, sharp = np.zeros(table.shape[:2]), m.lines, m.half, sharpness(sigma)
     for k in range(len(table)):
-        pose = laid(m, state[k], turns(state[k]))
+        pose = wall_poses(m, state[k], turns(state[k]))
         for i in range(len(pose)):
             best[k, i], _ = best_pair(lines, half[i], pose, table[k], i, sharp)
     return best
 
 
 def chi2(scene: Scene, state: Array) -> Array:
-    """(K, E) the squares, in their deviations, of how the motions of neighbours differ at the point between them."""
+    """(K, E) the squared, normalised differences of the motions of neighbours at the point between them."""
     return np.asarray(_chi2(scene.loops, state))
 
 

@@ -1,4 +1,4 @@
-"""A field of motions over walls one by one, for compiled loops."""
+"""Wall by wall functions of a field of motions, for compiled loops."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from matching.search.scoring import SIGMA_HEADING, SIGMA_SCORE
 
 
 class Loops(NamedTuple):
-    """What compiled loops ask of a scene."""
+    """The arrays of a scene that compiled loops need."""
 
     heading: Array  # (Ns,)
     half: Array
@@ -33,8 +33,10 @@ class Loops(NamedTuple):
 
 @compiled
 def of_direction(ordered: Array, begin: int, end: int, heading: float, width: float) -> tuple[int, int, int, int]:
-    """Where in ascending headings, between two places, those begin and end that are within a width of a heading in
-    [-pi, pi); and where those that are so about a full turn."""
+    """Where headings within a width of a heading in [-pi, pi) begin and end among ascending ones, between two places.
+
+    A second range holds those that wrap around a full turn.
+    """
     low, high, some = heading - width, heading + width, ordered[begin:end]
     first = begin + int(np.searchsorted(some, low))
     last = begin + int(np.searchsorted(some, high, side="right"))
@@ -47,7 +49,7 @@ def of_direction(ordered: Array, begin: int, end: int, heading: float, width: fl
 
 @compiled
 def off_lines(lines: Array, first: int, last: int, x: float, y: float, off: Array) -> None:
-    """Writes how far a point is off some of lines (6, Na), either way; row by row it becomes vector code."""
+    """Writes the distances of a point from lines (6, Na), across and along; compiles to vector code."""
     n_x, n_y, at = lines[2, first:last], lines[3, first:last], lines[4, first:last]
     for n in range(len(at)):
         off[n] = abs(n_x[n] * x + n_y[n] * y - at[n])
@@ -55,7 +57,7 @@ def off_lines(lines: Array, first: int, last: int, x: float, y: float, off: Arra
 
 @compiled
 def turns(state: Array) -> Array:
-    """(G, 2) cosines and sines of a field's (G, 3) turns."""
+    """(G, 2) cosines and sines of a field's (G, 3) yaws."""
     found = np.empty((len(state), 2))
     for g in range(len(state)):
         found[g, 0], found[g, 1] = np.cos(state[g, 0]), np.sin(state[g, 0])
@@ -63,9 +65,10 @@ def turns(state: Array) -> Array:
 
 
 @compiled
-def laid(m: Loops, state: Array, turn: Array) -> Array:
-    """(Ns, 5) where a field (G, 3), of known `turns`, lays the walls: heading, mid point, and this from its group's
-    centre."""
+def wall_poses(m: Loops, state: Array, turn: Array) -> Array:
+    """(Ns, 5) the walls under a field (G, 3) with known `turns`: heading, mid point, and mid point from the group's
+    centre.
+    """
     heading, group, arm, pose = m.heading, m.group, m.arm, np.empty((len(m.heading), 5))
     for i in range(len(pose)):
         g = group[i]
@@ -79,8 +82,9 @@ def laid(m: Loops, state: Array, turn: Array) -> Array:
 
 @compiled
 def compared(lines: Array, j: int, half: float, pose: Array, i: int) -> tuple[float, float, float, float]:
-    """How far a wall of the map, which is laid so, is off a wall of the plan across, along and in direction, and the
-    share of it that lies beside."""
+    """The offset of a placed wall of the map from a wall of the plan across, along and in direction, and its
+    overlap.
+    """
     across = lines[j, 2] * pose[i, 1] + lines[j, 3] * pose[i, 2] - lines[j, 4]
     along = lines[j, 2] * pose[i, 2] - lines[j, 3] * pose[i, 1] - lines[j, 5]
     return across, along, wrapped(pose[i, 0] - lines[j, 1]), _share_beside(along, half, lines[j, 0])
@@ -95,7 +99,7 @@ def _share_beside(along: float, half: float, a_half: float) -> float:
 
 @compiled
 def sharpness(sigma: float) -> tuple[float, float]:
-    """What the squares of metres across and of radians count where walls are off by a deviation across."""
+    """The weights of squared metres across and squared radians for a deviation across."""
     sigma_turned = SIGMA_HEADING * min(max(sigma / SIGMA_SCORE, 1.0), 2.0)
     return 0.5 / sigma**2, 0.5 / sigma_turned**2
 
@@ -104,7 +108,7 @@ def sharpness(sigma: float) -> tuple[float, float]:
 def best_pair(
     lines: Array, half: float, pose: Array, table: Index, i: int, sharp: tuple[float, float]
 ) -> tuple[float, int]:
-    """The quality of a wall's best pair with its partners, and which of the plan's walls that is, -1 for none."""
+    """The quality of a wall's best pair among its partners, and that wall of the plan, -1 for none."""
     best, at, heading, x, y = 0.0, -1, pose[i, 0], pose[i, 1], pose[i, 2]
     for p in range(table.shape[1]):
         j = table[i, p]
@@ -130,8 +134,10 @@ def best_pair(
 def strained(
     m: Loops, e: int, state: Array, turn: Array
 ) -> tuple[float, tuple[float, float, float], tuple[float, float], tuple[float, float]]:
-    """How a field (G, 3), of known `turns`, moves the neighbours of an edge otherwise, at the point between them: the
-    squares in their deviations; radians, metres, metres; and from either end's centre to that point."""
+    """How differently a field (G, 3) with known `turns` moves the neighbours of an edge, at the point between them.
+
+    Returns the squares in deviations, the differences (radians, metres, metres), and that point from either centre.
+    """
     g, h, centre, slack = m.edges[e, 0], m.edges[e, 1], m.centre, m.slack
     half_x, half_y = (centre[h, 0] - centre[g, 0]) / 2, (centre[h, 1] - centre[g, 1]) / 2
     cos, sin = turn[g, 0], turn[g, 1]

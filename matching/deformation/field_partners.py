@@ -7,7 +7,7 @@ from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
-from matching.deformation.field_loops import Loops, laid, of_direction, off_lines, turns
+from matching.deformation.field_loops import Loops, of_direction, off_lines, turns, wall_poses
 
 GATE_M = 2.0  # metres across and beyond the ends, of pairs that are considered at all
 GATE_RAD = float(np.radians(25))
@@ -29,8 +29,8 @@ def _partners(m: Loops, storey: Index, state: Array) -> Index:
 
 @compiled
 def nearest(m: Loops, storey: int, state: Array, table: Index) -> None:
-    """Writes the partners (Ns, PARTNERS) of one field; of the A walls only those of a direction are looked at."""
-    least_cos, cost, pose = np.cos(GATE_RAD), np.empty(PARTNERS), laid(m, state, turns(state))
+    """Writes the partners (Ns, PARTNERS) of one field; only A walls of a similar direction are considered."""
+    least_cos, cost, pose = np.cos(GATE_RAD), np.empty(PARTNERS), wall_poses(m, state, turns(state))
     half, lines, order = m.half, m.ordered_lines, m.order
     begin, end = m.first[storey], m.first[storey + 1]
     across = np.empty(end - begin)
@@ -52,8 +52,9 @@ def nearest(m: Loops, storey: int, state: Array, table: Index) -> None:
 
 @compiled
 def _inserted(table: Index, i: int, cost: Array, count: int, j: int, off: float) -> int:
-    """Puts a wall among the `count` nearest known ones of a row, of equally near ones the first; how many there are
-    then."""
+    """Inserts a wall among the `count` nearest ones of a row (the first of ties stays first) and returns their new
+    number.
+    """
     most, at = table.shape[1], min(count, table.shape[1])
     while at > 0 and (off < cost[at - 1] or (off == cost[at - 1] and j < table[i, at - 1])):
         at -= 1

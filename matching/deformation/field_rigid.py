@@ -7,14 +7,14 @@ from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
 from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene
-from matching.deformation.field_loops import Loops, laid, turns
+from matching.deformation.field_loops import Loops, turns, wall_poses
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD
 
 LEAST_WEIGHT = 1e-6  # of a wall that is not explained
 
 
 def rigid(scene: Scene, fields: Fields, quality: Array) -> Array:
-    """(K, 3) the nearest motions, by the ends of the walls that they explain; of these the quality (K, Ns)."""
+    """(K, 3) the rigid motions nearest to fields, from the ends of the walls they explain with quality (K, Ns)."""
     return np.asarray(_rigid(scene.loops, scene.s.centre, fields.state, quality))
 
 
@@ -22,7 +22,7 @@ def rigid(scene: Scene, fields: Fields, quality: Array) -> Array:
 def _rigid(m: Loops, centre: Array, state: Array, quality: Array) -> Array:
     found, heading, half = np.empty((len(state), 3)), m.heading, m.half
     for k in range(len(state)):
-        pose, weight = laid(m, state[k], turns(state[k])), m.weight * quality[k] + LEAST_WEIGHT
+        pose, weight = wall_poses(m, state[k], turns(state[k])), m.weight * quality[k] + LEAST_WEIGHT
         weight /= weight.sum()
         p_x, p_y = (weight * centre[:, 0]).sum(), (weight * centre[:, 1]).sum()
         q_x, q_y = (weight * pose[:, 1]).sum(), (weight * pose[:, 2]).sum()

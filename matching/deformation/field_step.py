@@ -1,8 +1,8 @@
-"""One step of a field of motions: Gauss-Newton over all groups jointly.
+"""One Gauss-Newton step of a field of motions, over all groups jointly.
 
-The walls' offsets from lines and their directions, and between neighbours the difference of their motions at the
-point between them. This is weighted down where it is large (Geman-McClure): drift runs along the robot's way, and
-neighbours may have been met far apart on it.
+Residuals are the walls' offsets from lines and their directions, and the difference of neighbours' motions at the point
+between them. The latter is weighted down where it is large (Geman-McClure): drift accumulates along the robot's path,
+and two neighbours may be far apart on it.
 """
 
 import numpy as np
@@ -13,20 +13,21 @@ from data.geometry.se2_compiled import wrapped
 from matching.arrays.blocks import solve
 from matching.arrays.walls import Index
 from matching.deformation.field import Scene
-from matching.deformation.field_loops import Loops, best_pair, compared, laid, sharpness, strained, turns
+from matching.deformation.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 from matching.search.scoring import SIGMA_ALONG
 
-ROBUST = 3.0  # of the deviations of a step, from where on neighbours hold one another less
-HELD = np.array([np.radians(10), 1.0, 1.0])  # one step of the estimate is at most about so large
+ROBUST = 3.0  # deviations of a step beyond which neighbours are weighted down
+HELD = np.array([np.radians(10), 1.0, 1.0])  # damping: limits the size of a step
 SIGMA_TILT = float(np.radians(1.2))  # of a wall's direction in the map against the plan's
-OFF_LINE = 0.03  # metres, of the ends of a wall: short ones tell less of a direction
+OFF_LINE = 0.03  # metres, of a wall's ends: short walls give less direction
 SHARPEST = 0.1  # metres across, with which the directions count in full
-SILENT = 1e3  # metres across: of walls that do not speak
+SILENT = 1e3  # metres across: of walls that are not used
 
 
 def step(scene: Scene, table: Index, state: Array, sigma: Array) -> Array:
-    """The state (K, G, 3) after a step, with the partners of a table (K, Ns, P). `sigma` (K, G) metres; infinite for
-    a group whose walls do not speak yet."""
+    """Returns the state (K, G, 3) after a step, given a table of partners (K, Ns, P) and `sigma` (K, G) in metres;
+    infinite for groups whose walls are not used yet.
+    """
     new = state.copy()
     _all_stepped(scene.loops, table, new, sigma)
     return new
@@ -40,7 +41,7 @@ def _all_stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
 
 @compiled
 def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
-    """Moves one field (G, 3) by a step."""
+    """Moves one field (G, 3) by a step, in place."""
     own, between = np.zeros((len(state), 3, 3)), np.zeros((len(m.elimination.later), 3, 3))
     right = np.zeros(state.shape)
     for d in range(3):
@@ -59,9 +60,10 @@ def stepped(m: Loops, table: Index, state: Array, sigma: Array) -> None:
 def _pull_of_walls(
     m: Loops, table: Index, state: Array, turn: Array, sigma: Array, own: Array, right: Array
 ) -> None:
-    """Adds information to `own` (G, 3, 3), its lower triangle, and the gradient to `right` (G, 3): of each wall against
-    its best partner."""
-    lines, half, group, pose = m.lines, m.half, m.group, laid(m, state, turn)
+    """Adds the information of each wall and its best partner to `own` (G, 3, 3), lower triangles, and its gradient
+    to `right` (G, 3).
+    """
+    lines, half, group, pose = m.lines, m.half, m.group, wall_poses(m, state, turn)
     for i in range(len(table)):
         g, wide = group[i], sigma[group[i]]
         if wide >= SILENT:
@@ -92,9 +94,9 @@ def _pull_of_walls(
 def _pull_of_neighbours(
     m: Loops, state: Array, turn: Array, own: Array, between: Array, right: Array
 ) -> None:
-    """Adds as the walls do, and writes the information of the two ends of each edge with each other.
+    """Adds the information of neighbours, and writes that of the two ends of each edge with each other.
 
-    The residual's derivative by an end's motion is +-(1 0 0, -y 1 0, x 0 1) with the end's arm (x, y).
+    The Jacobian of the residual with respect to an end's motion is +-(1 0 0, -y 1 0, x 0 1) with the end's arm (x, y).
     """
     for e in range(len(m.edges)):
         square, (turned, off_x, off_y), arm_g, arm_h = strained(m, e, state, turn)

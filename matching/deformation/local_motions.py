@@ -1,8 +1,8 @@
-"""Where a part of the map may lie: pairs of proposed wall matches vote for proper motions, part by part.
+"""Local motions: pairs of proposed wall matches vote for motions of parts of the map.
 
-Two S walls that are not parallel and an A wall for each determine a motion: the yaw from the normals, the place
-from the two lines. The votes of a part of the map and of its direct neighbours are gathered at its centre; near
-one another their motions differ little, however far the map as a whole has drifted.
+Two S walls that are not parallel and an A wall for each determine a motion: the yaw follows from the normals, the
+position from the two lines. The votes of a part of the map and its direct neighbours are gathered at its centre, where
+their motions differ little, however much the whole map has drifted.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,9 @@ LEAST_WORTH = 0.25  # of the best one's; beyond the fewest, others are no seeds
 
 @dataclass(frozen=True)
 class LocalMotions:
-    """M motions (M, 3) between own frames, each of a part of the map and into a storey, with its worth (M,)."""
+    """M motions (M, 3) between own frames, each of a part of the map into a storey, with its weight of evidence
+    (M,).
+    """
 
     group: Index
     storey: Index
@@ -47,18 +49,18 @@ class LocalMotions:
 class _Votes:
     group: Index
     storey: Index
-    told: Array  # (V, 4) the motion's yaw, its weight, and its translation
+    motions: Array  # (V, 4) the motion's yaw, its weight, and its translation
 
 
 def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
-    """The motions most voted for, of several parts of the map and of all of it, best first."""
+    """Returns the motions with most votes, for several parts of the map and for all of it, best first."""
     votes = _votes(scene, proposals)
-    if not len(votes.told):
+    if not len(votes.motions):
         return LocalMotions(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 3)), np.zeros(0))
     parts, member = _parts(scene, proposals)
     heard = [n for n in range(len(parts)) if member[n][votes.group].any()]
     centre = scene.groups.centre
-    found = [_gathered(votes.group, votes.storey, votes.told, member[n], *centre[parts[n]]) for n in heard]
+    found = [_gathered(votes.group, votes.storey, votes.motions, member[n], *centre[parts[n]]) for n in heard]
     storey, motion = (np.concatenate([f[k] for f in found]) for k in (0, 1))
     group = np.repeat(parts[heard], [len(f[0]) for f in found])
     worth = np.concatenate([_worth(scene, proposals, *f, member[n]) for n, f in zip(heard, found, strict=True)])
@@ -68,11 +70,11 @@ def local_motions(scene: Scene, proposals: TopK) -> LocalMotions:
 
 def _votes(scene: Scene, proposals: TopK) -> _Votes:
     s, plan = scene.s, scene.plan
-    pair, told = _voted(
+    pair, motions = _voted(
         s.heading, s.half, s.centre, s.normal, s.weight, scene.groups.of_wall, plan.lines, plan.centre, plan.storey,
         proposals.partner, proposals.score,
     )  # fmt: skip
-    return _Votes(scene.groups.of_wall[pair[:, 0]], plan.storey[pair[:, 1]], told)
+    return _Votes(scene.groups.of_wall[pair[:, 0]], plan.storey[pair[:, 1]], motions)
 
 
 @compiled
@@ -82,7 +84,7 @@ def _voted(
 ) -> tuple[Index, Array]:  # fmt: skip
     """(V, 2) one of the walls of each vote and its partner, and (V, 4) its yaw, its weight and its shift."""
     most = int((np.bincount(of_wall) ** 2).sum()) // 2 * partner.shape[1] ** 2
-    pair, told, count = np.empty((most, 2), dtype=np.int64), np.empty((most, 4)), 0
+    pair, motions, count = np.empty((most, 2), dtype=np.int64), np.empty((most, 4)), 0
     for i in range(len(heading)):
         for k in range(i + 1, len(heading)):
             if of_wall[i] != of_wall[k]:
@@ -121,21 +123,23 @@ def _voted(
                         weight *= np.exp(-0.5 * (slid / (2 * SIGMA_ALONG)) ** 2)
                     if weight > LEAST_WEIGHT:
                         pair[count, 0], pair[count, 1] = i, j
-                        told[count, 0], told[count, 1] = yaw, weight
-                        told[count, 2], told[count, 3] = shift_x, shift_y
+                        motions[count, 0], motions[count, 1] = yaw, weight
+                        motions[count, 2], motions[count, 3] = shift_x, shift_y
                         count += 1
-    return pair[:count].copy(), told[:count].copy()
+    return pair[:count].copy(), motions[:count].copy()
 
 
 @compiled
 def _beyond(along: float, half: float, a_half: float) -> float:
-    """How far a wall of the map stands out of one of the plan; its ends slide."""
+    """How far a wall of the map extends beyond one of the plan; its ends are inaccurate."""
     return max(along - abs(a_half - half), 0.0)
 
 
 def _parts(scene: Scene, proposals: TopK) -> tuple[Index, Array]:
-    """The groups whose surroundings are tried, those of which the proposals are surest, apart from each other;
-    and (parts, G) which groups vote with each. The last part is the whole map."""
+    """The groups around which motions are searched, those with the most certain proposals, apart from each other.
+
+    Also returns (parts, G) which groups vote with each. The last part is the whole map.
+    """
     groups = scene.groups
     sure = np.bincount(groups.of_wall, scene.s.weight * proposals.score.max(axis=1, initial=0.0), len(groups))
     near = groups.hops <= 1
@@ -152,13 +156,13 @@ def _parts(scene: Scene, proposals: TopK) -> tuple[Index, Array]:
 
 @compiled
 def _gathered(
-    group: Index, storey: Index, told: Array, member: NDArray[np.bool_], x: float, y: float
+    group: Index, storey: Index, motions: Array, member: NDArray[np.bool_], x: float, y: float
 ) -> tuple[Index, Array]:
-    """(K,) storeys and (K, 3) motions, the means of the fullest bins of the members' votes at a point."""
+    """(K,) storeys and (K, 3) motions: means of the fullest bins of the members' votes at a point."""
     of = np.flatnonzero(member[group])
     value, cell, key = np.empty((len(of), 4)), np.empty((len(of), 4), dtype=np.int64), np.zeros(len(of), dtype=np.int64)
     for n in range(len(of)):
-        yaw, weight, shift_x, shift_y = told[of[n]]
+        yaw, weight, shift_x, shift_y = motions[of[n]]
         cos, sin = np.cos(yaw), np.sin(yaw)
         value[n] = 1.0, yaw, cos * x - sin * y + shift_x, sin * x + cos * y + shift_y
         cell[n, 0], cell[n, 1] = storey[of[n]], np.floor((yaw + np.pi) / YAW_BIN)
@@ -182,7 +186,7 @@ def _gathered(
 
 
 def _worth(scene: Scene, proposals: TopK, storey: Index, motion: Array, member: Array) -> Array:
-    """(M,) weight of the proposed pairs of the walls of a part that a motion lays upon each other."""
+    """(M,) weight of the proposed pairs of a part's walls that a motion aligns."""
     s, plan = scene.s, scene.plan
     chosen = np.flatnonzero(member[scene.groups.of_wall])
     return np.asarray(_upon(
@@ -196,7 +200,7 @@ def _upon(
     chosen: Index, heading: Array, half: Array, centre: Array, weight: Array, lines: Array, a_storey: Index,
     partner: Index, score: Array, storey: Index, motion: Array,
 ) -> Array:  # fmt: skip
-    """As `_worth`, for the `chosen` walls."""
+    """See `_worth`, for the `chosen` walls."""
     worth = np.zeros(len(motion))
     for n in range(len(motion)):
         cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
@@ -220,7 +224,7 @@ def _upon(
 
 
 def seeds(scene: Scene, found: LocalMotions, fewest: int, most: int) -> tuple[Fields, Index]:
-    """The best motions that differ, as rigid fields, and the group (K,) in which each is sure."""
+    """Returns the best distinct motions as rigid fields, and the group (K,) for which each is most certain."""
     groups = scene.groups
     chosen = _seeds(groups.centre, groups.hops, found.group, found.storey, found.motion, found.worth, fewest, most)
     return Fields(found.storey[chosen], rigid_state(scene, found.motion[chosen])), found.group[chosen]
@@ -230,7 +234,7 @@ def seeds(scene: Scene, found: LocalMotions, fewest: int, most: int) -> tuple[Fi
 def _seeds(
     centre: Array, hops: Index, group: Index, storey: Index, motion: Array, worth: Array, fewest: int, most: int
 ) -> Index:
-    """As `seeds`: indices of motions."""
+    """See `seeds`; indices of motions."""
     kept, count = np.empty(most, dtype=np.int64), 0
     for n in range(len(worth)):
         if count == most or (count >= fewest and worth[n] < LEAST_WORTH * worth[0]):
@@ -251,7 +255,7 @@ def _seeds(
 
 @compiled
 def _moved(motion: Array, n: int, point: Array, g: int) -> tuple[float, float]:
-    """Where one of the motions (M, 3) lays one of the points (G, 2)."""
+    """Where one of the motions (M, 3) puts one of the points (G, 2)."""
     cos, sin = np.cos(motion[n, 0]), np.sin(motion[n, 0])
     x, y = point[g, 0], point[g, 1]
     return cos * x - sin * y + motion[n, 1], sin * x + cos * y + motion[n, 2]

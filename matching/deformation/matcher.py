@@ -1,4 +1,4 @@
-"""`BentMatcher`: proposals of any source, laid into the plan by a field of motions, verified and completed."""
+"""`DeformableMatcher`: places a map by a field of motions, starting from the proposals of any source."""
 
 import time
 from functools import partial
@@ -6,50 +6,50 @@ from functools import partial
 import numpy as np
 
 from data.scene_graph import SceneGraph
-from matching.arrays.cache import Kept
-from matching.deformation import deformed_hypotheses as bent
-from matching.deformation.assignment import complete, complete_rooms
+from matching.arrays.cache import PlanCache
+from matching.deformation.assignment import assign, assign_rooms
+from matching.deformation.deformed_hypotheses import DeformedHypotheses, scene_of, search
 from matching.deformation.verification import verify
 from matching.result import Hypothesis, MatchResult
 from matching.search.plan_walls import PlanWalls
 from matching.search.proposals import Proposer, TopK
 from matching.search.start import Start, near_start
 
-LISTED = 10  # hypotheses in the answer
+LISTED = 10  # hypotheses in the result, at most
 FEW = 32  # walls of a map
 
 
-class BentMatcher:
-    """A matcher by the contract of `Matcher`, over whatever proposes pairs; the map may bend from room to room.
+class DeformableMatcher:
+    """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room.
 
-    Where the first proposer's proposals agree on no motion, `others` are asked; of a map of few walls also where they
-    lead to no place that is sure to be the map's: one room of it may have misled them.
+    `others` is a second proposer, used if the first one's proposals agree on no motion. For a map with few walls it is
+    also used if they lead to no certain place, since a single room may have misled them.
     """
 
     def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
         self._propose, self._others = proposer, others
-        self._plan = Kept(PlanWalls.of)
+        self._plan = PlanCache(PlanWalls.of)
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """As `Matcher.match`."""
+        """See `Matcher.match`."""
         began = time.perf_counter()
         plan = self._plan(a) if floor is None else PlanWalls.of(a, floor)
         if not s.wall_surfaces or plan is None:
             return MatchResult("none", f"the {'A' if s.wall_surfaces else 'S'}-graph has no wall surface")
-        scene = bent.scene_of(s, plan)
+        scene = scene_of(s, plan)
         allowed = None if start is None else partial(near_start, start)
 
         def proposed(proposer: Proposer) -> TopK:
             return among(proposer(s, a, scene.s).walls, plan)
 
         proposals = proposed(self._propose)
-        found = bent.search(scene, proposals, allowed)
+        found = search(scene, proposals, allowed)
         result = answer(found, began) if len(found) else None
         doubtful = result is None or (len(s.wall_surfaces) <= FEW and result.status == "none")
         if doubtful and self._others is not None:
-            found = bent.search(scene, _together(proposals, proposed(self._others)), allowed)
+            found = search(scene, _together(proposals, proposed(self._others)), allowed)
             result = answer(found, began) if len(found) else result
         if result is None:
             near = "" if start is None else " near the start that was given"
@@ -59,25 +59,25 @@ class BentMatcher:
 
 
 def _together(one: TopK, other: TopK) -> TopK:
-    """Both proposers' proposals for each of the same S walls."""
+    """Merges both proposers' proposals for each S wall."""
     return TopK(np.hstack((one.partner, other.partner)), np.hstack((one.score, other.score)))
 
 
 def among(proposals: TopK, plan: PlanWalls) -> TopK:
-    """The proposals of a plan's surfaces as those of some storeys' walls, one storey after the other."""
+    """Converts proposals for a plan's surfaces to those for the walls of its storeys, one storey after the other."""
     partner = plan.row[proposals.partner]
     return TopK(partner, np.where(partner >= 0, proposals.score, 0.0))
 
 
-def answer(found: bent.Bent, began: float) -> MatchResult:
-    """The result of hypotheses, best first, at least one."""
+def answer(found: DeformedHypotheses, began: float) -> MatchResult:
+    """Returns the result of hypotheses, best first; at least one."""
     s = found.scene.s
-    pairs = complete(found, 0)
+    pairs = assign(found, 0)
     verdict = verify(found, pairs)
     hypotheses = []
     for k in range(min(len(found), LISTED)):
         storey = found.scene.plan.storeys[int(found.fields.storey[k])]
-        matches = pairs.rooms if k == 0 else complete_rooms(found, k)
+        matches = pairs.rooms if k == 0 else assign_rooms(found, k)
         rooms = tuple((s.rooms[r].id, storey.rooms[q].id) for r, q, _ in matches)
         hypotheses.append(Hypothesis(float(found.score[k]), _triple(found, k), storey.floor, rooms))
     a = found.scene.plan.storeys[int(found.fields.storey[0])]
@@ -91,6 +91,6 @@ def answer(found: bent.Bent, began: float) -> MatchResult:
     )  # fmt: skip
 
 
-def _triple(found: bent.Bent, k: int) -> tuple[float, float, float]:
+def _triple(found: DeformedHypotheses, k: int) -> tuple[float, float, float]:
     yaw, x, y = found.between_graphs[k].tolist()
     return yaw, x, y

@@ -1,34 +1,33 @@
-"""Unique, ambiguous or none: whether the map is in the plan at all, and the margin over the runner-up.
+"""Decides between unique, ambiguous and none: whether the map is in the plan at all, and the margin over the runner-up.
 
-A map of another building lies somewhere too. What its best place reaches grows with the plan's size, and its places
-are alike: the runner-up is near. The odds of the one against the other were fitted, by logistic regression, to 3,000
-maps of 1 to 9 rooms with the noise of real scans, drifting and messy, of flats and of generated buildings, laid into
-their own plans and into others'.
+A map of another building also has a best place. Its score grows with the plan's size, and the runner-up is close. The
+odds were fitted by logistic regression to 3,000 maps of 1 to 9 rooms (`real`, `drift`, `mis_segmented`), of flats and
+of generated buildings, matched with their own plans and with others.
 """
 
 import numpy as np
 
-from matching.deformation.deformed_hypotheses import Bent
+from matching.deformation.deformed_hypotheses import DeformedHypotheses
 from matching.deformation.field import judge
 from matching.search.assignment import Pairs
 from matching.search.scoring import SIGMA_SCORE
 from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict
 
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
-DOUBT = 0.6  # nats more for each wall that is not explained: so much may have been built otherwise at another place
+DOUBT = 0.6  # nats more for each unexplained wall: at another place as much may differ from the plan
 OFFSET, SCORE, MARGIN, MISSED, PLACES = 5.68, 0.254, 0.147, -1.736, -0.656  # of the log odds, see `odds`
 LEAST_ODDS = 4.5
-MOST_MISSED = 10  # walls that speak against a plan: of a large map many are cupboards, or stand where no plan has them
+MOST_MISSED = 10  # unexplained walls that count, at most: large maps have many cupboards and partitions
 LEAST_FRACTION = 0.5  # of the map's walls, by length, that the plan explains
 PER_WALL = (1.8, 2.4)  # nats of each wall that the plan explains, at least: of a map of few walls,
-WALLS = (15, 30)  # and of one of many; a mirror image, bent as it may be, often reaches less
+WALLS = (15, 30)  # and of one of many; a deformed mirror image often reaches less
 OF_MISSED = 2.0  # nats that a wall costs which is not explained, about
 
 
-def verify(found: Bent, pairs: Pairs) -> Verdict:
-    """Judges the hypotheses, best first, at least one; `pairs` are the first one's."""
+def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
+    """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
     s, plan = found.scene.s, found.scene.plan
-    told = f"{len(pairs.surfaces)} of {len(s)} wall surfaces and {len(pairs.rooms)} rooms matched"
+    matched = f"{len(pairs.surfaces)} of {len(s)} wall surfaces and {len(pairs.rooms)} rooms matched"
     now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
     fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
     log_odds = odds(found, fraction)
@@ -40,30 +39,30 @@ def verify(found: Bent, pairs: Pairs) -> Verdict:
         share = f"{100 * fraction:.0f} % of its walls' length"
         return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
     near = np.flatnonzero(found.score > found.score[0] - margin)
-    rough = found.wary[0] + OF_MISSED * missed < (len(s) - missed) * np.interp(len(s), WALLS, PER_WALL)
+    rough = found.conservative[0] + OF_MISSED * missed < (len(s) - missed) * np.interp(len(s), WALLS, PER_WALL)
     if log_odds < LEAST_ODDS or len(pairs.surfaces) < LEAST_SURFACES or rough:
-        return Verdict("none", f"too little evidence at the best place ({told}): see more rooms", probability)
+        return Verdict("none", f"too little evidence at the best place ({matched}): see more rooms", probability)
     if len(near) > 1:
         floors = [str(plan.storeys[int(found.fields.storey[k])].floor) for k in near]
-        reason = f"{_what(floors)} explain the map about equally well ({told})"
+        reason = f"{_places_named(floors)} explain the map about equally well ({matched})"
         return Verdict("ambiguous", reason, probability)
-    return Verdict("unique", f"{told}; no other place explains the map nearly as well", probability)
+    return Verdict("unique", f"{matched}; no other place explains the map nearly as well", probability)
 
 
-def odds(found: Bent, fraction: float) -> float:
-    """Log odds that the map is in the plan, which explains a fraction of its walls.
+def odds(found: DeformedHypotheses, fraction: float) -> float:
+    """Returns the log odds that the map is in the plan, which explains a fraction of its walls.
 
-    For it speak the evidence with wary ends and the margin over wrong places (those that are as good as the best one
-    say nothing); against it walls that are not explained, and the number of places.
+    They rise with the evidence with conservative ends and with the margin over wrong places (places as good as the best
+    one are left out), and fall with unexplained walls and the number of places.
     """
-    walls, wary = len(found.scene.s), found.wary
+    walls, conservative = len(found.scene.s), found.conservative
     places = np.log(PLACES_PER_M2 * sum(a.area for a in found.scene.plan.storeys))
-    margin = min(walls, *(wary[0] - wary[wary <= wary[0] - LEAST_MARGIN]), np.inf)
+    margin = min(walls, *(conservative[0] - conservative[conservative <= conservative[0] - LEAST_MARGIN]), np.inf)
     missed = min((1 - fraction) * walls, MOST_MISSED)
-    return float(OFFSET + SCORE * wary[0] + MARGIN * margin + MISSED * missed + PLACES * places)
+    return float(OFFSET + SCORE * conservative[0] + MARGIN * margin + MISSED * missed + PLACES * places)
 
 
-def _what(floors: list[str]) -> str:
+def _places_named(floors: list[str]) -> str:
     distinct = len(set(floors))
     if distinct == 1:
         return f"{len(floors)} places"

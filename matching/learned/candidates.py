@@ -1,4 +1,4 @@
-"""`candidates` and `agreement` for one pair of graphs, compiled: where each S wall may be, and what the map says."""
+"""`network.candidates` and `network.agreement` for one pair of graphs, as compiled loops."""
 
 from typing import NamedTuple
 
@@ -14,23 +14,25 @@ from matching.network.dimensions import (
     LEAST_VOTER_COS,
     NOTHING,
     REACHES,
-    STRANGE_ROOM,
-    TELLERS,
+    ROOM_UNKNOWN,
     TRUST,
     VOTERS,
+    VOTES_EACH,
 )  # fmt: skip
 from matching.network.features import Array32
 from matching.network.support_loops import WallRows, alike
 
 _NOTHING, _HALF, _1, _0 = np.float32(NOTHING), np.float32(0.5), np.float32(1), np.float32(0)
-_ODDS, _STRANGE = np.float32(LEAST_ODDS), np.float32(STRANGE_ROOM)
+_ODDS, _STRANGE = np.float32(LEAST_ODDS), np.float32(ROOM_UNKNOWN)
 _LIKELY, _TRUST, _COS = (np.float32(x) for x in (LEAST_LIKELY, TRUST, LEAST_VOTER_COS))
 (_NEAR, _SLOPE), (_WIDE, _WIDE_SLOPE) = (tuple(np.float32(x) for x in reach) for reach in REACHES)
 _LEAST_VOICE, _LITTLE = np.float32(1e-3), np.float32(0.05)
 
 
 class Vectors(NamedTuple):
-    """A graph's walls (N, width) and rooms (M, width), of unit length, and their odds of none, (N,) and (M,)."""
+    """Unit vectors of a graph's walls (N, width) and rooms (M, width), and their log odds of no match, (N,) and
+    (M,).
+    """
 
     walls: Array32
     rooms: Array32
@@ -39,7 +41,7 @@ class Vectors(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """K candidates of each of N S walls, as `candidates.Candidates` has them."""
+    """K candidates of each of N S walls, as in `network.candidates.Candidates`."""
 
     column: Index  # (N, K) rows of A's walls, -1 where there are fewer
     logit: Array32  # (N, K)
@@ -50,9 +52,9 @@ class Choice(NamedTuple):
 def tables(
     s: Vectors, a: Vectors, s_room: Index, a_room: Index, sharpness: Array32
 ) -> tuple[Array32, Array32]:
-    """(N, A walls + 1) and (M, A rooms + 1) log odds by the vectors; walls also by those of their rooms."""
+    """(N, A walls + 1) and (M, A rooms + 1) log odds from the vectors; those of walls also use their rooms."""
     rooms = np.empty((len(s.rooms), len(a.rooms) + 1), dtype=np.float32)
-    told = np.zeros_like(rooms)
+    room_odds = np.zeros_like(rooms)
     if rooms.size > len(rooms):
         rooms[:, :-1] = np.dot(s.rooms, a.rooms.T)
         rooms[:, :-1] *= sharpness[1]
@@ -60,7 +62,7 @@ def tables(
     for r in range(len(rooms)):
         odds = log_softmax(rooms[r])
         for q in range(len(odds)):
-            told[r, q] = max(odds[q], _ODDS)
+            room_odds[r, q] = max(odds[q], _ODDS)
     walls = np.empty((len(s.walls), len(a.walls) + 1), dtype=np.float32)
     near = np.dot(s.walls, a.walls.T)
     for i in range(len(walls)):
@@ -68,14 +70,14 @@ def tables(
         for j in range(len(a.walls)):
             walls[i, j] = sharpness[0] * near[i, j]
         for j in range(len(a.walls) if rooms.size > len(rooms) else 0):
-            walls[i, j] += sharpness[2] * (told[r, a_room[j]] if r >= 0 and a_room[j] >= 0 else _STRANGE)
+            walls[i, j] += sharpness[2] * (room_odds[r, a_room[j]] if r >= 0 and a_room[j] >= 0 else _STRANGE)
         walls[i, -1] = s.no_wall[i]
     return walls, rooms
 
 
 @compiled
 def log_softmax(row: Array32) -> Array32:
-    """(m,) logarithms of probabilities."""
+    """(m,) logarithms of the softmax."""
     most, total = row.max(), _0
     for x in row:
         total += exp(x - most)
@@ -84,7 +86,7 @@ def log_softmax(row: Array32) -> Array32:
 
 @compiled
 def first_choice(dense: Array32, most: int) -> tuple[Choice, Array32]:
-    """The likeliest by `dense` (N, A walls + 1), and (N, K) how likely they are."""
+    """Returns the likeliest candidates by `dense` (N, A walls + 1), and their probabilities (N, K)."""
     n, plan = len(dense), dense.shape[1] - 1
     size = min(most, plan)
     column, value = np.full((n, size), -1), np.full((n, size + 1), _NOTHING)
@@ -108,15 +110,16 @@ def first_choice(dense: Array32, most: int) -> tuple[Choice, Array32]:
 def expanded(
     s: WallRows, a: WallRows, dense: Array32, known: Choice, likely: Array32, more: int
 ) -> tuple[Choice, Array32]:
-    """The candidates that are known, (N, K), and up to `more` beside the likely partners of each wall's neighbours:
-    `candidates.expanded`."""
+    """Returns the known candidates, with probabilities (N, K), and up to `more` near the likely partners of each wall's
+    neighbours; see `network.candidates.expanded`.
+    """
     n, k = likely.shape
     column, logit = np.full((n, k + more), -1), np.full((n, k + more), _NOTHING)
     begins, total, met = np.zeros((n, k + more), dtype=np.float32), np.zeros(len(a.half), dtype=np.float32), [0]
-    tellers = _first_two(likely)
+    votes_each = _first_two(likely)
     for i in range(n):
         met.clear()
-        _vote(s, a, known.column, likely, tellers, i, total, met)
+        _vote(s, a, known.column, likely, votes_each, i, total, met)
         for t in range(k):
             column[i, t], logit[i, t], begins[i, t] = known.column[i, t], known.logit[i, t], likely[i, t]
             if column[i, t] >= 0:
@@ -140,8 +143,8 @@ def expanded(
 
 @compiled
 def _first_two(likely: Array32) -> Index:
-    """(N, TELLERS) where the likeliest are."""
-    size = min(TELLERS, likely.shape[1])
+    """(N, VOTES_EACH) positions of the likeliest candidates."""
+    size = min(VOTES_EACH, likely.shape[1])
     found = np.empty((len(likely), size), dtype=np.int64)
     for i in range(len(likely)):
         for t in range(size):
@@ -158,13 +161,13 @@ def _first_two(likely: Array32) -> Index:
 
 @compiled_within
 def _vote(
-    s: WallRows, a: WallRows, column: Index, likely: Array32, tellers: Index, i: int, total: Array32, met: list[int]
+    s: WallRows, a: WallRows, column: Index, likely: Array32, votes_each: Index, i: int, total: Array32, met: list[int]
 ) -> None:
-    """Adds to `total` (A walls,), and to the list of those that were met, what the neighbours of S wall i say."""
+    """Adds the votes of S wall i's neighbours to `total` (A walls,) and lists the A walls that got one."""
     own, their = np.empty((2, 5), dtype=np.float32), np.empty((2, 5), dtype=np.float32)
     own[1, :4], own[1, 4] = s.pose[i], s.half[i]
     for j in s.near[i]:
-        for t in tellers[j] if j >= 0 else tellers[0, :0]:
+        for t in votes_each[j] if j >= 0 else votes_each[0, :0]:
             b = column[j, t]
             if b < 0 or not likely[j, t] > _LIKELY:
                 continue
@@ -184,9 +187,9 @@ def _vote(
 
 @compiled
 def agreement(s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array32) -> Array32:
-    """(N, K, AGREEMENTS) shares, in [0, 1], of what the map's likeliest candidates say: `agreement.agreement`.
+    """(N, K, AGREEMENTS) shares in [0, 1] of the map's likeliest candidates that agree; see `network.agreement`.
 
-    `size` (N,) of the S walls.
+    `size` (N,) are the weights of the S walls.
     """
     n, k = likely.shape
     voter, voice = _voters(likely, size)
@@ -218,8 +221,9 @@ def agreement(s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array3
 
 @compiled
 def _motions(s: WallRows, a: WallRows, column: Index, voter: Index) -> tuple[Array32, Array32, Array32, Index]:
-    """Of V voters (2, V) where their S walls lie, cosines and sines of their motions, and where their A walls lie; and
-    (V,) storeys."""
+    """Of V voters: (2, V) positions of their S walls, cosines and sines of their motions, positions of their A walls,
+    and (V,) storeys.
+    """
     size = len(voter)
     own, turn = np.empty((2, size), dtype=np.float32), np.empty((2, size), dtype=np.float32)
     there, floor = np.empty((2, size), dtype=np.float32), np.empty(size, dtype=np.int64)
@@ -240,7 +244,9 @@ def _turn(c: np.float32, s: np.float32, u: np.float32, v: np.float32) -> tuple[n
 
 @compiled
 def _voters(likely: Array32, size: Array32) -> tuple[Index, Array32]:
-    """(V,) the likeliest and largest candidates, as places in `likely` (N, K), and their shares of the say."""
+    """(V,) the likeliest and largest candidates as positions in `likely` (N, K), and their shares of the total
+    weight.
+    """
     n, k = likely.shape
     most, count, total = min(VOTERS, n * k), 0, _0
     found, voice = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""`consensus` for one pair of graphs, compiled: a round of support between candidates, and what rooms make of it."""
+"""`network.consensus` for one pair of graphs, as compiled loops: rounds of support between candidates, and rooms."""
 
 from typing import NamedTuple
 
@@ -22,45 +22,45 @@ from matching.network.dimensions import (
 from matching.network.features import Array32
 from matching.network.support_loops import WallRows, combinations
 
-BLOCK = 512  # combinations that are in the processor's nearest memory at once
+BLOCK = 512  # combinations processed at once, to fit the processor's cache
 _0, _1, _2, _4, _5, _8, _10 = (np.float32(x) for x in (0, 1, 2, 4, 5, 8, 10))
-_SHORT, _LONG = np.float32(0.35), np.float32(6)  # metres: walls count by the roots of their lengths
+_SHORT, _LONG = np.float32(0.35), np.float32(6)  # metres: a wall's weight is the root of its length
 _NOTHING, _ODDS, _LEAST_LOGIT = np.float32(NOTHING), np.float32(LEAST_ODDS), np.float32(-30)
 _TINY, _SMALL, _LITTLE = np.float32(1e-4), np.float32(1e-3), np.float32(1e-2)
 
 
 class ConsensusWeights(NamedTuple):
-    """The weights of `consensus.Consensus`, and of the network's step of rooms."""
+    """The weights of `network.consensus.Consensus` and of the network's room step."""
 
     compatible: Linear
     compatible_again: Linear
     compatible_last: Linear
     begin: Linear
-    says: Linear
+    message: Linear
     step: Linear
     step_again: Linear
     after: Norm
-    judge: Linear
+    score: Linear
     room: Linear
     room_again: Linear
 
 
 def consensus_of(w: NamedWeights, width: int) -> ConsensusWeights:
-    """The weights of a network whose state is `width` wide."""
+    """Returns the weights of a network with states of this width."""
     first, second = COMPATIBLE_WIDTHS
     return ConsensusWeights(
         w.linear("consensus.compatible.0", COMPARED_SIZE, first), w.linear("consensus.compatible.2", first, second),
         w.linear("consensus.compatible.4", second, REASONS),
-        w.linear("consensus.begin", PAIR_SIZE, width), w.linear("consensus.says", width, REASONS),
+        w.linear("consensus.begin", PAIR_SIZE, width), w.linear("consensus.message", width, REASONS),
         w.linear("consensus.step.0", width + 2 * REASONS + PAIR_SIZE, 2 * width),
         w.linear("consensus.step.2", 2 * width, width), w.norm("consensus.after", width),
-        w.linear("consensus.judge", width, 1),
+        w.linear("consensus.score", width, 1),
         w.linear("room_step.0", SHARE_SIZE, ROOM_WIDTH), w.linear("room_step.2", ROOM_WIDTH, 1),
     )  # fmt: skip
 
 
 class Combinations(NamedTuple):
-    """E combinations, as in `consensus.Support`, and how far each is a reason, (E, heads)."""
+    """E combinations, as in `network.consensus.Support`, and the weight of each, (E, heads)."""
 
     pair: Index
     other: Index
@@ -68,13 +68,15 @@ class Combinations(NamedTuple):
 
 
 @compiled
-def settled(
+def run_consensus(
     s: WallRows, a: WallRows, dense: Array32, choice: Choice, likely: Array32, rooms: Array32,
     counts: tuple[int, int, int], enough: float, w: ConsensusWeights,
 ) -> tuple[Index, Array32, Array32]:  # fmt: skip
-    """Cycles of consensus from first candidates, those that are `likely` (N, K), and log odds of rooms: candidates in
-    the end (N, K), how likely they are, and how likely rooms are (M, A rooms + 1). `counts` are those of cycles, of
-    rounds of each, and of candidates that each later cycle adds."""
+    """Runs cycles of consensus, starting from candidates with probabilities `likely` (N, K) and log odds of rooms.
+
+    `counts` are the numbers of cycles, of rounds in each, and of candidates that each later cycle adds. Returns the
+    final candidates (N, K), their probabilities, and those of rooms (M, A rooms + 1).
+    """
     (cycles, rounds, more), first = counts, rooms
     for cycle in range(cycles):
         if cycle > 0:
@@ -90,8 +92,11 @@ def consensus(
     s: WallRows, a: WallRows, c: Choice, likely: Array32, first: Array32, rooms: Array32, rounds: int,
     w: ConsensusWeights,
 ) -> tuple[Array32, Array32, float]:  # fmt: skip
-    """Rounds of consensus among given candidates: how likely they are (N, K), and log odds of rooms (M, A rooms + 1),
-    as they are after; and the mean probability of the walls' best answers. `first` is the first guess of rooms."""
+    """Runs rounds of consensus among given candidates; `first` is the first estimate of the rooms.
+
+    Returns the probabilities (N, K), the log odds of rooms (M, A rooms + 1), and the mean probability of the walls'
+    best candidates.
+    """
     reasons, size, sure = support(s, a, c.column, w), np.empty(len(s.half), dtype=np.float32), 0.0
     for i in range(len(size)):
         size[i] = np.sqrt(min(max(_2 * s.half[i], _SHORT), _LONG))
@@ -101,10 +106,10 @@ def consensus(
     for k in range(rounds):
         if k > 0:
             feature = features(s, a, c, likely, whole, rooms)
-        state, table = one_round(state, feature, likely, c, reasons, w)
+        state, table = consensus_round(state, feature, likely, c, reasons, w)
         answer = softmax(table)
         likely = np.ascontiguousarray(answer[:, :-1])
-        rooms = rooms_told(s, a, c, likely, size, first, w)
+        rooms = updated_rooms(s, a, c, likely, size, first, w)
         sure = 0.0
         for i in range(len(answer)):
             sure += answer[i].max() / len(answer)
@@ -113,7 +118,7 @@ def consensus(
 
 @compiled_within
 def support(s: WallRows, a: WallRows, column: Index, w: ConsensusWeights) -> Combinations:
-    """All combinations of candidates that are roughly alike."""
+    """Returns all combinations of candidates that are roughly alike."""
     pair, other, feature = combinations(s, a, column)
     weight = np.empty((len(pair), w.compatible_last.weight.shape[1]), dtype=np.float32)
     for first in range(0, len(pair), BLOCK):
@@ -129,62 +134,64 @@ def support(s: WallRows, a: WallRows, column: Index, w: ConsensusWeights) -> Com
 def features(
     s: WallRows, a: WallRows, c: Choice, likely: Array32, whole: Array32, rooms: Array32
 ) -> Array32:
-    """(N K, PAIR_SIZE) what is known of each candidate by itself, of its rivals, of the `whole` map."""
+    """(N K, PAIR_SIZE) features of each candidate: its own, those of its competitors, and the agreement of the
+    `whole` map.
+    """
     n, k = likely.shape
     found, taken = np.empty((n * k, PAIR_SIZE), dtype=np.float32), np.zeros(len(a.half) + 1, dtype=np.float32)
     for i in range(n):
         for t in range(k):
             taken[c.column[i, t] + 1] += likely[i, t]
-    told = softmax(rooms)
+    room_odds = softmax(rooms)
     for i in range(n):
         for t in range(k):
             row, p = found[i * k + t], max(c.column[i, t], 0)
-            housed = s.room[i] >= 0 and c.column[i, t] >= 0 and a.room[p] >= 0
+            with_room = s.room[i] >= 0 and c.column[i, t] >= 0 and a.room[p] >= 0
             longer = s.half[i] - a.half[p]
             row[0], row[1] = max(c.logit[i, t], _LEAST_LOGIT) / _10, likely[i, t]
             row[2] = likely[i, t] / (taken[c.column[i, t] + 1] + _SMALL)
-            row[3], row[4] = told[s.room[i], a.room[p]] if housed else _0, housed
+            row[3], row[4] = room_odds[s.room[i], a.room[p]] if with_room else _0, with_room
             row[5], row[6] = max(longer, _0), max(-longer, _0)
             row[7:] = whole[i, t]
     return found
 
 
 @compiled_within
-def one_round(
+def consensus_round(
     state: Array32, feature: Array32, likely: Array32, c: Choice, support: Combinations, w: ConsensusWeights
 ) -> tuple[Array32, Array32]:
-    """State (N K, width) after one round, and (N, K + 1) log odds of the candidates, then of none."""
+    """Returns the states (N K, width) after one round, and (N, K + 1) log odds of the candidates and of no match."""
     rows, width = state.shape
     heads = support.weight.shape[1]
-    says, given = linear(state, w.says), likely.reshape(rows)
-    told = np.zeros((rows, width + 2 * heads + feature.shape[1]), dtype=np.float32)
-    told[:, :width], told[:, width + 2 * heads :] = state, feature
+    message, flat = linear(state, w.message), likely.reshape(rows)
+    inputs = np.zeros((rows, width + 2 * heads + feature.shape[1]), dtype=np.float32)
+    inputs[:, :width], inputs[:, width + 2 * heads :] = state, feature
     for row in range(rows):
         for k in range(heads):
-            says[row, k] = given[row] * tanh(says[row, k])
+            message[row, k] = flat[row] * tanh(message[row, k])
     for e in range(len(support.pair)):
-        heard, other = told[support.pair[e], width : width + 2 * heads], support.other[e]
+        received, other = inputs[support.pair[e], width : width + 2 * heads], support.other[e]
         for k in range(heads):
-            heard[k] += given[other] * support.weight[e, k]
-            heard[heads + k] += says[other, k] * support.weight[e, k]
-    state = normed(state + linear(linear_gelu(told, w.step), w.step_again), w.after)
-    judged = linear(state, w.judge)
+            received[k] += flat[other] * support.weight[e, k]
+            received[heads + k] += message[other, k] * support.weight[e, k]
+    state = normed(state + linear(linear_gelu(inputs, w.step), w.step_again), w.after)
+    scored = linear(state, w.score)
     n, k = likely.shape
     table = np.empty((n, k + 1), dtype=np.float32)
     for i in range(n):
         for t in range(k):
-            table[i, t] = c.logit[i, t] + _5 * judged[i * k + t, 0] if c.column[i, t] >= 0 else _NOTHING
+            table[i, t] = c.logit[i, t] + _5 * scored[i * k + t, 0] if c.column[i, t] >= 0 else _NOTHING
         table[i, k] = c.dustbin[i]
     return state, table
 
 
 @compiled_within
-def rooms_told(
+def updated_rooms(
     s: WallRows, a: WallRows, c: Choice, likely: Array32, size: Array32, rooms: Array32, w: ConsensusWeights
 ) -> Array32:
-    """(M, A rooms + 1) log odds of rooms: the first guess, and how far the walls of an S room are those of an A room.
+    """(M, A rooms + 1) log odds of rooms: the first estimate, updated by the share of an S room's walls in each A room.
 
-    `size` (N,) of the S walls.
+    `size` (N,) are the weights of the S walls.
     """
     m, plan = rooms.shape[0], rooms.shape[1] - 1
     by_size, count = np.zeros((m, plan), dtype=np.float32), np.zeros((m, plan), dtype=np.float32)
@@ -214,6 +221,6 @@ def rooms_told(
             row[0], row[1] = share[r, q], np.sqrt(share[r, q] + _TINY)
             row[2], row[3] = min(count[r, q], _8) / _4, share[r, q] / claimed[q]
             row[4], row[5] = odds, np.exp(odds)
-    told = linear(linear_gelu(feature, w.room), w.room_again)
-    found[:, :plan] += told.reshape(m, plan)
+    update = linear(linear_gelu(feature, w.room), w.room_again)
+    found[:, :plan] += update.reshape(m, plan)
     return found

@@ -1,4 +1,4 @@
-"""`encoder` for one graph at a time, without gradients: the same vectors from the same weights, by compiled loops."""
+"""`network.encoder` for one graph, without gradients, as compiled loops over the same weights."""
 
 from typing import NamedTuple
 
@@ -11,26 +11,26 @@ from matching.network.arithmetic import Linear, Norm, exp, linear, linear_gelu, 
 from matching.network.dimensions import HEADS
 from matching.network.features import EDGE_SIZE, NODE_SIZE, Array32
 
-BLOCK = 16  # nodes whose edges are in the processor's nearest memory at once
+BLOCK = 16  # nodes processed at once, so that their edges fit the processor's cache
 _LOWEST, _LEAST = np.float32(-1e30), np.float32(1e-30)
 
 
 class Layer(NamedTuple):
-    """The weights of `encoder.NeighbourAttention`."""
+    """The weights of `network.encoder.NeighbourAttention`."""
 
     before: Norm
-    receiver: Linear
-    sender: Array32
+    query: Linear
+    key: Array32
     edge: Array32
     attention: Array32  # (width, HEADS), zero but where a head has its own
-    told: Linear
+    out: Linear
     norm: Norm
     widen: Linear
     narrow: Linear
 
 
 class EncoderWeights(NamedTuple):
-    """The weights of `encoder.Encoder`, less its layers."""
+    """The weights of `network.encoder.Encoder` without its layers."""
 
     node: Linear
     node_again: Linear
@@ -40,7 +40,7 @@ class EncoderWeights(NamedTuple):
 
 
 def encoder_of(w: NamedWeights, width: int) -> EncoderWeights:
-    """All but the layers."""
+    """Returns the weights outside the layers."""
     return EncoderWeights(
         w.linear("encoder.node.0", NODE_SIZE, width), w.linear("encoder.node.2", width, width),
         w.linear("encoder.edge.0", EDGE_SIZE, width), w.linear("encoder.edge.2", width, width),
@@ -49,7 +49,7 @@ def encoder_of(w: NamedWeights, width: int) -> EncoderWeights:
 
 
 def layers_of(w: NamedWeights, width: int, count: int) -> tuple[Layer, ...]:
-    """The layers, first to last."""
+    """Returns the weights of the layers, first to last."""
     return tuple(_layer_of(w, f"encoder.layers.{k}", width) for k in range(count))
 
 
@@ -58,16 +58,16 @@ def _layer_of(w: NamedWeights, name: str, width: int) -> Layer:
     for k, head in enumerate(w.array(f"{name}.attention", HEADS, own)):
         attention[k * own : (k + 1) * own, k] = head
     return Layer(
-        w.norm(f"{name}.before", width), w.linear(f"{name}.receiver", width, width),
-        w.matrix(f"{name}.sender", width, width), w.matrix(f"{name}.edge", width, width), attention,
-        w.linear(f"{name}.told", width, width), w.norm(f"{name}.think.0", width),
-        w.linear(f"{name}.think.1", width, 2 * width), w.linear(f"{name}.think.3", 2 * width, width),
+        w.norm(f"{name}.before", width), w.linear(f"{name}.query", width, width),
+        w.matrix(f"{name}.key", width, width), w.matrix(f"{name}.edge", width, width), attention,
+        w.linear(f"{name}.out", width, width), w.norm(f"{name}.ffn.0", width),
+        w.linear(f"{name}.ffn.1", width, 2 * width), w.linear(f"{name}.ffn.3", 2 * width, width),
     )  # fmt: skip
 
 
 @compiled
-def begun(node: Array32, edge: Array32, w: EncoderWeights) -> tuple[Array32, Array32]:
-    """(V, width) of nodes (V, NODE_SIZE), and (V * k, width) of edges (V, k, EDGE_SIZE)."""
+def embedded(node: Array32, edge: Array32, w: EncoderWeights) -> tuple[Array32, Array32]:
+    """Embeds nodes (V, NODE_SIZE) as (V, width) and edges (V, k, EDGE_SIZE) as (V * k, width)."""
     h = linear(linear_gelu(node, w.node), w.node_again)
     rows = edge.reshape(edge.shape[0] * edge.shape[1], edge.shape[2])
     block = BLOCK * edge.shape[1]
@@ -78,11 +78,13 @@ def begun(node: Array32, edge: Array32, w: EncoderWeights) -> tuple[Array32, Arr
 
 
 @compiled
-def asked(h: Array32, edge: Array32, neighbour: Index, w: Layer) -> Array32:
-    """One layer: (V, width) from (V, width), edges (V * k, width) and neighbours (V, k), -1 where there is none."""
+def attention_layer(h: Array32, edge: Array32, neighbour: Index, w: Layer) -> Array32:
+    """Applies one layer to nodes (V, width), edges (V * k, width) and neighbours (V, k), -1 for none; returns (V,
+    width).
+    """
     nodes, k = neighbour.shape
     x = normed(h, w.before)
-    receiver, sender, heard = linear(x, w.receiver), np.dot(x, w.sender), np.zeros_like(h)
+    query, key, messages = linear(x, w.query), np.dot(x, w.key), np.zeros_like(h)
     for first in range(0, nodes, BLOCK):
         last = min(first + BLOCK, nodes)
         seen = np.dot(edge[first * k : last * k], w.edge)
@@ -90,19 +92,22 @@ def asked(h: Array32, edge: Array32, neighbour: Index, w: Layer) -> Array32:
             for m in range(k):
                 row, other = (n - first) * k + m, max(neighbour[n, m], 0)
                 for d in range(seen.shape[1]):
-                    y = seen[row, d] + sender[other, d] + receiver[n, d]
+                    y = seen[row, d] + key[other, d] + query[n, d]
                     seen[row, d] = y * sigmoid(y)
-        _hear(seen, np.dot(seen, w.attention), neighbour[first:last], heard[first:last])
-    told, thought = linear(heard, w.told), h.copy()
+        _aggregate(seen, np.dot(seen, w.attention), neighbour[first:last], messages[first:last])
+    out, hidden = linear(messages, w.out), h.copy()
     for n in range(nodes):
         for d in range(h.shape[1]):
-            thought[n, d] += told[n, d]
-    return thought + linear(linear_gelu(normed(thought, w.norm), w.widen), w.narrow)
+            hidden[n, d] += out[n, d]
+    return hidden + linear(linear_gelu(normed(hidden, w.norm), w.widen), w.narrow)
 
 
 @compiled
-def _hear(seen: Array32, score: Array32, neighbour: Index, heard: Array32) -> None:
-    """Adds to `heard` (n, width) what neighbours (n, k) say, (n * k, width), each head by its score (n * k, HEADS)."""
+def _aggregate(seen: Array32, score: Array32, neighbour: Index, messages: Array32) -> None:
+    """Adds to `messages` (n, width) those of the neighbours (n, k), weighted by attention.
+
+    `seen` (n * k, width) holds each neighbour's message, `score` (n * k, HEADS) its attention logits, overwritten.
+    """
     (n, k), heads = neighbour.shape, score.shape[1]
     wide, most = seen.shape[1] // heads, np.empty(heads, dtype=np.float32)
     total = np.full((n, heads), _LEAST)
@@ -127,4 +132,4 @@ def _hear(seen: Array32, score: Array32, neighbour: Index, heard: Array32) -> No
         for head in range(heads if neighbour[node, row - node * k] >= 0 else 0):
             share = score[row, head] / total[node, head]
             for d in range(head * wide, (head + 1) * wide):
-                heard[node, d] += share * seen[row, d]
+                messages[node, d] += share * seen[row, d]

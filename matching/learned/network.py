@@ -1,6 +1,6 @@
-"""`network.MatchingNetwork` for one map and one plan, without gradients: the same answers, by compiled loops.
+"""`network.MatchingNetwork` for one map and one plan, without gradients and without PyTorch.
 
-The steps are the network's: vectors of each graph on its own, a few candidates for each S wall, rounds of consensus.
+The steps are the same: vectors of each graph on its own, a few candidates for each S wall, rounds of consensus.
 """
 
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ from matching.arrays.walls import Index
 from matching.learned import candidates as candidates
 from matching.learned import encoder as encoder
 from matching.learned.candidates import Vectors
-from matching.learned.consensus import consensus_of, settled
+from matching.learned.consensus import consensus_of, run_consensus
 from matching.learned.named_weights import NamedWeights
 from matching.network.arithmetic import Linear, Norm, linear, normed
-from matching.network.dimensions import HEARD, Settings
+from matching.network.dimensions import SUPPORTERS, Settings
 from matching.network.features import Array32, GraphFeatures
 from matching.network.support_loops import WallRows
 
@@ -37,8 +37,9 @@ class Encoded:
 
 @dataclass(frozen=True)
 class Likely:
-    """What the network says in the end: (N, K) candidates, rows of A's walls, -1 for none, and how likely they are;
-    (M, A rooms) how likely rooms are."""
+    """The network's result: (N, K) candidates as rows of A's walls, -1 for none, and their probabilities;
+    (M, A rooms) probabilities of rooms.
+    """
 
     column: Index
     walls: Array32
@@ -46,9 +47,9 @@ class Likely:
 
 
 class CompiledNetwork:
-    """The network of given settings and weights, by torch's names, ready to be asked.
+    """The network of given settings and weights, which are named as in torch.
 
-    Raises ValueError where these are not all that it takes, and nothing else.
+    Raises ValueError unless these are exactly the weights that it needs.
     """
 
     def __init__(self, settings: Settings, state: Mapping[str, Array32]) -> None:
@@ -63,35 +64,36 @@ class CompiledNetwork:
 
     @staticmethod
     def of(network: "MatchingNetwork") -> "CompiledNetwork":
-        """With the weights of a network of torch's that is on the CPU."""
+        """Creates the network from a torch network on the CPU."""
         return CompiledNetwork(network.settings, {k: v.numpy() for k, v in network.state_dict().items()})
 
     def encode(self, f: GraphFeatures) -> Encoded:
-        """What a graph is on its own."""
-        h, edge = encoder.begun(f.node, f.edge, self._encoder)
+        """Encodes a graph on its own."""
+        h, edge = encoder.embedded(f.node, f.edge, self._encoder)
         for layer in self._layers:
-            h = encoder.asked(h, edge, f.neighbour, layer)
+            h = encoder.attention_layer(h, edge, f.neighbour, layer)
         return Encoded(_rows_of(f), _vectors(h, f.wall_node, f.room_node, self._encoder.after, *self._heads))
 
-    def ask(self, s: Encoded, a: Encoded, enough: float) -> Likely:
-        """What is likely of a map and a plan, each with at least one wall; no further cycle follows once the walls'
-        best answers have a probability of `enough`, in the mean."""
+    def match(self, s: Encoded, a: Encoded, enough: float) -> Likely:
+        """Matches a map with a plan, each with at least one wall. Cycles end early once the mean probability of the
+        walls' best candidates reaches `enough`.
+        """
         dense, rooms = candidates.tables(s.vectors, a.vectors, s.walls.room, a.walls.room, self._sharpness)
         choice, likely = candidates.first_choice(dense, self._settings.candidates)
         of = self._settings
-        column, walls, rooms = settled(
+        column, walls, rooms = run_consensus(
             s.walls, a.walls, dense, choice, likely, rooms, (of.cycles, of.rounds, of.more), enough, self._consensus
         )
         return Likely(column, walls, rooms[:, :-1])
 
 
 def _rows_of(f: GraphFeatures) -> WallRows:
-    """The walls of a graph; nodes of rooms become rows of rooms, those of neighbours rows of walls."""
+    """The walls of a graph, with nodes of rooms and neighbours converted to rows of rooms and walls."""
     wall, room = np.full(len(f) + 1, -1), np.full(len(f) + 1, -1)  # the last is -1's
     wall[f.wall_node], room[f.room_node] = np.arange(len(f.wall_node)), np.arange(len(f.room_node))
     w, heading = f.wall_node, f.heading[f.wall_node]
     pose = np.stack((*f.centre[w].T, np.cos(heading), np.sin(heading)), axis=-1)
-    return WallRows(pose, f.half[w], room[f.home[w]], f.floor[w], wall[f.neighbour[w, :HEARD]])
+    return WallRows(pose, f.half[w], room[f.home[w]], f.floor[w], wall[f.neighbour[w, :SUPPORTERS]])
 
 
 @compiled
@@ -99,7 +101,7 @@ def _vectors(
     h: Array32, wall_node: Index, room_node: Index, after: Norm,
     of_wall: Linear, of_room: Linear, no_wall: Linear, no_room: Linear,
 ) -> Vectors:  # fmt: skip
-    """Of the encoder's last layer (V, width)."""
+    """Unit vectors from the encoder's last layer (V, width)."""
     nodes = normed(h, after)
     walls, rooms = nodes[wall_node], nodes[room_node]
     return Vectors(

@@ -1,4 +1,4 @@
-"""The network as a proposer: an S-graph and an A-graph in, likely partners out; to be verified by others."""
+"""The network as a proposer: takes an S-graph and an A-graph, returns likely partners, which are then verified."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from matching.arrays.cache import Kept
+from matching.arrays.cache import PlanCache
 from matching.arrays.walls import Index, Walls
 from matching.learned.network import CompiledNetwork, Encoded
 from matching.learned.weights_file import SUFFIX, load_learned
@@ -27,28 +27,29 @@ class _Plan:
 
 
 class LearnedProposer:
-    """Asks the network, which goes on until it is sure `enough`; keeps what it knows of the last plans."""
+    """Proposes matches with the network, whose cycles end at a certainty of `enough`; caches the last few plans."""
 
     def __init__(self, network: CompiledNetwork, enough: float = ENOUGH) -> None:
         self._network, self._enough = network, enough
-        self._plan = Kept(self._plan_of)
+        self._plan = PlanCache(self._plan_of)
 
     @staticmethod
     def load(path: Path | str | None = None) -> "LearnedProposer":
-        """With the weights of a file, the shipped ones unless told; raises UserError where it is no network's."""
+        """Loads weights from a file, by default the shipped ones. Raises UserError if the file does not hold them."""
         if path is None and not SHIPPED.is_file():
             raise UserError("the learned matcher's weights are not installed; give a file that matching.train wrote")
         return LearnedProposer(_network(Path(path or SHIPPED)))
 
     def propose(self, s: SceneGraph, a: SceneGraph, known: Walls | None = None) -> Proposals:
-        """The likely partners of each S wall surface and room, in the order of the graphs; `known` are the surfaces of
-        S where they were worked out already."""
+        """Returns the likely partners of each S wall surface and room, in the order of the graphs. `known` are the
+        surfaces of S as arrays, if already computed.
+        """
         plan = self._plan(a)
         seen = map_features(s, known)
         walls, rooms = _none(len(s.wall_surfaces)), _none(len(s.rooms))
         if not seen.walls or not plan.features.walls:
             return Proposals(walls, rooms)
-        found = self._network.ask(self._network.encode(seen), plan.encoded, self._enough)
+        found = self._network.match(self._network.encode(seen), plan.encoded, self._enough)
         walls = _best(found.walls, found.column, np.arange(len(seen.walls)), plan.walls, len(s.wall_surfaces))
         if found.rooms.size:
             every = np.broadcast_to(np.arange(found.rooms.shape[1]), found.rooms.shape)
@@ -77,13 +78,13 @@ def _none(count: int) -> TopK:
 
 
 def _places(ids: tuple[str, ...], order: list[str]) -> Index:
-    """(N,) where each id stands in the graph."""
+    """(N,) the position of each id in the graph."""
     place = {name: k for k, name in enumerate(order)}
     return np.array([place[name] for name in ids], dtype=np.int64)
 
 
 def _best(score: Array32, column: Index, rows: Index, columns: Index, count: int) -> TopK:
-    """The best few of each row; rows of the graph that the network was not given have none."""
+    """The best few of each row; rows of the graph that the network did not get have none."""
     at = np.argsort(-score, axis=1, kind="stable")[:, :MOST]
     row = np.arange(len(at))[:, None]
     chosen, value = column[row, at], score[row, at]

@@ -1,6 +1,6 @@
-"""A network's file: its settings and its weights in half precision, nothing that runs code when it is read.
+"""Network files: settings and weights in half precision. Reading them runs no code from the file.
 
-Its name says its form: torch's own, or the learned network's `.npz` (`learned_file`).
+The suffix gives the format: `.npz` for the learned network (`weights_file`), torch's own format for all others.
 """
 
 import io
@@ -18,11 +18,11 @@ from matching.network.dimensions import LARGEST
 from matching.network.network import MatchingNetwork
 from matching.network.registry import Network, kind_of, network_of, settings_of
 
-VERSION = 1
+VERSION = 2
 
 
 def save_network(path: Path, network: Network) -> None:
-    """Writes the network atomically; raises ValueError where a relative shall be an `.npz`."""
+    """Writes a network atomically. Raises ValueError for a baseline with the suffix `.npz`."""
     state = {k: v.detach().cpu().half() for k, v in network.state_dict().items()}
     if path.suffix != SUFFIX:
         write_weights(path, _version(kind_of(network)), network.to_dict(), state)
@@ -33,15 +33,15 @@ def save_network(path: Path, network: Network) -> None:
 
 
 def load_network(path: Path, kind: str = "learned") -> Network:
-    """The network of a file, in single precision, ready to be asked.
+    """Reads a network in single precision, ready for inference.
 
-    Raises UserError where the file is missing or is not a network of this kind and version.
+    Raises UserError if the file is missing or does not hold a network of this kind and version.
     """
     settings, state = _read(path, kind)
     try:
         if not all(type(value) in (int, float) and 0 <= value <= LARGEST for value in settings.values()):
             raise TypeError("a setting is out of all bounds")
-        with torch.device("meta"):  # takes no memory: what the file claims is first held against what it holds
+        with torch.device("meta"):  # takes no memory: first check the settings against the weights
             wanted = {k: v.shape for k, v in network_of(settings_of(kind, settings)).state_dict().items()}
         if wanted != {k: v.shape for k, v in state.items()}:
             raise TypeError("the weights are of another network")
@@ -74,15 +74,15 @@ def write_weights(path: Path, version: int | str, settings: Mapping[str, Any], s
 
 
 def read_weights(path: Path, version: int | str, maker: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """The settings and the weights of a file that `maker`, a command, writes.
+    """Returns settings and weights from a file written by the command `maker`.
 
-    Raises UserError where the file is missing, is no network's, or is of another version.
+    Raises UserError if the file is missing, is not a network file, or has another version.
     """
     try:
         value = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give a network's file (.pt)") from None
-    except Exception:  # torch's reader, which runs no code of the file's, raises whatever it stumbles on
+    except Exception:  # torch's reader runs no code from the file, but may raise anything
         raise UserError(f"{path}: not a network's file; '{maker}' writes one") from None
     try:
         found, settings, state = value["version"], dict(value["settings"]), dict(value["state"])

@@ -1,5 +1,7 @@
-"""The learned network's file: its settings, and its weights in half precision by torch's names, which numpy reads
-without pickle and without torch."""
+"""The learned network's file: settings, and weights in half precision by their names in torch.
+
+Numpy reads it without pickle and without torch.
+"""
 
 import io
 from collections.abc import Mapping
@@ -16,15 +18,15 @@ from matching.network.dimensions import Settings
 from matching.network.features import Array32
 
 SUFFIX = ".npz"
-TAG = "sgslam learned 1"  # what it is, and the version of its form
-MOST_BYTES = 1 << 24  # of a file, and of all that is packed in it
+TAG = "sgslam learned 2"  # identifies the format and its version
+MOST_BYTES = 1 << 24  # of a file, and of its unpacked content
 _TAG, _SETTING, _WEIGHT = "tag", "setting/", "weight/"
 
 Arrays = dict[str, NDArray[Any]]
 
 
 def write_learned(path: Path, settings: Mapping[str, int], state: Mapping[str, Array32]) -> None:
-    """Writes a network atomically; the same bytes for the same network."""
+    """Writes a network atomically; equal networks give equal bytes."""
     arrays: Arrays = {_TAG: np.array(TAG)}
     arrays |= {_SETTING + name: np.array(value) for name, value in settings.items()}
     arrays |= {_WEIGHT + name: value.astype(np.float16) for name, value in state.items()}
@@ -34,9 +36,9 @@ def write_learned(path: Path, settings: Mapping[str, int], state: Mapping[str, A
 
 
 def read_learned(path: Path) -> tuple[dict[str, int], dict[str, Array32]]:
-    """The settings and the weights of a file, in single precision; not yet held against each other.
+    """Returns settings and weights in single precision, not yet checked against each other.
 
-    Raises UserError where the file is missing, is no network's, or is of another version.
+    Raises UserError if the file is missing, is not a network file, or has another version.
     """
     arrays = _arrays(path)
     tag = arrays.pop(_TAG, None)
@@ -50,9 +52,9 @@ def read_learned(path: Path) -> tuple[dict[str, int], dict[str, Array32]]:
 
 
 def load_learned(path: Path) -> CompiledNetwork:
-    """The network of a file, ready to be asked.
+    """Reads a network, ready for inference.
 
-    Raises UserError where the file is missing, damaged, of another version, or does not hold one whole network.
+    Raises UserError if the file is missing, damaged, of another version, or incomplete.
     """
     settings, state = read_learned(path)
     try:
@@ -73,10 +75,10 @@ def _arrays(path: Path) -> Arrays:
             if max(sizes) > MOST_BYTES or held.zip.testzip():
                 raise ValueError("too large, or damaged")
             arrays = dict(held)
-            if not all(isinstance(value, np.ndarray) for value in arrays.values()):  # others come as bytes
+            if not all(isinstance(value, np.ndarray) for value in arrays.values()):  # other entries are read as bytes
                 raise ValueError("not arrays")
             return arrays
-    except Exception:  # numpy's reader, which runs no code of the file's, raises whatever it stumbles on
+    except Exception:  # numpy's reader runs no code from the file, but may raise anything
         raise UserError(f"{path}: not a network's file; 'python -m matching.train' writes one") from None
 
 

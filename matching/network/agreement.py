@@ -1,7 +1,7 @@
-"""How much of the map agrees with a candidate: with the motion that lays wall i on wall a, where do the others fall?
+"""Global agreement: under the motion that aligns wall i with wall a, how many of the map's other candidates agree?
 
-Consensus is local, and plans repeat themselves: storeys, twins, rows of offices. What the whole map says tells them
-apart. The further off a wall, the more the map may have bent on the way.
+Consensus is local, and plans repeat themselves: storeys, symmetric flats, rows of offices. The whole map tells them
+apart. The tolerance grows with distance, since the map may have drifted on the way.
 """
 
 import torch
@@ -15,7 +15,7 @@ CHUNK = 1 << 21  # comparisons at once
 
 
 def agreement(s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates, likely: Tensor) -> Tensor:
-    """(N, K, AGREEMENTS) shares, in [0, 1], of what the map's likeliest candidates say."""
+    """(N, K, AGREEMENTS) shares in [0, 1] of the map's likeliest candidates that agree with each candidate."""
     found = torch.zeros((*likely.shape, AGREEMENTS), device=likely.device)
     for first, last in batched.rows:
         found[first:last, :, :2] = _shares(s, a, c.row[first:last], likely[first:last], s.wall_node[first:last])
@@ -24,7 +24,7 @@ def agreement(s: GraphTensors, a: GraphTensors, batched: Batched, c: Candidates,
 
 
 def _shares(s: GraphTensors, a: GraphTensors, row: Tensor, likely: Tensor, wall: Tensor) -> Tensor:
-    """(n, K, 2) for the walls of one pair; `wall` (n,) their nodes."""
+    """(n, K, 2) shares for the walls of one pair; `wall` (n,) are their nodes."""
     size = torch.sqrt((2 * s.half[wall]).clamp(0.35, 6.0))
     voice, at = (likely * size[:, None]).flatten().topk(min(VOTERS, likely.numel()))
     i = at // likely.shape[1]
@@ -34,15 +34,15 @@ def _shares(s: GraphTensors, a: GraphTensors, row: Tensor, likely: Tensor, wall:
     (c, s_), (u, v) = own[:, None, 2:].unbind(-1), theirs[..., 2:].unbind(-1)
     cos, sin = c * u + s_ * v, c * v - s_ * u  # of the motion's yaw
     turn = torch.stack((cos, sin), dim=-1).flatten(0, 1)  # (n K, 2)
-    # Where the motion lays the voters' walls, less where these say that they are.
+    # The voters' walls under the motion, minus the positions of their candidates.
     motion = torch.stack((cos, -sin, theirs[..., 0], sin, cos, theirs[..., 1]), dim=-1)
     place, floor = theirs.flatten(0, 1)[at], a.floor[partner].flatten()
     parts = []
     for rows in torch.arange(len(wall), device=wall.device).split(max(1, CHUNK // (len(i) * row.shape[1]))):
         away = own[i, :2] - own[rows, None, :2]  # (rows, V, 2)
-        told = torch.cat((away.mT, torch.ones_like(away[:, None, :, 0])), dim=1)  # (rows, 3, V)
-        x = torch.bmm(motion[rows, :, :3], told) - place[:, 0]
-        y = torch.bmm(motion[rows, :, 3:6], told) - place[:, 1]
+        homogeneous = torch.cat((away.mT, torch.ones_like(away[:, None, :, 0])), dim=1)  # (rows, 3, V)
+        x = torch.bmm(motion[rows, :, :3], homogeneous) - place[:, 0]
+        y = torch.bmm(motion[rows, :, 3:6], homogeneous) - place[:, 1]
         heard = (turn.view(*u.shape, 2)[rows].flatten(0, 1) @ turn[at].T > LEAST_VOTER_COS).view(x.shape)
         heard &= (rows[:, None] != i)[:, None]
         if a.many_floors:

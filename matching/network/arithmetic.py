@@ -1,4 +1,4 @@
-"""What networks are made of, in single precision and compiled: for one graph at a time, without gradients."""
+"""Building blocks of networks in single precision, compiled, without gradients."""
 
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ class Linear(NamedTuple):
 
 
 class Norm(NamedTuple):
-    """What a layer norm multiplies by and adds, both (width,)."""
+    """Gain and bias of a layer norm, both (width,)."""
 
     gain: Array32
     bias: Array32
@@ -35,7 +35,7 @@ class Norm(NamedTuple):
 
 @compiled
 def exp(x: np.float32) -> np.float32:
-    """e^x to a few units in the last place (as S. Moshier's Cephes has it); loops over it become vector code."""
+    """e^x to a few units in the last place (as in S. Moshier's Cephes); loops over it compile to vector code."""
     x = min(max(x, _LOW), _HIGH)
     n = (x * _PER_LN2 + _ROUNDING) - _ROUNDING
     r = x - n * _LN2 - n * _LN2_REST
@@ -51,13 +51,13 @@ def sigmoid(x: np.float32) -> np.float32:
 
 @compiled
 def tanh(x: np.float32) -> np.float32:
-    """To some 1e-7."""
+    """Accurate to about 1e-7."""
     return _1 - _2 / (_1 + exp(x + x))
 
 
 @compiled
 def gelu(x: np.float32) -> np.float32:
-    """x times the normal distribution up to x, to some 1e-6 (M. Abramowitz, I. Stegun: 7.1.28)."""
+    """x times the normal distribution function of x, accurate to about 1e-6 (M. Abramowitz, I. Stegun: 7.1.28)."""
     z = abs(x) * _ROOT_HALF
     root = (((((_A6 * z + _A5) * z + _A4) * z + _A3) * z + _A2) * z + _A1) * z + _1
     root *= root
@@ -68,7 +68,7 @@ def gelu(x: np.float32) -> np.float32:
 
 @compiled
 def linear(x: Array32, layer: Linear) -> Array32:
-    """(n, out) of (n, in)."""
+    """Maps (n, in) to (n, out)."""
     found = np.dot(x, layer.weight)
     for row in range(found.shape[0]):
         for k in range(found.shape[1]):
@@ -78,7 +78,7 @@ def linear(x: Array32, layer: Linear) -> Array32:
 
 @compiled
 def linear_gelu(x: Array32, layer: Linear) -> Array32:
-    """(n, out) of (n, in), bent."""
+    """Maps (n, in) to (n, out), followed by GELU."""
     found = np.dot(x, layer.weight)
     for row in range(found.shape[0]):
         for k in range(found.shape[1]):
@@ -88,7 +88,7 @@ def linear_gelu(x: Array32, layer: Linear) -> Array32:
 
 @compiled
 def normed(x: Array32, norm: Norm) -> Array32:
-    """(n, width): each row with mean 0 and variance 1, then stretched and moved."""
+    """(n, width) layer norm of each row."""
     share = np.full(x.shape[1], _1 / np.float32(x.shape[1]), dtype=np.float32)
     mean, found, square = np.dot(x, share), np.empty_like(x), np.empty_like(x)
     for row in range(x.shape[0]):
@@ -105,7 +105,7 @@ def normed(x: Array32, norm: Norm) -> Array32:
 
 @compiled
 def softmax(table: Array32) -> Array32:
-    """(n, m) rows that sum to 1."""
+    """(n, m) softmax of each row."""
     found = np.empty_like(table)
     for row in range(table.shape[0]):
         most, total = table[row].max(), np.float32(0)

@@ -1,11 +1,11 @@
-"""The few A walls that each S wall might be: by their vectors first, then by where its neighbours seem to be."""
+"""Selects a few candidate A walls for each S wall: by their vectors, then by where its neighbours seem to be."""
 
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from matching.network.dimensions import LEAST_LIKELY, NOTHING, TELLERS, TRUST
+from matching.network.dimensions import LEAST_LIKELY, NOTHING, TRUST, VOTES_EACH
 from matching.network.encoder import GraphTensors
 from matching.network.features import PairRows
 from matching.network.relations import close, wall_neighbours
@@ -13,7 +13,7 @@ from matching.network.relations import close, wall_neighbours
 
 @dataclass(frozen=True)
 class Batched:
-    """What the N S walls of a batch need to know of their pair. Columns count A's walls or rooms from its first."""
+    """The pair that each of a batch's N S walls belongs to. Columns count A's walls or rooms from the pair's first."""
 
     rows: tuple[tuple[int, int], ...]  # of the S walls of each pair: first, last + 1
     pair: Tensor  # (N,) the pair's number
@@ -23,7 +23,7 @@ class Batched:
 
     @staticmethod
     def of(s: GraphTensors, a: GraphTensors, pairs: list[PairRows]) -> "Batched":
-        """For graphs joined from those of the pairs."""
+        """Describes graphs joined from those of the pairs."""
         device = s.node.device
         counts = torch.tensor([p.s_walls[1] - p.s_walls[0] for p in pairs], device=device)
         first = torch.tensor([p.a_walls[0] for p in pairs], device=device)
@@ -49,13 +49,13 @@ class Candidates:
 
 
 def homes(g: GraphTensors) -> Tensor:
-    """(N,) the row of each wall's room among the rooms, -1 where not known."""
+    """(N,) the row of each wall's room among the rooms, -1 if unknown."""
     home = g.home[g.wall_node]
     return torch.where(home >= 0, g.numbers(g.room_node)[home.clamp(min=0)], -1)
 
 
 def first_candidates(dense: Tensor, batched: Batched, most: int) -> Candidates:
-    """The likeliest by `dense` (N, most A walls + 1), whose last column is none."""
+    """Returns the likeliest candidates by `dense` (N, most A walls + 1), whose last column is no match."""
     value, column = dense[:, :-1].detach().topk(min(most, dense.shape[1] - 1), dim=1)
     column = torch.where(value > NOTHING / 2, column, -1)
     logit = torch.cat((_logits(dense, column), dense[:, -1:]), dim=-1)
@@ -65,9 +65,9 @@ def first_candidates(dense: Tensor, batched: Batched, most: int) -> Candidates:
 def expanded(
     s: GraphTensors, a: GraphTensors, batched: Batched, dense: Tensor, known: Candidates, likely: Tensor, more: int
 ) -> Candidates:
-    """The candidates that are known, and up to `more` beside the likely partners of each wall's neighbours.
+    """Returns the known candidates and up to `more` near the likely partners of each wall's neighbours.
 
-    Where j is b, i is among the walls near b, and lies to b as i lies to j: all neighbours j of i vote.
+    If j is matched to b, i is expected among the walls near b, at the same relative pose. All neighbours j of i vote.
     """
     voter, wall, strength = _votes(s, a, known, likely.detach())
     wide = dense.shape[1]
@@ -95,14 +95,14 @@ def expanded(
 def _votes(
     s: GraphTensors, a: GraphTensors, known: Candidates, likely: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """(E,) S walls i, A walls near the partners of i's neighbours, and the strength of the vote."""
+    """(E,) S walls i, A walls near the partners of i's neighbours, and the weight of each vote."""
     near_s, near_a = wall_neighbours(s), wall_neighbours(a)
     near_a = torch.cat((torch.arange(len(near_a), device=near_a.device)[:, None], near_a), dim=-1)  # seen in pieces
-    value, at = likely.topk(min(TELLERS, likely.shape[1]), dim=1)
-    told = known.row.gather(1, at)
+    value, at = likely.topk(min(VOTES_EACH, likely.shape[1]), dim=1)
+    known_row = known.row.gather(1, at)
     i, m, t = ((near_s >= 0)[..., None] & (value > LEAST_LIKELY)[near_s.clamp(min=0)]).nonzero(as_tuple=True)
     j = near_s[i, m]
-    b = told[j, t]
+    b = known_row[j, t]
     c = near_a[b.clamp(min=0)]  # (E, near)
     e, place = ((c >= 0) & (b >= 0)[:, None]).nonzero(as_tuple=True)
     i, j, b, c, strength = i[e], j[e], b[e], c[e, place], value[j, t][e]

@@ -1,8 +1,8 @@
-"""Candidates agree with each other: a pair (i, a) is likely where the neighbours of i find partners near a.
+"""Consensus between candidates: a pair (i, a) is likely if the neighbours of i find partners near a.
 
-Message passing over candidate pairs, in the spirit of M. Fey et al.: Deep Graph Matching Consensus, ICLR 2020,
-with the geometry of the pairs in the place of node colours. Support is local: i and j are neighbours in the map,
-and how a lies to b is compared with how i lies to j. So a map may bend from room to room.
+Message passing over candidate pairs, in the spirit of M. Fey et al.: Deep Graph Matching Consensus, ICLR 2020, with the
+relative geometry of the pairs instead of node colours. Support is local: i and j are neighbours in the map, and the
+pose of b relative to a is compared with that of j relative to i. So the map may deform from room to room.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ CHUNK = 1 << 21  # combinations looked through at once
 
 @dataclass(frozen=True)
 class Support:
-    """E combinations of a candidate (i, a) and a candidate (j, b) of a neighbour, geometry alone."""
+    """E combinations of a candidate (i, a) with a candidate (j, b) of a neighbour; geometry alone."""
 
     pair: Tensor  # (E,) i * K + the place of a
     other: Tensor  # (E,) j * K + the place of b
@@ -37,7 +37,7 @@ class Support:
 
 
 def support(s: GraphTensors, a: GraphTensors, candidates: Candidates) -> Support:
-    """All combinations that are roughly alike: same storey, angle and offsets not far off."""
+    """Returns all combinations that are roughly alike: on one storey, with similar angles and offsets."""
     near = wall_neighbours(s)
     n, k = candidates.row.shape
     if near.device.type == "cpu":
@@ -49,7 +49,7 @@ def support(s: GraphTensors, a: GraphTensors, candidates: Candidates) -> Support
 
 
 def wall_rows(g: GraphTensors) -> WallRows:
-    """The walls of a graph that is on the CPU."""
+    """The walls of a graph on the CPU."""
     rows = (g.pose[g.wall_node], g.half[g.wall_node], g.home[g.wall_node], g.floor[g.wall_node], wall_neighbours(g))
     return WallRows(*(x.contiguous().numpy() for x in rows))
 
@@ -89,7 +89,7 @@ def _turned(pose_s: Tensor, pose_a: Tensor) -> Tensor:
 
 
 class Consensus(nn.Module):
-    """Rounds of support between candidates, the same step each time; rooms are told and ask back."""
+    """Rounds of message passing between candidates with shared weights; rooms and walls update each other."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -98,31 +98,33 @@ class Consensus(nn.Module):
             nn.Linear(COMPARED_SIZE, first), nn.GELU(), nn.Linear(first, second), nn.GELU(), nn.Linear(second, REASONS)
         )
         self.begin = nn.Linear(PAIR_SIZE, width)
-        self.says = nn.Linear(width, REASONS)
+        self.message = nn.Linear(width, REASONS)
         self.step = nn.Sequential(
             nn.Linear(width + 2 * REASONS + PAIR_SIZE, 2 * width), nn.GELU(), nn.Linear(2 * width, width)
         )
         self.after = nn.LayerNorm(width)
-        self.judge = nn.Linear(width, 1)
+        self.score = nn.Linear(width, 1)
 
-    def begun(self, feature: Tensor) -> Tensor:
-        """(N K, width) state of the candidates from what is known of them, (N K, PAIR_SIZE)."""
+    def initial_state(self, feature: Tensor) -> Tensor:
+        """(N K, width) states of the candidates from their features (N K, PAIR_SIZE)."""
         return torch.as_tensor(self.begin(feature))
 
     def weights(self, support: Support) -> Tensor:
-        """(E, heads) how far the geometry of each combination is a reason, in [0, 1]."""
+        """(E, heads) weights in [0, 1] of each combination, from its geometry."""
         return torch.as_tensor(torch.sigmoid(self.compatible(support.feature) - 1))
 
     def round(self, state: Tensor, feature: Tensor, likely: Tensor, support: Support, weight: Tensor) -> Tensor:
-        """State after one round: (N K, width) from itself, (N K, PAIR_SIZE), and probabilities (N K,)."""
-        says = torch.cat((torch.ones_like(state[:, : weight.shape[1]]), torch.tanh(self.says(state))), dim=-1)
-        told = (likely[:, None] * says)[support.other] * weight.repeat(1, 2)
-        heard = torch.zeros_like(says).index_add(0, support.pair, told)
-        return self.after(state + self.step(torch.cat((state, heard, feature), dim=-1)))
+        """(N K, width) states after one round, from the states, the features (N K, PAIR_SIZE) and probabilities (N
+        K,).
+        """
+        message = torch.cat((torch.ones_like(state[:, : weight.shape[1]]), torch.tanh(self.message(state))), dim=-1)
+        sent = (likely[:, None] * message)[support.other] * weight.repeat(1, 2)
+        received = torch.zeros_like(message).index_add(0, support.pair, sent)
+        return self.after(state + self.step(torch.cat((state, received, feature), dim=-1)))
 
     def logits(self, state: Tensor, candidates: Candidates) -> Tensor:
-        """(N, K + 1) log odds of the candidates, then of none."""
+        """(N, K + 1) log odds of the candidates and of no match."""
         n, k = candidates.row.shape
-        judged = candidates.logit + 5 * self.judge(state).view(n, k)
-        judged = judged.masked_fill(candidates.row < 0, NOTHING)
-        return torch.cat((judged, candidates.dustbin[:, None]), dim=-1)
+        logit = candidates.logit + 5 * self.score(state).view(n, k)
+        logit = logit.masked_fill(candidates.row < 0, NOTHING)
+        return torch.cat((logit, candidates.dustbin[:, None]), dim=-1)

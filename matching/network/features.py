@@ -1,7 +1,7 @@
-"""A scene graph as what the network sees: nodes, their neighbours, and how these lie to each other.
+"""The network's input features: nodes of a scene graph, their neighbours, and relative poses.
 
-Everything that the network is given is relative: offsets in the frame of a wall surface (its inward normal, and
-its tangent to the left), angles between normals, gaps, lengths. So a graph may be moved at will, not mirrored.
+All features are relative: offsets in the frame of a wall surface (its inward normal, and its tangent to the left),
+angles between normals, gaps, lengths. So they do not change when the graph is moved, but they do when it is mirrored.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from matching.arrays.walls import Index, Walls, arrays, storeys
 Array32 = NDArray[np.float32]
 NEIGHBOURS = 16  # of each node
 ROOM_NEIGHBOURS = 5  # of them at most, of a room, are rooms; the others are its longest walls
-THICKEST_M = 0.35  # wall whose two sides are told to be such
+THICKEST_M = 0.35  # m, of a wall whose two sides are marked as such
 ACROSS_WAVES = (1.2, 3.0, 8.0, 20.0)  # metres: offsets across a wall are sharp,
 ALONG_WAVES = (3.0, 8.0, 20.0)  # those along it are not: the ends of walls slide
 GAP_SCALES = (0.3, 1.5)  # metres
@@ -32,7 +32,7 @@ WAVES = 2 * (len(ACROSS_WAVES) + len(ALONG_WAVES))
 class GraphFeatures:
     """N wall surfaces and M rooms (those that have one), together V nodes.
 
-    `centre` and `heading` are in a frame of the storey's own: only differences within a storey may be used.
+    `centre` and `heading` are in the storey's own frame; only differences within a storey may be used.
     """
 
     walls: tuple[str, ...]  # (N) ids
@@ -68,7 +68,7 @@ def plan_features(a: SceneGraph) -> GraphFeatures:
 
 
 def map_features(s: SceneGraph, known: Walls | None = None) -> GraphFeatures:
-    """Features of an S-graph, all taken as one storey; `known` are its surfaces where they were worked out already."""
+    """Features of an S-graph, taken as one storey; `known` are its surfaces as arrays, if already computed."""
     if not s.wall_surfaces:
         return joined([])
     return joined([_features(known or arrays(s, None, list(s.wall_surfaces)), 0)])
@@ -99,9 +99,9 @@ def _pad(values: Array, rooms: int) -> Array32:
 
 @compiled
 def _rooms_beside(room: Index, nearest: Index, gap: Array, centre: Array) -> Index:
-    """(M, ROOM_NEIGHBOURS) for each room those whose walls are neighbours of its own, nearest first, -1 for none.
+    """(M, ROOM_NEIGHBOURS) the rooms whose walls are neighbours of each room's walls, nearest first, -1 for none.
 
-    `room` (N,), `nearest` and `gap` (N, k) are the walls', `centre` (M, 2) the rooms'.
+    `room` (N,), `nearest` and `gap` (N, k) describe the walls, `centre` (M, 2) the rooms.
     """
     beside = np.full((len(centre), ROOM_NEIGHBOURS), -1)
     cost = np.full(beside.shape, np.inf)
@@ -124,11 +124,11 @@ def _rooms_beside(room: Index, nearest: Index, gap: Array, centre: Array) -> Ind
 
 
 def _room_centres(walls: Walls) -> Array:
-    """(M, 2) the same in both graphs: a map's room has no footprint."""
-    housed = walls.room >= 0
-    weight = walls.half[housed] + 0.1
-    total = np.bincount(walls.room[housed], weight, len(walls.rooms))
-    sums = [np.bincount(walls.room[housed], weight * walls.centre[housed, k], len(walls.rooms)) for k in (0, 1)]
+    """(M, 2) means of the walls, computed alike in both graphs, since a map's rooms have no footprint."""
+    with_room = walls.room >= 0
+    weight = walls.half[with_room] + 0.1
+    total = np.bincount(walls.room[with_room], weight, len(walls.rooms))
+    sums = [np.bincount(walls.room[with_room], weight * walls.centre[with_room, k], len(walls.rooms)) for k in (0, 1)]
     return np.stack(sums, axis=-1) / total[:, None]
 
 
@@ -202,9 +202,9 @@ def _extents(room: Index, half: Array, centre: Array, normal: Array, tangent: Ar
 
 
 def _edges(walls: Walls, centre: Array, home: Index, neighbour: Index, gap: Array) -> Array32:
-    """(V, NEIGHBOURS, EDGE_SIZE) how each neighbour lies to the node; zero where there is none.
+    """(V, NEIGHBOURS, EDGE_SIZE) relative pose of each neighbour; zero where there is none.
 
-    Offsets in the frames of those of the two that are walls; a room has none, its angles and gaps are zero.
+    Offsets are in the frames of those of the two that are walls; angles and gaps of rooms are zero.
     """
     rooms = len(centre) - len(walls)
     none = np.zeros((rooms, 2))
@@ -226,7 +226,9 @@ def _relations(
     n: int, centre: Array, normal: Array, tangent: Array, half: Array, known: Array, room: Index,
     neighbour: Index, gap: Array, phase: Array32, edge: Array32,
 ) -> None:  # fmt: skip
-    """Writes the columns of `_edges`, of nodes of which the first n are walls; of waves only the phase, (-pi, pi]."""
+    """Writes the columns of `_edges` for nodes of which the first n are walls; of waves only the phase, in (-pi,
+    pi].
+    """
     for i in range(len(centre)):
         for k in range(neighbour.shape[1]):
             j = neighbour[i, k]
@@ -264,7 +266,7 @@ def _relations(
 
 
 def joined(parts: list[GraphFeatures]) -> GraphFeatures:
-    """Several graphs (storeys of one, or pairs of a batch) as one, without a neighbour in common."""
+    """Joins several graphs (storeys of one, or pairs of a batch) into one, without edges between them."""
     parts = parts or [_nothing()]
     if len(parts) == 1:
         return parts[0]

@@ -1,4 +1,4 @@
-"""What the relatives of our network have in common: graphs laid side by side, Sinkhorn with a dustbin, their output."""
+"""Common parts of the baseline networks: paired graphs, Sinkhorn with a dustbin, their output."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ Rows = tuple[int, int]
 
 @dataclass(frozen=True)
 class Embedded:
-    """A graph's nodes (V, width) and edges (V, neighbours, width) before it has seen another graph."""
+    """A graph's nodes (V, width) and edges (V, neighbours, width) before the other graph is used."""
 
     graph: GraphTensors
     nodes: Tensor
@@ -26,9 +26,9 @@ class Embedded:
 
 @dataclass(frozen=True)
 class Side:
-    """One graph of each of P pairs, one after the other; a plan of several pairs is here once for each.
+    """One graph of each of P pairs, concatenated; a plan used in several pairs is repeated.
 
-    Each pair has its walls first, then its rooms: `whole` is where it begins and ends, `walls` how many there are.
+    Each pair has its walls first, then its rooms: `whole` is where it begins and ends, `walls` the number of its walls.
     """
 
     nodes: Tensor
@@ -39,7 +39,7 @@ class Side:
 
     @staticmethod
     def of(e: Embedded, walls: Sequence[Rows], rooms: Sequence[Rows]) -> "Side":
-        """Of the rows of walls and of rooms of each pair."""
+        """Concatenates the rows of walls and rooms of each pair."""
         g, first, index, neighbour, whole = e.graph, 0, [], [], []
         for w, r in zip(walls, rooms, strict=True):
             own = torch.cat((g.wall_node[slice(*w)], g.room_node[slice(*r)]))
@@ -55,14 +55,14 @@ class Side:
 
     @staticmethod
     def both(s: Embedded, a: Embedded, pairs: Sequence[PairRows]) -> tuple["Side", "Side"]:
-        """Both sides of a batch."""
+        """Returns both sides of a batch."""
         return (
             Side.of(s, [p.s_walls for p in pairs], [p.s_rooms for p in pairs]),
             Side.of(a, [p.a_walls for p in pairs], [p.a_rooms for p in pairs]),
         )
 
     def parts(self, nodes: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """The walls' and the rooms' rows of each pair."""
+        """Splits nodes into the walls' and the rooms' rows of each pair."""
         return [(nodes[w][:n], nodes[w][n:]) for w, n in zip(self.whole, self.walls, strict=True)]
 
 
@@ -75,9 +75,10 @@ def embedded(encoder: Encoder, graph: GraphTensors) -> Embedded:
 
 
 def sinkhorn(score: Tensor, dustbin: Tensor) -> Tensor:
-    """(n, m + 1) log shares of n rows among m columns and nothing, from scores (n, m); every row sums to 1.
+    """(n, m + 1) logarithms of a soft assignment of n rows to m columns or a dustbin, from scores (n, m); rows sum to
+    1.
 
-    Columns share 1 as well, with a row of nothing. P.-E. Sarlin et al.: SuperGlue. CVPR 2020, section 3.2.
+    Columns sum to 1 with a dustbin row. P.-E. Sarlin et al.: SuperGlue. CVPR 2020, section 3.2.
     """
     n, m = score.shape
     if not n or not m:
@@ -94,7 +95,7 @@ def sinkhorn(score: Tensor, dustbin: Tensor) -> Tensor:
 
 
 def output_of(walls: Sequence[Tensor], rooms: Sequence[Tensor]) -> Output:
-    """The output of tables (n, m + 1) of each pair, whose last column is none."""
+    """Converts tables (n, m + 1) of each pair, whose last column is no match, to an output."""
     dense = _below(walls)
     column = torch.arange(dense.shape[1] - 1, device=dense.device).expand(len(dense), -1)
     return Output(dense, [(torch.where(dense[:, :-1] > NOTHING / 2, column, -1), dense)], [_below(rooms)])

@@ -1,8 +1,8 @@
-"""PCA-GM on our features: a bilinear affinity, and a convolution across the two graphs along what seems to match.
+"""PCA-GM on this project's features: a bilinear affinity, and a convolution across both graphs along likely matches.
 
 R. Wang, J. Yan, X. Yang: Learning Combinatorial Embedding Networks for Deep Graph Matching. ICCV 2019. Convolutions
-within a graph are our attention over neighbours, as offsets between nodes are all that is known; maps and plans have
-nodes that the other has not, so Sinkhorn has a dustbin.
+within a graph are attention over neighbours, since only relative poses are known. Maps and plans have nodes that the
+other lacks, so Sinkhorn has a dustbin.
 """
 
 from dataclasses import asdict, dataclass
@@ -18,14 +18,14 @@ from matching.network.parts import Embedded, Side, embedded, output_of, sinkhorn
 
 @dataclass(frozen=True)
 class PcaGmSettings:
-    """The size of the network; kept in its file."""
+    """The size of the network, stored in its file."""
 
     width: int = 64
     layers: int = 2  # within the graphs, before they meet
 
 
 class Affinity(nn.Module):
-    """Shares of S nodes among A nodes of the same type, and none."""
+    """Soft assignment of S nodes to A nodes of the same type, or to none."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -41,7 +41,7 @@ class Affinity(nn.Module):
 
 
 class PcaGm(nn.Module):
-    """A relative of `MatchingNetwork`, with its interface."""
+    """A baseline with the interface of `MatchingNetwork`."""
 
     kind = "pca-gm"
 
@@ -55,11 +55,11 @@ class PcaGm(nn.Module):
         self.within = NeighbourAttention(width)
 
     def encode(self, graph: GraphTensors) -> Embedded:
-        """What a graph is on its own."""
+        """Encodes a graph on its own."""
         return embedded(self.encoder, graph)
 
     def forward(self, s: Embedded, a: Embedded, pairs: list[PairRows]) -> Output:
-        """What is likely, for every pair of a batch; each has at least one wall on both sides."""
+        """Matches every pair of a batch; each has at least one wall on both sides."""
         ours, theirs = Side.both(s, a, pairs)
         told_s, told_a = [], []
         for of_s, of_a in zip(ours.parts(ours.nodes), theirs.parts(theirs.nodes), strict=True):
@@ -74,5 +74,5 @@ class PcaGm(nn.Module):
         return output_of(walls, rooms)
 
     def to_dict(self) -> dict[str, int]:
-        """The settings, as they are kept beside the weights."""
+        """Returns the settings as stored with the weights."""
         return asdict(self.settings)

@@ -1,7 +1,7 @@
-"""The networks that `matching.train` trains: ours, and relatives of it by others' ideas on the same features.
+"""The networks that `matching.train` trains: the project's own and two baselines on the same features.
 
-All have `encode(GraphTensors)`, `forward(s, a, pairs) -> Output` and `to_dict()`, so that data, loss, loop and files
-are the same.
+All have `encode(GraphTensors)`, `forward(s, a, pairs) -> Output` and `to_dict()`, so that data, loss, training loop and
+files are shared.
 """
 
 from typing import Any
@@ -20,21 +20,21 @@ KINDS: dict[str, type[AnySettings]] = {
 
 
 def network_of(settings: AnySettings) -> Network:
-    """An untrained network of a size."""
+    """Creates an untrained network."""
     if isinstance(settings, PcaGmSettings):
         return PcaGm(settings)
     return SuperGlue(settings) if isinstance(settings, SuperGlueSettings) else MatchingNetwork(settings)
 
 
 def kind_of(network: Network) -> str:
-    """The name under which it is trained and kept."""
+    """The name of a network's kind, as in `matching.train --network`."""
     return "learned" if isinstance(network, MatchingNetwork) else network.kind
 
 
 def settings_of(kind: str, value: dict[str, Any] | None = None) -> AnySettings:
-    """The settings of a kind, as `to_dict` gave them; as they are by themselves where there are none.
+    """Returns the settings of a kind from `to_dict`, or its defaults.
 
-    Raises UserError for a kind that does not exist, TypeError for settings that are of another.
+    Raises UserError for an unknown kind, TypeError for settings of another kind.
     """
     if kind not in KINDS:
         raise UserError(f"no network '{kind}'; there are: {', '.join(KINDS)}")

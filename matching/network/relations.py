@@ -1,26 +1,28 @@
-"""How two walls of one graph lie to each other, compared with two walls of the other graph."""
+"""Compares the relative pose of two walls of one graph with that of two walls of the other."""
 
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from matching.network.dimensions import CLOSE_M, HEARD, LEAST_COS, LEFT_M, SCALES_M
+from matching.network.dimensions import CLOSE_M, LEAST_COS, LEFT_M, SCALES_M, SUPPORTERS
 from matching.network.encoder import GraphTensors
 
 Nodes = tuple[Tensor, Tensor]  # (E,) and (E,) nodes of one graph
 
 
 def wall_neighbours(g: GraphTensors) -> Tensor:
-    """(N, HEARD) the nearest walls of each wall, as rows of `wall_node`; -1 where there are fewer."""
-    nodes = g.neighbour[g.wall_node, :HEARD]
+    """(N, SUPPORTERS) the nearest walls of each wall, as rows of `wall_node`; -1 where there are fewer."""
+    nodes = g.neighbour[g.wall_node, :SUPPORTERS]
     rows = g.numbers(g.wall_node)[nodes.clamp(min=0)]
     return torch.where(nodes >= 0, rows, -1)
 
 
 @dataclass(frozen=True)
 class Relation:
-    """How E wall nodes j lie to wall nodes i, all (E,): across and along i, across and along j, angle of j less i."""
+    """Relative poses of E wall nodes j and i, all (E,): across and along i, across and along j, angle of j minus
+    that of i.
+    """
 
     across: Tensor
     along: Tensor
@@ -48,9 +50,10 @@ class Relation:
 
 @dataclass(frozen=True)
 class _Both:
-    """Two relations: by how much the offsets differ, `left` of that, and cosine and sine of the angle between them.
+    """Two relations: the differences of their offsets, what is `left` of them, and cosine and sine of the angle between
+    them.
 
-    The mid point of a wall slides along it by half of what its length is off: offsets are let off that much.
+    A wall's mid point slides by half its error in length, so offsets may differ that much.
     """
 
     of_s: Relation
@@ -80,7 +83,7 @@ class _Both:
 
 
 def compared(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> tuple[Tensor, Tensor]:
-    """Which of E pairs of walls are alike at all, (F,) of them; and (F, COMPARED_SIZE) how alike, seen in all ways."""
+    """Returns which of E pairs of walls are roughly alike, (F,), and (F, COMPARED_SIZE) features of how alike."""
     both = _Both.of(s, a, in_s, in_a)
     kept = ((both.cos > LEAST_COS) & (both.left.amax(dim=0) < LEFT_M)).nonzero()[:, 0]
     in_s, in_a = (in_s[0][kept], in_s[1][kept]), (in_a[0][kept], in_a[1][kept])
@@ -93,18 +96,19 @@ def _columns(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes, both: _
     near = torch.exp(-((torch.cat((both.left, both.off[::2]))[:, None] / scales) ** 2)).flatten(0, 1)
     cos = both.of_s.cos
     far = torch.hypot(both.of_s.across, both.of_s.along)
-    # The first is ten times the sine of half the angle.
+    # The first column is ten times the sine of half the angle.
     columns = [10 * both.sin.abs() / (2 + 2 * both.cos).sqrt(), cos.abs(), (cos < -0.9).float()]
     columns += [torch.exp(-far / 2), far / 8]
     home_i, home_j, home_p = s.home[i], s.home[j], a.home[p]
     same_s, same_a = home_i == home_j, (home_p == a.home[q]) & (home_p >= 0)
-    housed = (home_i >= 0) & (home_j >= 0)
-    columns += [(same_s & housed).float(), (same_s == same_a).float() * housed, (p == q).float(), both.slide.sum(dim=0)]
+    with_room = (home_i >= 0) & (home_j >= 0)
+    columns += [(same_s & with_room).float(), (same_s == same_a).float() * with_room]
+    columns += [(p == q).float(), both.slide.sum(dim=0)]
     return torch.cat((near, torch.stack(columns))).T
 
 
 def close(s: GraphTensors, a: GraphTensors, in_s: Nodes, in_a: Nodes) -> Tensor:
-    """(E,) how alike two pairs of walls are, in [0, 1], by the offsets and the angle alone."""
+    """(E,) similarity of two pairs of walls in [0, 1], from offsets and angle alone."""
     both = _Both.of(s, a, in_s, in_a)
     off = both.left.square().sum(dim=0) / CLOSE_M**2
     return torch.exp(-0.5 * off) * (both.cos > LEAST_COS)

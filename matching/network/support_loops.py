@@ -1,4 +1,4 @@
-"""`consensus.support` as a compiled loop, for graphs that are on the CPU, and how it sees the walls of a graph."""
+"""`consensus.support` as a compiled loop for graphs on the CPU."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from matching.network.arithmetic import exp
 from matching.network.dimensions import CLOSE_M, COMPARED_SIZE, LEAST_COS, LEFT_M, OFFSET_M, SCALES_M
 from matching.network.features import Array32
 
-OFFSETS = 6  # of those that are looked at in all scales: all that are left, and those across as they are
+OFFSETS = 6  # columns given at all scales: all remaining offsets, and those across unreduced
 REST = COMPARED_SIZE - OFFSETS * len(SCALES_M)  # of the other columns
 _COS, _LEFT, _OFFSET, _CLOSE = (np.float32(x) for x in (LEAST_COS, LEFT_M, OFFSET_M, CLOSE_M))
 _0, _HALF, _2, _8, _10 = np.float32(0), np.float32(0.5), np.float32(2), np.float32(8), np.float32(10)
@@ -29,8 +29,9 @@ class WallRows(NamedTuple):
 
 @compiled
 def combinations(s: WallRows, a: WallRows, candidate: Index) -> tuple[Index, Index, Array32]:
-    """The combinations of candidates (N, K), -1 for none: pair and other (E,), and (E, COMPARED_SIZE) as in
-    `consensus.Support`."""
+    """Returns the combinations of candidates (N, K), -1 for none: pair and other (E,), and (E, COMPARED_SIZE) as in
+    `consensus.Support`.
+    """
     pair, other = _near(s, candidate, _places(candidate, s.pose, a))
     offset, rest = np.empty((len(pair), OFFSETS), dtype=np.float32), np.empty((len(pair), REST), dtype=np.float32)
     count = _compared(s, a, candidate, pair, other, offset, rest)
@@ -53,7 +54,7 @@ def _places(candidate: Index, pose_s: Array32, a: WallRows) -> Array32:
 
 @compiled
 def _near(s: WallRows, candidate: Index, place: Array32) -> tuple[Index, Index]:
-    """(F,) and (F,) pairs whose partners may be together: on one storey, so turned and so far as the walls are."""
+    """(F,) and (F,) pairs whose partners may belong together: on one storey, at a similar angle and distance."""
     width, most, count = candidate.shape[1], 8 * candidate.size, 0
     pair, other = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
     fits = np.empty(width, dtype=np.bool_)
@@ -96,8 +97,9 @@ def _longer(values: Index, size: int) -> Index:
 def _compared(
     s: WallRows, a: WallRows, candidate: Index, pair: Index, other: Index, offset: Array32, rest: Array32
 ) -> int:
-    """Keeps those of the pairs (F,) and (F,) that lie alike in both graphs, and writes how far they do, as
-    `relations.compared` has it: (F, OFFSETS) metres, and (F, REST) other columns; returns how many are kept."""
+    """Keeps the pairs (F,) and (F,) that are alike in both graphs; writes (F, OFFSETS) metres and (F, REST) other
+    columns, as `relations.compared`; returns the number of pairs kept.
+    """
     width, count = candidate.shape[1], 0
     for n in range(len(pair)):
         i, j = pair[n] // width, other[n] // width
@@ -118,12 +120,12 @@ def _compared(
         offset[count, 4], offset[count, 5] = abs(in_s[0] - in_a[0]), abs(in_s[2] - in_a[2])
         cos, sin = in_s[4] * in_a[4] + in_s[5] * in_a[5], in_s[5] * in_a[4] - in_s[4] * in_a[5]
         far = np.sqrt(in_s[0] * in_s[0] + in_s[1] * in_s[1])
-        housed, same_s = s.room[i] >= 0 and s.room[j] >= 0, s.room[i] == s.room[j]
+        with_room, same_s = s.room[i] >= 0 and s.room[j] >= 0, s.room[i] == s.room[j]
         same_a = a.room[p] == a.room[q] and a.room[p] >= 0
         rest[count, 0] = _10 * abs(sin) / np.sqrt(_2 + _2 * cos)  # ten times the sine of half the angle
         rest[count, 1], rest[count, 2] = abs(in_s[4]), in_s[4] < -_COS
         rest[count, 3], rest[count, 4] = exp(-far * _HALF), far / _8
-        rest[count, 5], rest[count, 6] = same_s and housed, same_s == same_a and housed
+        rest[count, 5], rest[count, 6] = same_s and with_room, same_s == same_a and with_room
         rest[count, 7], rest[count, 8] = p == q, one + two
         pair[count], other[count] = pair[n], other[n]
         count += 1
@@ -132,7 +134,7 @@ def _compared(
 
 @compiled
 def _columns(offset: Array32, rest: Array32) -> Array32:
-    """(E, COMPARED_SIZE): the offsets (E, OFFSETS) in all scales, and the rest."""
+    """(E, COMPARED_SIZE) the offsets (E, OFFSETS) at all scales, and the other columns."""
     scales, near = len(SCALES_M), np.empty(offset.size, dtype=np.float32)
     found, flat = np.empty((len(offset), COMPARED_SIZE), dtype=np.float32), offset.reshape(offset.size)
     for k in range(scales):
@@ -152,7 +154,7 @@ def _columns(offset: Array32, rest: Array32) -> Array32:
 def _related(
     x: np.float32, y: np.float32, c: np.float32, s: np.float32, u: np.float32, v: np.float32
 ) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
-    """As `relations.Relation` has it, of walls with headings (c, s) and (u, v), the second at (x, y) from the first."""
+    """As `relations.Relation`, for walls with headings (c, s) and (u, v), the second at (x, y) from the first."""
     return x * c + y * s, y * c - x * s, -(x * u + y * v), x * v - y * u, c * u + s * v, c * v - s * u
 
 
@@ -160,8 +162,9 @@ def _related(
 def _left(
     of_s: tuple[np.float32, ...], of_a: tuple[np.float32, ...], one: np.float32, other: np.float32
 ) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """What two relations' offsets differ by, less what ends slide: walls i and j are longer by `one` and `other`, or
-    shorter."""
+    """The difference of two relations' offsets, less what wall ends may slide; walls i and j differ in length by `one`
+    and `other`.
+    """
     cos, sin = abs(of_s[4]), abs(of_s[5])
     return (
         max(abs(of_s[0] - of_a[0]) - other * sin, _0), max(abs(of_s[1] - of_a[1]) - one - other * cos, _0),
@@ -171,7 +174,7 @@ def _left(
 
 @compiled
 def alike(own: Array32, their: Array32) -> np.float32:
-    """How alike two walls of S lie as two of A do, in [0, 1], as `relations.close` has it: (2, 5) poses and halves."""
+    """The similarity in [0, 1] of two walls of S and two of A, as `relations.close`; (2, 5) poses and half lengths."""
     in_s = _related(
         own[1, 0] - own[0, 0], own[1, 1] - own[0, 1], own[0, 2], own[0, 3], own[1, 2], own[1, 3]
     )

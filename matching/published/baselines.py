@@ -1,4 +1,4 @@
-"""The relatives as methods of their own: the assignment that each comes with is the answer, and nothing is checked."""
+"""PCA-GM and SuperGlue as matchers: the network's own assignment is the answer, without verification."""
 
 from pathlib import Path
 
@@ -24,27 +24,28 @@ FORBIDDEN = -1e4
 REASON = "the network's own assignment, of which nothing was checked"
 
 
-class RelativeMatcher:
-    """Asks the network; PCA-GM's answer is the best assignment as a whole, SuperGlue's are mutual bests."""
+class BaselineMatcher:
+    """Matches by a network alone: PCA-GM by the Hungarian algorithm, SuperGlue by mutual best matches."""
 
     def __init__(self, network: Network) -> None:
         self._network = network
-        self._assigned = mutual_best if kind_of(network) == "superglue" else best_as_a_whole
+        self._assign = mutual_best if kind_of(network) == "superglue" else hungarian
 
     @staticmethod
-    def load(kind: str, weights: Path | str | None = None) -> "RelativeMatcher":
-        """With the weights of a file, the shipped ones unless told; raises UserError where it holds no such network."""
+    def load(kind: str, weights: Path | str | None = None) -> "BaselineMatcher":
+        """Loads weights from a file, by default the shipped ones. Raises UserError if they are of another network."""
         path = Path(weights or WEIGHTS / f"{kind}.pt")
         if weights is None and not path.is_file():
             raise UserError(f"the weights of '{kind}' are not installed; give a file that matching.train wrote")
-        return RelativeMatcher(load_network(path, kind))
+        return BaselineMatcher(load_network(path, kind))
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """As `Matcher.match`. `unique` wherever anything is paired: the method has no doubts to tell.
+        """See `Matcher.match`. The status is `unique` whenever anything is matched, since the method cannot reject a
+        match.
 
-        `T_a_s`, which the method does not give, fits its pairs; `start` only drops an answer that is far from it.
+        `T_a_s` is not part of the method; it is fitted to the matched pairs. `start` only drops an answer far from it.
         """
         return match_unchecked(s, a, self._pairs, _fitted, REASON, "nothing of the map has a partner", floor, start)
 
@@ -57,13 +58,16 @@ class RelativeMatcher:
             tables = [t.log_softmax(dim=-1).double().numpy() for t in (output.rooms[-1], output.walls[-1][1])]
         found = []
         for table, ours, theirs in zip(tables, (seen.rooms, seen.walls), (plan.rooms, plan.walls), strict=True):
-            at = self._assigned(table)
+            at = self._assign(table)
             found.append(tuple((ours[i], theirs[j], float(np.exp(table[i, j]))) for i, j in enumerate(at) if j >= 0))
         return found[0], found[1]
 
 
-def best_as_a_whole(table: Array) -> Index:
-    """(n,) the columns, or -1 for none, of the assignment with the highest sum of a table (n, m + 1) (Hungarian)."""
+def hungarian(table: Array) -> Index:
+    """Returns the assignment with the highest sum of a table of log odds (Hungarian algorithm).
+
+    `table` is (n, m + 1), its last column "no match". Returns (n,) columns, -1 for no match.
+    """
     n, m = len(table), table.shape[1] - 1
     alone = np.full((n, n), FORBIDDEN)
     np.fill_diagonal(alone, table[:, -1])
@@ -72,7 +76,10 @@ def best_as_a_whole(table: Array) -> Index:
 
 
 def mutual_best(table: Array) -> Index:
-    """(n,) the columns that are best of their rows, none included, whose best rows they are; -1 for none."""
+    """Returns mutual best matches of a table of log odds (n, m + 1), whose last column is "no match".
+
+    Returns (n,) columns, -1 where the best column is "no match" or has a better row.
+    """
     if not table.size or table.shape[1] == 1:
         return np.full(len(table), -1)
     best = table.argmax(axis=1)

@@ -1,4 +1,4 @@
-"""The published matcher's forward pass by itself, to be timed: tensors in, soft assignment out."""
+"""The forward pass of the published matcher alone, for timing: tensors in, soft assignment out."""
 
 from collections.abc import Callable
 
@@ -12,9 +12,10 @@ from matching.published.weights import load_paper_network
 
 
 def paper_forward(s: SceneGraph, a: SceneGraph) -> Callable[[], Tensor]:
-    """What computes the (A nodes, S nodes) assignment, each time anew; the graphs' tensors are made here, once.
+    """Returns a function that computes the (A nodes, S nodes) soft assignment; the graphs are converted to tensors
+    once, here.
 
-    Raises UserError where the weights are missing.
+    Raises UserError if the weights are missing.
     """
     network = load_paper_network("published")
     settings = network.settings

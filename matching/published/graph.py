@@ -1,8 +1,8 @@
-"""Scene graphs as the published matcher sees them: one node a room or wall surface, seven features, directed edges.
+"""Scene graphs for the published matcher: one node per room or wall surface, seven features, directed edges.
 
 "Learning-Based Hierarchical Scene Graph Matching for Robot Localization Leveraging Prior Maps" (Ndulue,
-Millan-Romera, et al.), sections III-A and V: the features and edges of its text (`paper`), or the edges of its public
-code (`code`).
+Millan-Romera, et al.), sections III-A and V: the features and edges of the text (`paper`) or of the public code
+(`code`).
 """
 
 from collections.abc import Sequence
@@ -19,14 +19,14 @@ from data.synthetic_maps.exploration import Storey, storeys_of
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 EDGES = ("paper", "code")
-WITHOUT = ("rooms", "ring", "mlp")  # what the ablation takes away: two kinds of edges, the encoder before them
+WITHOUT = ("rooms", "ring", "mlp")  # parts that the ablation removes: two kinds of edges, the encoder before them
 FEATURES = 7
 NO_LENGTH = -1.0
 
 
 @dataclass(frozen=True)
 class PaperGraph:
-    """N nodes, the rooms first, both in the order of the scene graph; a message goes from `edges[0]` to `edges[1]`."""
+    """N nodes, rooms first, in the order of the scene graph; messages go from `edges[0]` to `edges[1]`."""
 
     ids: tuple[str, ...]
     rooms: int
@@ -35,15 +35,15 @@ class PaperGraph:
 
 
 def paper_graph(graph: SceneGraph, edges: str = "paper", without: Sequence[str] = ()) -> PaperGraph:
-    """The nodes and edges of a scene graph, in its own frame.
+    """Returns the nodes and edges of a scene graph, in its own frame.
 
-    Edges go from a room to its wall surfaces, between rooms, and between the wall surfaces of a room in a ring. Of
-    the variant `paper` rooms are joined, both ways, that share a wall (antiparallel sides near each other), and the
-    ring goes by the angle about the room's centre, to the left. Of `code` rooms are joined that a door or passage
-    joins, the earlier of the graph to the later, and the ring goes along the room's polygon, its last edge from the
-    first surface to the last; a room without a polygon goes by the angle here too, from its first surface.
-    (The published S-graphs are copies of the plan that keep its order; a robot has none to keep.)
-    `without` names kinds of edges that are left out: `rooms`, `ring`.
+    Edges go from a room to its wall surfaces, between rooms, and in a ring between the wall surfaces of a room. In
+    `paper`, rooms are joined both ways if they share a wall (antiparallel sides near each other), and the ring follows
+    the angle about the room's centre, counter-clockwise. In `code`, rooms are joined if a door or passage joins them,
+    from the earlier to the later in the graph, and the ring follows the room's polygon, its last edge from the first
+    surface to the last; a room without a polygon uses the angle, from its first surface. (The published S-graphs are
+    copies of the plan in its order, which a robot does not know.) `without` names kinds of edges to leave out: `rooms`,
+    `ring`.
     """
     ids = [r.id for r in graph.rooms] + [w.id for w in graph.wall_surfaces]
     node = {name: k for k, name in enumerate(ids)}

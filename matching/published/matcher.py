@@ -1,4 +1,4 @@
-"""The published matcher as a `Method`: every node of the S-graph gets a partner, and nothing is checked."""
+"""The published matcher: every node of the S-graph gets a partner, without verification."""
 
 from pathlib import Path
 
@@ -20,27 +20,27 @@ REASON = "the published matcher answers every time; nothing was checked"
 
 
 class PaperMatcher:
-    """Asks the network and assigns by the Hungarian algorithm."""
+    """Matches by the network's soft assignment and the Hungarian algorithm."""
 
     def __init__(self, network: PaperNetwork) -> None:
         self._network = network
 
     @staticmethod
     def load(weights: Path | str | None = None) -> "PaperMatcher":
-        """With the weights of a file, or the shipped ones of a preset: `published` unless told, or `repository`.
+        """Loads weights from a file, or the shipped ones of a preset: `published` (default) or `repository`.
 
-        Raises UserError where a file holds no such network.
+        Raises UserError if a file does not hold such a network.
         """
         return PaperMatcher(load_paper_network(weights or "published"))
 
     def match(
         self, s: SceneGraph, a: SceneGraph, *, floor: str | None = None, start: Start | None = None
     ) -> MatchResult:
-        """As `Matcher.match`. The answer is `unique` whatever it is, as nothing in the method can tell a doubt.
+        """See `Matcher.match`. The status is always `unique`, since the method cannot reject a match.
 
-        Confidences are the entries of the soft assignment. A partner of the other type (a room's that is a wall
-        surface), which nothing in the method forbids, is no answer. `T_a_s`, which the method does not give, brings
-        the centroids of partners nearest to each other. `start` only drops an answer that is far from it.
+        Confidences are the entries of the soft assignment. The method allows a room to be matched to a wall surface;
+        such matches are dropped. `T_a_s` is not part of the method; it brings the centroids of partners closest to each
+        other. `start` only drops an answer that is far from it.
         """
         return match_unchecked(s, a, self._pairs, _fitted, REASON, "no partner is of its own type", floor, start)
 
@@ -58,7 +58,7 @@ class PaperMatcher:
 
 
 def _fitted(s: SceneGraph, a: SceneGraph, rooms: tuple[Pair, ...], walls: tuple[Pair, ...]) -> Array:
-    """(3,) T_a_s by least squares of the distances between the centroids of partners."""
+    """(3,) T_a_s (yaw, x, y) that minimises the squared distances between the centroids of partners."""
     p, q = (np.array([_place(g, str(pair[k])) for pair in (*rooms, *walls)]) for k, g in enumerate((s, a)))
     middle_p, middle_q = p.mean(axis=0), q.mean(axis=0)
     p, q = (((x - m) @ [1, 1j]) for x, m in ((p, middle_p), (q, middle_q)))

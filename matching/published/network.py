@@ -18,12 +18,14 @@ from matching.published.graph import FEATURES, PaperGraph
 from matching.published.sinkhorn import soft_assignment
 
 SLOPE = 0.2  # of the leaky ReLU within the attention
-LEAST_VARIANCE = 1e-5  # is added to the affinities'
+LEAST_VARIANCE = 1e-5  # added to the variance of the affinities
 
 
 @dataclass(frozen=True)
 class PaperSettings:
-    """`sinkhorn` counts normalisations; `dropout` is of features, `attention_dropout` of attention weights."""
+    """Hyper-parameters. `sinkhorn` is the number of normalisations; `dropout` is for features, `attention_dropout` for
+    attention weights.
+    """
 
     hidden: int = 64
     out: int = 32
@@ -37,12 +39,12 @@ class PaperSettings:
     without: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Returns the settings as plain data."""
         return asdict(self) | {"without": list(self.without)}
 
     @staticmethod
     def from_dict(value: Mapping[str, Any]) -> "PaperSettings":
-        """The inverse of `to_dict`. Raises TypeError and KeyError where it is not one."""
+        """Inverse of `to_dict`. Raises TypeError or KeyError for other data."""
         return PaperSettings(**{**value, "without": tuple(value["without"])})
 
 
@@ -55,7 +57,7 @@ PRESETS: Mapping[str, PaperSettings] = MappingProxyType({"published": PUBLISHED,
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes of one or more graphs as tensors; `counts` says how many are each graph's."""
+    """The nodes of one or more graphs as tensors; `counts` are the graphs' numbers of nodes."""
 
     features: Tensor  # (N, 7) float
     edges: Tensor  # (2, E) long: from, to
@@ -63,7 +65,7 @@ class Nodes:
 
     @staticmethod
     def of(graphs: Sequence[PaperGraph]) -> "Nodes":
-        """Graphs side by side, no edge between them."""
+        """Concatenates graphs without edges between them."""
         counts = tuple(len(g.ids) for g in graphs)
         first = torch.tensor((0, *counts)).cumsum(0)
         features = [torch.as_tensor(g.features, dtype=torch.float32) for g in graphs]
@@ -72,7 +74,7 @@ class Nodes:
 
 
 class GATv2(nn.Module):
-    """One layer of graph attention, the mean of its heads; every node also listens to itself."""
+    """One layer of graph attention with averaged heads and self-loops."""
 
     def __init__(self, inputs: int, outputs: int, heads: int, drop: float) -> None:
         super().__init__()
@@ -87,15 +89,15 @@ class GATv2(nn.Module):
             nn.init.zeros_(bias)
 
     def forward(self, x: Tensor, edges: Tensor) -> Tensor:
-        """(N, outputs) of (N, inputs); `edges` (2, E) tell from which node a message goes to which."""
+        """Maps (N, inputs) to (N, outputs); `edges` (2, E) hold the sending and the receiving node of each message."""
         loops = torch.arange(len(x), device=x.device)
         u, v = torch.cat((edges, loops.expand(2, -1)), dim=1)
         sent = self.source(x).view(len(x), self.heads, -1)
         heard = self.target(x).view(len(x), self.heads, -1)
         score = (leaky_relu(sent[u] + heard[v], SLOPE) * self.attention).sum(dim=-1)
         weight = dropout(_softmax_by(score, v, len(x)), self.drop, self.training)
-        told = torch.zeros_like(sent).index_add(0, v, weight[..., None] * sent[u])
-        return told.mean(dim=1) + self.bias
+        messages = torch.zeros_like(sent).index_add(0, v, weight[..., None] * sent[u])
+        return messages.mean(dim=1) + self.bias
 
 
 def _softmax_by(score: Tensor, group: Tensor, groups: int) -> Tensor:
@@ -107,7 +109,7 @@ def _softmax_by(score: Tensor, group: Tensor, groups: int) -> Tensor:
 
 
 class PaperNetwork(nn.Module):
-    """A-graph and S-graph in, soft assignment out."""
+    """Maps an A-graph and an S-graph to a soft assignment."""
 
     mean: Tensor
     std: Tensor
@@ -128,12 +130,12 @@ class PaperNetwork(nn.Module):
         self.register_buffer("std", torch.ones(FEATURES))
 
     def standardise_by(self, features: Tensor) -> None:
-        """Keeps mean and standard deviation of the training set's nodes (N, 7)."""
+        """Stores mean and standard deviation of the training nodes (N, 7)."""
         self.mean = features.mean(dim=0)
         self.std = features.std(dim=0).clamp(min=1e-6)
 
     def embed(self, nodes: Nodes) -> Tensor:
-        """(N, out) embeddings of all nodes."""
+        """Embeds all nodes as (N, out)."""
         x: Tensor = self.mlp((nodes.features - self.mean) / self.std)
         for k, layer in enumerate(self.layers):
             if k:
@@ -142,13 +144,13 @@ class PaperNetwork(nn.Module):
         return x
 
     def assign(self, a: Tensor, s: Tensor) -> Tensor:
-        """(N1, N2) soft assignment of the embeddings (N1, out) of an A-graph to those (N2, out) of an S-graph."""
+        """(N1, N2) soft assignment from the embeddings (N1, out) of an A-graph and (N2, out) of an S-graph."""
         affinity = a @ s.T
         variance, mean = torch.var_mean(affinity, correction=0)
         affinity = (affinity - mean) / (variance + LEAST_VARIANCE).sqrt() * self.scale + self.shift
         return soft_assignment(affinity, self.settings.temperature, self.settings.sinkhorn)
 
     def forward(self, a: Nodes, s: Nodes) -> list[Tensor]:
-        """The soft assignment of each pair of graphs."""
+        """Returns the soft assignment of each pair of graphs."""
         ours, theirs = self.embed(a).split(a.counts), self.embed(s).split(s.counts)
         return [self.assign(x, y) for x, y in zip(ours, theirs, strict=True)]

@@ -7,15 +7,15 @@ LEAST = -600.0  # logits below the best of their column by more are as good as n
 
 
 def soft_assignment(affinity: Tensor, temperature: float, iterations: int) -> Tensor:
-    """(N1, N2) the part of the doubly-stochastic matrix that belongs to the nodes of both graphs.
+    """Returns (N1, N2) the soft assignment of an affinity (N1, N2) without its dummies.
 
-    `affinity` (N1, N2) is divided by the temperature; the smaller side is filled up with |N1 - N2| dummies that like
-    all nodes the same. `iterations` normalisations of the smaller graph's nodes (and the dummies) and of the
-    larger's follow in turns; after an even number the larger graph's nodes share out exactly 1.
+    The affinity is divided by the temperature, and the smaller side is filled with |N1 - N2| dummies of equal affinity.
+    `iterations` normalisations alternate between the smaller graph's nodes (with the dummies) and the larger's; after
+    an even number the nodes of the larger graph sum to exactly 1.
 
-    The dummies never differ, so one column with their number as its weight stands for them, and only the two scales
-    of the kernel's rows and columns are kept: the same numbers as those of normalising a square matrix in turns
-    (Sinkhorn and Knopp 1967), in time O(N1 N2) an iteration. In double precision, which spares the logarithms.
+    The dummies stay equal, so one column weighted by their number replaces them, and only the scales of the kernel's
+    rows and columns are stored. The result equals that of normalising a square matrix (Sinkhorn and Knopp 1967) in O(N1
+    N2) per iteration. Double precision makes logarithms unnecessary.
     """
     if affinity.shape[0] < affinity.shape[1]:
         return soft_assignment(affinity.T, temperature, iterations).T

@@ -1,8 +1,8 @@
-"""`python -m matching.published.study`: looks for better hyper-parameters of the published matcher, as its authors did.
+"""`python -m matching.published.study`: searches hyper-parameters of the published matcher, as its authors did.
 
-Optuna's TPE sampler with the median pruner over the space of the public code, the loss of the validation set as the
-objective. (It depends on the temperature that is searched, so that less of it is not always better matching: every
-trial's accuracy is kept beside it.)
+Optuna's TPE sampler with the median pruner over the space of the public code; the objective is the validation loss.
+(The loss depends on the temperature, which is searched too, so a lower loss is not always a better matching; every
+trial's accuracy is stored as well.)
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ PATIENCE = 5  # epochs of a trial without a better one
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command. Raises UserError."""
+    """Runs the command. Raises UserError."""
     parser = Parser(
         prog="python -m matching.published.study",
         description="Searches hyper-parameters of the published matcher (Optuna, TPE). Goes on where it was stopped "
@@ -52,7 +52,8 @@ def main(arguments: list[str] | None = None) -> int:
     storage = JournalStorage(JournalFileBackend(str(options.out / "study.log")))
     study = optuna.create_study(study_name=STUDY, storage=storage, load_if_exists=True)
     there = study.get_trials(states=(optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED))
-    study.sampler = optuna.samplers.TPESampler(seed=options.seed + len(study.trials))  # no point twice after a kill
+    # the seed differs after an interruption, so that no point is tried twice
+    study.sampler = optuna.samplers.TPESampler(seed=options.seed + len(study.trials))
     study.pruner = optuna.pruners.MedianPruner()
     study.optimize(
         lambda trial: _trial(trial, pairs, options.seed, options.epochs), n_trials=max(options.trials - len(there), 0)
@@ -64,7 +65,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _trial(trial: Any, pairs: "PaperSplit", seed: int, epochs: int) -> float:
-    """The smallest loss of the validation set."""
+    """The lowest validation loss of a trial."""
     import optuna
 
     from matching.published.trainer import PaperTraining, Row, train
@@ -72,19 +73,19 @@ def _trial(trial: Any, pairs: "PaperSplit", seed: int, epochs: int) -> float:
     settings, recipe = _suggested(trial, epochs)
     training = PaperTraining.begin(settings, recipe, pairs, seed)
 
-    def looked(row: Row) -> None:
+    def on_evaluation(row: Row) -> None:
         trial.report(row["validation loss"], int(row["epoch"]))
         best = min(training.curve, key=lambda r: r["validation loss"])
         trial.set_user_attr("validation accuracy", best["validation accuracy"])
         if trial.should_prune():
             raise optuna.TrialPruned
 
-    train(training, pairs, looked)
+    train(training, pairs, on_evaluation)
     return min(row["validation loss"] for row in training.curve)
 
 
 def _suggested(trial: Any, epochs: int) -> tuple["PaperSettings", "Recipe"]:
-    """A point of the public code's space."""
+    """Samples a point of the public code's search space."""
     from matching.published.network import PaperSettings
     from matching.published.trainer import Recipe
 

@@ -1,4 +1,4 @@
-"""`python -m matching.published.train`: trains the published matcher, or one of it with a part left out."""
+"""`python -m matching.published.train`: trains the published matcher, or a variant without one of its parts."""
 
 import shlex
 import sys
@@ -17,7 +17,7 @@ PRESETS = ("published", "repository")
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command. Raises UserError."""
+    """Runs the command. Raises UserError."""
     given = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args(given)
     _check(options.preset, "--preset", PRESETS)
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     from matching.published.data import drawn_pairs, split
     from matching.published.network import PRESETS as SETTINGS
-    from matching.published.trainer import RECIPES, PaperTraining, Row, judged, train
+    from matching.published.trainer import RECIPES, PaperTraining, Row, evaluate, train
     from matching.published.weights import save_paper_network
     from matching.training.report import write_card, write_curve
 
@@ -47,18 +47,18 @@ def main(arguments: list[str] | None = None) -> int:
         training.load(checkpoint)
         print(f"goes on after {len(training.curve)} epochs")
 
-    def looked(row: Row) -> None:
+    def on_evaluation(row: Row) -> None:
         training.save(checkpoint)
         save_paper_network(out / "paper.pt", training.best_network())
         write_curve(out, training.curve)
         print("  ".join(f"{k} {v:.4g}" for k, v in row.items()), flush=True)
 
-    ended = train(training, pairs, looked, options.minutes)
+    ended = train(training, pairs, on_evaluation, options.minutes)
     print(ended)
     network = training.best_network()
-    loss, accuracy = judged(network, pairs.test)
+    loss, accuracy = evaluate(network, pairs.test)
     write_card(out, {
-        **_told(given, options, len(plans)), "ended": ended, "settings": settings.to_dict(),
+        **_card(given, options, len(plans)), "ended": ended, "settings": settings.to_dict(),
         "recipe": recipe.to_dict(), "parameters": sum(p.numel() for p in network.parameters()),
         "pairs": [len(part) for part in (pairs.train, pairs.validation, pairs.test)],
         "best": min(training.curve, key=lambda row: row["validation loss"]),
@@ -85,8 +85,8 @@ def _parser() -> Parser:
     return parser
 
 
-def _told(given: list[str], options: Any, plans: int) -> dict[str, Any]:
-    """What the card says of the run and its data."""
+def _card(given: list[str], options: Any, plans: int) -> dict[str, Any]:
+    """The model card's entries on the run and its data."""
     return {
         "what": "the published matcher, reproduced: answers without a check of its own",
         "command": shlex.join([*COMMAND.split(), *map(_named, given)]), "seed": options.seed,
@@ -98,14 +98,14 @@ def _told(given: list[str], options: Any, plans: int) -> dict[str, Any]:
 
 
 def add_data_options(parser: Parser) -> None:
-    """What pairs are drawn from."""
+    """Adds the options for the data that pairs are drawn from."""
     parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
     parser.add_argument("--pairs", type=int, default=2000, metavar="N", help="pairs of graphs (default: 2000)")
     parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
 
 
 def read_raw(paths: list[Path]) -> list["Plan"]:
-    """The files' plans with every edge of a room as a surface, as in the published data."""
+    """Reads plans with every edge of a room as a surface, as in the published data."""
     from data.plans.sources import read_plans
 
     plans = [p for path in paths for p in read_plans(path, merge_collinear=False) if p.graph.rooms]
@@ -118,7 +118,7 @@ def _check(value: str, option: str, known: tuple[str, ...]) -> None:
 
 
 def _named(argument: str) -> str:
-    """Paths of this machine mean nothing to others; their names may."""
+    """Shortens absolute paths to names, since paths of this machine mean nothing elsewhere."""
     return Path(argument).name if Path(argument).is_absolute() else argument
 
 

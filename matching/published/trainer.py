@@ -1,4 +1,4 @@
-"""Training of the published matcher: permutation loss, AdamW, early stopping; goes on bitwise after a kill."""
+"""Training of the published matcher: permutation loss, AdamW, early stopping, bitwise resumption."""
 
 import copy
 import io
@@ -20,13 +20,13 @@ from matching.published.data import PaperPair, PaperSplit, nodes_of
 from matching.published.network import PaperNetwork, PaperSettings
 
 LEAST_PROBABILITY = 1e-9
-LOOKED_AT = 64  # pairs of a batch where nothing is learned
+EVALUATED_AT_ONCE = 64  # pairs of a batch in evaluation
 Row = dict[str, float]
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How it is trained; the values are the paper's."""
+    """Training parameters; the defaults are the paper's."""
 
     rate: float = 1e-3
     decay: float = 5e-5
@@ -35,7 +35,7 @@ class Recipe:
     patience: int = 100  # epochs without a smaller loss of the validation set
 
     def to_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Returns the parameters as plain data."""
         return asdict(self)
 
 
@@ -48,26 +48,26 @@ def permutation_loss(soft: Sequence[Tensor], pairs: Sequence[PaperPair]) -> Tens
 
 
 def _entropy(soft: Tensor, truth: Tensor) -> Tensor:
-    p = soft.clamp(LEAST_PROBABILITY, 1 - 1e-7)  # as near to 1 as single precision goes
+    p = soft.clamp(LEAST_PROBABILITY, 1 - 1e-7)  # close to 1, within single precision
     return -(truth * p.log() + (1 - truth) * torch.log1p(-p)).mean()
 
 
 @dataclass
 class PaperTraining:
-    """All that a run needs to go on; `best` is the state at the smallest loss of the validation set."""
+    """The state of a training run; `best` is the network's state at the lowest validation loss."""
 
     network: PaperNetwork
     optimizer: torch.optim.Optimizer
     recipe: Recipe
     seed: int
-    data: str  # tells other pairs from those it is trained on
+    data: str  # identifies the training pairs
     curve: list[Row] = field(default_factory=list)
     best: dict[str, Any] | None = None
     seconds: float = 0.0
 
     @staticmethod
     def begin(settings: PaperSettings, recipe: Recipe, pairs: PaperSplit, seed: int) -> "PaperTraining":
-        """Untrained, standardised by the nodes of the training pairs."""
+        """Creates an untrained network, standardised by the nodes of the training pairs."""
         torch.manual_seed(seed)
         network = PaperNetwork(settings)
         network.standardise_by(torch.cat([nodes.features for nodes in nodes_of(pairs.train)]))
@@ -78,7 +78,7 @@ class PaperTraining:
         return PaperTraining(network, optimizer, recipe, seed, data.hexdigest())
 
     def save(self, path: Path) -> None:
-        """Writes everything atomically."""
+        """Writes the state atomically."""
         value = {k: getattr(self, k) for k in ("seed", "data", "curve", "best", "seconds")}
         value |= {"settings": self.network.settings.to_dict(), "recipe": self.recipe.to_dict()}
         value |= {"network": self.network.state_dict(), "optimizer": self.optimizer.state_dict()}
@@ -87,9 +87,9 @@ class PaperTraining:
         write_atomically(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
-        """Takes the place of a run that was saved; more epochs may be asked of it, nothing else may differ.
+        """Resumes from a saved run. Only the number of epochs may differ.
 
-        Raises UserError where something does.
+        Raises UserError if anything else does.
         """
         value = torch.load(path, map_location="cpu", weights_only=True)
         recipe = replace(Recipe(**value["recipe"]), epochs=self.recipe.epochs, patience=self.recipe.patience)
@@ -102,15 +102,20 @@ class PaperTraining:
         self.curve, self.best, self.seconds = value["curve"], value["best"], value["seconds"]
 
     def best_network(self) -> PaperNetwork:
-        """With the weights of its best epoch, ready to be asked."""
+        """Returns the network of the best epoch, ready for inference."""
         network = copy.deepcopy(self.network)
         if self.best is not None:
             network.load_state_dict(self.best)
         return network.eval().requires_grad_(False)
 
 
-def train(training: PaperTraining, pairs: PaperSplit, looked: Callable[[Row], None], minutes: float = np.inf) -> str:
-    """Epochs until there are enough of them or none is better any more; says which. `looked` gets each one's row."""
+def train(
+    training: PaperTraining, pairs: PaperSplit, on_evaluation: Callable[[Row], None], minutes: float = np.inf
+) -> str:
+    """Trains until the epochs are done, the minutes are over or nothing improves; returns which of these ended it.
+
+    `on_evaluation` is called with the row of each epoch.
+    """
     recipe = training.recipe
     while True:
         losses = [row["validation loss"] for row in training.curve]
@@ -122,18 +127,18 @@ def train(training: PaperTraining, pairs: PaperSplit, looked: Callable[[Row], No
             return f"{minutes:g} minutes over"
         began = time.monotonic()
         row = {"epoch": float(len(losses)), "loss": _epoch(training, pairs.train)}
-        loss, accuracy = judged(training.network, pairs.validation)
+        loss, accuracy = evaluate(training.network, pairs.validation)
         row |= {"validation loss": loss, "validation accuracy": accuracy}
         if loss <= min(losses, default=loss):
             training.best = copy.deepcopy(training.network.state_dict())
         training.seconds += time.monotonic() - began
         row["minutes"] = training.seconds / 60
         training.curve.append(row)
-        looked(row)
+        on_evaluation(row)
 
 
 def _epoch(training: PaperTraining, pairs: Sequence[PaperPair]) -> float:
-    """Every pair once, in an order drawn for the epoch; the mean loss."""
+    """Trains on every pair once, in an order drawn for the epoch; returns the mean loss."""
     epoch = len(training.curve)
     order = np.random.default_rng([training.seed, epoch]).permutation(len(pairs)).tolist()
     torch.manual_seed(training.seed * 1_000_003 + epoch)  # of the dropouts
@@ -150,12 +155,12 @@ def _epoch(training: PaperTraining, pairs: Sequence[PaperPair]) -> float:
 
 
 @torch.no_grad()
-def judged(network: PaperNetwork, pairs: Sequence[PaperPair]) -> tuple[float, float]:
-    """The loss, and the share of all S nodes that have a match that the assignment matches with it."""
+def evaluate(network: PaperNetwork, pairs: Sequence[PaperPair]) -> tuple[float, float]:
+    """Returns the loss and the share of matched S nodes whose assignment is right."""
     network.eval()
     loss, right, all_of = 0.0, 0, 0
-    for first in range(0, len(pairs), LOOKED_AT):
-        batch = pairs[first : first + LOOKED_AT]
+    for first in range(0, len(pairs), EVALUATED_AT_ONCE):
+        batch = pairs[first : first + EVALUATED_AT_ONCE]
         soft = network(*nodes_of(batch))
         loss += permutation_loss(soft, batch).item() * len(batch)
         for p, pair in zip(soft, batch, strict=True):

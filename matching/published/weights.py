@@ -1,4 +1,4 @@
-"""The published matcher's network as a file, and the shipped ones by the name of their preset."""
+"""Files of the published matcher's network, and the shipped ones by preset."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ SHIPPED = Path(__file__).parents[1] / "weights"
 
 
 def save_paper_network(path: Path, network: PaperNetwork) -> None:
-    """Writes the network atomically, in single precision: it lives off exact lengths."""
+    """Writes the network atomically, in single precision, since it depends on exact lengths."""
     write_weights(path, VERSION, network.settings.to_dict(), network.state_dict())
 
 
 def load_paper_network(weights: Path | str) -> PaperNetwork:
-    """The network of a file, or the shipped one of a preset (`published`, `repository`), ready to be asked.
+    """Reads a network from a file, or the shipped one of a preset (`published`, `repository`), ready for inference.
 
-    Raises UserError where the file is missing or is not a network of this kind.
+    Raises UserError if the file is missing or does not hold such a network.
     """
     path = SHIPPED / f"paper_{weights}.pt" if weights in PRESETS else Path(weights)
     settings, state = read_weights(path, VERSION, MAKER)

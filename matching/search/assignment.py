@@ -1,4 +1,4 @@
-"""Rooms and wall surfaces matched under a placement."""
+"""Assigns rooms and wall surfaces under a rigid placement."""
 
 from dataclasses import dataclass
 
@@ -11,28 +11,28 @@ from matching.search.hypotheses import Placement
 
 LEAST_QUALITY = 0.1
 PART_SHARE = 0.25  # of an S room's walls on an A room's: it may be two rooms in one
-OTHER_ROOM = 0.3  # what a wall pair is worth whose rooms were not matched to each other
+OTHER_ROOM = 0.3  # weight of a wall pair whose rooms are not matched to each other
 LEAST_SHARE = 0.3  # of an S room's walls that its A room explains
 INSIDE = 0.1  # of share, that an A room counts more in which the S room's centroid lies
-LEAST_MERIT = 0.55  # of an A room's among the others', for its pair to be told: a room cut wrongly is of two
+LEAST_MERIT = 0.55  # share of the best A room, for a room to be matched: a badly segmented room belongs to two
 DOUBT = 0.1  # quality of a wall of no plan
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """Indices into S and A with a confidence in [0, 1], given that the placement is right."""
+    """Matches as indices into S and A, with a confidence in [0, 1] given that the placement is right."""
 
     rooms: tuple[tuple[int, int, float], ...]
     surfaces: tuple[tuple[int, int, float], ...]
 
 
-def complete(placement: Placement) -> Pairs:
-    """Rooms by the walls that they share, one to one, parts of a room aside; then surfaces.
+def assign(placement: Placement) -> Pairs:
+    """Returns rooms by the walls they share, one to one (parts of a room may share one), then surfaces.
 
-    A surface pair's confidence is that of the share q / (q + q' + 0.1) with its quality q, exp(-residual^2 / 2
-    sigma^2) times the share of its length beside the A wall, q' the next best A wall's, and 0.1 for a wall of
-    no plan. A room pair's is the same with the shares of the S room's walls, by length, that the A rooms explain.
-    A room that two A rooms explain nearly as well says which walls may match, but its own pair is not told.
+    The confidence of a surface pair follows from the share q / (q + q' + 0.1). Its quality q is
+    exp(-residual^2 / 2 sigma^2) times the share of its length that overlaps the A wall; q' is that of the next best A
+    wall, and 0.1 stands for a wall outside the plan. Room pairs use the shares of the S room's walls, by length, that A
+    rooms explain. If two A rooms explain a room about equally well, its walls are matched but the room itself is not.
     """
     pairing = placement.pairing
     s, a = pairing.s, pairing.a
@@ -46,8 +46,8 @@ def complete(placement: Placement) -> Pairs:
     at_home[~at_home.any(axis=1)] = True
     at_home[:, -1] = True
     quality = np.where(at_home[s.room][:, a.room], quality, OTHER_ROOM * quality)
-    told = tuple((r, q, room_confidence(c)) for r, q, c in rooms if c >= LEAST_MERIT)
-    return Pairs(told, _surfaces(placement, quality))
+    accepted = tuple((r, q, room_confidence(c)) for r, q, c in rooms if c >= LEAST_MERIT)
+    return Pairs(accepted, _surfaces(placement, quality))
 
 
 def _share(value: Array, chosen: int) -> float:
@@ -75,9 +75,9 @@ def _rooms(placement: Placement, share: Array, size: Array) -> tuple[tuple[int, 
 
 
 def _shares(placement: Placement, quality: Array) -> tuple[Array, Array]:
-    """(S rooms, A rooms) of each S room's walls, by length, what lies on the A room's; (S rooms,) the length in metres.
+    """(S rooms, A rooms) the share of each S room's walls, by length, on the A room's; (S rooms,) lengths in metres.
 
-    By length, because of a room that is cut wrongly the truth is the A room that most of it is.
+    Lengths decide, since the truth for a badly segmented room is the A room that most of it belongs to.
     """
     s, a = placement.pairing.s, placement.pairing.a
     best = np.zeros((len(s), len(a.rooms)))
@@ -85,10 +85,10 @@ def _shares(placement: Placement, quality: Array) -> tuple[Array, Array]:
         best[:, q] = quality[:, a.room == q].max(axis=1)
     squared = best**2  # what lies on walls of several rooms is shared between them
     each = squared * (best.max(axis=1, initial=0.0) / np.maximum(squared.sum(axis=1), 1e-12))[:, None]
-    housed = s.room >= 0
-    size = np.asarray(np.bincount(s.room[housed], 2 * s.half[housed], len(s.rooms)), dtype=float)
+    with_room = s.room >= 0
+    size = np.asarray(np.bincount(s.room[with_room], 2 * s.half[with_room], len(s.rooms)), dtype=float)
     share = np.zeros((len(s.rooms), len(a.rooms)))
-    np.add.at(share, s.room[housed], 2 * s.half[housed, None] * each[housed])
+    np.add.at(share, s.room[with_room], 2 * s.half[with_room, None] * each[with_room])
     return share / size[:, None], size
 
 

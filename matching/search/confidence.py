@@ -1,8 +1,8 @@
-"""Confidences that are probabilities: of the place, and of a pair given the place.
+"""Calibrated confidences: the probability of a placement, and of a match given the placement.
 
-The numbers were fitted by maximum likelihood to 1,900 answers on generated plans and plans of flats (`real`, `drift`
-and `messy` maps of 1 room to all of a floor, a quarter of all maps of another building), as J. Platt does for margins
-("Probabilistic outputs for support vector machines", 1999).
+The parameters are fitted by maximum likelihood to 1,900 answers on generated plans and plans of flats: `real`, `drift`
+and `mis_segmented` maps of one room up to a whole floor, a quarter of them of another building. The form is that of
+J. Platt, "Probabilistic outputs for support vector machines", 1999.
 """
 
 import math
@@ -11,7 +11,7 @@ import numpy as np
 
 from data.geometry.se2 import Array
 
-RIVAL_SCALE = 1.0  # nats of evidence that count as one, between two places
+ALTERNATIVE_SCALE = 1.0  # nats of evidence that count as one, between two places
 NOWHERE_SCALE = 1.5  # and between a place and none
 NOWHERE = -6.0  # nats above chance, of a map that is in no place of the plan,
 NOWHERE_PER_WALL = 0.95  # and for each of its walls: plans are alike in parts
@@ -20,23 +20,23 @@ SURFACE = (1.6, 2.4)
 
 
 def place_probability(scores: Array, by_chance: float, walls: int) -> float:
-    """That the first of the placements is the true one, from their evidence (K,) in nats, the best one first.
+    """The probability that the first placement is the true one, from the evidence (K,) in nats, best first.
 
-    Against it stand the others, and that the map is in none: the best of all wrong places, whose number is
-    exp(by_chance), reaches so much evidence by chance, and more with every wall of the map.
+    The alternatives are the other placements, and that the map is in none: the best of exp(by_chance) wrong places
+    reaches that much evidence by chance, and more with every wall of the map.
     """
-    rivals = np.exp((scores[1:] - scores[0]) / RIVAL_SCALE).sum()
+    alternatives = np.exp((scores[1:] - scores[0]) / ALTERNATIVE_SCALE).sum()
     nowhere = (by_chance + NOWHERE + NOWHERE_PER_WALL * walls - scores[0]) / NOWHERE_SCALE
-    return float(1 / (1 + rivals + np.exp(np.minimum(nowhere, 50.0))))
+    return float(1 / (1 + alternatives + np.exp(np.minimum(nowhere, 50.0))))
 
 
 def room_confidence(share: float) -> float:
-    """Of a room pair given the place, from its share of the merit of all that stand to choose."""
+    """The confidence of a room pair given the placement, from its share of the merit of all candidates."""
     return _probability(share, *ROOM)
 
 
 def surface_confidence(share: float) -> float:
-    """The same of a surface pair."""
+    """The same for a surface pair."""
     return _probability(share, *SURFACE)
 
 

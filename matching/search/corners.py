@@ -1,4 +1,4 @@
-"""The corners that vote, as `voting.marks` finds them, of storeys of thousands of walls: room by room."""
+"""Corners as in `voting.marks`, but room by room, for storeys with thousands of walls."""
 
 import numpy as np
 
@@ -12,8 +12,9 @@ LEAST_SINE = float(np.sin(np.radians(30)))
 
 
 def corners(walls: Walls, chosen: Index | None = None) -> Marks:
-    """Where two of the walls (all, unless some are chosen) meet that are of one room, or of which one has no room; each
-    corner has one heading."""
+    """Returns the corners of walls (all, unless some are chosen) of one room, or of which one has no room; each corner
+    has one heading.
+    """
     chosen = np.arange(len(walls)) if chosen is None else chosen
     room = walls.room[chosen]
     order = np.argsort(room, kind="stable")
@@ -28,7 +29,7 @@ def corners(walls: Walls, chosen: Index | None = None) -> Marks:
 def _near(
     centre: Array, half: Array, chosen: Index, order: Index, begins: Index, ends: Index, stray: int
 ) -> Index:
-    """(E, 2) pairs of walls that may meet; the first `stray` in the order have no room."""
+    """(E, 2) pairs of walls that may meet; the first `stray` walls in the order have no room."""
     found = [(0, 0) for _ in range(0)]
     for n in range(len(begins)):
         for i in range(begins[n], ends[n]):
@@ -54,7 +55,7 @@ def _met(
     centre: Array, normal: Array, heading: Array, half: Array, pairs: Index
 ) -> tuple[Array, Array, Array, Index]:
     """Points, headings, openings and kinds of the corners of the pairs that meet."""
-    point, told, kind = np.empty((len(pairs), 2)), np.empty((2, len(pairs))), np.empty(len(pairs), dtype=np.int64)
+    point, angles, kind = np.empty((len(pairs), 2)), np.empty((2, len(pairs))), np.empty(len(pairs), dtype=np.int64)
     count = 0
     for n in range(len(pairs)):
         i, k = pairs[n]
@@ -70,7 +71,7 @@ def _met(
         if abs(abs(along) - half[i]) < REACH and abs(abs(back) - half[k]) < REACH:
             point[count, 0] = centre[i, 0] - along * normal[i, 1]
             point[count, 1] = centre[i, 1] + along * normal[i, 0]
-            told[0, count], told[1, count] = heading[i] + turn / 2, turn
+            angles[0, count], angles[1, count] = heading[i] + turn / 2, turn
             kind[count] = 2 * (along > 0) + (back > 0)
             count += 1
-    return point[:count].copy(), told[0, :count].copy(), told[1, :count].copy(), kind[:count].copy()
+    return point[:count].copy(), angles[0, :count].copy(), angles[1, :count].copy(), kind[:count].copy()

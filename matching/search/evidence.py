@@ -1,8 +1,8 @@
-"""How much more likely the map is under a placement than by chance, in nats.
+"""The log likelihood ratio of a map under a rigid placement against chance, in nats.
 
-Each S wall is either a wall of the plan, off its line by a normal deviation, or something else (clutter, or a
-wall that is not in the plan). Against it stands chance: A walls of this direction lie across a random place
-with a density `rho` (walls a metre). The precision of the map is not known, so it is marginalised over.
+Each S wall is either a wall of the plan, with a normal deviation from its line, or something else (clutter, or a wall
+that is not in the plan). Under chance, A walls of this direction cross a random place with a density `rho` (walls per
+metre). The map's precision is unknown and marginalised over.
 """
 
 import numpy as np
@@ -11,11 +11,11 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from matching.search.scoring import BEND, SIGMA_HEADING, Fit, Pairing
 
-# in compiled functions too, of `bent_evidence`
+# also used in compiled functions of `deformation.evidence`
 SIGMAS = np.array([0.02, 0.04, 0.07, 0.12])  # metres across, equally likely beforehand
 NOT_IN_PLAN = 0.3  # prior of an S wall, over its length in metres: cupboards are short
 NOT_IN_PLAN_BOUNDS = (0.04, 0.3)
-LEAST_DENSITY = 0.1  # walls a metre; rare directions shall not be proof of a place
+LEAST_DENSITY = 0.1  # walls per metre; a rare direction must not prove a place
 END_SIGMAS = np.array([0.05, 0.15, 0.4])  # metres along, of the ends of walls
 SEEN_TO_END = 0.6  # the others stop short, or run on where the plan has a corner
 END_TRUST = 0.5  # exponent: two ends of a wall, and the walls that cross there, are not independent
@@ -26,9 +26,9 @@ MOST_BENT = 9.0  # chi^2 of one room
 
 
 def likelihood_ratios(pairing: Pairing, state: Array, fitted: Fit) -> Array:
-    """(Ns, precisions) log likelihood ratio, wall on plan against chance, of each S wall for each precision.
+    """(Ns, precisions) log likelihood ratios of each S wall on the plan against chance.
 
-    `state` (1, G, 3) and its `fitted` pairs: the best pair of each S wall speaks.
+    `state` (1, G, 3) and its `fitted` pairs; the best pair of each S wall counts.
     """
     s, a = pairing.s, pairing.a
     n = np.arange(len(s))
@@ -57,7 +57,7 @@ def normal_density(x: Array, sigmas: Array) -> Array:
 
 
 def chance_density(pairing: Pairing) -> Array:
-    """(Ns, buildings) how many A walls of its direction an S wall meets a metre across, at a random place of each."""
+    """(Ns, buildings) how many A walls of its direction an S wall meets per metre across, at a random place of each."""
     s, a = pairing.s, pairing.a
     real = np.isfinite(pairing.half)
     building = a.building[pairing.partner]
@@ -68,7 +68,7 @@ def chance_density(pairing: Pairing) -> Array:
 
 
 def evidence(pairing: Pairing, state: Array, expected: Array, fitted: Fit) -> float:
-    """Nats: all S walls, precision marginalised, and the completeness of rooms, less the cost of bending."""
+    """Nats: all S walls, marginalised over precision, plus the completeness of rooms, minus the cost of deformation."""
     total = likelihood_ratios(pairing, state, fitted).sum(axis=0)
     bent = np.minimum((((state - expected)[0] / BEND) ** 2).sum(axis=1), MOST_BENT).sum()
     seen = completeness(pairing, pairing.table(fitted.quality))
@@ -76,9 +76,9 @@ def evidence(pairing: Pairing, state: Array, expected: Array, fitted: Fit) -> fl
 
 
 def completeness(pairing: Pairing, quality: Array) -> float:
-    """Nats of the A walls that the map should show: of the A rooms where most walls of some S room are.
+    """Nats for the A walls that the map should have: those of A rooms with most walls of some S room.
 
-    An A room was either entered, and most of its walls are seen, or glimpsed through a door.
+    An A room was either entered, so that most of its walls are observed, or seen through a door.
     """
     s, a = pairing.s, pairing.a
     at = np.where(quality.max(axis=1) > SEEN, a.room[quality.argmax(axis=1)], -1)

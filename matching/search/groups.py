@@ -1,4 +1,4 @@
-"""The parts of a map that are taken as rigid, the rooms, and which of them lie side by side."""
+"""The parts of a map that are treated as rigid (its rooms), and which of them are neighbours."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ BESIDE = 0.8  # metres between the walls of neighbours: a wall's thickness and i
 POINTS = 0.5  # metres between points of a wall
 BEHIND = 1.0  # metres that a room behind a stray wall counts as further away
 MOST_NEIGHBOURS = 6
-NO_DOOR = 2.5  # slack between neighbours of whom no door is known
+NO_DOOR = 2.5  # slack between neighbours without a known door
 
 
 @dataclass(frozen=True)
 class Groups:
-    """G parts of a map. `edges` join neighbours and make one connected whole."""
+    """G parts of a map. `edges` join neighbours so that the whole is connected."""
 
     of_wall: Index  # (Ns,)
     centre: Array  # (G, 2) mean of the walls' centres
@@ -33,7 +33,7 @@ class Groups:
 
 
 def groups(s: Walls, doors: Doors) -> Groups:
-    """The groups of a map with at least one wall, and with these doors."""
+    """Returns the groups of a map with at least one wall, given its doors."""
     of_wall = _of_wall(s)
     size = np.bincount(of_wall)
     centre = np.stack([np.bincount(of_wall, s.centre[:, k]) / size for k in (0, 1)], axis=-1)
@@ -45,20 +45,21 @@ def groups(s: Walls, doors: Doors) -> Groups:
 
 
 def _of_wall(s: Walls) -> Index:
-    """A wall without a room goes with the nearest room on the side that it faces."""
-    stray, housed = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
+    """Assigns a wall without a room to the nearest room on the side it faces."""
+    stray, with_room = np.flatnonzero(s.room < 0), np.flatnonzero(s.room >= 0)
     if not len(stray):
         return s.room  # each room has a wall
-    if not len(housed):
+    if not len(with_room):
         return groups_of(s)
-    size = np.bincount(s.room[housed], minlength=len(s.rooms))
-    middle = np.stack([np.bincount(s.room[housed], s.centre[housed, k], len(s.rooms)) / size for k in (0, 1)], axis=-1)
-    return np.asarray(_housed(s.room, s.centre, s.normal, middle))
+    size = np.bincount(s.room[with_room], minlength=len(s.rooms))
+    sums = [np.bincount(s.room[with_room], s.centre[with_room, k], len(s.rooms)) for k in (0, 1)]
+    middle = np.stack([total / size for total in sums], axis=-1)
+    return np.asarray(_rooms_of_stray_walls(s.room, s.centre, s.normal, middle))
 
 
 @compiled
-def _housed(room: Index, centre: Array, normal: Array, middle: Array) -> Index:
-    """(Ns,) the room that each wall goes with; `middle` (R, 2) of the rooms' walls."""
+def _rooms_of_stray_walls(room: Index, centre: Array, normal: Array, middle: Array) -> Index:
+    """(Ns,) the room of each wall; `middle` (R, 2) are the means of the rooms' walls."""
     found = room.copy()
     for i in range(len(room)):
         nearest = np.inf
@@ -73,7 +74,7 @@ def _housed(room: Index, centre: Array, normal: Array, middle: Array) -> Index:
 
 
 def _apart(s: Walls, of_wall: Index, centre: Array) -> Array:
-    """(G, G) metres between the walls of two groups, roughly; where none are near each other, more than 10."""
+    """(G, G) approximate distances in metres between the walls of groups; more than 10 if none are near."""
     points = np.maximum(np.ceil(2 * s.half / POINTS).astype(np.int64), 1)
     square = _least_squares_apart(s.centre, s.tangent, s.half, points, of_wall, len(centre))
     far = 10 + np.hypot(*(centre[:, None] - centre[None]).transpose(2, 0, 1))
@@ -84,7 +85,7 @@ def _apart(s: Walls, of_wall: Index, centre: Array) -> Array:
 def _least_squares_apart(
     centre: Array, tangent: Array, half: Array, points: Index, of_wall: Index, count: int
 ) -> Array:
-    """(G, G) the squares of metres, infinite where none are near; walls are looked at as rows of points."""
+    """(G, G) smallest squared distances in metres, infinite if none are near; walls are sampled as points."""
     reach = BESIDE + POINTS / 2
     least = np.full((count, count), np.inf)
     for i in range(len(half)):
@@ -112,7 +113,7 @@ def _least_squares_apart(
 
 @compiled
 def _edges(apart: Array, doors: Index) -> tuple[Index, NDArray[np.bool_]]:
-    """(E, 2) the doors' (D, 2) groups, near ones, and what joins all; and which of them a door joins."""
+    """(E, 2) edges by doors (D, 2), by nearness, and to connect all; and which of them are doors."""
     count = len(apart)
     by_door, kept = np.zeros((count, count), dtype=np.bool_), np.zeros((count, count), dtype=np.bool_)
     for d in range(len(doors)):
@@ -150,8 +151,7 @@ def _edges(apart: Array, doors: Index) -> tuple[Index, NDArray[np.bool_]]:
 
 @compiled_within
 def _join_all(apart: Array, kept: NDArray[np.bool_]) -> None:
-    """Adds the shortest tree (R. C. Prim: Shortest connection networks, 1957), of equals one with edges that are there.
-    """
+    """Adds the shortest spanning tree (R. C. Prim: Shortest connection networks, 1957), preferring existing edges."""
     count = len(apart)
     far, link = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     new = 0
@@ -169,7 +169,7 @@ def _join_all(apart: Array, kept: NDArray[np.bool_]) -> None:
 
 @compiled
 def _hops(edges: Index, steps: Index, count: int) -> Index:
-    """(G, G) steps on the shortest ways; one of an edge is 1 or 2."""
+    """(G, G) lengths of the shortest paths; an edge counts 1 or 2."""
     first, beside = np.zeros(count + 1, dtype=np.int64), np.empty((2 * len(edges), 2), dtype=np.int64)
     for e in range(len(edges)):
         first[edges[e, 0] + 1] += 1
@@ -183,14 +183,14 @@ def _hops(edges: Index, steps: Index, count: int) -> Index:
             at[g] += 1
     hops = np.full((count, count), 2 * count)
     for start in range(count):
-        told = hops[start]
-        told[start], steps_done, last = 0, 0, 0
+        steps_from = hops[start]
+        steps_from[start], steps_done, last = 0, 0, 0
         while steps_done <= last:
             for g in range(count):
-                if told[g] == steps_done:
+                if steps_from[g] == steps_done:
                     for n in range(first[g], first[g + 1]):
-                        there = told[g] + beside[n, 1]
-                        if there < told[beside[n, 0]]:
-                            told[beside[n, 0]], last = there, max(last, there)
+                        there = steps_from[g] + beside[n, 1]
+                        if there < steps_from[beside[n, 0]]:
+                            steps_from[beside[n, 0]], last = there, max(last, there)
             steps_done += 1
     return hops

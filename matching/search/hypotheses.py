@@ -1,4 +1,4 @@
-"""Placements of an S-graph in the storeys of an A-graph: found by voting, scored, told apart."""
+"""Placements of an S-graph in the storeys of an A-graph: found by voting, scored, reduced to distinct ones."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from matching.search.scoring import SIGMA_SCORE, Fit, Pairing, bend, explained, 
 from matching.search.voting import candidates
 
 SIGMAS_RIGID = (0.35, 0.25, 0.2)  # metres
-SIGMAS_BENT = (0.3, 0.2, 0.15, 0.15)
+SIGMAS_DEFORMED = (0.3, 0.2, 0.15, 0.15)
 REFINED = 24  # candidates of each storey
-HOPEFUL = 0.6  # of the best one's worth; others are not followed up,
-RIVALS = 4  # beyond so many
-KEPT = 12  # placements that are worked out
+HOPEFUL = 0.6  # share of the best one's weight; others are dropped,
+ALTERNATIVES = 4  # but this many always stay
+KEPT = 12  # placements that are refined
 PER_STOREY = 3  # of them at least, from every storey
 CELL = 6.0  # metres
 DISTINCT_M, DISTINCT_RAD = 0.5, np.radians(5)  # in a compiled function too, of `field_rigid`
@@ -25,7 +25,7 @@ DISTINCT_M, DISTINCT_RAD = 0.5, np.radians(5)  # in a compiled function too, of 
 
 @dataclass(frozen=True)
 class Placement:
-    """S laid into one storey: rigid `motion` (3,) T_a_s of the graphs' own frames, and how it bends."""
+    """S placed in one storey: rigid `motion` (3,) (yaw, x, y) between the graphs' own frames, and its deformation."""
 
     storey: Walls
     motion: Array
@@ -42,20 +42,21 @@ class Placement:
 
     @property
     def fraction(self) -> float:
-        """How much of the S walls, by length, the storey explains."""
+        """The share of the S walls, by length, that the storey explains."""
         half = self.pairing.s.half
         return float(half @ self.explained / half.sum())
 
 
 def between_graphs(s: Walls, a: Walls, motion: Array) -> Array:
-    """(3,) T_a_s between the frames of the graphs, of a motion between their own frames."""
+    """(3,) T_a_s between the graphs' frames, from a motion between their own frames."""
     return se2.compose(se2.compose(a.T_graph_own, motion), se2.inverse(s.T_graph_own))
 
 
 def search(s: Walls, storeys: list[Walls], allowed: Callable[[Array], bool] | None = None) -> list[Placement]:
-    """Distinct placements, best first; empty where no corner of S has its like.
+    """Returns distinct placements, best first; none if no corner of S matches one of A.
 
-    `allowed` is asked of T_a_s (3,), between the graphs' frames, before places compete with each other.
+    `allowed` says for T_a_s (3,), between the graphs' frames, whether a placement is allowed; it is applied before
+    placements compete.
     """
     rough = [found for a in storeys for found in _voted(s, a)]
     if allowed is not None:
@@ -86,13 +87,15 @@ def _voted(s: Walls, a: Walls) -> list[_Rigid]:
 
 
 def _hopeful(found: list[_Rigid], most: int, per_storey: int) -> list[_Rigid]:
-    """The best, `most` or up to `per_storey` of a storey, less those far behind, but a few rivals always."""
+    """The best placements, `most` or up to `per_storey` of a storey, without those far behind; a few alternatives
+    always stay.
+    """
     found = sorted(found, key=lambda r: -r.worth)
     rank: dict[str | None, int] = {}
     kept: list[_Rigid] = []
     for r in found:
         rank[r.pairing.a.floor] = rank.get(r.pairing.a.floor, 0) + 1
-        near = r.worth > HOPEFUL * found[0].worth or len(kept) < RIVALS
+        near = r.worth > HOPEFUL * found[0].worth or len(kept) < ALTERNATIVES
         if near and (len(kept) < most or rank[r.pairing.a.floor] <= per_storey):
             kept.append(r)
     return kept
@@ -110,7 +113,7 @@ def _refined(rough: list[_Rigid]) -> list[_Rigid]:
 
 def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
     pairing = Pairing.near(s, a, float(motion[0]), groups_of(s))
-    state, expected = bend(pairing, motion[None], SIGMAS_BENT)
+    state, expected = bend(pairing, motion[None], SIGMAS_DEFORMED)
     fitted = fit(pairing, state, SIGMA_SCORE)
     score = evidence(pairing, state, expected, fitted)
     rigid = rigid_of(pairing, state)
@@ -118,21 +121,21 @@ def _placement(s: Walls, a: Walls, motion: Array) -> Placement:
 
 
 def groups_of(s: Walls) -> Index:
-    """(Ns,) which S walls move together when the map bends: those of a room.
+    """(Ns,) the group of S walls that moves together: those of a room.
 
-    A stray wall goes with the nearest wall that has a room; where none has one, walls of one cell go together.
+    A stray wall joins the nearest wall that has a room; if none has one, walls are grouped by grid cells.
     """
     if (s.room < 0).all():
         cell = np.floor(s.centre / CELL)
         return np.asarray(np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1))
-    housed = np.nonzero(s.room >= 0)[0]
-    distance = np.linalg.norm(s.centre[:, None] - s.centre[None, housed], axis=-1)
-    nearest = s.room[housed[np.argmin(distance, axis=1)]]
+    with_room = np.nonzero(s.room >= 0)[0]
+    distance = np.linalg.norm(s.centre[:, None] - s.centre[None, with_room], axis=-1)
+    nearest = s.room[with_room[np.argmin(distance, axis=1)]]
     return np.asarray(np.unique(np.where(s.room >= 0, s.room, nearest), return_inverse=True)[1])
 
 
 def _distinct(motions: list[tuple[Walls, Array]]) -> list[int]:
-    """Indices of those that differ from all earlier ones: in storey, at S's centre (the origin) or in yaw."""
+    """Indices of placements that differ from all earlier ones: in storey, at S's centre (the origin) or in yaw."""
     kept: list[int] = []
     for n, (a, motion) in enumerate(motions):
         if all(

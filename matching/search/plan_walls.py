@@ -41,14 +41,15 @@ class PlanWalls:
 
     @cached_property
     def by_heading(self) -> tuple[Index, Array, Array]:
-        """(N,) the walls, storey by storey in the order of their headings, these headings, and (6, N) their lines."""
+        """(N,) the walls sorted by heading within each storey, these headings, and (6, N) their lines."""
         order = np.lexsort((self.heading, self.storey))
         return order, self.heading[order], np.ascontiguousarray(self.lines[order].T)
 
     @cached_property
     def footprints(self) -> tuple[tuple[Array, Index], ...]:
-        """Of each storey the corners (C, 2) of its rooms' footprints, in the plan's frame, and (rooms + 1,) where each
-        room's begin."""
+        """For each storey the corners (C, 2) of its rooms' footprints, in the plan's frame, and (rooms + 1,) where each
+        room's begin.
+        """
         found = []
         for a in self.storeys:
             each = [np.array(r.polygon or (), dtype=float).reshape(-1, 2) for r in a.rooms]
@@ -63,8 +64,9 @@ class PlanWalls:
 
     @cached_property
     def met(self) -> tuple[Array, ...]:
-        """Of each storey (2, buildings, 360): how many walls are of each direction, within 15 degrees, and the half
-        lengths of these."""
+        """For each storey (2, buildings, 360): the number of walls within 15 degrees of each direction, and their
+        half lengths.
+        """
         window = np.fft.rfft(np.minimum(np.arange(360), 360 - np.arange(360)) <= DIRECTION)
         found = []
         for a in self.storeys:
@@ -77,7 +79,7 @@ class PlanWalls:
 
     @staticmethod
     def of(a: SceneGraph, floor: str | None = None) -> "PlanWalls | None":
-        """All storeys that have walls, or one of them; None where there is none."""
+        """Returns the walls of all storeys that have some, or of one of them; None if there are none."""
         chosen = [w for w in storeys(a) if floor is None or w.floor == floor]
         if not chosen:
             return None

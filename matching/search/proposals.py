@@ -1,4 +1,4 @@
-"""What a proposer says of single pairs: how likely an S surface is an A surface, and an S room an A room."""
+"""Proposed matches of single nodes: how likely an S surface is an A surface, and an S room an A room."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,10 +17,10 @@ MOST = 8  # proposals that are kept of one S surface or room
 
 @dataclass(frozen=True)
 class TopK:
-    """For each of N things of S its K likeliest of A, best first; small whatever the size of the plan.
+    """The K likeliest A nodes of each of N S nodes, best first; small whatever the size of the plan.
 
-    `partner` (N, K) are indices into A, -1 where there are fewer than K; `score` (N, K) probabilities in
-    [0, 1], 0 where there is none. Rows may sum to less than 1: the rest is "nothing of the plan".
+    `partner` (N, K) are indices into A, -1 where there are fewer than K; `score` (N, K) are probabilities in [0, 1], 0
+    where there is none. Rows may sum to less than 1: the rest is "not in the plan".
     """
 
     partner: Index
@@ -28,7 +28,7 @@ class TopK:
 
     @staticmethod
     def of_dense(score: NDArray[np.floating[Any]], most: int = MOST) -> "TopK":
-        """The best `most` of each row of (N, M) scores; raises UserError for scores outside [0, 1]."""
+        """Selects the best `most` of each row of scores (N, M). Raises UserError for scores outside [0, 1]."""
         score = np.asarray(score, dtype=float)
         if score.ndim != 2 or not ((score >= -1e-6) & (score <= 1 + 1e-6)).all():
             raise UserError("proposals: scores must be a table of probabilities in [0, 1]")
@@ -40,14 +40,16 @@ class TopK:
 
 @dataclass(frozen=True)
 class Proposals:
-    """Of wall surfaces and of rooms; indices follow the order of the two graphs' `wall_surfaces` and `rooms`."""
+    """Proposals for wall surfaces and rooms; indices follow the graphs' `wall_surfaces` and `rooms`."""
 
     walls: TopK
     rooms: TopK
 
     @staticmethod
     def of_dense(walls: NDArray[np.floating[Any]], rooms: NDArray[np.floating[Any]]) -> "Proposals":
-        """From tables (surfaces of S, surfaces of A) and (rooms of S, rooms of A) of probabilities."""
+        """Creates proposals from tables (surfaces of S, surfaces of A) and (rooms of S, rooms of A) of
+        probabilities.
+        """
         return Proposals(TopK.of_dense(walls), TopK.of_dense(rooms))
 
 

@@ -1,18 +1,19 @@
-"""The proper motion that lays matched walls and rooms on each other, for methods that answer pairs alone."""
+"""Fits a proper rigid motion to matched walls and rooms, for methods that only return matches."""
 
 import numpy as np
 
 from data.geometry import se2
 from data.geometry.se2 import Array
 
-ROOM_WEIGHT = 0.1  # of a centre, beside a wall: it decides only where walls leave the place open
+ROOM_WEIGHT = 0.1  # of a centroid relative to a wall: decides only what the walls leave undetermined
 
 
 def fit_pairs(s_walls: Array, a_walls: Array, s_rooms: Array, a_rooms: Array) -> Array:
-    """(3,) T_a_s from N pairs of walls (N, 4) as x, y of a point and of the normal, and M pairs of rooms (M, 2).
+    """Returns (3,) T_a_s (yaw, x, y) from N pairs of walls (N, 4), each x, y of a point and of the normal, and M of
+    rooms (M, 2).
 
-    The turn is the mean of the normals'; the shift lays points of walls on their partners' lines, least squares.
-    Without walls the turn is the rooms', about their mean; at least one pair is needed.
+    The rotation is the mean of the normals'; the translation moves points of walls onto their partners' lines by least
+    squares. Without walls, the rotation is that of the rooms about their mean. At least one pair is needed.
     """
     if len(s_walls):
         normals = (w[:, 2:] @ np.array([1, 1j]) for w in (a_walls, s_walls))

@@ -1,7 +1,7 @@
-"""How well a motion lays S walls on A walls, wall by wall, and its refinement by point-to-line least squares.
+"""Scores how well a motion aligns S walls with A walls, and refines it by point-to-line least squares.
 
-K motions are worked on at once. The S walls fall into G groups (one: the map is rigid; one for each room: it
-may bend), each with a motion of its own, kept as (yaw, x, y) of the group's centre after the motion.
+K motions are processed at once. The S walls form G groups (one if the map is rigid, one per room if it may deform),
+each with its own motion, stored as (yaw, x, y) of the group's centre after the motion.
 """
 
 from dataclasses import dataclass
@@ -25,9 +25,9 @@ BEND_REACH = 4.0  # metres
 
 @dataclass(frozen=True)
 class Pairing:
-    """The A surfaces that each S surface could be near one yaw, P at most; and the groups of the S walls.
+    """The A surfaces (at most P) that each S surface may be near for one yaw, and the groups of the S walls.
 
-    The (Ns, P) tables are padded with A walls of no extent.
+    The (Ns, P) tables are padded with A walls of zero length.
     """
 
     s: Walls
@@ -61,7 +61,7 @@ class Pairing:
         )  # fmt: skip
 
     def state(self, motions: Array) -> Array:
-        """(K, G, 3) state of the groups under rigid (K, 3) motions."""
+        """(K, G, 3) state of the groups under rigid motions (K, 3)."""
         at = se2.apply(motions[:, None, :], self.centre[None])
         return np.concatenate((np.broadcast_to(motions[:, None, :1], (*at.shape[:2], 1)), at), axis=-1)
 
@@ -80,7 +80,7 @@ class Pairing:
 
 @dataclass(frozen=True)
 class Fit:
-    """Per S surface, motion and pair: quality in [0, 1], and S's mid point in A, from A's, along A's wall."""
+    """For each S surface, motion and pair: quality in [0, 1], and S's mid point relative to A's, along A's wall."""
 
     quality: Array  # (Ns, K, P)
     beside: Array  # (Ns, K, P) share of S's length that lies beside A's, in [0, 1]
@@ -89,7 +89,7 @@ class Fit:
 
 
 def fit(pairing: Pairing, state: Array, sigma: float) -> Fit:
-    """Judges every pair: near A's line (sigma, metres), of its direction, and beside its extent."""
+    """Scores every pair: its distance from A's line (sigma, metres), its direction and its overlap."""
     motions = pairing.motions(state)[:, pairing.group].transpose(1, 0, 2)
     placed = se2.apply(motions, pairing.s.centre[:, None])
     across = placed @ pairing.normal - pairing.offset[:, None, 0]
@@ -104,7 +104,7 @@ def fit(pairing: Pairing, state: Array, sigma: float) -> Fit:
 
 
 def explained(s: Walls, a: Walls, yaw: float, motions: Array, sigma: float) -> Array:
-    """(K,) the weight of the S walls that rigid motions (K, 3), their yaws near `yaw`, explain: as `fit` judges."""
+    """(K,) weight of the S walls that rigid motions (K, 3) with yaws near `yaw` explain, scored as in `fit`."""
     return np.asarray(_explained(s.heading, s.half, s.centre, s.weight, a.lines, yaw, motions, sigma))
 
 
@@ -112,7 +112,7 @@ def explained(s: Walls, a: Walls, yaw: float, motions: Array, sigma: float) -> A
 def _explained(
     heading: Array, half: Array, centre: Array, weight: Array, lines: Array, yaw: float, motions: Array, sigma: float
 ) -> Array:
-    """As `explained`."""
+    """See `explained`."""
     total = np.zeros(len(motions))
     alike = np.empty(len(lines), dtype=np.int64)
     for i in range(len(heading)):
@@ -143,7 +143,7 @@ def _explained(
 def refine(pairing: Pairing, state: Array, sigma: float, prior: Array, prior_sigma: Array) -> Array:
     """One step of least squares: the ends of each S wall to the line of its best A wall.
 
-    `prior` (K, G, 3) is where the state is held, loosely, by `prior_sigma` (3,).
+    `prior` (K, G, 3) is a weak prior on the state, with `prior_sigma` (3,).
     """
     now = fit(pairing, state, sigma)
     winner = now.quality.argmax(axis=2)[..., None]  # (Ns, K, 1)
@@ -173,7 +173,7 @@ def refine(pairing: Pairing, state: Array, sigma: float, prior: Array, prior_sig
 
 
 def refine_rigid(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) -> Array:
-    """(K, 3) motions refined, for a pairing of one group, with ever tighter sigmas."""
+    """(K, 3) refined motions for a pairing with one group, with decreasing sigmas."""
     state = pairing.state(motions)
     for sigma in sigmas:
         state = refine(pairing, state, sigma, state, np.array([np.radians(5), 0.5, 0.5]))
@@ -181,7 +181,7 @@ def refine_rigid(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) ->
 
 
 def rigid_of(pairing: Pairing, state: Array) -> Array:
-    """(3,) the rigid motion nearest to a bent state (1, G, 3), by the ends of explained walls."""
+    """(3,) the rigid motion nearest to a deformed state (1, G, 3), from the ends of explained walls."""
     now = fit(pairing, state, SIGMA_SCORE)
     weight = np.tile(pairing.s.weight * now.quality.max(axis=2)[:, 0] + 1e-6, 2)
     arm = pairing.s.half[:, None] * pairing.s.tangent
@@ -196,9 +196,9 @@ def rigid_of(pairing: Pairing, state: Array) -> Array:
 
 
 def bend(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) -> tuple[Array, Array]:
-    """Lets every group follow its own walls, held by its neighbours.
+    """Lets every group follow its own walls, constrained by its neighbours.
 
-    Returns the (K, G, 3) state and the (K, G, 3) place that the neighbours expected of it.
+    Returns the state (K, G, 3) and what the neighbours predicted (K, G, 3).
     """
     state = pairing.state(motions)
     rigid = state
@@ -215,7 +215,7 @@ def bend(pairing: Pairing, motions: Array, sigmas: tuple[float, ...]) -> tuple[A
 
 
 def _expected(pairing: Pairing, state: Array, rigid: Array, share: Array) -> Array:
-    """(K, G, 3) where the neighbours' motions would put each group; where none is near, the rigid motion."""
+    """(K, G, 3) each group as predicted by its neighbours' motions, or by the rigid motion if none is near."""
     motions = pairing.motions(state)
     turn = np.einsum("gh,kh->kg", share, se2.wrap(state[..., 0] - rigid[..., 0]))
     placed = se2.apply(motions[:, None, :, :], pairing.centre[None, :, None, :])  # (K, G, H, 2)

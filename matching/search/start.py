@@ -1,4 +1,4 @@
-"""A rough start that a user knows, and which placements are near it."""
+"""A rough start pose given by the user, and which placements are near it."""
 
 import numpy as np
 

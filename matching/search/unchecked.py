@@ -1,4 +1,4 @@
-"""The match of a method that does not verify its pairs."""
+"""Results of methods without verification."""
 
 import time
 from collections import Counter
@@ -42,7 +42,7 @@ def match_unchecked(
 
 
 def _floor(a: SceneGraph, rooms: Pairs, walls: Pairs) -> str | None:
-    """The floor on which most of the partners are."""
+    """The floor with most of the partners."""
     floors = [a.room_by_id[j].floor for _, j, _ in rooms]
     for _, j, _ in walls:
         wall = a.surface_by_id[j]

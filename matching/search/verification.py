@@ -1,7 +1,7 @@
-"""Unique, ambiguous or none: the evidence of the best placement, and its margin over the runner-up.
+"""Decides between unique, ambiguous and none from the evidence of the best placement and its margin over the runner-up.
 
-The limits were set on S-graphs drawn with the noise of real scans from 22 floors and an office building, laid
-into their own plans and into others'. They ask for more than the best of thousands of wrong places reaches.
+The limits were set on S-graphs with the noise of real scans of 22 floors and an office building, matched with their own
+plans and with others. They exceed what the best of thousands of wrong places reaches.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ PLACES_PER_M2 = 40.0  # that a vote can tell apart: four directions of the grid,
 
 @dataclass(frozen=True)
 class Verdict:
-    """`probability` is that of the best placement."""
+    """The status with its reason; `probability` is that of the best placement."""
 
     status: Status
     reason: str
@@ -33,31 +33,33 @@ class Verdict:
 
 
 def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> Verdict:
-    """Judges the placements, best first, at least one; `pairs` are the first one's, `storeys` all that were
-    searched."""
+    """Returns the verdict on placements, best first, at least one.
+
+    `pairs` are the matches of the first, `storeys` all that were searched.
+    """
     best = placements[0]
     walls = len(best.explained)
     by_chance = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))
     probability = place_probability(np.array([p.score for p in placements]), by_chance, walls)
-    told = f"{len(pairs.surfaces)} of {walls} wall surfaces and {len(pairs.rooms)} rooms matched"
+    matched = f"{len(pairs.surfaces)} of {walls} wall surfaces and {len(pairs.rooms)} rooms matched"
     if best.fraction < LEAST_FRACTION:
         share = f"{100 * best.fraction:.0f} % of its walls' length"
         return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
     least = by_chance + LEAST_EVIDENCE + LEAST_EVIDENCE_PER_WALL * walls
     if best.score < least or len(pairs.surfaces) < LEAST_SURFACES:
-        return Verdict("none", f"too little evidence at the best place ({told}): see more rooms", probability)
+        return Verdict("none", f"too little evidence at the best place ({matched}): see more rooms", probability)
     margin = LEAST_MARGIN + MARGIN_SHARE * best.score
-    rivals = [p for p in placements if p.score > best.score - margin]
-    if len(rivals) > 1:
-        reason = f"{_what(rivals)} explain the map about equally well ({told})"
+    alternatives = [p for p in placements if p.score > best.score - margin]
+    if len(alternatives) > 1:
+        reason = f"{_places_named(alternatives)} explain the map about equally well ({matched})"
         return Verdict("ambiguous", reason, probability)
-    return Verdict("unique", f"{told}; no other place explains the map nearly as well", probability)
+    return Verdict("unique", f"{matched}; no other place explains the map nearly as well", probability)
 
 
-def _what(rivals: list[Placement]) -> str:
-    floors = list(dict.fromkeys(str(p.storey.floor) for p in rivals))
+def _places_named(alternatives: list[Placement]) -> str:
+    floors = list(dict.fromkeys(str(p.storey.floor) for p in alternatives))
     if len(floors) == 1:
-        return f"{len(rivals)} places"
-    if len(floors) == len(rivals):
+        return f"{len(alternatives)} places"
+    if len(floors) == len(alternatives):
         return f"{len(floors)} storeys"
-    return f"{len(rivals)} places on {len(floors)} storeys"
+    return f"{len(alternatives)} places on {len(floors)} storeys"

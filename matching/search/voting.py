@@ -1,9 +1,9 @@
-"""Wall corners vote for the motion that lays one storey's walls on another's (generalised Hough transform).
+"""Wall corners vote for the motion that aligns one storey's walls with another's (generalised Hough transform).
 
-A corner is two walls that meet: their crossing, the direction between their normals, the angle between them
-and which way they extend. A pair of like corners determines a proper SE(2) motion. Votes are gathered yaw
-first, then in the plane, after D. H. Ballard, "Generalizing the Hough transform to detect arbitrary shapes",
-Pattern Recognition 13 (1981).
+A corner is two walls that meet: their crossing, the direction between their normals, the angle between them and which
+way they extend. A pair of similar corners determines a proper SE(2) motion. Votes are gathered in yaw first, then in
+the plane, after D. H. Ballard, "Generalizing the Hough transform to detect arbitrary shapes", Pattern Recognition 13
+(1981).
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ DIGIT_BITS, DIGIT = 9, 512
 
 @dataclass(frozen=True)
 class Marks:
-    """What votes: (M, 2) points, (M,) headings, openings and kinds. Marks of different kinds never match."""
+    """Voting features: (M, 2) points, (M,) headings, openings and kinds. Marks of different kinds never match."""
 
     point: Array
     heading: Array
@@ -42,14 +42,14 @@ class Marks:
 
 @dataclass(frozen=True)
 class Candidates:
-    """(K, 3) motions T_a_s between own frames that share one yaw mode, best voted first."""
+    """(K, 3) motions T_a_s between own frames that share one yaw mode, most votes first."""
 
     yaw: float
     motions: Array
 
 
 def candidates(s: Walls, a: Walls) -> list[Candidates]:
-    """Motions that lay S's corners on A's, by yaw modes; empty where nothing is alike."""
+    """Returns motions that align S's corners with A's, by yaw modes; empty if nothing is similar."""
     s_marks, a_marks = marks(s), marks(a)
     if len(s_marks.point) < FEW_CORNERS or not len(a_marks.point):
         s_marks, a_marks = marks(s, scarce=True), marks(a, scarce=True)
@@ -58,7 +58,7 @@ def candidates(s: Walls, a: Walls) -> list[Candidates]:
 
 
 def marks(walls: Walls, scarce: bool = False) -> Marks:
-    """The corners of a storey; where they are `scarce` also distant crossings and the ends of walls."""
+    """Returns the corners of a storey; if they are `scarce`, also distant crossings and wall ends."""
     along, turn = crossings(walls.centre, walls.heading)
     gap = np.abs(np.abs(along) - walls.half[:, None])
     one_room = walls.room[:, None] == walls.room[None, :]
@@ -84,7 +84,7 @@ def _with_ends(corners: Marks, walls: Walls) -> Marks:
 
 
 def vote(s: Marks, a: Marks, most: int) -> list[Candidates]:
-    """Candidate motions from S to A, at most `most` for each yaw mode; empty where nothing is alike."""
+    """Returns candidate motions from S to A, at most `most` for each yaw mode; empty if nothing is similar."""
     i, j, yaw = _alike(s.kind, s.opening, s.heading, a.kind, a.opening, a.heading)
     if not len(i):
         return []
@@ -95,7 +95,7 @@ def vote(s: Marks, a: Marks, most: int) -> list[Candidates]:
 def _alike(
     kind: Index, opening: Array, heading: Array, a_kind: Index, a_opening: Array, a_heading: Array
 ) -> tuple[Index, Index, Array]:
-    """Pairs of marks that are alike, and the yaw that turns one as the other."""
+    """Pairs of similar marks, and the yaw that aligns each."""
     most = len(kind) * len(a_kind)
     i, j, yaw, count = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64), np.empty(most), 0
     for m in range(len(kind)):
@@ -108,7 +108,7 @@ def _alike(
 
 @compiled
 def _yaw_modes(yaw: Array) -> Array:
-    """(M,) where most of the yaws are, bin by bin, each the mean of those that are near."""
+    """(M,) modes of the yaws, each the mean of those nearby."""
     bins = round(2 * np.pi / YAW_BIN)
     count, smooth = np.zeros(bins), np.zeros(bins)
     for turn in yaw:
@@ -135,7 +135,7 @@ def _yaw_modes(yaw: Array) -> Array:
 
 @compiled
 def _motions(mode: float, yaw: Array, i: Index, j: Index, point: Array, a_point: Array, most: int) -> Array:
-    """(K, 3) motions of the mode's yaw to the places that pairs of marks vote for whose yaw is near it."""
+    """(K, 3) motions with the mode's yaw to the places that pairs of marks with a similar yaw vote for."""
     votes, count, cos, sin = np.empty((len(yaw), 2)), 0, np.cos(mode), np.sin(mode)
     for n in range(len(yaw)):
         if abs(wrapped(yaw[n] - mode)) < 3 * YAW_BIN:
@@ -151,9 +151,9 @@ def _motions(mode: float, yaw: Array, i: Index, j: Index, point: Array, a_point:
 
 @compiled_within
 def _places(votes: Array, most: int) -> Array:
-    """(K, 2) places where votes (V, 2) gather, most first: means over 3 x 3 bins around local maxima.
+    """(K, 2) peaks of votes (V, 2), most first: means over 3 x 3 bins around local maxima.
 
-    The bins are sparse: plans may lie kilometres apart.
+    The bins are sparse, since plans may be kilometres apart.
     """
     cell = np.floor(votes / PLACE_BIN).astype(np.int64)
     low_x, low_y, stride = cell[:, 0].min() - 1, cell[:, 1].min() - 1, cell[:, 1].max() - cell[:, 1].min() + 3
@@ -169,7 +169,7 @@ def _places(votes: Array, most: int) -> Array:
 
 @compiled
 def ascending(key: Index) -> Index:
-    """(V,) the order of numbers that are not below 0, digit by digit (H. Hollerith's radix sort)."""
+    """(V,) the order of non-negative numbers (radix sort)."""
     order, other, shift = np.arange(len(key)), np.empty(len(key), dtype=np.int64), 0
     while key.max() >> shift:
         begins = np.zeros(DIGIT + 1, dtype=np.int64)
@@ -186,8 +186,11 @@ def ascending(key: Index) -> Index:
 
 @compiled_within
 def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array, Index]:
-    """(bins, 3) number and sum of the votes in 3 x 3 bins about each that has any, and which bins none beside them
-    excels; `key` (V,) are the votes' bins, `order` sorts these."""
+    """(bins, 3) number and sum of the votes in the 3 x 3 bins around each non-empty bin, and which bins are local
+    maxima.
+
+    `key` (V,) are the votes' bins, `order` sorts them.
+    """
     bin_of, keys, bins = np.empty(len(key), dtype=np.int64), np.empty(len(key), dtype=np.int64), 0
     for n in order:
         if bins == 0 or key[n] != keys[bins - 1]:
@@ -221,7 +224,7 @@ def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array,
 
 @compiled
 def most_of(total: Array, peak: Index, most: int) -> Index:
-    """The peaks of most votes, of equal ones the first ones first."""
+    """The peaks with most votes; the first of ties stays first."""
     best, count = np.empty(min(most, len(peak)), dtype=np.int64), 0
     for n in peak:
         if count < len(best) or total[n] > total[best[count - 1]]:

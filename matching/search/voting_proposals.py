@@ -1,4 +1,4 @@
-"""Proposals without learning: corners vote, and each place that they name gives its walls what it is worth."""
+"""Proposals without learning: corners vote for placements, and each gives its walls a score."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from matching.search.voting import Marks, candidates, vote
 MOST_PARTS = 8
 MOST_WALLS = 200  # of a map that votes as a whole
 MOST_PLACES = 40  # of each yaw mode, in a part
-KEPT = 10  # placements of a part that speak
+KEPT = 10  # placements of a part that are used
 SIGMA = 0.25  # metres across
 SHARPNESS = 1.0  # of a placement's odds for each unit of weight that it explains
 SMALL_PART = 4  # walls; smaller ones have too few corners to vote
@@ -26,8 +26,11 @@ SMALL_PART = 4  # walls; smaller ones have too few corners to vote
 def voting_proposals(
     s: SceneGraph, a: SceneGraph, known: Walls | None = None, by_parts: bool = True
 ) -> Proposals:
-    """Wall and room pairs from placements of the whole map, as `voting` places it, and of its parts where it is to
-    vote `by_parts` too: each a room and its neighbours. `known` are the map's surfaces where they were worked out."""
+    """Returns wall and room pairs from placements of the whole map by voting.
+
+    With `by_parts`, parts of the map (each a room and its neighbours) vote as well. `known` are the map's surfaces as
+    arrays, if already computed.
+    """
     plan = storeys(a)
     if not s.wall_surfaces or not plan:
         return Proposals(*(TopK(np.zeros((n, 0), dtype=np.int64), np.zeros((n, 0)))
@@ -66,7 +69,7 @@ def _part(s: Walls, chosen: Index) -> Walls:
 def _speak(
     part: Walls, rows: Index, plan: list[Walls], plan_corners: list[Marks], column: list[Index], score: Array
 ) -> None:
-    """Raises the scores of the part's walls to what its placements give them."""
+    """Raises the scores of the part's walls to those of its placements."""
     own = corners(part)
     found: list[tuple[float, int, Pairing, Array]] = []
     for st, a in enumerate(plan):
@@ -91,7 +94,7 @@ def _speak(
 
 
 def _rooms(s: SceneGraph, a: SceneGraph, score: Array) -> TopK:
-    """A room pair's score is the mean over the S room's walls, by length, of their best in the A room."""
+    """A room pair's score: the mean over the S room's walls, by length, of their best score in the A room."""
     s_place = {r.id: n for n, r in enumerate(s.rooms)}
     a_place = {r.id: n for n, r in enumerate(a.rooms)}
     s_room = np.array([-1 if w.room is None else s_place[w.room] for w in s.wall_surfaces])
@@ -99,8 +102,8 @@ def _rooms(s: SceneGraph, a: SceneGraph, score: Array) -> TopK:
     length = np.array([w.length or 1.0 for w in s.wall_surfaces])
     best = np.zeros((len(s_room), len(a.rooms)))
     i, j = np.nonzero(score)
-    housed = a_room[j] >= 0
-    np.maximum.at(best, (i[housed], a_room[j[housed]]), score[i[housed], j[housed]])
+    with_room = a_room[j] >= 0
+    np.maximum.at(best, (i[with_room], a_room[j[with_room]]), score[i[with_room], j[with_room]])
     table = np.zeros((len(s.rooms), len(a.rooms)))
     inside = s_room >= 0
     np.add.at(table, s_room[inside], length[inside, None] * best[inside])

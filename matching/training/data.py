@@ -1,4 +1,4 @@
-"""Pairs of graphs with their truth, drawn afresh for every step: step k of a seed is always the same batch."""
+"""Training pairs, drawn anew for every step; step k of a seed is always the same batch."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -15,25 +15,27 @@ from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching.arrays.walls import Index
 from matching.network.features import GraphFeatures, PairRows, joined, map_features, plan_features
 
-REGIMES = {"real": 0.32, "drift": 0.36, "messy": 0.26, "paper": 0.06}
+NOISE_SHARES = {"real": 0.32, "drift": 0.36, "mis_segmented": 0.26, "paper": 0.06}
 ROOMS: dict[int | None, float] = {1: 0.06, 2: 0.18, 3: 0.16, 4: 0.2, 6: 0.16, 9: 0.17, None: 0.07}
 KIND_SHARES = {
     "apartment": 0.22, "office": 0.16, "corridor": 0.14, "l_shape": 0.14, "skewed": 0.12, "mirrored_twins": 0.08,
     "tower": 0.12, "campus": 0.02,
 }  # fmt: skip
 FROM_FILES = 0.3
-FOREIGN = 0.04  # maps of another plan: nothing is to be found
+FOREIGN = 0.04  # share of maps of another plan, without any match
 LENGTHLESS, ROOMLESS = 0.05, 0.04
 PLANS, DRAWS = 4, 3  # of a batch, and maps of each plan
 LEAST_WALLS, MOST_WALLS = 40, 320  # of a plan; larger ones are cut down to a part
-HELD_OUT_REGIMES, HELD_OUT_ROOMS = ("real", "drift", "messy"), (2, 4, 9, None)
-HELD_OUT_PLANS = 6  # for each regime and number of rooms, with two maps each
+HELD_OUT_NOISE, HELD_OUT_ROOMS = ("real", "drift", "mis_segmented"), (2, 4, 9, None)
+HELD_OUT_PLANS = 6  # for each noise model and number of rooms, with two maps each
 STRETCH = 0.18  # plans are stretched along x and y by up to so much, and every other one is mirrored
 
 
 @dataclass(frozen=True)
 class Batch:
-    """P pairs of graphs; several maps may share one plan. Truth: columns counted from the plan's first, -1 for none."""
+    """P pairs of graphs; several maps may share a plan. True matches are columns counted from the plan's first, -1
+    for none.
+    """
 
     s: GraphFeatures
     a: GraphFeatures
@@ -44,13 +46,13 @@ class Batch:
 
 @dataclass(frozen=True)
 class Drawing:
-    """What batches are drawn from: the plans of files, and generated ones by their kinds and seeds."""
+    """The source of batches: plans from files, and generated ones by kind and seed."""
 
     plans: tuple[Plan, ...]
     seeds: Mapping[str, tuple[int, ...]]
 
     def batch(self, seed: int, step: int) -> Batch:
-        """The batch of one step."""
+        """Returns the batch of one step."""
         rng = np.random.default_rng([seed, step])
         groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
         while len(groups) < PLANS:
@@ -62,7 +64,7 @@ class Drawing:
         return batch_of(groups)
 
     def plan(self, rng: np.random.Generator) -> Plan:
-        """One of the plans."""
+        """Returns a random plan."""
         if self.plans and (not self.seeds or rng.random() < FROM_FILES):
             return self.plans[int(rng.integers(len(self.plans)))]
         kind = str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
@@ -71,12 +73,12 @@ class Drawing:
     def _draw(self, a: SceneGraph, rng: np.random.Generator) -> DrawnGraph | None:
         foreign = rng.random() < FOREIGN
         seen = varied(self.plan(rng).graph, rng) if foreign else a
-        regime = str(rng.choice(list(REGIMES), p=list(REGIMES.values())))
+        noise = str(rng.choice(list(NOISE_SHARES), p=list(NOISE_SHARES.values())))
         rooms = list(ROOMS)[int(rng.choice(len(ROOMS), p=list(ROOMS.values())))]
         rooms = 6 if foreign and rooms is None else rooms
         if not seen.rooms:
             return None
-        drawn = draw(seen, regime, rng, rooms)
+        drawn = draw(seen, noise, rng, rooms)
         if not drawn.s_graph.wall_surfaces:
             return None
         if foreign:
@@ -97,7 +99,7 @@ def _generated(kind: str, seed: int) -> Plan:
 
 
 def _poorer(s: SceneGraph, rng: np.random.Generator) -> SceneGraph:
-    """Now and then without lengths, or without rooms: maps of other programs may have none."""
+    """Sometimes removes lengths or rooms, since maps of other programs may lack them."""
     lengthless, roomless = rng.random(2) < (LENGTHLESS, ROOMLESS)
     if not lengthless and not roomless:
         return s
@@ -109,7 +111,7 @@ def _poorer(s: SceneGraph, rng: np.random.Generator) -> SceneGraph:
 
 
 def batch_of(groups: Sequence[tuple[SceneGraph, Sequence[DrawnGraph]]]) -> Batch:
-    """A batch of plans and of the maps that were drawn from each."""
+    """Returns a batch from plans and the maps drawn from each."""
     s_parts, a_parts, pairs, walls, rooms = [], [], [], [], []
     at = np.zeros(4, dtype=np.int64)  # S walls, A walls, S rooms, A rooms so far
     for a, drawn in groups:
@@ -132,7 +134,7 @@ def batch_of(groups: Sequence[tuple[SceneGraph, Sequence[DrawnGraph]]]) -> Batch
 
 
 def varied(a: SceneGraph, rng: np.random.Generator) -> SceneGraph:
-    """The plan stretched along its axes, and mirrored every other time."""
+    """Returns the plan stretched along its axes, and mirrored in half of the cases."""
     x, y = rng.uniform(1 - STRETCH, 1 + STRETCH, 2) * [rng.choice([-1, 1]), 1]
     turned = bool(x < 0)
 
@@ -156,7 +158,7 @@ def varied(a: SceneGraph, rng: np.random.Generator) -> SceneGraph:
 
 
 def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
-    """About `most` wall surfaces of a larger plan: of one storey, or of two; the rooms about one of them."""
+    """Returns about `most` wall surfaces of a larger plan: of one storey, or of two; the rooms around one of them."""
     if len(a.wall_surfaces) <= most or not a.rooms:
         return a
     middle = a.rooms[int(rng.integers(len(a.rooms)))]
@@ -185,17 +187,17 @@ def part(a: SceneGraph, most: int, rng: np.random.Generator) -> SceneGraph:
 
 
 def held_out(drawing: Drawing, seed: int) -> dict[str, Batch]:
-    """A batch for each regime and number of rooms, of plans as they are; the same for the same seed."""
+    """Returns a batch for each noise model and number of rooms, of unmodified plans; the same for the same seed."""
     found = {}
-    for k, regime in enumerate(HELD_OUT_REGIMES):
+    for k, noise in enumerate(HELD_OUT_NOISE):
         for m, rooms in enumerate(HELD_OUT_ROOMS):
             rng = np.random.default_rng([seed, k, m])
             groups: list[tuple[SceneGraph, list[DrawnGraph]]] = []
             while len(groups) < HELD_OUT_PLANS:
                 a = part(drawing.plan(rng).graph, MOST_WALLS, rng)
-                drawn = [draw(a, regime, rng, rooms) for _ in range(2)] if len(a.rooms) >= (rooms or 1) else []
+                drawn = [draw(a, noise, rng, rooms) for _ in range(2)] if len(a.rooms) >= (rooms or 1) else []
                 drawn = [d for d in drawn if d.s_graph.wall_surfaces]
                 if drawn:
                     groups.append((a, drawn))
-            found[f"{regime} {rooms or 'all'}"] = batch_of(groups)
+            found[f"{noise} {rooms or 'all'}"] = batch_of(groups)
     return found

@@ -1,4 +1,4 @@
-"""What the training minimises, and the accuracies that are watched."""
+"""The training loss, and the accuracies shown during training."""
 
 from dataclasses import dataclass
 
@@ -16,14 +16,14 @@ MOST_SURPRISE = 10.0  # nats of one wall, also of a partner that is no candidate
 
 @dataclass(frozen=True)
 class Truth:
-    """Columns, counted from the plan's first; -1 for none. (N,) of S walls, (M,) of S rooms."""
+    """True columns, counted from the plan's first, -1 for none: (N,) of S walls, (M,) of S rooms."""
 
     walls: Tensor
     rooms: Tensor
 
 
 def run(network: Network, batch: Batch, device: torch.device) -> tuple[Output, Truth]:
-    """The network's output for a batch, and the truth as tensors."""
+    """Returns the network's output for a batch and the truth as tensors."""
     s = network.encode(GraphTensors.of(batch.s, device))
     a = network.encode(GraphTensors.of(batch.a, device))
     truth = Truth(torch.as_tensor(batch.walls).to(device), torch.as_tensor(batch.rooms).to(device))
@@ -31,7 +31,7 @@ def run(network: Network, batch: Batch, device: torch.device) -> tuple[Output, T
 
 
 def loss(output: Output, truth: Truth) -> Tensor:
-    """Negative log likelihood of the true partners (or of none), after every round; later rounds count more."""
+    """Negative log likelihood of the true matches (or of no match), after every round; later rounds weigh more."""
     total = 0.5 * cross_entropy(output.dense, _target(truth.walls, output.dense))
     total = total + 0.25 * _by_plan(output.dense, truth.walls)
     whole = len(output.walls) * (len(output.walls) + 1) / 2
@@ -47,7 +47,7 @@ def loss(output: Output, truth: Truth) -> Tensor:
 
 
 def surprise(output: Output, truth: Truth) -> float:
-    """Mean negative log likelihood of the true partners of walls (or of none) in the end, in nats."""
+    """Mean negative log likelihood of the true wall matches (or of no match) after the last round, in nats."""
     column, table = output.walls[-1]
     odds = table.log_softmax(dim=-1)
     at = column == truth.walls[:, None]
@@ -60,9 +60,9 @@ def _target(truth: Tensor, table: Tensor) -> Tensor:
 
 
 def _by_plan(dense: Tensor, truth: Tensor) -> Tensor:
-    """The other way round: each A wall that has partners shall find them among the map's walls.
+    """The reverse direction: each A wall with a match must find it among the map's walls.
 
-    Columns of a batch's pairs lie above each other; rivals from other maps are as good as any.
+    All maps of a batch compete, which adds negatives.
     """
     found = truth >= 0
     if not found.any():
@@ -72,9 +72,10 @@ def _by_plan(dense: Tensor, truth: Tensor) -> Tensor:
 
 
 def accuracies(output: Output, truth: Truth) -> dict[str, tuple[float, int]]:
-    """Shares and what they are shares of: walls and rooms whose best partner is the true one, and their like.
+    """Returns shares and the numbers they are taken of.
 
-    `none`: walls that have no partner and are told so; `within`: true partners that are candidates.
+    `walls`, `rooms`: best partner is the true one; `first`: the same for walls before consensus; `none`: walls without
+    a match that stay unmatched; `within`: true partners among the candidates.
     """
     column, table = output.walls[-1]
     best = column.gather(1, table[:, :-1].argmax(dim=1, keepdim=True))[:, 0]

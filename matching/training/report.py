@@ -1,4 +1,4 @@
-"""What a training leaves: its curve as CSV and as a picture, and the card of the network."""
+"""The files of a training run: learning curve as CSV and picture, model card."""
 
 import csv
 import io
@@ -12,7 +12,7 @@ Row = dict[str, float]
 
 
 def write_curve(folder: Path, curve: list[Row]) -> None:
-    """`curve.csv`: a row for each look at the held-out buildings."""
+    """Writes `curve.csv`: a row for each evaluation on the held-out buildings."""
     names = list(dict.fromkeys(name for row in curve for name in row))
     text = io.StringIO()
     table = csv.DictWriter(text, names, lineterminator="\n")
@@ -22,7 +22,7 @@ def write_curve(folder: Path, curve: list[Row]) -> None:
 
 
 def draw_curve(folder: Path, curve: list[Row]) -> None:
-    """`curve.png`: the loss, and the accuracies of walls and rooms over the steps."""
+    """Writes `curve.png`: the loss, and the accuracies of walls and rooms by step."""
     from matplotlib.figure import Figure  # slow to import
 
     figure = Figure(figsize=(10, 4), layout="constrained")
@@ -40,12 +40,12 @@ def draw_curve(folder: Path, curve: list[Row]) -> None:
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
-    """`model_card.json`: data, seed, command, commit, and how good the network is."""
+    """Writes `model_card.json`: data, seed, command, commit and accuracies."""
     write_json(folder / "model_card.json", {**card, "commit": _commit()})
 
 
 def _commit() -> str | None:
-    """The commit of this program, with `-dirty` where it was changed; None outside a repository."""
+    """The commit of this program, with `-dirty` if modified; None outside a repository."""
     command = ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"]
     try:
         here = Path(__file__).parent

@@ -1,4 +1,4 @@
-"""Batches made ahead in processes of their own, in the order of steps."""
+"""Batches prepared in advance by worker processes, in the order of steps."""
 
 import multiprocessing as mp
 import queue
@@ -31,10 +31,10 @@ def _work(drawing: Drawing, seed: int, first: int, every: int, out: Any) -> None
 def batches(
     drawing: Drawing, seed: int, first: int, workers: int, scheduler: str | None = None
 ) -> Iterator[Iterator[Batch]]:
-    """The batches of steps `first`, `first` + 1, ...; the same ones whoever draws them: so many workers, or those of a
-    scheduler's cluster.
+    """Yields the batches of steps `first`, `first` + 1, ...; they do not depend on the number of workers or the
+    cluster.
 
-    Raises RuntimeError where a worker fails, and UserError as `data.common.cluster` does.
+    Raises RuntimeError if a worker fails, and UserError as `data.common.cluster` does.
     """
     if scheduler is not None:
         from data.common.cluster import connected

@@ -1,4 +1,4 @@
-"""The training loop: steps, a moving average of the weights, looks at held-out buildings, and going on after a kill."""
+"""The training loop: steps, an exponential moving average of the weights, evaluation, resumption."""
 
 import copy
 import io
@@ -27,17 +27,17 @@ HeldOut = Mapping[str, Batch]
 
 @dataclass(frozen=True)
 class Limits:
-    """When training ends: after so many steps or minutes, or looks without a better one."""
+    """When training ends: after this many steps or minutes, or `patience` evaluations without improvement."""
 
     steps: int
     minutes: float = math.inf
-    every: int = 250  # steps between looks at the held-out buildings
+    every: int = 250  # steps between evaluations on the held-out buildings
     patience: int = 20
 
 
 @dataclass
 class Training:
-    """All that a run needs to go on; `best` is the averaged network at its best look."""
+    """The state of a run; `best` is the averaged network at its best evaluation."""
 
     network: Network
     average: Network
@@ -49,14 +49,14 @@ class Training:
 
     @staticmethod
     def begin(settings: AnySettings, seed: int, device: torch.device) -> "Training":
-        """Untrained, the same for the same seed."""
+        """Creates an untrained network; the same for the same seed."""
         torch.manual_seed(seed)
         network = network_of(settings).to(device)
         average = copy.deepcopy(network).requires_grad_(False)
         return Training(network, average, torch.optim.AdamW(network.parameters(), RATE, weight_decay=WEIGHT_DECAY))
 
     def save(self, path: Path) -> None:
-        """Writes everything atomically."""
+        """Writes the state atomically."""
         value: dict[str, Any] = {"network": self.network.state_dict(), "average": self.average.state_dict()}
         value |= {"optimizer": self.optimizer.state_dict(), "step": self.step, "seconds": self.seconds}
         value |= {"curve": self.curve, "best": self.best}
@@ -65,7 +65,7 @@ class Training:
         write_atomically(path, buffer.getvalue())
 
     def load(self, path: Path) -> None:
-        """Takes the place of a run that was saved; raises UserError where it was of another network."""
+        """Resumes from a saved run. Raises UserError if it is of another network."""
         value = torch.load(path, map_location="cpu", weights_only=True)
         try:
             for name in ("network", "average", "optimizer"):
@@ -75,7 +75,7 @@ class Training:
         self.step, self.seconds, self.curve, self.best = (value[k] for k in ("step", "seconds", "curve", "best"))
 
     def best_network(self) -> Network:
-        """The averaged weights at the best look."""
+        """Returns the averaged weights at the best evaluation."""
         network = copy.deepcopy(self.average)
         if self.best is not None:
             network.load_state_dict(self.best)
@@ -83,11 +83,11 @@ class Training:
 
 
 def train(
-    training: Training, stream: Iterator[Batch], held_out: HeldOut, limits: Limits, looked: Callable[[Row], None]
+    training: Training, stream: Iterator[Batch], held_out: HeldOut, limits: Limits, on_evaluation: Callable[[Row], None]
 ) -> str:
-    """Steps until a limit is reached, and says which. `stream` begins with the batch of `training.step`.
+    """Trains until a limit is reached and returns which. `stream` begins with the batch of `training.step`.
 
-    `looked` is called after each look at the held-out buildings, with the row that was added to the curve.
+    `on_evaluation` is called after each evaluation on the held-out buildings, with the new row of the curve.
     """
     began = time.monotonic() - training.seconds
     losses: list[float] = []
@@ -96,7 +96,7 @@ def train(
         progress = max(training.step / limits.steps, training.seconds / 60 / limits.minutes)
         ended = "all steps done" if progress >= 1 else None
         if losses and (ended or training.step % limits.every == 0):
-            looked(_look(training, held_out, losses))
+            on_evaluation(_evaluated(training, held_out, losses))
             losses = []
             if _stale(training.curve) >= limits.patience:
                 ended = f"no better for {limits.patience} looks"
@@ -124,17 +124,17 @@ def _step(training: Training, batch: Batch, progress: float) -> float:
     return value.item()
 
 
-def _look(training: Training, held_out: HeldOut, losses: list[float]) -> Row:
+def _evaluated(training: Training, held_out: HeldOut, losses: list[float]) -> Row:
     row: Row = {"step": training.step, "minutes": training.seconds / 60, "loss": sum(losses) / len(losses)}
-    row |= judged(training.average, held_out)
+    row |= evaluate(training.average, held_out)
     if all(row["surprise"] < earlier["surprise"] for earlier in training.curve):
         training.best = copy.deepcopy(training.average.state_dict())
     training.curve.append(row)
     return row
 
 
-def judged(network: Network, held_out: HeldOut) -> Row:
-    """Accuracies and surprise of each held-out batch, as `NAME MEASURE`, and their means over the batches."""
+def evaluate(network: Network, held_out: HeldOut) -> Row:
+    """Returns accuracies and surprise of each held-out batch, as `NAME MEASURE`, and their means over the batches."""
     device = next(network.parameters()).device
     row: Row = {}
     with torch.no_grad():

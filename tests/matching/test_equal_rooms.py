@@ -42,7 +42,7 @@ def row(rooms: list[int], doors: list[int], T: NDArray[np.float64]) -> SceneGrap
 
 @pytest.mark.parametrize("rooms", [8, 24, 60])
 @pytest.mark.parametrize("seen", [1, 6, 11, 16])
-def test_both_places_of_a_door_are_told_however_long_the_row(rooms: int, seen: int) -> None:
+def test_both_places_of_a_door_are_reported_however_long_the_row(rooms: int, seen: int) -> None:
     seen %= rooms - 3
     other = (seen + rooms // 2) % (rooms - 2)
     plan = row(list(range(rooms)), [seen, other], np.zeros(3))

@@ -112,7 +112,7 @@ FOREIGN: dict[str, Callable[[bytes], bytes]] = {
     "packed": lambda whole: packed({"tag.npy": header("(9,)") + bytes(MOST_BYTES)}),
     "no tag": changed(lambda a: a.pop("tag")),
     "two tags": changed(lambda a: a.update(tag=np.array([a["tag"]] * 2))),
-    "another version": changed(lambda a: a.update(tag=np.array("sgslam learned 2"))),
+    "another version": changed(lambda a: a.update(tag=np.array("sgslam learned 3"))),
     "no weights": changed(lambda a: [a.pop(k) for k in list(a) if k.startswith("weight/")]),
     "no settings": changed(lambda a: [a.pop(k) for k in list(a) if k.startswith("setting/")]),
     "another setting": changed(lambda a: a.update({"setting/depth": np.array(3)})),

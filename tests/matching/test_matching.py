@@ -42,10 +42,10 @@ def same_graph(graph: SceneGraph, **parts: object) -> SceneGraph:
     return dataclasses.replace(graph, **parts)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(("regime", "limit_m", "limit_deg"), [("real", 0.2, 2), ("drift", 0.6, 5)])
-def test_finds_the_place_of_a_map_with_the_noise_of_real_scans(regime, limit_m, limit_deg):
+@pytest.mark.parametrize(("noise", "limit_m", "limit_deg"), [("real", 0.2, 2), ("drift", 0.6, 5)])
+def test_finds_the_place_of_a_map_with_the_noise_of_real_scans(noise, limit_m, limit_deg):
     for seed in range(6):
-        truth = draw(PLAN, regime, np.random.default_rng(seed), 6)
+        truth = draw(PLAN, noise, np.random.default_rng(seed), 6)
         result = MATCHER.match(truth.s_graph, PLAN)
         off, turned = misplaced(result, truth)
         assert result.status == "unique", result.reason
@@ -79,9 +79,9 @@ def test_finds_the_storey():
         assert (result.status, result.floor) == ("unique", "upper")
 
 
-def test_twin_storeys_are_ambiguous_until_the_storey_is_known(drawn):
-    twin = a_graph(flat(np.random.default_rng(3)), "upper", "upper")
-    tower = merged(PLAN, twin)
+def test_equal_storeys_are_ambiguous_until_the_storey_is_known(drawn):
+    symmetry = a_graph(flat(np.random.default_rng(3)), "upper", "upper")
+    tower = merged(PLAN, symmetry)
     result = MATCHER.match(drawn.s_graph, tower)
     assert result.status == "ambiguous"
     assert "2 storeys" in result.reason

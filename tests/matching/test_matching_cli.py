@@ -45,17 +45,17 @@ def test_writes_the_answer(graphs):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (("--method", "magic"), "no matching method 'magic'"),
         (("--s-graph", "nowhere.json"), "nowhere.json"),
         (("--out", "nowhere/matches.json"), "no such folder"),
     ],
 )
-def test_a_users_mistake_is_one_line_and_exit_code_2(graphs, change, told):
+def test_a_users_mistake_is_one_line_and_exit_code_2(graphs, change, message):
     given = {"--s-graph": graphs / "s.json", "--a-graph": graphs / "a.json", "--out": graphs / "x.json"}
     given[change[0]] = change[1]
-    assert told in refused("matching.match", *(part for pair in given.items() for part in pair))
+    assert message in refused("matching.match", *(part for pair in given.items() for part in pair))
 
 
 def test_a_storey_of_a_map_of_several_is_matched_with_a_storey_of_the_plan(graphs):

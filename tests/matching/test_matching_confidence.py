@@ -35,8 +35,8 @@ def test_a_pair_is_as_likely_as_its_share_tells() -> None:
 def test_confidences_are_probabilities_whether_the_map_is_in_the_plan_or_not() -> None:
     value, right = [], []
     for n, plan in enumerate(PLANS):
-        for regime in ("real", "drift", "messy"):
-            drawn = draw(plan, regime, np.random.default_rng(n), 5)
+        for noise in ("real", "drift", "mis_segmented"):
+            drawn = draw(plan, noise, np.random.default_rng(n), 5)
             own, other = MATCHER.match(drawn.s_graph, plan), MATCHER.match(drawn.s_graph, PLANS[n - 1])
             for result in (own, other):
                 value += [c for _, _, c in result.wall_surfaces]
@@ -46,7 +46,7 @@ def test_confidences_are_probabilities_whether_the_map_is_in_the_plan_or_not() -
     assert error is not None and error < 0.1
 
 
-def test_a_room_that_is_two_is_not_told_but_its_walls_are() -> None:
+def test_a_merged_room_is_unmatched_but_its_walls_are_not() -> None:
     plan = PLANS[0]
     drawn = draw(plan, "real", np.random.default_rng(3), 7)
     whole = MATCHER.match(drawn.s_graph, plan)

@@ -11,11 +11,11 @@ from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import Matcher, MatchResult
 from matching.arrays.walls import storeys
-from matching.deformation.matcher import BentMatcher
+from matching.deformation.matcher import DeformableMatcher
 from matching.search.voting_proposals import voting_proposals
 
 MATCHERS = {name: Matcher.load(name) for name in ("learned", "voting")}
-MATCHERS["voted"] = Matcher(BentMatcher(voting_proposals))
+MATCHERS["voted"] = Matcher(DeformableMatcher(voting_proposals))
 PLANS = {
     "flat": a_graph(flat(np.random.default_rng(5)), "ground"),
     "offices": a_graph(offices([3.1, 4.2, 2.7, 5.0, 3.6], [4.4, 3.0, 6.1, 5.2]), "ground"),
@@ -23,17 +23,17 @@ PLANS = {
 OTHER = a_graph(flat(np.random.default_rng(6)), "ground", "far/")
 FAR = moved(OTHER, 0.3, 700.0, -400.0)
 CASES = [
-    ("learned", plan, regime, rooms)
+    ("learned", plan, noise, rooms)
     for plan in PLANS
-    for regime, rooms in (("real", 3), ("drift", 6), ("messy", 5), ("paper", None))
-] + [(method, "flat", regime, 6) for method in ("voting", "voted") for regime in ("real", "drift")]
+    for noise, rooms in (("real", 3), ("drift", 6), ("mis_segmented", 5), ("paper", None))
+] + [(method, "flat", noise, 6) for method in ("voting", "voted") for noise in ("real", "drift")]
 Case = tuple[Matcher, SceneGraph, DrawnGraph, MatchResult]
 
 
 @pytest.fixture(scope="module", params=CASES, ids=str)
 def case(request: pytest.FixtureRequest) -> Case:
-    method, plan, regime, rooms = request.param
-    drawn = draw(PLANS[plan], regime, np.random.default_rng(1), rooms)
+    method, plan, noise, rooms = request.param
+    drawn = draw(PLANS[plan], noise, np.random.default_rng(1), rooms)
     return MATCHERS[method], PLANS[plan], drawn, MATCHERS[method].match(drawn.s_graph, PLANS[plan])
 
 

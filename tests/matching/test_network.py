@@ -134,7 +134,7 @@ def test_only_nodes_of_one_storey_are_neighbours(plan: SceneGraph):
     assert f.rooms == tuple(r.id for r in both.rooms)
 
 
-def test_neighbours_are_the_nearest_and_facing_sides_are_told():
+def test_neighbours_are_the_nearest_and_facing_sides_are_marked():
     f = plan_features(a_graph([box(0, 0, 4, 3), box(4.2, 0, 4, 3)]))
     index = {w: k for k, w in enumerate(f.walls)}
     facing = -5  # same room, facing, both walls, wall of room, room of wall
@@ -189,9 +189,11 @@ def test_batches_are_worked_on_as_single_pairs_are(plan: SceneGraph, drawn: Draw
         assert torch.allclose(value[rows].sort(dim=1).values[:, -3:], expected.sort(dim=1).values[:, -3:], atol=0.02)
 
 
-@pytest.mark.parametrize(("regime", "rooms", "whole"), [("drift", 3, False), ("messy", 2, True), ("real", 1, False)])
-def test_the_compiled_network_says_what_the_network_says(plan: SceneGraph, regime: str, rooms: int, whole: bool):
-    s, a = draw(plan, regime, np.random.default_rng(7), rooms).s_graph, plan
+@pytest.mark.parametrize(
+    ("noise", "rooms", "whole"), [("drift", 3, False), ("mis_segmented", 2, True), ("real", 1, False)]
+)
+def test_the_compiled_network_says_what_the_network_says(plan: SceneGraph, noise: str, rooms: int, whole: bool):
+    s, a = draw(plan, noise, np.random.default_rng(7), rooms).s_graph, plan
     if whole:  # a plan of two storeys, the lower one without rooms
         lower = dataclasses.replace(plan, rooms=(), wall_surfaces=tuple(
             dataclasses.replace(w, id=f"l{w.id}", room=None, floor="lower") for w in plan.wall_surfaces))
@@ -205,7 +207,7 @@ def test_the_compiled_network_says_what_the_network_says(plan: SceneGraph, regim
     with torch.inference_mode():
         output = network(network.encode(GraphTensors.of(f)), network.encode(GraphTensors.of(g)), [pair])
     compiled = CompiledNetwork.of(network)
-    found = compiled.ask(compiled.encode(f), compiled.encode(g), enough=1.0)
+    found = compiled.match(compiled.encode(f), compiled.encode(g), enough=1.0)
     column, odds = output.walls[-1]
     np.testing.assert_array_equal(found.column, column.numpy())
     assert (found.column[:, 5:] >= 0).any(), "candidates come from later cycles too"
@@ -325,7 +327,7 @@ def test_a_network_that_is_sure_stops_early(plan: SceneGraph):
     network = load_learned(SHIPPED)
     s = network.encode(map_features(draw(plan, "real", np.random.default_rng(2)).s_graph))
     a = network.encode(plan_features(plan))
-    short, whole = (network.ask(s, a, enough) for enough in (ENOUGH, 1.0))
+    short, whole = (network.match(s, a, enough) for enough in (ENOUGH, 1.0))
     assert short.column.shape[1] < whole.column.shape[1]  # each cycle adds candidates
     best = [np.take_along_axis(f.column, f.walls.argmax(axis=1)[:, None], axis=1) for f in (short, whole)]
     assert (best[0] == best[1]).mean() > 0.9

@@ -46,13 +46,13 @@ def test_a_run_that_was_stopped_goes_on_as_if_it_had_not_been(drawing: Drawing, 
     watched = {"some": drawing.batch(99, 0)}
 
     def ran(training: Training, killed_at: int | None = None) -> Training:
-        def looked(row: dict[str, float]) -> None:
+        def on_evaluation(row: dict[str, float]) -> None:
             if row["step"] == killed_at:
                 training.save(tmp_path / "checkpoint.pt")
                 raise KeyboardInterrupt
 
         with batches(drawing, 0, training.step, 0) as stream:
-            train(training, stream, watched, Limits(4, every=2, patience=9), looked)
+            train(training, stream, watched, Limits(4, every=2, patience=9), on_evaluation)
         return training
 
     whole = ran(Training.begin(TINY, 0, CPU))
@@ -78,7 +78,7 @@ def test_help_does_not_load_torch():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60).returncode == 0
 
 
-def test_mistakes_are_told_in_one_line(tmp_path: Path):
+def test_mistakes_give_one_line(tmp_path: Path):
     for arguments in (("--plans", tmp_path / "none"), ("--device", "abacus")):
         refused("matching.train", "--out", tmp_path / "out", *arguments)
     done = command("--out", str(tmp_path / "out"), "--steps", "0")

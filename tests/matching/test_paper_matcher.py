@@ -20,7 +20,7 @@ from matching.published.matcher import PaperMatcher
 from matching.published.network import PRESETS, PUBLISHED, REPOSITORY, GATv2, Nodes, PaperNetwork
 from matching.published.sinkhorn import soft_assignment
 from matching.published.train import main as train_command
-from matching.published.trainer import PaperTraining, Recipe, Row, judged, train
+from matching.published.trainer import PaperTraining, Recipe, Row, evaluate, train
 from matching.published.weights import load_paper_network, save_paper_network
 
 TINY = replace(REPOSITORY, hidden=16, out=8)
@@ -199,7 +199,7 @@ def test_training_lowers_the_loss_and_goes_on_bitwise(pairs: list[PaperPair], tm
     assert [r["loss"] for r in again.curve] == [r["loss"] for r in whole.curve]
     state = whole.network.state_dict()
     assert all(torch.equal(v, state[k]) for k, v in again.network.state_dict().items())
-    best = judged(whole.best_network(), parts.validation)[0]
+    best = evaluate(whole.best_network(), parts.validation)[0]
     assert best == min(r["validation loss"] for r in whole.curve)
     with pytest.raises(UserError, match="another settings"):
         PaperTraining.begin(PUBLISHED, recipe, parts, 0).load(tmp_path / "checkpoint.pt")
@@ -247,7 +247,7 @@ def test_shipped_networks_know_the_published_perturbation_and_nothing_of_an_unkn
     assert load_paper_network("published").settings == PUBLISHED
 
 
-def test_mistakes_are_told(tmp_path: Path):
+def test_mistakes_are_refused(tmp_path: Path):
     out = ["--out", str(tmp_path / "out")]
     for wrong in (["--preset", "best"], ["--edges", "all"], ["--without", "walls"], ["--epochs", "0"]):
         with pytest.raises(UserError, match=wrong[0]):

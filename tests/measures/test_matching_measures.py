@@ -68,7 +68,7 @@ def test_the_measures_of_three_pairs_by_hand() -> None:
 
 def test_what_there_is_nothing_of_is_not_measured() -> None:
     m = measure(
-        [row(regime="elsewhere", twin=None, wrong=True, room_tally=Tally(0, 1), wall_tally=Tally(0, 3, 0, 4, 1))]
+        [row(regime="negative", twin=None, wrong=True, room_tally=Tally(0, 1), wall_tally=Tally(0, 3, 0, 4, 1))]
     )
     assert m.walls.f1 is None and m.walls.recall is None and m.perfect is None and m.decided is None
     assert m.walls.accuracy is not None and m.walls.accuracy.value == 0.25
@@ -141,13 +141,13 @@ def test_tables_have_a_line_for_every_regime_and_method_and_escape_what_latex_re
     rows = [
         row(method=m, regime=r, rooms=n) for m in ("voting", "oracle") for r in ("real", "drift") for n in (2, None)
     ]
-    rows += [row(regime="elsewhere", room_tally=Tally(), wall_tally=Tally()), row(size=34, plan="my_plan", plans="a_b")]
+    rows += [row(regime="negative", room_tally=Tally(), wall_tally=Tally()), row(size=34, plan="my_plan", plans="a_b")]
     short, full = tables(rows), full_tables(rows)
     f1 = next(t for t in short if t.title.startswith("Wall F1, small"))
     assert f1.header == ("regime", "method", "2", "all", "pairs a cell")
     assert [line[:2] for line in f1.lines] == [(r, m) for r in ("real", "drift") for m in ("voting", "oracle")]
     unique = next(t for t in short if t.title.startswith("Unique") and "small" in t.title)
-    assert unique.lines[-1][:3] == ("elsewhere", "voting", "100 % · 0/1")
+    assert unique.lines[-1][:3] == ("negative", "voting", "100 % · 0/1")
     for table in (*short, *full):
         assert all(len(line) == len(table.header) for line in table.lines)
         assert "_" not in latex(table).replace("\\_", "")

@@ -69,7 +69,7 @@ def test_outlines_of_walls_on_a_layer_with_such_a_name(layer: str, tmp_path: Pat
      (0.001, None, 1), (0.01, None, 1), (1.0, None, 1), (0.0254, None, 0), (0.3048, None, 0),  # guessed
      (0.001, 6, 1)],  # told wrongly: ten kilometres
 )  # fmt: skip
-def test_units_told_and_guessed(unit: float, units: int | None, metric: int, tmp_path: Path) -> None:
+def test_units_given_and_guessed(unit: float, units: int | None, metric: int, tmp_path: Path) -> None:
     drawing = draw(tmp_path, units=units, metric=metric)
     for ring in RING_LINES:
         for a, b in pairwise(ring):

@@ -86,7 +86,7 @@ def test_archives_that_hold_no_model(tmp_path: Path) -> None:
         load_bim(tmp_path / "text.ifczip", tmp_path / "cache")
 
 
-def test_a_reader_that_goes_down_or_never_ends_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reader_that_goes_down_or_never_ends_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from data.ifc import guard as ifc_guard
 
     path = house(tmp_path / "m.ifc", "IFC4", "metres", (0.0, 0.0, 0.0), 0.0, drawn_there=False)

@@ -53,7 +53,7 @@ def test_rooms_walls_and_door_of_a_mesh(stl: Path) -> None:
     assert len(inner) == 1 and np.allclose(inner[0].centroid, [4.1, 2.0], atol=0.01)
 
 
-def test_two_storeys_are_told_apart(tmp_path: Path) -> None:
+def test_two_storeys_are_separated(tmp_path: Path) -> None:
     both = trimesh.util.concatenate([two_rooms(), two_rooms(3.0)])
     both.export(tmp_path / "tower.stl")
     graph = read_mesh(tmp_path / "tower.stl").graph

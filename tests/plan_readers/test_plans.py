@@ -120,7 +120,7 @@ def test_reading_twice_gives_the_same_ids_and_numbers(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("plan", "told"),
+    ("plan", "message"),
     [
         (drawn([]), "no room with walls"),
         ({**drawn([box(0, 0, 4, 3)]), "unit": "mm"}, "metres"),
@@ -130,16 +130,16 @@ def test_reading_twice_gives_the_same_ids_and_numbers(tmp_path: Path) -> None:
         (["no", "plan"], "not a floor plan"),
     ],
 )
-def test_single_plan_that_cannot_be_used_is_refused(tmp_path: Path, plan: object, told: str) -> None:
+def test_single_plan_that_cannot_be_used_is_refused(tmp_path: Path, plan: object, message: str) -> None:
     """One line that names the file and says why."""
     path = tmp_path / "bad.json"
     path.write_text(json.dumps(plan))
-    with pytest.raises(UserError, match=told) as error:
+    with pytest.raises(UserError, match=message) as error:
         list(read_plans(path))
     assert "bad.json" in str(error.value) and "\n" not in str(error.value)
 
 
-def test_folder_leaves_out_what_it_cannot_use_and_knows_twins(tmp_path: Path) -> None:
+def test_folder_leaves_out_what_it_cannot_use_and_knows_duplicates(tmp_path: Path) -> None:
     """A plan drawn twice is one building, also where its drawing differs by centimetres."""
     flat = [box(0, 0, 4, 3), box(4.2, 0, 3, 3), box(0, 3.2, 4, 5), box(4.2, 3.2, 3, 4)]
     mirrored = [[(-x + 0.002 * x, y) for x, y in ring] for ring in flat]
@@ -220,7 +220,7 @@ def test_real_plans(source: str) -> None:
 
 
 @pytest.mark.skipif(not FLOORPLANS.is_dir(), reason="the shared floor plans are not here")
-def test_real_twins_share_a_building(tmp_path: Path) -> None:
+def test_real_duplicates_share_a_building(tmp_path: Path) -> None:
     """Two floors of the same building, each drawn by hand."""
     for name in ("plan_574", "plan_575", "plan_863", "plan_868"):
         (tmp_path / f"{name}.json").write_bytes((FLOORPLANS / "swiss_floors" / f"{name}.json").read_bytes())

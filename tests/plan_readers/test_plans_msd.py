@@ -90,7 +90,7 @@ def test_raw_edges_of_the_published_graphs(tmp_path: Path) -> None:
     assert len(plan.graph.rooms) == 2 and len(plan.graph.wall_surfaces) == 9
 
 
-def test_bad_rows_are_counted_and_told(tmp_path: Path) -> None:
+def test_bad_rows_are_counted_and_reported(tmp_path: Path) -> None:
     """No WKT, nothing in it, a row cut short: the rest is read."""
     rows = [*flat(1, "aa"), row(1, "aa", "Kitchen", "POLYGON ((0 0, 1"), row(1, "aa", "Kitchen", "POLYGON EMPTY")]
     path = table(tmp_path / "t.csv", [*rows, row(2, "bb", "Kitchen", "nonsense")])

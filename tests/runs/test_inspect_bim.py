@@ -14,7 +14,7 @@ from plans import a_graph, box, merged, moved, offices
 from data import Door, Floor, Room, SceneGraph, UserError
 from data.synthetic_maps.exploration import storeys_of
 from data.synthetic_maps.noise_models import draw_walk
-from data.synthetic_maps.walks import nearest_first, seen_in
+from data.synthetic_maps.walks import nearest_first, restricted_to
 from evaluation.studies.rooms_to_localise import Side, Start, sides_of, table
 from matching import Matcher
 from sgslam.inspection.inspection import InspectionSettings, Inspection, inspect
@@ -64,7 +64,7 @@ def test_a_map_grows_without_being_drawn_anew() -> None:
     order = [storey.rooms[k].id for k in walked.rooms]
     sizes, before = [], set()
     for n in range(1, len(order) + 1):
-        part = seen_in(drawn, set(order[:n]))
+        part = restricted_to(drawn, set(order[:n]))
         walls = set(part.s_graph.wall_surfaces)
         assert before <= walls <= set(drawn.s_graph.wall_surfaces)
         assert {part.rooms[w.room] for w in walls if w.room} <= set(order[:n])

@@ -109,7 +109,7 @@ def test_one_stamp_far_ahead_costs_its_own_scan(wrong: int, tmp_path: Path) -> N
     assert kept == expected
 
 
-def test_a_long_pause_is_told_and_survived(tmp_path: Path) -> None:
+def test_a_long_pause_is_reported_and_survived(tmp_path: Path) -> None:
     seconds = [*steady(20), *(s + 3600 for s in steady(20))]
     folder = folder_of(tmp_path, seconds)
     assert len(list(folder)) == 40 and not folder.skipped

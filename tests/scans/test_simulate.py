@@ -184,7 +184,7 @@ def test_a_storey_without_spaces_in_millimetres(tmp_path: Path) -> None:
     assert {name for name in ROOMS if any(in_room(p[:2], name) for p in places)} == set(ROOMS)
 
 
-def test_where_there_is_no_floor_nobody_drives(tmp_path: Path) -> None:
+def test_nothing_drives_where_there_is_no_floor(tmp_path: Path) -> None:
     holed = write_small_ifc(tmp_path / "pit.ifc", pit=True)
     run = simulate(holed.path, "Ground", tmp_path / "out", 0, 3, 60.0, SpinningSensor(beams=1, azimuths=4))
     pit = (*PIT[:2], 0.0, *PIT[3:5], 1.0)
@@ -201,7 +201,7 @@ def test_where_there_is_no_floor_nobody_drives(tmp_path: Path) -> None:
         ({"ifc": "missing.ifc"}, "no such file"),
     ],
 )
-def test_mistakes_are_told(building: SmallBuilding, tmp_path: Path, change: dict[str, object], message: str) -> None:
+def test_mistakes_are_refused(building: SmallBuilding, tmp_path: Path, change: dict[str, object], message: str) -> None:
     arguments = {"ifc": building.path, "storey": "Ground", "out_dir": tmp_path / "out", **change}
     with pytest.raises(UserError, match=message):
         simulate(**arguments)  # type: ignore[arg-type]

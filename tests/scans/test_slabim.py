@@ -74,7 +74,7 @@ def test_one_command_lays_a_session_out_and_anchors_it(dataset: Path, tmp_path: 
     assert again.returncode == 0, again.stderr
 
 
-def test_what_does_not_fit_is_told(dataset: Path, tmp_path: Path):
+def test_inconsistent_files_are_refused(dataset: Path, tmp_path: Path):
     with pytest.raises(UserError, match=f"there are: {SESSION}"):
         SlabimSession.open(dataset, "5F_Region1")
     with pytest.raises(UserError, match="BIM and sensor_data"):

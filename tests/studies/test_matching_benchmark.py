@@ -40,7 +40,7 @@ def plans(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(plans: Path, out: Path, *more: str) -> list[str]:
     given = [str(plans / f"flat_{n}.json") for n in (3, 4)]
-    small = ["--methods", "voting", "oracle", "--regimes", "real", "elsewhere", "--rooms", "2", "all", "--pairs", "6"]
+    small = ["--methods", "voting", "oracle", "--regimes", "real", "negative", "--rooms", "2", "all", "--pairs", "6"]
     return [
         sys.executable,
         "-m",
@@ -63,7 +63,7 @@ def undisturbed(plans: Path) -> list[Row]:
     """The rows of `command`, made here and now."""
     candidates = read_candidates([plans / f"flat_{n}.json" for n in (3, 4)], [])
     rows = []
-    for regime in ("real", "elsewhere"):
+    for regime in ("real", "negative"):
         for pair in [p for rooms in (2, None) for p in pairs_of_cell(candidates, regime, rooms, 6, 0)]:
             prepared = pair.prepare()
             rows.append(judged(blank_row(pair, prepared, "voting"), prepared, Matcher.load("voting")))
@@ -133,16 +133,16 @@ def candidates() -> list[Candidate]:
 
 def test_pairs_depend_neither_on_the_order_of_the_plans_nor_on_how_many_pairs_are_wanted() -> None:
     plans = candidates()
-    for regime in ("real", "elsewhere"):
+    for regime in ("real", "negative"):
         few, many = (pairs_of_cell(plans[::step], regime, 3, n, 0) for step, n in ((1, 6), (-1, 8)))
         keys = [[(p.target.plan.name, p.source.plan.name, p.index) for p in pairs] for pairs in (few, many)]
         assert keys[1][:6] == keys[0]
         assert few[5].prepare().drawn == many[5].prepare().drawn
         assert few[0].prepare().drawn != few[4].prepare().drawn  # the same plan again, another map
         assert {p.target.plan.name for p in few} == {f"flat_{n}" for n in range(3, 7)}
-        assert all((p.source is not p.target) == (regime == "elsewhere") for p in many)
+        assert all((p.source is not p.target) == (regime == "negative") for p in many)
     assert pairs_of_cell(plans, "real", 500, 3, 0) == []  # no plan is so large
-    assert pairs_of_cell(plans[:1], "elsewhere", 2, 3, 0) == []  # there is no other building
+    assert pairs_of_cell(plans[:1], "negative", 2, 3, 0) == []  # there is no other building
 
 
 def test_the_maps_of_our_own_pipeline_are_pairs_by_the_rooms_they_saw(tmp_path: Path) -> None:

@@ -13,12 +13,12 @@ from evaluation.matching_benchmark.oracle import oracle_match
 from evaluation.metrics.matches import matching_scores, unique_is_wrong
 from evaluation.metrics.true_matches import TrueMatches
 from matching import MatchResult
-from matching.ambiguity.symmetries import twins
+from matching.ambiguity.symmetries import symmetries
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 
 
-def seen(a: SceneGraph, rooms: list[str], bent: bool = False) -> DrawnGraph:
+def seen(a: SceneGraph, rooms: list[str], deformed: bool = False) -> DrawnGraph:
     """A perfect map of these rooms, in the A-graph's own frame."""
     part = SceneGraph(
         "map", tuple(r for r in a.rooms if r.id in rooms), tuple(w for w in a.wall_surfaces if w.room in rooms)
@@ -27,64 +27,64 @@ def seen(a: SceneGraph, rooms: list[str], bent: bool = False) -> DrawnGraph:
     floor = part.rooms[0].floor
     still = (0.0, 0.0, 0.0)
     walls = {w.id: w.id for w in part.wall_surfaces}
-    return DrawnGraph(part, own, walls, still, dict.fromkeys(own, still), floor, bent)
+    return DrawnGraph(part, own, walls, still, dict.fromkeys(own, still), floor, deformed)
 
 
-def test_a_rectangular_room_alone_has_its_half_turn_as_a_twin() -> None:
+def test_a_rectangular_room_alone_has_a_half_turn_as_symmetry() -> None:
     plan = a_graph([box(0, 0, 5, 3), box(5.1, 0, 4.2, 3.9)])
-    (twin,) = twins(seen(plan, ["room0"]), plan)
-    assert abs(abs(twin.T_a_s[0]) - np.pi) < 1e-6 and np.allclose(twin.T_a_s[1:], (5, 3), atol=1e-6)
-    assert abs(twin.nats) < 1e-6
-    assert not twins(seen(plan, ["room0", "room1"]), plan)
+    (symmetry,) = symmetries(seen(plan, ["room0"]), plan)
+    assert abs(abs(symmetry.T_a_s[0]) - np.pi) < 1e-6 and np.allclose(symmetry.T_a_s[1:], (5, 3), atol=1e-6)
+    assert abs(symmetry.nats) < 1e-6
+    assert not symmetries(seen(plan, ["room0", "room1"]), plan)
 
 
-def test_a_mirrored_flat_is_a_twin_only_if_a_motion_reaches_it() -> None:
+def test_a_mirrored_flat_is_a_symmetry_only_if_a_motion_reaches_it() -> None:
     rooms = [box(0, 0, 5, 3), box(5.1, 0, 3, 5), box(0, 3.1, 2, 4)]
     left, right = a_graph(rooms, "f"), a_graph(rooms, "f", "right")
     mirrored = merged(left, moved(right, 0, 30, 0, mirror=True))
     turned = merged(left, moved(right, np.pi, 30, 0))
     drawn = seen(left, ["room0", "room1", "room2"])
-    assert not twins(drawn, mirrored)
-    (twin,) = twins(drawn, turned)
-    assert np.allclose(np.abs(twin.T_a_s), (np.pi, 30, 0), atol=1e-6)
+    assert not symmetries(drawn, mirrored)
+    (symmetry,) = symmetries(drawn, turned)
+    assert np.allclose(np.abs(symmetry.T_a_s), (np.pi, 30, 0), atol=1e-6)
 
 
 @pytest.mark.parametrize(("deeper", "expected"), [(0.0, True), (0.15, True), (0.6, False)])
-def test_equal_offices_are_twins_as_far_as_noise_hides_their_difference(deeper: float, expected: bool) -> None:
+def test_equal_offices_are_symmetries_as_far_as_noise_hides_their_difference(deeper: float, expected: bool) -> None:
     plan = a_graph([box(0, 0, 5, 3), box(20, 0, 5, 3 + deeper), box(40, 0, 8, 7)])
-    elsewhere = [t for t in twins(seen(plan, ["room0"]), plan) if 15 < np.hypot(*t.T_a_s[1:]) < 30]
+    elsewhere = [t for t in symmetries(seen(plan, ["room0"]), plan) if 15 < np.hypot(*t.T_a_s[1:]) < 30]
     assert bool(elsewhere) == expected
 
 
 def test_a_row_of_offices_hides_where_one_is_until_its_end_is_seen() -> None:
     row = a_graph([*offices([3.0] * 6, [3.0] * 6), box(19, -4, 6, 5.5)])
-    assert twins(seen(row, ["room1", "room2"]), row)
-    assert not twins(seen(row, [r.id for r in row.rooms]), row)  # the odd room breaks the symmetry
+    assert symmetries(seen(row, ["room1", "room2"]), row)
+    assert not symmetries(seen(row, [r.id for r in row.rooms]), row)  # the odd room breaks the symmetry
 
 
-def test_equal_storeys_are_twins_and_others_are_not() -> None:
+def test_equal_storeys_are_symmetries_and_others_are_not() -> None:
     equal = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
     other = merged(PLAN, a_graph(flat(np.random.default_rng(4)), "upper", "upper"))
     for seed in range(3):
         drawn = draw(PLAN, "drift", np.random.default_rng(seed), 6)
-        assert not twins(drawn, other)
-        (twin,) = twins(drawn, equal)
-        assert twin.floor == "upper" and twin.nats < 0.1
-        assert np.allclose(twin.T_a_s, drawn.T_a_s, atol=0.05)
+        assert not symmetries(drawn, other)
+        (symmetry,) = symmetries(drawn, equal)
+        assert symmetry.floor == "upper" and symmetry.nats < 0.1
+        assert np.allclose(symmetry.T_a_s, drawn.T_a_s, atol=0.05)
 
 
 def test_what_the_map_did_not_see_decides_too() -> None:
     """Three walls of an office fit into a corner of a hall; that the hall's others are missing speaks against it."""
     plan = a_graph([box(0, 0, 5, 3), [(20, 0), (25, 0), (25, 3), (31, 3), (31, 9), (29, 9), (29, 6), (20, 6)]])
     drawn = seen(plan, ["room0"])
-    assert all(abs(abs(t.T_a_s[0]) - np.pi) < 0.1 and np.hypot(*t.T_a_s[1:]) < 10 for t in twins(drawn, plan))
+    assert all(abs(abs(t.T_a_s[0]) - np.pi) < 0.1 and np.hypot(*t.T_a_s[1:]) < 10 for t in symmetries(drawn, plan))
 
 
 def test_a_wall_seen_short_of_its_end_fits_where_one_ends_elsewhere() -> None:
     """The rooms differ in their depth only; the back wall was not seen, nor the ends of the side walls."""
     plan = a_graph([box(0, 0, 3, 9), box(20, 0, 3, 12)])
     whole = seen(plan, ["room0"])
-    assert not any(np.hypot(*t.T_a_s[1:]) > 15 for t in twins(whole, plan))
+    assert not any(np.hypot(*t.T_a_s[1:]) > 15 for t in symmetries(whole, plan))
     front = [w for w in plan.surfaces_of_room["room0"] if w.normal[1] > -0.5]
     half = [
         dataclasses.replace(w, length=4.0, centroid=(w.centroid[0], 2.0)) if w.length == 9 else w for w in front
@@ -93,15 +93,15 @@ def test_a_wall_seen_short_of_its_end_fits_where_one_ends_elsewhere() -> None:
         whole, s_graph=dataclasses.replace(whole.s_graph, wall_surfaces=tuple(half)),
         wall_surfaces={w.id: w.id for w in half},
     )  # fmt: skip
-    assert sorted(np.round(t.T_a_s[1:], 3).tolist() for t in twins(short, plan)) == [[3, 9], [20, 0], [23, 12]]
+    assert sorted(np.round(t.T_a_s[1:], 3).tolist() for t in symmetries(short, plan)) == [[3, 9], [20, 0], [23, 12]]
 
 
-def test_a_bent_map_may_lie_where_a_rigid_one_cannot() -> None:
+def test_a_deformed_map_may_lie_where_a_rigid_one_cannot() -> None:
     """The two rows differ by 0.3 m in how far their rooms are shifted against each other."""
     rooms = [box(0, 0, 5, 3), box(5.1, 1.0, 4, 6), box(40, 0, 5, 3), box(45.1, 1.3, 4, 6)]
     plan = a_graph(rooms)
-    assert not twins(seen(plan, ["room0", "room1"]), plan)
-    assert twins(seen(plan, ["room0", "room1"], bent=True), plan)
+    assert not symmetries(seen(plan, ["room0", "room1"]), plan)
+    assert symmetries(seen(plan, ["room0", "room1"], deformed=True), plan)
 
 
 def test_the_frames_do_not_matter() -> None:
@@ -112,7 +112,7 @@ def test_the_frames_do_not_matter() -> None:
         drawn = draw(row, "real", np.random.default_rng(seed), 2)
         motions = {r: tuple(se2.compose(T, np.array(m)).tolist()) for r, m in drawn.T_a_s_by_room.items()}
         there = dataclasses.replace(drawn, T_a_s=next(iter(motions.values())), T_a_s_by_room=motions)
-        here, far = twins(drawn, row), twins(there, away)
+        here, far = symmetries(drawn, row), symmetries(there, away)
         assert [t.nats for t in far] == pytest.approx([t.nats for t in here], abs=1e-3)
 
 
@@ -120,23 +120,23 @@ def judged(result: MatchResult, drawn: DrawnGraph) -> tuple[float, float, bool]:
     x, y = drawn.s_graph.centroid().tolist()
     truth = TrueMatches(drawn.rooms, drawn.wall_surfaces, drawn.T_a_s, drawn.floor, (x, y))
     scores = matching_scores(result, truth, drawn.s_graph)
-    return scores.rooms.f1 or 0.0, scores.wall_surfaces.f1 or 0.0, unique_is_wrong(result, truth, drawn.bent)
+    return scores.rooms.f1 or 0.0, scores.wall_surfaces.f1 or 0.0, unique_is_wrong(result, truth, drawn.deformed)
 
 
-@pytest.mark.parametrize("regime", ["real", "drift", "messy"])
-def test_the_oracle_is_nearly_right_also_where_the_building_repeats_itself(regime: str) -> None:
+@pytest.mark.parametrize("noise", ["real", "drift", "mis_segmented"])
+def test_the_oracle_is_nearly_right_also_where_the_building_repeats_itself(noise: str) -> None:
     row = a_graph(offices([3.0] * 6, [3.0] * 6), "f")
     walls = []
     for plan in (PLAN, row):
         for seed in range(6):
-            drawn = draw(plan, regime, np.random.default_rng(seed), 6)
+            drawn = draw(plan, noise, np.random.default_rng(seed), 6)
             rooms, found, wrong = judged(oracle_match(drawn, plan), drawn)
             assert rooms > 0.8 and not (wrong and rooms == 1.0)
             walls.append(found)
     assert np.mean(walls) > 0.94
 
 
-def test_doors_that_stand_otherwise_make_equal_offices_no_twins() -> None:
+def test_doors_that_stand_otherwise_make_equal_offices_no_symmetry() -> None:
     row = a_graph(offices([3.0] * 6, [3.0] * 6))
     corridor = row.rooms[12]
 
@@ -158,8 +158,8 @@ def test_doors_that_stand_otherwise_make_equal_offices_no_twins() -> None:
 
     alike = dataclasses.replace(row, doors=doors([-1.0] * 12))
     otherwise = dataclasses.replace(row, doors=doors([-1.0, 1.0, -0.6, -1.0, -1.0, -1.0, *[1.2, 0.0] * 3]))
-    assert twins(of_two(row), row) and twins(of_two(alike), alike)
-    assert not twins(of_two(otherwise), otherwise)
+    assert symmetries(of_two(row), row) and symmetries(of_two(alike), alike)
+    assert not symmetries(of_two(otherwise), otherwise)
 
 
 def test_no_clutter_is_as_long_as_a_corridor() -> None:
@@ -173,7 +173,7 @@ def test_no_clutter_is_as_long_as_a_corridor() -> None:
         part = dataclasses.replace(corridor, length=length, room=None)
         graph = dataclasses.replace(two.s_graph, wall_surfaces=(*two.s_graph.wall_surfaces, part))
         drawn = dataclasses.replace(two, s_graph=graph, wall_surfaces={**two.wall_surfaces, corridor.id: corridor.id})
-        return [t.nats for t in twins(drawn, row) if abs(t.T_a_s[0]) < 1]
+        return [t.nats for t in symmetries(drawn, row) if abs(t.T_a_s[0]) < 1]
 
     assert corridor.length is not None
     assert moved_along(corridor.length / 2) == pytest.approx([0.0, 0.0]) and not moved_along(corridor.length)
@@ -187,5 +187,5 @@ def test_doors_within_a_room_that_was_merged_are_not_missed() -> None:
     apart = seen(plan, ["room1", "room2", "room12"])
     merged_ = dataclasses.replace(apart, rooms={"room12": "room12"})
     without = seen(row, ["room1", "room2", "room12"])
-    least = [min(t.nats for t in twins(d, p)) for d, p in ((apart, plan), (merged_, plan), (without, row))]
+    least = [min(t.nats for t in symmetries(d, p)) for d, p in ((apart, plan), (merged_, plan), (without, row))]
     assert least[0] < least[1] - 4 and least[1] == pytest.approx(least[2], abs=1e-6)

@@ -15,7 +15,7 @@ from matching import Matcher
 from matching.learned.torch_weights import load_network, save_network
 from matching.network.parts import sinkhorn
 from matching.network.registry import KINDS, network_of, settings_of
-from matching.published.baselines import RelativeMatcher, best_as_a_whole, mutual_best
+from matching.published.baselines import BaselineMatcher, hungarian, mutual_best
 from matching.training.data import batch_of
 from matching.training.loss import accuracies, loss, run, surprise
 
@@ -42,7 +42,7 @@ def test_sinkhorn_shares_rows_and_columns_among_each_other_and_nothing():
 @pytest.mark.parametrize("kind", RELATIVES)
 def test_pairs_of_a_batch_do_not_disturb_each_other_and_the_frame_does_not_matter(kind: str):
     network = untrained(kind)
-    other = draw(OTHER, "messy", np.random.default_rng(3), 2)
+    other = draw(OTHER, "mis_segmented", np.random.default_rng(3), 2)
     turned = dataclasses.replace(DRAWN, s_graph=moved(DRAWN.s_graph, 2.0, 40.0, -7.0))
     with torch.inference_mode():
         alone, _ = run(network, batch_of([(PLAN, [DRAWN])]), torch.device("cpu"))
@@ -84,7 +84,7 @@ def test_it_learns_and_answers_with_its_own_assignment(kind: str, tmp_path: Path
 
 @pytest.mark.parametrize("kind", RELATIVES)
 def test_maps_and_plans_without_rooms_or_walls_are_answered(kind: str):
-    matcher = RelativeMatcher(untrained(kind))
+    matcher = BaselineMatcher(untrained(kind))
     bare = SceneGraph("map", (), tuple(dataclasses.replace(w, room=None) for w in DRAWN.s_graph.wall_surfaces))
     assert matcher.match(bare, PLAN).rooms == ()
     assert matcher.match(SceneGraph("map"), PLAN).status == "none"
@@ -96,10 +96,10 @@ def test_maps_and_plans_without_rooms_or_walls_are_answered(kind: str):
 
 def test_assignments():
     table = np.log(np.array([[0.6, 0.3, 0.1], [0.55, 0.4, 0.05], [0.1, 0.1, 0.8]]))
-    assert best_as_a_whole(table).tolist() == [0, 1, -1]
+    assert hungarian(table).tolist() == [0, 1, -1]
     assert mutual_best(table).tolist() == [0, -1, -1]
     assert mutual_best(np.zeros((2, 1))).tolist() == [-1, -1]
-    assert best_as_a_whole(np.zeros((0, 4))).tolist() == []
+    assert hungarian(np.zeros((0, 4))).tolist() == []
 
 
 @pytest.mark.parametrize("kind", RELATIVES)

@@ -11,11 +11,11 @@ from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult
 from matching.arrays.blocks import elimination, solve
-from matching.arrays.cache import PLANS_KEPT, Kept
+from matching.arrays.cache import PLANS_CACHED, PlanCache
 from matching.arrays.walls import Walls, storeys
 from matching.deformation import deformed_hypotheses as bent
 from matching.deformation.field import motions
-from matching.deformation.matcher import FEW, BentMatcher, among
+from matching.deformation.matcher import FEW, DeformableMatcher, among
 from matching.search.corners import corners
 from matching.search.hypotheses import between_graphs
 from matching.search.plan_walls import PlanWalls
@@ -23,12 +23,12 @@ from matching.search.proposals import Proposals, TopK
 from matching.search.voting import marks
 from matching.search.voting_proposals import voting_proposals
 
-MATCHER = BentMatcher(voting_proposals)
+MATCHER = DeformableMatcher(voting_proposals)
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 
 
-def drawn_from(plan: SceneGraph, regime: str, seed: int, rooms: int | None = None) -> DrawnGraph:
-    return draw(plan, regime, np.random.default_rng(seed), rooms)
+def drawn_from(plan: SceneGraph, noise: str, seed: int, rooms: int | None = None) -> DrawnGraph:
+    return draw(plan, noise, np.random.default_rng(seed), rooms)
 
 
 @pytest.fixture(scope="module")
@@ -44,13 +44,13 @@ def share_right(result: MatchResult, truth: DrawnGraph) -> float:
     return sum(truth.wall_surfaces.get(s) == a for s, a, _ in result.wall_surfaces) / len(truth.wall_surfaces)
 
 
-def found_for(truth: DrawnGraph, plan: SceneGraph) -> bent.Bent:
+def found_for(truth: DrawnGraph, plan: SceneGraph) -> bent.DeformedHypotheses:
     s, walls = truth.s_graph, PlanWalls.of(plan)
     assert walls is not None
     return bent.search(bent.scene_of(s, walls), among(voting_proposals(s, plan).walls, walls))
 
 
-def errors_by_room(found: bent.Bent, truth: DrawnGraph) -> tuple[np.ndarray, np.ndarray]:
+def errors_by_room(found: bent.DeformedHypotheses, truth: DrawnGraph) -> tuple[np.ndarray, np.ndarray]:
     """Metres at the rooms' centroids, of the best field and of the best rigid motion."""
     s, home = found.scene.s, found.scene.plan.storeys[int(found.fields.storey[0])]
     own = motions(found.scene, found.fields.state)[0, found.scene.groups.of_wall]
@@ -84,7 +84,7 @@ def test_a_drifting_map_is_matched_and_decided(drifted):
 
 def test_rooms_merged_and_cut_are_not_matched_wrongly():
     for seed in range(6):
-        truth = drawn_from(PLAN, "messy", seed, 8)
+        truth = drawn_from(PLAN, "mis_segmented", seed, 8)
         result = MATCHER.match(truth.s_graph, PLAN)
         assert {(s, a) for s, a, _ in result.rooms} <= set(truth.rooms.items()), seed
         assert share_right(result, truth) > 0.85
@@ -111,10 +111,10 @@ def test_systems_of_blocks_are_solved(edges):
     np.testing.assert_allclose(np.tensordot(whole, x, 2), right, atol=1e-9)
 
 
-def test_what_is_known_of_a_plan_is_kept_for_it_alone():
+def test_the_cache_of_a_plan_is_used_for_it_alone():
     worked = []
-    kept = Kept(lambda graph: worked.append(graph.frame) or graph.frame)
-    graphs = [SceneGraph(f"g{k}") for k in range(PLANS_KEPT + 1)]
+    kept = PlanCache(lambda graph: worked.append(graph.frame) or graph.frame)
+    graphs = [SceneGraph(f"g{k}") for k in range(PLANS_CACHED + 1)]
     assert [kept(g) for g in graphs] == [g.frame for g in graphs]
     assert kept(graphs[-1]) == graphs[-1].frame and len(worked) == len(graphs)
     assert kept(graphs[0]) == "g0" and worked[-1] == "g0"
@@ -163,7 +163,7 @@ def test_doors_tell_equal_offices_apart():
     assert told.status == "unique" and {(s, a) for s, a, _ in told.rooms} == {(r, r) for r in seen}
 
 
-def test_a_twin_that_nobody_proposed_is_found_all_the_same(drifted):
+def test_a_symmetric_place_is_found_even_if_not_proposed(drifted):
     tower = merged(PLAN, a_graph(flat(np.random.default_rng(3)), "upper", "upper"))
     ground = {w.id for w in PLAN.wall_surfaces}
 
@@ -174,7 +174,7 @@ def test_a_twin_that_nobody_proposed_is_found_all_the_same(drifted):
             walls[row[i], [w.id for w in a.wall_surfaces].index(j)] = 1.0
         return Proposals.of_dense(walls, np.zeros((len(s.rooms), len(a.rooms))))
 
-    result = BentMatcher(only_ground).match(drifted.s_graph, tower)
+    result = DeformableMatcher(only_ground).match(drifted.s_graph, tower)
     assert result.status == "ambiguous" and "2 storeys" in result.reason
     assert {h.floor for h in result.hypotheses[:2]} == {"ground", "upper"}
     known = MATCHER.match(drifted.s_graph, tower, floor="ground")
@@ -257,8 +257,9 @@ def test_next_to_nothing_seen_or_planned_is_no_match(walls):
 
 
 def test_nothing_proposed_is_no_match(drifted):
-    nothing = BentMatcher(lambda s, a, _: Proposals.of_dense(np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))),
-                                                          np.zeros((len(s.rooms), len(a.rooms)))))  # fmt: skip
+    nothing = DeformableMatcher(lambda s, a, _: Proposals.of_dense(
+        np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))), np.zeros((len(s.rooms), len(a.rooms)))
+    ))  # fmt: skip
     assert nothing.match(drifted.s_graph, PLAN).status == "none"
 
 
@@ -300,8 +301,8 @@ def test_where_one_proposes_nothing_the_others_are_asked(drifted):
             np.zeros((len(s.wall_surfaces), len(a.wall_surfaces))), np.zeros((len(s.rooms), len(a.rooms)))
         )
 
-    assert BentMatcher(silent).match(drifted.s_graph, PLAN).status == "none"
-    result = BentMatcher(silent, voting_proposals).match(drifted.s_graph, PLAN)
+    assert DeformableMatcher(silent).match(drifted.s_graph, PLAN).status == "none"
+    result = DeformableMatcher(silent, voting_proposals).match(drifted.s_graph, PLAN)
     assert result.status == "unique" and share_right(result, drifted) > 0.85
 
 
@@ -320,6 +321,6 @@ def test_where_one_is_misled_by_a_map_of_few_walls_the_others_are_asked_too():
             walls[:, j] = 0.5 if w.room == far.id else 0.0
         return Proposals.of_dense(walls, np.zeros((len(s.rooms), len(a.rooms))))
 
-    alone, helped = (BentMatcher(misled, o).match(few, PLAN) for o in (None, voting_proposals))
+    alone, helped = (DeformableMatcher(misled, o).match(few, PLAN) for o in (None, voting_proposals))
     assert alone.status == "none" and share_right(alone, truth) < 0.2
     assert share_right(helped, truth) > 0.85

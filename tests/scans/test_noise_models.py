@@ -10,11 +10,11 @@ from plans import a_graph, box, flat, merged, moved, offices
 from data import Door, SceneGraph, UserError, WallSurface
 from data.geometry import se2
 from data.synthetic_maps.exploration import storeys_of, walk
-from data.synthetic_maps.noise_models import REGIMES, DrawnGraph, draw
+from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 
 PLAN = a_graph(flat(np.random.default_rng(3)), "ground")
 BIG = a_graph(flat(np.random.default_rng(5), 80.0, 60.0))
-MAPPED = ("real", "drift", "messy")
+MAPPED = ("real", "drift", "mis_segmented")
 
 
 def rng(*seed: int) -> np.random.Generator:
@@ -91,18 +91,19 @@ def test_clutter_stands_in_its_room_and_short_surfaces_are_not_seen(real: list[D
                 assert wall.length <= 3.0 and room.buffer(1e-6).contains(shapely.LineString(placed(drawn, wall)[0]))
 
 
-@pytest.mark.parametrize("regime", REGIMES)
-def test_the_truth_lays_surfaces_on_their_walls_and_rooms_into_their_rooms(regime: str) -> None:
+@pytest.mark.parametrize("noise", NOISE_MODELS)
+def test_the_truth_lays_surfaces_on_their_walls_and_rooms_into_their_rooms(noise: str) -> None:
     for k in range(5):
-        drawn = draw(PLAN, regime, rng(k), 6)
-        assert drawn.floor == "ground" and drawn.bent == (regime in ("drift", "messy", "warped"))
+        drawn = draw(PLAN, noise, rng(k), 6)
+        assert drawn.floor == "ground" and drawn.deformed == (noise in ("drift", "mis_segmented", "heavy_drift"))
         assert set(drawn.rooms) == set(drawn.s_graph.room_by_id) == set(drawn.T_a_s_by_room)
-        if regime != "messy":  # there the walls of two rooms may be in one, which moves as the larger
+        if noise != "mis_segmented":  # there the walls of two rooms may be in one, which moves as the larger
             assert all(len(rows) < 3 and np.abs(rows[:, 0]).max() < 0.35 for rows in residuals(drawn, PLAN).values())
         for s_id, a_id in drawn.rooms.items():
             at = se2.apply(np.array(drawn.T_a_s_by_room[s_id]), np.array(drawn.s_graph.room_by_id[s_id].centroid))
             room = PLAN.room_by_id[a_id]
-            assert shapely.Polygon(room.polygon).distance(shapely.Point(at)) < (3.0 if regime == "messy" else 1e-9)
+            limit = 3.0 if noise == "mis_segmented" else 1e-9
+            assert shapely.Polygon(room.polygon).distance(shapely.Point(at)) < limit
 
 
 def doors(*pairs: tuple[int, int]) -> tuple[Door, ...]:
@@ -129,11 +130,11 @@ def test_where_no_door_is_known_rooms_hang_together_across_walls() -> None:
     assert len(draw(apart, "real", rng(0)).rooms) == 5  # the whole floor
 
 
-@pytest.mark.parametrize("regime", MAPPED)
-def test_nothing_of_the_plan_is_in_the_map(regime: str) -> None:
-    drawn = draw(PLAN, regime, rng(1), 6)
+@pytest.mark.parametrize("noise", MAPPED)
+def test_nothing_of_the_plan_is_in_the_map(noise: str) -> None:
+    drawn = draw(PLAN, noise, rng(1), 6)
     far = moved(PLAN, 0.0, 3000.0, -500.0)
-    also = draw(far, regime, rng(1), 6)
+    also = draw(far, noise, rng(1), 6)
     for s, t in zip(drawn.s_graph.wall_surfaces, also.s_graph.wall_surfaces, strict=True):
         assert (s.id, s.room) == (t.id, t.room)
         assert np.allclose((*s.centroid, *s.normal, s.length), (*t.centroid, *t.normal, t.length), atol=1e-6)
@@ -162,10 +163,10 @@ def test_order_and_heading_are_drawn_and_the_map_starts_in_a_room() -> None:
     assert abs(np.mean(np.exp(1j * np.array(yaws)))) < 0.3
 
 
-@pytest.mark.parametrize("regime", REGIMES)
-def test_the_same_seed_gives_the_same_graph(regime: str) -> None:
-    assert draw(PLAN, regime, rng(7), 5) == draw(PLAN, regime, rng(7), 5)
-    assert draw(PLAN, regime, rng(7), 5) != draw(PLAN, regime, rng(8), 5)
+@pytest.mark.parametrize("noise", NOISE_MODELS)
+def test_the_same_seed_gives_the_same_graph(noise: str) -> None:
+    assert draw(PLAN, noise, rng(7), 5) == draw(PLAN, noise, rng(7), 5)
+    assert draw(PLAN, noise, rng(7), 5) != draw(PLAN, noise, rng(8), 5)
 
 
 def test_the_published_perturbation() -> None:
@@ -196,12 +197,12 @@ def test_the_published_perturbation() -> None:
     assert 10 < turned < 30
 
 
-@pytest.mark.parametrize(("regime", "times"), [("drift", 1), ("warped", 3)])
-def test_each_step_from_room_to_room_drifts(regime: str, times: int) -> None:
+@pytest.mark.parametrize(("noise", "times"), [("drift", 1), ("heavy_drift", 3)])
+def test_each_step_from_room_to_room_drifts(noise: str, times: int) -> None:
     two = a_graph([box(0, 0, 4, 4), box(4.1, 0, 4, 4)])
     turns, shifts = [], []
     for k in range(250):
-        drawn = draw(two, regime, rng(k), 2)
+        drawn = draw(two, noise, rng(k), 2)
         first, last = (np.array(drawn.T_a_s_by_room[r]) for r in drawn.rooms)
         turns.append(se2.wrap(last[:1] - first[:1])[0])
         r = list(drawn.rooms.values())[1]
@@ -233,10 +234,10 @@ def test_drift_adds_up_along_the_walk_and_the_motion_is_the_best_fit() -> None:
     assert far > 2 * near
 
 
-def test_messy_maps_have_rooms_merged_and_cut_and_surfaces_astray() -> None:
+def test_mis_segmented_maps_have_rooms_merged_and_cut_and_surfaces_astray() -> None:
     cut = merged_rooms = rooms = astray = surfaces = 0
     for k in range(15):
-        drawn = draw(BIG, "messy", rng(k), 60)
+        drawn = draw(BIG, "mis_segmented", rng(k), 60)
         s = drawn.s_graph
         plain = draw(BIG, "drift", rng(k), 60)
         cut += len(drawn.rooms) - len(set(drawn.rooms.values()))
@@ -265,35 +266,35 @@ def test_one_floor_of_several_is_seen() -> None:
         draw(tower, "real", rng(0), 4, "cellar")
 
 
-@pytest.mark.parametrize("regime", REGIMES)
-def test_walls_without_length_stay_without(regime: str) -> None:
+@pytest.mark.parametrize("noise", NOISE_MODELS)
+def test_walls_without_length_stay_without(noise: str) -> None:
     plan = a_graph(offices([3.0] * 4, [3.0] * 4))
     bare = dataclasses.replace(
         plan, wall_surfaces=tuple(dataclasses.replace(w, length=None) for w in plan.wall_surfaces),
         rooms=tuple(dataclasses.replace(r, polygon=None) for r in plan.rooms),
     )  # fmt: skip
-    drawn = draw(bare, regime, rng(3), 5)
+    drawn = draw(bare, noise, rng(3), 5)
     lengths = {w.length for w in drawn.s_graph.wall_surfaces if w.id in drawn.wall_surfaces}
     assert len(drawn.wall_surfaces) > 8 and lengths == {None}
 
 
-@pytest.mark.parametrize("regime", REGIMES)
-def test_the_smallest_and_a_large_plan(regime: str) -> None:
+@pytest.mark.parametrize("noise", NOISE_MODELS)
+def test_the_smallest_and_a_large_plan(noise: str) -> None:
     corner = dataclasses.replace(PLAN, rooms=PLAN.rooms[:1], wall_surfaces=PLAN.surfaces_of_room[PLAN.rooms[0].id][:3])
     for k in range(20):
-        drawn = draw(corner, regime, rng(k), 1)
+        drawn = draw(corner, noise, rng(k), 1)
         assert drawn.wall_surfaces and set(drawn.rooms.values()) <= {corner.rooms[0].id}
-    whole = draw(BIG, regime, rng(0))
+    whole = draw(BIG, noise, rng(0))
     assert len(whole.rooms) > 0.7 * len(BIG.rooms) and len(whole.s_graph.wall_surfaces) > 1000
 
 
-def test_what_cannot_be_drawn_is_told() -> None:
+def test_impossible_requests_are_refused() -> None:
     bare = dataclasses.replace(
         PLAN, rooms=(), wall_surfaces=tuple(dataclasses.replace(w, room=None) for w in PLAN.wall_surfaces)
     )
-    for graph, regime, count, what in (
-        (PLAN, "reel", 3, "no regime 'reel'.*paper, real"), (PLAN, "real", 0, "one at least"),
+    for graph, noise, count, what in (
+        (PLAN, "reel", 3, "no noise model 'reel'.*paper, real"), (PLAN, "real", 0, "one at least"),
         (bare, "real", 3, "no room"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=what):
-            draw(graph, regime, rng(0), count)
+            draw(graph, noise, rng(0), count)
