@@ -63,7 +63,7 @@ class AnchorRecord:
 
 
 @dataclass(frozen=True)
-class Hold:
+class AnchorStatus:
     """How an anchor is to be held now."""
 
     state: State
@@ -91,11 +91,11 @@ class AnchorLog(Stateful):
             renamed.setdefault((current(wall), a_id), replace(record, wall=current(wall)))
         self._records = renamed
 
-    def hold(self, stamp_ns: int, holdings: dict[Key, Hold]) -> None:
+    def update(self, stamp_ns: int, anchors: dict[Key, AnchorStatus]) -> None:
         """Takes note of all anchors that hold now; those that no longer do are withdrawn."""
-        for key, now in sorted(holdings.items()):
-            self._note(stamp_ns, key, now)
-        gone = [key for key, r in self._records.items() if key not in holdings and r.state != "withdrawn"]
+        for key, now in sorted(anchors.items()):
+            self._record(stamp_ns, key, now)
+        gone = [key for key, r in self._records.items() if key not in anchors and r.state != "withdrawn"]
         self._withdraw(stamp_ns, gone, "the wall is no longer seen at the planned one")
 
     def withdraw_all(self, stamp_ns: int, why: str) -> None:
@@ -104,9 +104,9 @@ class AnchorLog(Stateful):
 
     def _withdraw(self, stamp_ns: int, keys: Iterable[Key], why: str) -> None:
         for key in keys:
-            self._note(stamp_ns, key, Hold("withdrawn", self._records[key].by, why))
+            self._record(stamp_ns, key, AnchorStatus("withdrawn", self._records[key].by, why))
 
-    def _note(self, stamp_ns: int, key: Key, now: Hold) -> None:
+    def _record(self, stamp_ns: int, key: Key, now: AnchorStatus) -> None:
         record = self._records.get(key)
         if record is not None and record.state == now.state:
             return

@@ -4,19 +4,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 import factors
-from sgslam.anchoring.wall_alignment import Held
+from sgslam.anchoring.wall_alignment import AlignedWall
 from sgslam.geometry.frames import se2_to_se3
 from sgslam.mapping.scene import Scene
 
 Floats = NDArray[np.float64]
 
 
-def rooms_of(
-    held: list[Held], given: tuple[tuple[str, str, float], ...], least: float
+def matched_rooms(
+    aligned: list[AlignedWall], given: tuple[tuple[str, str, float], ...], least: float
 ) -> list[list[str | float | None]]:
     """(S room, A room, confidence): as given, unless most of a room's walls stand in another planned room."""
     votes: dict[str, dict[str, float]] = {}
-    for h in held:
+    for h in aligned:
         if h.surface.room is not None and h.planned.room is not None:
             own = votes.setdefault(h.surface.room, {})
             own[h.planned.room] = own.get(h.planned.room, 0.0) + (h.surface.length or 0.0)
@@ -32,9 +32,7 @@ def rooms_of(
     return rooms
 
 
-def room_anchors(
-    scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]], height: float
-) -> dict[int, Floats]:
+def room_anchors(scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]], height: float) -> dict[int, Floats]:
     """T_bim_room (4, 4) of each room that has two matched walls of two directions in one planned room; its floor is at
     `height` (m)."""
     anchors = {}

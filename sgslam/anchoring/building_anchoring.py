@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from sgslam.anchoring.anchor_log import AnchorRecord
-from sgslam.anchoring.floor_anchoring import Anchoring
+from sgslam.anchoring.floor_anchoring import FloorAnchoring
 from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
-from sgslam.anchoring.storey_hypotheses import Assignment, assignments, joint
-from sgslam.anchoring.wall_alignment import Holding
+from sgslam.anchoring.storey_hypotheses import Assignment, assignments, match_jointly
+from sgslam.anchoring.wall_alignment import WallAlignment
 from sgslam.backend.backend import Anchors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
@@ -21,44 +21,51 @@ from sgslam.mapping.scene import Scene
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-Scened = list[tuple[FloorMap, Scene]]
+FloorScenes = list[tuple[FloorMap, Scene]]
 
 
 class BuildingAnchoring:
-    """Anchors the floors of the S-graph, each by an `Anchoring` of its own; `a_graph` in the BIM frame.
+    """Anchors the floors of the S-graph, each by an `FloorAnchoring` of its own; `a_graph` in the BIM frame.
 
     `origin` (3,) is where the local frame of the factor graph lies in the BIM's; `start` is the id of the storey on
     which the run begins, where it is told. A `partial` plan is a map that lacks what was not driven through.
     """
 
     def __init__(
-        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, start: str | None = None,
+        self,
+        a_graph: SceneGraph,
+        matcher: AnyMatcher,
+        config: Config,
+        start: str | None = None,
         partial: bool = False,
     ) -> None:
         self._a, self._matcher, self._config = a_graph, matcher, config
         elevations = [floor.elevation for floor in a_graph.floors if floor.elevation is not None]
         self.origin = np.array([*a_graph.centroid(), min(elevations, default=0.0)])
         self._start, self.partial = start, partial
-        self._of: dict[int, Anchoring] = {}
+        self._of: dict[int, FloorAnchoring] = {}
         self._storeys: dict[str, SceneGraph] = {}
         self._possible: list[Assignment] | None = None
-        self._asked_together = 0  # wall surfaces that there were
+        self._jointly_matched_size = 0  # wall surfaces that there were
 
-    def of(self, number: int) -> Anchoring:
+    def of(self, number: int) -> FloorAnchoring:
         """The anchoring of one floor of the S-graph."""
         if number not in self._of:
-            self._of[number] = Anchoring(
+            self._of[number] = FloorAnchoring(
                 self._a, self._matcher, self._config, self.origin, self._plan, number, self.partial
             )
         return self._of[number]
 
     def state(self) -> dict[str, Any]:
         """What it knows, as a tree (see `state_tree`)."""
-        return {"asked_together": self._asked_together, "of": {number: own.state() for number, own in self._of.items()}}
+        return {
+            "jointly_matched_size": self._jointly_matched_size,
+            "of": {number: own.state() for number, own in self._of.items()},
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
         """Goes on from what `state` told."""
-        self._asked_together = state["asked_together"]
+        self._jointly_matched_size = state["jointly_matched_size"]
         self._of.clear()
         for number, told in state["of"].items():
             self.of(number).restore(told)
@@ -69,18 +76,18 @@ class BuildingAnchoring:
         return self._a
 
     @property
-    def committed(self) -> Anchoring | None:
+    def committed(self) -> FloorAnchoring | None:
         """The anchoring of the floor that the others hang on: one that a match was committed to; None before that."""
         return self._leading or next((own for own in self._of.values() if own.committed is not None), None)
 
     @property
-    def all_but_sure(self) -> bool:
-        """Whether some floor's answer waits only for a larger map to say the same; see `Anchoring.all_but_sure`."""
-        return self.committed is None and any(own.all_but_sure for own in self._of.values())
+    def awaits_confirmation(self) -> bool:
+        """Whether some floor's answer waits only for a larger map to say the same; see `FloorAnchoring.awaits_confirmation`."""
+        return self.committed is None and any(own.awaits_confirmation for own in self._of.values())
 
     @property
-    def newest(self) -> dict[int, Match]:
-        """The matcher's newest answer for each floor that it was asked about."""
+    def newest_matches(self) -> dict[int, Match]:
+        """The matcher's newest_matches answer for each floor that it was asked about."""
         return {number: own.match for number, own in self._of.items() if own.match is not None}
 
     @property
@@ -94,16 +101,16 @@ class BuildingAnchoring:
         own = self.committed or next((own for own in self._of.values() if own.match is not None), None)
         if own is None or own.match is None:
             return "too little was seen to try a match"
-        return own.doubt or own.match.reason if own.committed is None else own.committed.reason
+        return own.rejection or own.match.reason if own.committed is None else own.committed.reason
 
     def update(self, floors: Floors, T_map_local: Floats | None, last: bool) -> Anchors | None:
-        """The anchors of all floors that hold now; see `Anchoring.update`.
+        """The anchors of all floors that hold now; see `FloorAnchoring.update`.
 
         Where no floor has an answer of its own that is unique, all are asked together; where one has, the others take
         their places from it and from how high they lie above it.
         """
-        self._limit(floors)
-        cut, found = _cut(floors), []
+        self._restrict_storeys(floors)
+        cut, found = _with_scenes(floors), []
         base = self.committed
         for floor, scene in cut:
             own = self.of(floor.number)
@@ -112,12 +119,12 @@ class BuildingAnchoring:
                 found += [] if anchors is None else [anchors]
                 base = self.committed
         if base is None and len(cut) > 1:
-            self._ask_together(cut)
+            self._match_jointly(cut)
         elif base is not None and T_map_local is not None:
-            self._spread(base, cut, T_map_local)
+            self._propagate(base, cut, T_map_local)
         return merged(found) if found else None
 
-    def _limit(self, floors: Floors) -> None:
+    def _restrict_storeys(self, floors: Floors) -> None:
         """Tells each floor which storeys it can be, by how high the floors lie above one another."""
         first = floors.maps[0].walls.T_level_map[2, 3]
         heights = {f.number: float(first - f.walls.T_level_map[2, 3]) for f in floors.maps}
@@ -125,24 +132,26 @@ class BuildingAnchoring:
         for floor in floors.maps:
             own = self.of(floor.number)
             storeys = [a[floor.number] for a in self._possible or () if floor.number in a]
-            own.limit(storeys, storeys[0] if self._start is not None and storeys else None)
+            own.restrict_storeys(storeys, storeys[0] if self._start is not None and storeys else None)
 
-    def _ask_together(self, cut: Scened) -> None:
+    def _match_jointly(self, cut: FloorScenes) -> None:
         """Commits to the one assignment and place that explains several floors, where there is one."""
         size = sum(len(scene.graph.wall_surfaces) for _, scene in cut)
-        if not self._possible or size < 1.1 * self._asked_together:
+        if not self._possible or size < 1.1 * self._jointly_matched_size:
             return
-        self._asked_together = size
+        self._jointly_matched_size = size
         graphs = {floor.number: scene.graph for floor, scene in cut}
-        found = joint(graphs, self._possible, lambda k, storey: self._matcher.match(graphs[k], self._plan(storey)))
+        found = match_jointly(
+            graphs, self._possible, lambda k, storey: self._matcher.match(graphs[k], self._plan(storey))
+        )
         if found is None:
             return
         _log.info("storeys by all floors together: %s", found.reason)
         for number, answer in found.answers.items():
             if answer.status == "unique":
-                self.of(number).ask_about(found.assigned[number])
+                self.of(number).match_only(found.assigned[number])
 
-    def _spread(self, base: Anchoring, cut: Scened, T_map_local: Floats) -> None:
+    def _propagate(self, base: FloorAnchoring, cut: FloorScenes, T_map_local: Floats) -> None:
         """Lets the other floors take their places from the one that has an answer."""
         storey = base.committed.floor if base.committed is not None else None
         possible = [a for a in self._possible or () if a.get(base.number) == storey]
@@ -157,24 +166,24 @@ class BuildingAnchoring:
                 own.follow(expected, scene, floor.walls, T_map_local, base.confidence)
 
     def confirm(self, floors: Floors, T_map_local: Floats | None) -> bool:
-        """Whether the matcher says of the floors, on the final map, what was committed to; see `Anchoring.confirm`.
+        """Whether the matcher says of the floors, on the final map, what was committed to; see `FloorAnchoring.confirm`.
 
         Floors that follow others are confirmed by their walls.
         """
         confirmed = True
-        for floor, scene in _cut(floors):
+        for floor, scene in _with_scenes(floors):
             own = self.of(floor.number)
             if not own.follows:
                 confirmed &= own.confirm(scene, floor.walls, T_map_local)
-        for floor, scene in _cut(floors):
+        for floor, scene in _with_scenes(floors):
             own = self.of(floor.number)
-            if own.follows and (self._leading is None or not own.held_share(scene, floor.walls, T_map_local)):
+            if own.follows and (self._leading is None or not own.aligned_share(scene, floor.walls, T_map_local)):
                 own.withdraw(scene, "its walls do not stand where the floors above or below place it")
                 confirmed = False
         return confirmed
 
     @property
-    def _leading(self) -> Anchoring | None:
+    def _leading(self) -> FloorAnchoring | None:
         return next((own for own in self._of.values() if own.committed is not None and not own.follows), None)
 
     def _plan(self, storey: str | None) -> SceneGraph:
@@ -191,21 +200,23 @@ class BuildingAnchoring:
         T[:3, 3] += self.origin
         return T
 
-    def holdings(self, floors: Floors, T_map_local: Floats | None) -> dict[int, Holding]:
-        """The walls that stand at planned ones, floor by floor; see `Anchoring.holding`."""
-        found = {f.number: self.of(f.number).holding(scene, f.walls, T_map_local) for f, scene in _cut(floors)}
-        return {number: holding for number, holding in found.items() if holding is not None}
+    def alignments(self, floors: Floors, T_map_local: Floats | None) -> dict[int, WallAlignment]:
+        """The walls that stand at planned ones, floor by floor; see `FloorAnchoring.alignment`."""
+        found = {
+            f.number: self.of(f.number).alignment(scene, f.walls, T_map_local) for f, scene in _with_scenes(floors)
+        }
+        return {number: alignment for number, alignment in found.items() if alignment is not None}
 
-    def answer(self, floors: Floors, holdings: dict[int, Holding]) -> dict[str, Any] | None:
+    def answer(self, floors: Floors, alignments: dict[int, WallAlignment]) -> dict[str, Any] | None:
         """The answer in the form of matches.json, over all floors; `floors` in it tells each one's storey."""
         answers = {}
-        for floor, scene in _cut(floors):
-            answers[floor.number] = self.of(floor.number).answer(scene, holdings.get(floor.number))
+        for floor, scene in _with_scenes(floors):
+            answers[floor.number] = self.of(floor.number).answer(scene, alignments.get(floor.number))
         first = self.committed.number if self.committed is not None else min(answers, default=0)
         told = answers.get(first)
         if told is None:
             return None
-        placed = {n: a for n, a in answers.items() if a is not None and (n in holdings or n == first)}
+        placed = {n: a for n, a in answers.items() if a is not None and (n in alignments or n == first)}
         return {
             **told,
             "rooms": [pair for a in placed.values() for pair in a["rooms"]],
@@ -214,7 +225,7 @@ class BuildingAnchoring:
         }
 
 
-def _cut(floors: Floors) -> Scened:
+def _with_scenes(floors: Floors) -> FloorScenes:
     return [(floor, floor.scene) for floor in floors.maps if floor.scene is not None]
 
 
@@ -224,6 +235,6 @@ def merged(anchors: list[Anchors]) -> Anchors:
     for more in anchors[1:]:
         first = replace(
             first, planes=first.planes | more.planes, rooms=first.rooms | more.rooms,
-            elevations=first.elevations | more.elevations, loose=first.loose | more.loose, bent=first.bent | more.bent,
+            elevations=first.elevations | more.elevations, loose=first.loose | more.loose, drifted=first.drifted | more.drifted,
         )  # fmt: skip
     return first

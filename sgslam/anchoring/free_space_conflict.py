@@ -60,7 +60,7 @@ class _Drawn:
         return int((inside & ~at).sum()), int(at.sum())
 
 
-def contradicted(s: SceneGraph, a: SceneGraph, T_a_s: Floats) -> float:
+def conflict_share(s: SceneGraph, a: SceneGraph, T_a_s: Floats) -> float:
     """The share, of the walls' length that one map has where the other looked, that the other saw no wall at.
 
     Both ways together, under T_a_s (3,), yaw x y; 1 where the maps have nothing in common.

@@ -20,7 +20,7 @@ _SEARCHED = 0.6  # m around the first guess
 _SCALES = (0.05, 0.035, 0.025)  # m, of the Geman-McClure loss, ever tighter
 _REFINED = 5  # places
 _DISTINCT = 0.03  # m
-_MOST_TURNED = np.radians(6.0)
+_MAX_TURN = np.radians(6.0)
 _GATES = (0.025, 0.06)  # m; where the walls agree closely, the gate is close
 _LEAST_UNITS = 3
 _LEAST_SPREAD = 0.5  # of the normals' second singular value
@@ -78,15 +78,15 @@ class Consensus:
     share: float
 
 
-def find_consensus(pairs: Pairs, T_plan_map: Floats, most_turned: float) -> Consensus | None:
-    """The place near a rough one, within half a metre, that most walls agree on; `most_turned` is in radians.
+def find_consensus(pairs: Pairs, T_plan_map: Floats, max_turn: float) -> Consensus | None:
+    """The place near a rough one, within half a metre, that most walls agree on; `max_turn` is in radians.
 
     Two walls that are not parallel tell a place; the places that all such pairs tell are judged by the votes of all
     walls under a Geman-McClure loss, the best are refined by reweighted least squares. None where fewer than three
     units agree, or their normals leave a direction free.
     """
     turns = pairs.turns(T_plan_map)
-    usable = np.abs(turns) < _MOST_TURNED
+    usable = np.abs(turns) < _MAX_TURN
     votes = np.where(usable, pairs.votes(), 0.0)
     if not usable.any():
         return None
@@ -102,7 +102,7 @@ def find_consensus(pairs: Pairs, T_plan_map: Floats, most_turned: float) -> Cons
         return None
     scatter = 1.48 * _weighted_median(off[near], votes[near])
     gate = float(np.clip(3.5 * scatter, *_GATES))
-    agree = near & (off < gate) & (np.abs(pairs.turns(best)) < most_turned)
+    agree = near & (off < gate) & (np.abs(pairs.turns(best)) < max_turn)
     if not determined(pairs.planned_normal[agree]) or len(np.unique(pairs.unit[agree])) < _LEAST_UNITS:
         return None
     return Consensus(best, agree, gate, float(votes[agree].sum() / votes.sum()))

@@ -57,7 +57,7 @@ def assignments(heights: dict[int, float], planned: tuple[Floor, ...], start: st
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointMatch:
     """The one assignment that explains all floors of a map at one place, with each floor's answer on its storey."""
 
     assigned: Assignment
@@ -73,42 +73,42 @@ class _Place:
     supported: int  # floors that have a hypothesis there
 
 
-def joint(
+def match_jointly(
     graphs: dict[int, SceneGraph], possible: list[Assignment], ask: Callable[[int, str], Match]
-) -> Joint | None:  # fmt: skip
+) -> JointMatch | None:  # fmt: skip
     """Of several floors' graphs, at least two of which the plan must explain, the assignment and place that explains
     them clearly better than any other; None where there is none. `ask` matches a floor with a single storey."""
     answers = {(k, f): ask(k, f) for assigned in possible for k, f in assigned.items() if k in graphs}
-    telling = {k for k in graphs if any(answers[k, a[k]].status != "none" for a in possible)}
-    if len(telling) < 2:
+    informative = {k for k in graphs if any(answers[k, a[k]].status != "none" for a in possible)}
+    if len(informative) < 2:
         return None
     told = {key: _hypotheses(answer) for key, answer in answers.items()}
-    places = sorted((p for a in possible for p in _places(graphs, a, telling, told)), key=lambda p: -p.score)
+    places = sorted((p for a in possible for p in _places(graphs, a, informative, told)), key=lambda p: -p.score)
     best = places[0]
-    others = [p.score for p in places if p.assigned != best.assigned or _apart(graphs, p.T_a_s, best.T_a_s)]
+    others = [p.score for p in places if p.assigned != best.assigned or _differ(graphs, p.T_a_s, best.T_a_s)]
     margin = _MARGIN[0] + _MARGIN[1] * best.score
-    if best.supported < len(telling) or (others and max(others) > best.score - margin):
+    if best.supported < len(informative) or (others and max(others) > best.score - margin):
         return None
-    own = {k: answers[k, best.assigned[k]] for k in telling}
-    fit = [m for m in own.values() if m.status == "unique" and not _apart(graphs, np.array(m.T_a_s), best.T_a_s)]
+    own = {k: answers[k, best.assigned[k]] for k in informative}
+    fit = [m for m in own.values() if m.status == "unique" and not _differ(graphs, np.array(m.T_a_s), best.T_a_s)]
     if not fit or any(m.status == "none" for m in own.values()):
         return None
-    return Joint(best.assigned, own, f"{len(telling)} floors together are explained at one place only")
+    return JointMatch(best.assigned, own, f"{len(informative)} floors together are explained at one place only")
 
 
 def _places(
-    graphs: dict[int, SceneGraph], assigned: Assignment, telling: set[int],
+    graphs: dict[int, SceneGraph], assigned: Assignment, informative: set[int],
     told: dict[tuple[int, str], list[tuple[float, Floats]]],
 ) -> list[_Place]:  # fmt: skip
     """The places of one assignment, each with the evidence of all floors."""
     places: list[_Place] = []
-    for _, T in sorted((h for k in telling for h in told[k, assigned[k]]), key=lambda h: -h[0]):
-        if any(not _apart(graphs, T, p.T_a_s) for p in places):
+    for _, T in sorted((h for k in informative for h in told[k, assigned[k]]), key=lambda h: -h[0]):
+        if any(not _differ(graphs, T, p.T_a_s) for p in places):
             continue
         score, supported = 0.0, 0
-        for k in telling:
+        for k in informative:
             own = told[k, assigned[k]]
-            near = [s for s, at in own if not _apart({k: graphs[k]}, T, at)]
+            near = [s for s, at in own if not _differ({k: graphs[k]}, T, at)]
             supported += bool(near)
             score += max(near) if near else own[-1][0] if len(own) >= _LISTED else 0.0
         places.append(_Place(assigned, T, score, supported))
@@ -120,7 +120,7 @@ def _hypotheses(answer: Match) -> list[tuple[float, Floats]]:
     return [(float(h["score"]), np.array(h["T_a_s"], dtype=float)) for h in told]
 
 
-def _apart(graphs: dict[int, SceneGraph], a: Floats, b: Floats) -> bool:
+def _differ(graphs: dict[int, SceneGraph], a: Floats, b: Floats) -> bool:
     """Whether two places (3,) put any of the graphs elsewhere."""
     turn = (a[0] - b[0] + np.pi) % (2 * np.pi) - np.pi
     if abs(turn) > _SAME[1]:

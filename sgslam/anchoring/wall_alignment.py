@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
 from sgslam.anchoring.anchor_log import Key
-from sgslam.anchoring.local_drift import bent_with_neighbours, rooms_moved_whole
+from sgslam.anchoring.local_drift import drifted_neighbourhoods, drifted_rooms
 from sgslam.anchoring.se2_consensus import Pairs, find_consensus
-from sgslam.anchoring.wall_association import WallArrays, pair_by_position
+from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.config import AnchorSettings
 from sgslam.geometry.frames import transform_planes
 from sgslam.mapping.scene import Scene
@@ -22,37 +22,37 @@ _GROSS = 0.7, np.radians(10)  # m and rad; a matched pair that is further off is
 
 
 @dataclass(frozen=True)
-class Held:
+class AlignedWall:
     """A seen wall surface and the planned one that it stands at. `offset` (m) along the planned inward normal;
-    `agrees`: it stands where most walls say that it should; `bent`: it does not, but all around are off alike, so that
-    the map is bent there."""
+    `agrees`: it stands where most walls say that it should; `drifted`: it does not, but all around are off alike, so that
+    the map has drifted there."""
 
     surface: WallSurface
     planned: WallSurface
     offset: float
     agrees: bool
-    bent: bool = False
+    drifted: bool = False
 
 
 @dataclass(frozen=True)
-class Holding:
+class WallAlignment:
     """All walls that stand at a planned one, the place (3,) T_local_level that most agree on, how closely (`gate`, m),
     and with how large a share of the votes."""
 
-    walls: list[Held]
+    walls: list[AlignedWall]
     place: Floats
     gate: float
     share: float
 
 
-def hold(
+def align_walls(
     scene: Scene, walls: WallMap, floor: SceneGraph, origin: Floats, known: Floats, settings: AnchorSettings,
-    resisting: Set[Key] = frozenset(),
-) -> Holding | None:  # fmt: skip
+    confirmed_deviations: Set[Key] = frozenset(),
+) -> WallAlignment | None:  # fmt: skip
     """The walls of `scene` by their position on a storey of the plan; None where they do not agree on a place.
 
     `known` (3,) is T_local_level, yaw x y, to half a metre; the local frame is the BIM's, moved by -`origin` (2,).
-    Those `resisting`, by wall and planned surface, are off because they were built so: the map is not bent there.
+    Those `confirmed_deviations`, by wall and planned surface, are off because they were built so: the map has not drifted there.
     """
     seen, planned = list(scene.graph.wall_surfaces), list(floor.wall_surfaces)
     s_rooms = {room.id: k for k, room in enumerate(scene.graph.rooms)}
@@ -60,7 +60,7 @@ def hold(
     s, a = _arrays_now(seen, s_rooms, scene, walls), WallArrays.of(planned, a_rooms, origin)
     place = known
     while True:  # what stands where depends on the place, and the place on that
-        which = pair_by_position(s.moved(place), a, settings.reach, settings.gate_angle)
+        which = associate_walls(s.moved(place), a, settings.reach, settings.gate_angle)
         paired = np.flatnonzero(which >= 0)
         pairs = _pairs(s, a, paired, which[paired], [planned[j] for j in which[paired].tolist()])
         found = find_consensus(pairs, place, settings.gate_angle)
@@ -70,24 +70,27 @@ def hold(
             break
         place = found.T_plan_map
     place = found.T_plan_map
-    built_so = np.array(
-        [(scene.wall_of_surface[seen[i].id], planned[int(which[i])].id) in resisting for i in paired.tolist()],
+    deviating = np.array(
+        [
+            (scene.wall_of_surface[seen[i].id], planned[int(which[i])].id) in confirmed_deviations
+            for i in paired.tolist()
+        ],
         dtype=bool,
     )
-    off, bent = pairs.offsets(place).tolist(), bent_with_neighbours(pairs, found, settings.gate_angle, built_so)
-    bent |= rooms_moved_whole(pairs, found, s.room[paired], built_so)
-    held = [
-        Held(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(bent[k]))
+    off, drifted = pairs.offsets(place).tolist(), drifted_neighbourhoods(pairs, found, settings.gate_angle, deviating)
+    drifted |= drifted_rooms(pairs, found, s.room[paired], deviating)
+    aligned = [
+        AlignedWall(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(drifted[k]))
         for k, i in enumerate(paired.tolist())
     ]  # fmt: skip
     votes = pairs.votes()
-    share = found.share + float(votes[bent].sum() / votes.sum())
+    share = found.share + float(votes[drifted].sum() / votes.sum())
     # a wall that stands nowhere in the plan speaks against the place, as one does that stands off
     length = float(s.half[paired].sum() / s.half.sum())
-    return Holding(held, place, found.gate, share * length)
+    return WallAlignment(aligned, place, found.gate, share * length)
 
 
-def find_place(
+def place_from_match(
     matched: Surfaces, scene: Scene, walls: WallMap, origin: Floats, told: Floats, settings: AnchorSettings
 ) -> Floats | None:
     """The place (3,) T_local_level near the one that a match has told, which most of its walls agree on.
@@ -108,7 +111,7 @@ def find_place(
     return found.T_plan_map
 
 
-def in_plan_view(T: Floats) -> Floats:
+def planar_pose(T: Floats) -> Floats:
     """(3,) yaw x y of a motion (4, 4)."""
     return np.array([np.arctan2(T[1, 0], T[0, 0]), T[0, 3], T[1, 3]])
 

@@ -41,10 +41,10 @@ class WallArrays:
         return WallArrays(self.centre @ R.T + T_plan_map[1:], self.normal @ R.T, self.half, self.room)
 
 
-def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_turned: float) -> Index:
+def associate_walls(seen: WallArrays, planned: WallArrays, reach: float, max_turn: float) -> Index:
     """(N,) for each seen wall, placed in the plan, the planned one that it stands at; -1 where there is none.
 
-    A planned wall comes into question that faces the same way (`most_turned`, radians), within `reach` metres across,
+    A planned wall comes into question that faces the same way (`max_turn`, radians), within `reach` metres across,
     beside a good part of the seen one. Of several the nearest is taken, and rather one of the room that the seen
     wall's room mostly stands in. What stands off its plane is no wall of which the plan has a stub only.
     """
@@ -56,7 +56,7 @@ def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_t
     along = np.abs(away[..., 1] * planned.normal[:, 0] - away[..., 0] * planned.normal[:, 1])
     shorter = np.minimum(seen.half[:, None], planned.half[None])
     beside = np.clip((seen.half[:, None] + planned.half[None] - along) / (2 * shorter), 0.0, 1.0)
-    facing = seen.normal @ planned.normal.T > np.cos(most_turned)
+    facing = seen.normal @ planned.normal.T > np.cos(max_turn)
     cost = np.where(facing & (off < reach) & (beside > _LEAST_SHARE), off + _BESIDE * (1 - beside), np.inf)
     overlap = np.where(facing, np.clip(seen.half[:, None] + planned.half[None] - along, 0.0, 2 * shorter), 0.0)
     cost = np.where(_stubs(signed, overlap / (2 * seen.half[:, None]), np.isfinite(cost)), np.inf, cost)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.anchoring.wall_alignment import Held, Holding
+from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.as_built.wall_solids import Key, Side, sides_of
 from sgslam.backend.covariances import Uncertainty
 from sgslam.config import Config
@@ -28,7 +28,7 @@ class Piece:
     it lies along the planned surface, as in `Side`; `length` (m) how much of that was seen; `over_parapet`: never seen
     low."""
 
-    held: Held
+    aligned: AlignedWall
     source: str
     offset: float
     sigma: float
@@ -40,7 +40,7 @@ class Piece:
     @property
     def key(self) -> Key:
         """The side of the planned wall that it stands at."""
-        return self.held.planned.id, self.source
+        return self.aligned.planned.id, self.source
 
     @property
     def doubtful(self) -> bool:
@@ -49,7 +49,12 @@ class Piece:
 
 
 def measured_pieces(
-    holding: Holding, scene: Scene, walls: WallMap, uncertainty: Uncertainty, origin: Floats, height: float,
+    alignment: WallAlignment,
+    scene: Scene,
+    walls: WallMap,
+    uncertainty: Uncertainty,
+    origin: Floats,
+    height: float,
     config: Config,
 ) -> list[Piece]:
     """What the final graph says of each wall that stands at a planned one.
@@ -59,24 +64,24 @@ def measured_pieces(
     """
     scatter, lows, covered = walls.scatter(), walls.lower_ends(), walls.coverage(STEP)
     tight: dict[int, int] = {}
-    for held in holding.walls:
-        wall = scene.wall_of_surface[held.surface.id]
-        tight[wall] = tight.get(wall, 0) + held.agrees
+    for aligned in alignment.walls:
+        wall = scene.wall_of_surface[aligned.surface.id]
+        tight[wall] = tight.get(wall, 0) + aligned.agrees
     pieces = []
-    for held in holding.walls:
-        if held.bent or not uncertainty.knows(scene.wall_of_surface[held.surface.id]):
+    for aligned in alignment.walls:
+        if aligned.drifted or not uncertainty.knows(scene.wall_of_surface[aligned.surface.id]):
             continue
-        wall, normal = scene.wall_of_surface[held.surface.id], np.array([*held.planned.normal, 0.0])
-        centre = np.array([*held.planned.centroid, 0.0]) - origin
-        point = np.array([*_along(held, holding.place, centre), height + _HEIGHT])
+        wall, normal = scene.wall_of_surface[aligned.surface.id], np.array([*aligned.planned.normal, 0.0])
+        centre = np.array([*aligned.planned.centroid, 0.0]) - origin
+        point = np.array([*_along(aligned, alignment.place, centre), height + _HEIGHT])
         offset, variance = uncertainty.wall_offset(wall, np.array([*normal[:3], -normal @ centre]), point)
-        offset, variance = _without_anchor(offset, variance, tight[wall] if held.agrees else 0, config)
+        offset, variance = _without_anchor(offset, variance, tight[wall] if aligned.agrees else 0, config)
         sigma = float(np.sqrt(variance + scatter.get(wall, 0.0) ** 2 + config.anchors.sigma_extraction**2))
         over_parapet = lows.get(wall, 0.0) > _OVER_PARAPET
-        seen, whole = along_planned(held, covered[wall], walls, wall, holding.place, centre)
+        seen, whole = along_planned(aligned, covered[wall], walls, wall, alignment.place, centre)
         pieces += [
-            Piece(held, source, offset, sigma, _tilt(held, holding.place), span, length, over_parapet)
-            for source, span, length in _by_source(sides_of(held.planned), seen, whole)
+            Piece(aligned, source, offset, sigma, _tilt(aligned, alignment.place), span, length, over_parapet)
+            for source, span, length in _by_source(sides_of(aligned.planned), seen, whole)
         ]
     return pieces
 
@@ -91,32 +96,32 @@ def _without_anchor(offset: float, variance: float, anchors: int, config: Config
     return offset * information / left, 1 / left
 
 
-def _along(held: Held, place: Floats, centre: Floats) -> Floats:
+def _along(aligned: AlignedWall, place: Floats, centre: Floats) -> Floats:
     """(2,) the planned wall's point that is nearest to the middle of the seen one, local frame."""
     c, s = np.cos(place[0]), np.sin(place[0])
-    x, y = held.surface.centroid
+    x, y = aligned.surface.centroid
     seen = np.array([c * x - s * y, s * x + c * y]) + place[1:]
-    n = np.array(held.planned.normal)
+    n = np.array(aligned.planned.normal)
     return np.asarray(seen - ((seen - centre[:2]) @ n) * n)
 
 
-def _tilt(held: Held, place: Floats) -> float:
-    (x, y), (nx, ny) = held.surface.normal, held.planned.normal
+def _tilt(aligned: AlignedWall, place: Floats) -> float:
+    (x, y), (nx, ny) = aligned.surface.normal, aligned.planned.normal
     turn = np.arctan2(y, x) + place[0] - np.arctan2(ny, nx)
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
 def along_planned(
-    held: Held, covered: Floats, walls: WallMap, wall: int, place: Floats, centre: Floats
+    aligned: AlignedWall, covered: Floats, walls: WallMap, wall: int, place: Floats, centre: Floats
 ) -> tuple[Floats, tuple[float, float]]:
     """The places at which a surface was seen, and its ends, along the planned one, whose middle is `centre` in the
     local frame. `covered` are those places of the whole wall, along its own tangent."""
     n = walls.normal_in_level(wall)
     tangent = np.array([-n[1], n[0]])
-    ends = np.array(held.surface.ends())
+    ends = np.array(aligned.surface.ends())
     first, last = np.sort(ends @ tangent)
     c, s = np.cos(place[0]), np.sin(place[0])
-    planned = np.array([-held.planned.normal[1], held.planned.normal[0]])
+    planned = np.array([-aligned.planned.normal[1], aligned.planned.normal[0]])
     ends_along = (ends @ np.array([[c, s], [-s, c]]) + place[1:] - centre[:2]) @ planned
     shift = float(ends_along.mean() - (first + last) / 2)  # both tangents point the same way, to a few degrees
     seen = covered[(covered > first) & (covered < last)] + shift

@@ -31,7 +31,7 @@ def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
     return dict(found)
 
 
-def bearing(entries: list[Deviation]) -> tuple["Status", Deviation]:
+def wall_status(entries: list[Deviation]) -> tuple["Status", Deviation]:
     """What the entries of one wall come to, and the one that says so, the surest of several."""
     moved = [d for d in entries if d["kind"] == "moved"]
     significant = [d for d in moved if d["significant"]]
@@ -53,7 +53,7 @@ def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph) -> list[
 
     findings = []
     for source, entries in by_wall(deviations).items():
-        status, d = bearing(entries)
+        status, d = wall_status(entries)
         shift = None
         if d["offset_m"] is not None:
             nx, ny = a_graph.surface_by_id[d["a_id"]].normal
@@ -91,19 +91,19 @@ def write_topics(
     many there are."""
     topics = []
     for source, entries in by_wall(deviations).items():
-        status, d = bearing(entries)
+        status, d = wall_status(entries)
         if status in ("moved", "absent"):
             surface = a_graph.surface_by_id[d["a_id"]]
             room = a_graph.room_by_id.get(surface.room or "")
             title = f"Wall {_off(d)}" if status == "moved" else "Wall is absent"
             where = f"{room.name or room.id}: " if room is not None else ""
             place = _segment(surface, a_graph)
-            topics.append(_topic(title, where + _told(d), status, (source,), place, surface.normal))
+            topics.append(_topic(title, where + _description(d), status, (source,), place, surface.normal))
     for d in (d for d in deviations if d["kind"] == "extra"):
         surface = s_graph.surface_by_id[d["s_id"]]
         nx, ny = (T_bim_map[:2, :2] @ surface.normal).tolist()
         ends = _in_bim(surface, s_graph, T_bim_map)
-        topics.append(_topic("Wall is not in the plan", _told(d), "extra", (), ends, (nx, ny)))
+        topics.append(_topic("Wall is not in the plan", _description(d), "extra", (), ends, (nx, ny)))
     write_bcf(path, topics, model, datetime.now(UTC))
     return len(topics)
 
@@ -119,7 +119,7 @@ def _off(d: Deviation) -> str:
     return f"stands {abs(d['offset_m']) * 100:.1f} cm {side}"
 
 
-def _told(d: Deviation) -> str:
+def _description(d: Deviation) -> str:
     parts = [str(d.get("reason") or "")]
     if d["sigma_m"] is not None:
         parts.append(f"sigma {d['sigma_m'] * 1000:.0f} mm, turned by {np.degrees(d['tilt_rad']):.2f} degrees")

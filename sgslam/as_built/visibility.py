@@ -21,11 +21,11 @@ _BEHIND = 0.6  # m; what is seen so far behind a wall is seen through it; panes 
 _BLOCKED = 0.35  # m around a planned wall; what ends there may be the wall
 _REACH = 10.0  # m at which single columns still tell
 _GRAZING = 0.3  # sine of the angle at which a wall is looked at, at the least
-LOOKS = 3  # keyframes that must agree
+MIN_KEYFRAMES = 3  # keyframes that must agree
 
 
 @dataclass(frozen=True)
-class Sight:
+class Visibility:
     """What was seen at N places along a side of a wall, doors left out: `along` (N,) metres as the spans in `Side`,
     `through` and `at` (N,) whether it is seen through there, or something stands."""
 
@@ -53,10 +53,10 @@ class Sight:
         return max(STEP * len(stretch) for stretch in stretches)
 
 
-def sights_of(
+def wall_visibility(
     floor: SceneGraph, sides: list[Side], keyframes: list[KeyframeNode], T_level_map: Floats, place: Floats,
     origin: Floats,
-) -> dict[Key, Sight]:  # fmt: skip
+) -> dict[Key, Visibility]:  # fmt: skip
     """What was seen of the sides of a storey's walls; the shortest are not asked.
 
     `place` (3,) is the levelled map's in the local frame, which is the BIM's moved by -`origin` (2,). A place is seen
@@ -75,15 +75,13 @@ def sights_of(
     places = middles + along[:, None] * np.column_stack([-normals[:, 1], normals[:, 0]])
     looks = np.zeros((2, len(places)), dtype=np.int64)
     for sensor, outline in _outlines(keyframes, T_level_map, place):
-        looks += _looked(sensor, outline, places, normals)
-    through, at = (looks[0] >= LOOKS) & (looks[0] > 2 * looks[1]), looks[1] >= LOOKS
+        looks += _observed(sensor, outline, places, normals)
+    through, at = (looks[0] >= MIN_KEYFRAMES) & (looks[0] > 2 * looks[1]), looks[1] >= MIN_KEYFRAMES
     mine = [np.flatnonzero(owner == k) for k in range(len(asked))]
-    return {s.key: Sight(along[i], through[i], at[i] & ~through[i]) for s, i in zip(asked, mine, strict=True)}
+    return {s.key: Visibility(along[i], through[i], at[i] & ~through[i]) for s, i in zip(asked, mine, strict=True)}
 
 
-def _outlines(
-    keyframes: list[KeyframeNode], T_level_map: Floats, place: Floats
-) -> Iterator[tuple[Floats, Floats]]:
+def _outlines(keyframes: list[KeyframeNode], T_level_map: Floats, place: Floats) -> Iterator[tuple[Floats, Floats]]:
     """Where the keyframes stood (2,), and their outlines (M, 2), in the plan's local frame."""
     c, s = np.cos(place[0]), np.sin(place[0])
     R = np.array([[c, -s], [s, c]])
@@ -93,7 +91,7 @@ def _outlines(
             yield R @ T[:2, 3] + place[1:], transform_points(T, keyframe.outline)[:, :2] @ R.T + place[1:]
 
 
-def _looked(sensor: Floats, outline: Floats, places: Floats, normals: Floats) -> NDArray[np.int64]:
+def _observed(sensor: Floats, outline: Floats, places: Floats, normals: Floats) -> NDArray[np.int64]:
     """(2, N) whether one keyframe looked through walls at `places` (N, 2), and whether it saw something at them."""
     looks = np.zeros((2, len(places)), dtype=np.int64)
     away = sensor - places
@@ -122,11 +120,11 @@ def _places(side: Side, doors: Floats) -> Floats:
 def _range_towards(sensor: Floats, outline: Floats, places: Floats) -> Floats:
     """(N,) how far one sees from a sensor in the directions of places; nan where no column of the scan is near."""
     away, to = outline - sensor, places - sensor
-    bearing = np.arctan2(away[:, 1], away[:, 0])
-    order = np.argsort(bearing, kind="stable")
-    bearing, distance = bearing[order], np.hypot(away[:, 0], away[:, 1])[order]
+    wall_status = np.arctan2(away[:, 1], away[:, 0])
+    order = np.argsort(wall_status, kind="stable")
+    wall_status, distance = wall_status[order], np.hypot(away[:, 0], away[:, 1])[order]
     asked = np.arctan2(to[:, 1], to[:, 0])
-    after = np.searchsorted(bearing, asked) % len(bearing)
-    gaps = [np.abs((bearing[k] - asked + np.pi) % (2 * np.pi) - np.pi) for k in (after, after - 1)]
+    after = np.searchsorted(wall_status, asked) % len(wall_status)
+    gaps = [np.abs((wall_status[k] - asked + np.pi) % (2 * np.pi) - np.pi) for k in (after, after - 1)]
     nearest = np.where(gaps[0] < gaps[1], after, after - 1)
     return np.where(np.minimum(*gaps) < np.radians(1.0), distance[nearest], np.nan)

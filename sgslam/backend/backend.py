@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog, Key, Kind
-from sgslam.backend.graph_builder import BIM, GraphBuilder, Told, start_values
+from sgslam.backend.graph_builder import BIM, GraphBuilder, GraphInputs, start_values
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, is_rigid, transform_planes
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
@@ -44,8 +44,8 @@ class Backend:
         self._builder = GraphBuilder(config, self.keyframes, self.log)
         self._optimised_at = 0
         self._sound = 0  # keyframes whose poses are those of an optimum
-        self._told = Told([], {}, [], None)
-        self._walls_told: list[int] = []  # of each that was seen, for what is seen is relabelled
+        self._inputs = GraphInputs([], {}, [], None)
+        self._walls_given: list[int] = []  # of each that was seen, for what is seen is relabelled
         self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, int]] | None = None
 
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
@@ -56,18 +56,18 @@ class Backend:
 
     def state(self) -> dict[str, Any]:
         """What it knows, as a tree (see `state_tree`)."""
-        seen = [replace(s, wall=wall) for s, wall in zip(self._told.seen, self._walls_told, strict=True)]
+        seen = [replace(s, wall=wall) for s, wall in zip(self._inputs.seen, self._walls_given, strict=True)]
         held = [entry.factor for key, entry in self.log.held("odometry").items() if len(key) == 1]
         steps = [factor.measured().matrix() for factor in held if isinstance(factor, gtsam.BetweenFactorPose3)]
         return {
             "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
             "floors_in_map": self.floors_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
-            "sound": self._sound, "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors,
+            "sound": self._sound, "seen": seen, "rooms": self._inputs.rooms, "anchors": self._inputs.anchors,
             "closures": self.closures, "found": self._found, "log": self.log.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told; the factors are made anew from what the last optimisation was told.
+        """Goes on from what `state` inputs; the factors are made anew from what the last optimisation was inputs.
 
         Raises ValueError where they are not those that were held.
         """
@@ -84,19 +84,19 @@ class Backend:
             builder.hold_step(i, step)
         for i in (key[0] for key in held if len(key) == 2):
             builder.bridge(i)
-        self._told = self._hold(builder, state["seen"], state["rooms"], state["anchors"])
-        self._walls_told = [s.wall for s in state["seen"]]
+        self._inputs = self._hold(builder, state["seen"], state["rooms"], state["anchors"])
+        self._walls_given = [s.wall for s in state["seen"]]
         self.log.restore(state["log"], made)
 
     def _hold(
         self, builder: GraphBuilder, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None
-    ) -> Told:
+    ) -> GraphInputs:
         anchor_of = builder.hold_walls(seen)
         builder.hold_floors()
         builder.hold_rooms(rooms, anchor_of)
         builder.hold_loops(self.closures)
         builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
-        return Told(list(seen), anchor_of, rooms, anchors)
+        return GraphInputs(list(seen), anchor_of, rooms, anchors)
 
     def absorb(self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int]) -> None:
         """Takes over the keyframes of another graph, which lies at `T_map_other` (4, 4), with what ties them to one
@@ -121,7 +121,7 @@ class Backend:
 
     def _step(self, i: int) -> Floats:
         """(4, 4) the odometry's motion from the keyframe before to keyframe i."""
-        return inverse(self.keyframes[i - 1].T_odom_sensor) @ self.keyframes[i].T_odom_sensor
+        return inverse(self.keyframes[i - 1].T_track_sensor) @ self.keyframes[i].T_track_sensor
 
     @property
     def poses(self) -> Floats:
@@ -129,9 +129,9 @@ class Backend:
         return np.stack([k.T_map_sensor for k in self.keyframes])
 
     @property
-    def loose(self) -> bool:
+    def has_weak_steps(self) -> bool:
         """Whether a step between keyframes was held by nothing in some direction: the map may have slipped there."""
-        return any(keyframe.slack is not None for keyframe in self.keyframes)
+        return any(keyframe.step_covariance is not None for keyframe in self.keyframes)
 
     @property
     def due(self) -> bool:
@@ -146,26 +146,26 @@ class Backend:
 
         Where the optimizer fails, the graph and where it starts are built anew from the log, without the factors whose
         error is no number; where it fails still, without what ties the map to the BIM; and where that fails too, the
-        estimates of the last optimum stay. All of it is told by warnings.
+        estimates of the last optimum stay. All of it is inputs by warnings.
         """
-        told = self._told = self._hold(self._builder, seen, rooms, anchors)
+        inputs = self._inputs = self._hold(self._builder, seen, rooms, anchors)
         self._optimised_at = len(self.keyframes)
-        self._walls_told = [s.wall for s in seen]
+        self._walls_given = [s.wall for s in seen]
         for attempt in (self._solve, self._rebuild, self._rebuild_without_anchors):
-            failure = attempt(told, steps)
+            failure = attempt(inputs, steps)
             if failure is None:
                 return
             _log.warning("the optimisation of %d keyframes failed: %s", len(self.keyframes), failure)
         _log.warning("the estimates of the last optimum stay")
 
-    def _solve(self, told: Told, steps: int) -> str | None:
+    def _solve(self, inputs: GraphInputs, steps: int) -> str | None:
         """Moves the estimates to the optimum, or returns why they stay."""
         graph = self.log.graph()
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
         try:
-            values = start_values(graph, told, self.keyframes, self.planes_in_map, self.floors_in_map)
+            values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.floors_in_map)
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
             result = optimizer.optimize()
         except RuntimeError as error:
@@ -174,35 +174,35 @@ class Backend:
             return "its error is not finite"
         if optimizer.error() > _BELIEVABLE * graph.size():
             return f"its error is {optimizer.error():.1e}, which nobody can believe"
-        self._take(result, told.anchor_of)
-        self._optimum = graph, result, told.anchor_of
+        self._take(result, inputs.anchor_of)
+        self._optimum = graph, result, inputs.anchor_of
         return None
 
-    def _rebuild(self, told: Told, steps: int) -> str | None:
+    def _rebuild(self, inputs: GraphInputs, steps: int) -> str | None:
         """Solves once more, from where the last optimum was and the odometry beyond it; what is unsound is barred."""
         _log.warning("the graph is rebuilt from the log")
         for i in range(1, len(self.keyframes)):
             if not _usable(self._step(i)) and (i,) in self.log.held("odometry"):
                 self._bar("odometry", (i,), "no robot makes such a step")
         self._restart()
-        values = start_values(self.log.graph(), told, self.keyframes, self.planes_in_map, self.floors_in_map)
+        values = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.floors_in_map)
         for kind, key, why in list(self.log.unsound(values)):
             self._bar(kind, key, why)
-        return self._solve(told, steps)
+        return self._solve(inputs, steps)
 
     def _bar(self, kind: Kind, key: Key, why: str) -> None:
-        # rooms and anchors are told anew each time
+        # rooms and anchors are inputs anew each time
         self.log.withdraw(len(self.keyframes), kind, [key], why, for_good=kind not in ("room", "anchor"))
         if kind == "odometry":
             self._builder.bridge(int(key[0]))
 
-    def _rebuild_without_anchors(self, told: Told, steps: int) -> str | None:
-        if told.anchors is None:
+    def _rebuild_without_anchors(self, inputs: GraphInputs, steps: int) -> str | None:
+        if inputs.anchors is None:
             return "and there are no anchors to do without"
         keys = list(self.log.held("anchor"))
         self.log.withdraw(len(self.keyframes), "anchor", keys, "the optimisation fails with the anchors")
         self._restart()
-        return self._solve(replace(told, anchors=None), steps)
+        return self._solve(replace(inputs, anchors=None), steps)
 
     def _restart(self) -> None:
         """Puts the keyframes that are in no optimum yet where the odometry has them, seen from the last that is."""

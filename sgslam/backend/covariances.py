@@ -46,7 +46,7 @@ class Uncertainty:
         residual[rows[last]] = entries[last]
         rows, columns, entries = rows[~last], columns[~last], entries[~last]
         kind = np.repeat([1 << _KINDS.index(chr(gtsam.symbolChr(key))) for key in keys], sizes)
-        scale = _noise_shown(residual, rows, kind[columns], self._size, _unheld(graph, len(residual)))
+        scale = _noise_shown(residual, rows, kind[columns], self._size, _unconstrained(graph, len(residual)))
         jacobian = csc_matrix((entries / scale[rows], (rows, columns)), shape=(len(residual), self._size))
         self._solve: Callable[[Floats], Floats] = splu(
             (jacobian.T @ jacobian).tocsc(), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True}
@@ -101,17 +101,17 @@ class Uncertainty:
         return value, float(J @ self._solve(J))
 
 
-def _unheld(graph: gtsam.NonlinearFactorGraph, count: int) -> NDArray[np.bool_]:
+def _unconstrained(graph: gtsam.NonlinearFactorGraph, count: int) -> NDArray[np.bool_]:
     """(count,) which of the residuals are of steps that were widened in some directions."""
-    unheld, row = np.zeros(count, dtype=bool), 0
+    unconstrained, row = np.zeros(count, dtype=bool), 0
     for i in range(graph.size()):
         factor = graph.at(i)
         if isinstance(factor, gtsam.BetweenFactorPose3):
             noise = factor.noiseModel()  # neither the diagonal one of all steps nor the robust one of loops
             full = isinstance(noise, gtsam.noiseModel.Gaussian) and not isinstance(noise, gtsam.noiseModel.Diagonal)
-            unheld[row : row + factor.dim()] = full
+            unconstrained[row : row + factor.dim()] = full
         row += factor.dim()
-    return unheld
+    return unconstrained
 
 
 def _noise_shown(

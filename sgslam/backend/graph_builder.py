@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
-from sgslam.backend.wall_outliers import askew
+from sgslam.backend.wall_outliers import wall_outliers
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
@@ -41,10 +41,13 @@ class GraphBuilder:
         """The odometry's `step` (4, 4) from the keyframe before to keyframe i."""
         settings = self._config.odometry
         noise = factors.noise_of_pose(settings.sigma_rotation, settings.sigma_translation)
-        why, slack = "the step between two keyframes", self._keyframes[i].slack
-        if slack is not None:
+        why, step_covariance = "the step between two keyframes", self._keyframes[i].step_covariance
+        if step_covariance is not None:
             base = np.diag([settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3)
-            noise, why = factors.noise_of_covariance(base + slack), f"{why}, where surfaces held the sensor badly"
+            noise, why = (
+                factors.noise_of_covariance(base + step_covariance),
+                f"{why}, where surfaces held the sensor badly",
+            )
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
         self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
 
@@ -73,7 +76,7 @@ class GraphBuilder:
         """Walls seen from two keyframes or more; returns the keyframe that each one is kept by. Sights that show a wall
         askew are left out: however robustly they are held, they pull."""
         rotations = np.stack([k.T_map_sensor[:3, :3] for k in self._keyframes])
-        wrong = askew(seen, rotations)
+        wrong = wall_outliers(seen, rotations)
         keyframes_of: dict[int, set[int]] = {}
         for s, out in zip(seen, wrong, strict=True):
             if not out:
@@ -210,7 +213,7 @@ class GraphBuilder:
             noise: gtsam.noiseModel.Base = factors.redescending_noise_of_plane(
                 settings.sigma_normal, settings.sigma_offset, settings.redescending
             )
-        elif grade == "bent":  # what is far off pulls as hard as what is near, where the map is bent
+        elif grade == "drifted":  # what is far off pulls as hard as what is near, where the map has drifted
             noise = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, huber)
         else:
             noise = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, huber)
@@ -251,12 +254,12 @@ def _middles(anchors: Anchors) -> dict[int, Floats]:
 def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
     """(grade, wall, planned wall) of all anchored walls that the graph has; their places are W(n), W(n + 1), ..., after
     those of the n floors."""
-    grades = (("tight", anchors.planes), ("bent", anchors.bent), ("loose", anchors.loose))
+    grades = (("tight", anchors.planes), ("drifted", anchors.drifted), ("loose", anchors.loose))
     return [(g, wall, p) for g, held in grades for wall, planned in held.items() for p in planned if wall in anchor_of]
 
 
 @dataclass(frozen=True)
-class Told:
+class GraphInputs:
     """What an optimisation is told of: walls as they were seen, and by which keyframe each is kept; rooms; anchors."""
 
     seen: list[SeenWall]
@@ -266,7 +269,7 @@ class Told:
 
 
 def start_values(
-    graph: gtsam.NonlinearFactorGraph, told: Told, keyframes: list[KeyframeNode], planes_in_map: dict[int, Floats],
+    graph: gtsam.NonlinearFactorGraph, inputs: GraphInputs, keyframes: list[KeyframeNode], planes_in_map: dict[int, Floats],
     floors_in_map: dict[int, Floats],
 ) -> gtsam.Values:  # fmt: skip
     """Estimates of the variables of `graph` from what is known: where keyframes and planes are taken to be, else from
@@ -283,19 +286,19 @@ def start_values(
             in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane) if known is None else known
             found[F(keyframe.storey)] = gtsam.OrientedPlane3(transform_planes(inverse(T_map_anchor), in_map))
             found.setdefault(LEVEL, gtsam.Pose3(inverse(level_map(in_map, 0.0))))
-    for s in told.seen:
-        anchor = told.anchor_of.get(s.wall)
+    for s in inputs.seen:
+        anchor = inputs.anchor_of.get(s.wall)
         if anchor is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
             known = planes_in_map.get(s.wall)
             in_map = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane) if known is None else known
             T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
             found[P(s.wall)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
-    for room in told.rooms:
+    for room in inputs.rooms:
         found[R(room.id)] = gtsam.Pose3(room.T_map_room)
-    anchors = told.anchors
+    anchors = inputs.anchors
     if anchors is not None:
         found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
-        places = [p.place for _, _, p in planned_walls(anchors, told.anchor_of)]
+        places = [p.place for _, _, p in planned_walls(anchors, inputs.anchor_of)]
         for number, place in enumerate([*_middles(anchors).values(), *places]):
             found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
     values = gtsam.Values()

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from sgslam.mapping.wall_map import SeenWall
 
-ASKEW, SIGMAS = 0.052, 3.0  # rad, and sigmas, from how most keyframes saw the wall turned
-MOST = 0.1  # of all sights; where more seem askew, it is the map that is bent
+MIN_TURN, SIGMAS = 0.052, 3.0  # rad, and sigmas, from how most keyframes saw the wall turned
+MAX_SHARE = 0.1  # of all sights; where more seem askew, it is the map that has drifted
 
 
-def askew(seen: Sequence[SeenWall], rotations: NDArray[np.float64]) -> NDArray[np.bool_]:
+def wall_outliers(seen: Sequence[SeenWall], rotations: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) which of the sights show their wall turned otherwise than most sights of it do, by more than three degrees
     and what they may be wrong by.
 
@@ -28,9 +28,9 @@ def askew(seen: Sequence[SeenWall], rotations: NDArray[np.float64]) -> NDArray[n
     turned = np.arctan2(
         middle[:, 0] * normal[:, 1] - middle[:, 1] * normal[:, 0], np.einsum("nk,nk->n", middle, normal)
     )
-    found = np.abs(turned - _median(keyframe, turned)) > ASKEW + SIGMAS * told[:, 2]
+    found = np.abs(turned - _median(keyframe, turned)) > MIN_TURN + SIGMAS * told[:, 2]
     alone = np.bincount(keyframe, found)[keyframe] == 1
-    return np.asarray(found & alone & (found.mean() < MOST))
+    return np.asarray(found & alone & (found.mean() < MAX_SHARE))
 
 
 def _median(of: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:

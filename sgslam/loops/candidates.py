@@ -71,20 +71,20 @@ def tied_by_walls(
 
 def passes_near(
     i: int, places: Floats, way: Floats, chosen: NDArray[np.bool_], ties: Ties, settings: LoopSettings,
-    alike: Mapping[str, Index] | None = None,
+    similar: Mapping[str, Index] | None = None,
 ) -> list[Pass]:  # fmt: skip
     """The passes by the place of keyframe i that it may have come back to, the nearest first.
 
     `places` (K, 2) and `way` (K,) are those of all keyframes. Keyframes that are `chosen` (K,) come into question, if
     they were there `gap` metres of way before, no farther off than the drift on the way between allows; those that are
-    `alike` by their walls or rooms, twice as far.
+    `similar` by their walls or rooms, twice as far.
     """
     between = ties.way_between(way, i)
     allowed, turn = settings.drift_base + settings.drift * between, settings.turn_base + settings.turn * between
     older = chosen & (way[i] - way > settings.gap)
     off = np.linalg.norm(places - places[i], axis=1)
     found: list[Pass] = []
-    proposed = [("position", np.arange(len(way)), 1.0), *((by, own, 2.0) for by, own in (alike or {}).items())]
+    proposed = [("position", np.arange(len(way)), 1.0), *((by, own, 2.0) for by, own in (similar or {}).items())]
     for by, candidates, times in proposed:
         drift = np.minimum(times * allowed, settings.most_drift)
         near = candidates[older[candidates] & (off[candidates] < drift[candidates] + _VIEW)]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse, se2_to_se3, transform_points
 from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
-from sgslam.loops.likeness import Widths, alike, alike_rooms
+from sgslam.loops.likeness import Widths, similar, similar_rooms
 from sgslam.loops.registration import register, submap
 from sgslam.loops.search import SeenSpace, agreement, search
 from sgslam.mapping.graph_nodes import Closure
@@ -28,7 +28,7 @@ from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
-Alike = Mapping[str, Index]  # keyframes, by what makes them alike
+Similar = Mapping[str, Index]  # keyframes, by what makes them similar
 _log = logging.getLogger(__name__)
 _PASSES = 3  # earlier passes that are tried for a keyframe
 _CLOUDS = 10  # keyframes of a submap that are registered, at most
@@ -91,7 +91,7 @@ class LoopCloser:
         self._tied = np.concatenate([self._tied, tied[_spread(known.way[tied[:, 0]], settings.spacing)]])
         believed: list[Closure] = []
         chosen = self._places(known, new, set(tied[:, 0].tolist()))
-        likeness = self._alike(known, chosen, walls, scene)
+        likeness = self._similar(known, chosen, walls, scene)
         for i in chosen:
             found = self._close(known, i, likeness[i])
             if found is not None:
@@ -136,7 +136,7 @@ class LoopCloser:
         self._pending, self._tied = state["pending"], state["tied"]
         self._looked, self._last_way, self.withdrawn = state["looked"], state["last_way"], state["withdrawn"]
 
-    def _alike(self, known: _Map, chosen: list[int], walls: WallMap, scene: Scene | None) -> dict[int, Alike]:
+    def _similar(self, known: _Map, chosen: list[int], walls: WallMap, scene: Scene | None) -> dict[int, Similar]:
         """For each chosen keyframe those that have the same walls about them, and those of rooms like its own."""
         if not chosen:
             return {}
@@ -146,9 +146,9 @@ class LoopCloser:
                 planes.setdefault(s.keyframe, []).append(s.plane)
         self._widths |= {k: Widths.of(k, np.stack(own)) for k, own in planes.items()}
         widths = Widths.together([w for k, w in self._widths.items() if known.on_floor[k]]).turned(known.T_level_sensor)
-        rooms = {} if scene is None else alike_rooms(scene)
+        rooms = {} if scene is None else similar_rooms(scene)
         return {
-            i: {"walls": alike(widths.by(i), widths), "room": np.array(rooms.get(i, []), dtype=np.int64)}
+            i: {"walls": similar(widths.by(i), widths), "room": np.array(rooms.get(i, []), dtype=np.int64)}
             for i in chosen
         }
 
@@ -170,7 +170,7 @@ class LoopCloser:
             self._last_way = max(ways)
         return chosen[::-1]
 
-    def _close(self, known: _Map, i: int, likeness: Alike) -> Closure | None:
+    def _close(self, known: _Map, i: int, likeness: Similar) -> Closure | None:
         """The closure of keyframe i to an earlier pass, if there is one that can be trusted by itself."""
         at = known.places, known.way, known.on_floor
         for earlier in passes_near(i, *at, self._ties(), self._settings, likeness)[:_PASSES]:
@@ -189,8 +189,8 @@ class LoopCloser:
         fit = search(there, here.points, known.places[i], earlier.drift, earlier.turn, settings)
         if fit.overlap < settings.overlap or fit.agreement < settings.agreement:
             return self._refused(i, f"agreement {fit.agreement:.2f}, overlap {fit.overlap:.2f}")
-        if fit.rival > fit.agreement - settings.distinct:
-            return self._refused(i, f"another place fits as well ({fit.rival:.2f} and {fit.agreement:.2f})")
+        if fit.runner_up > fit.agreement - settings.distinct:
+            return self._refused(i, f"another place fits as well ({fit.runner_up:.2f} and {fit.agreement:.2f})")
         T_level = se2_to_se3(*fit.motion.tolist()) @ known.T_level_sensor[i]
         j = int(earlier.keyframes[np.argmin(np.linalg.norm(known.places[earlier.keyframes] - T_level[:2, 3], axis=1))])
         target, source = (
@@ -205,9 +205,7 @@ class LoopCloser:
         if np.linalg.norm(moved[:3, 3]) > settings.moved or _angle(moved) > settings.turned:
             return self._refused(i, "the registration leaves the place")
         if found.inliers < settings.inliers or found.error > settings.inlier_error or found.held < settings.held:
-            return self._refused(
-                i, f"inliers {found.inliers:.2f}, error {found.error:.3f} m, held {found.held:.3f}"
-            )
+            return self._refused(i, f"inliers {found.inliers:.2f}, error {found.error:.3f} m, held {found.held:.3f}")
         T_level_later = known.T_level_sensor[j] @ found.T_target_source
         motion = T_level_later @ inverse(known.T_level_sensor[i])
         shares = [
@@ -219,7 +217,7 @@ class LoopCloser:
         correction, turn = float(np.linalg.norm(T_level_later[:3, 3] - known.T_level_sensor[i][:3, 3])), _angle(motion)
         why = (
             f"keyframe {i} is back at keyframe {j}: {found.inliers:.0%} of its points within "
-            f"{100 * settings.inlier_distance:.0f} cm, agreement {fit.agreement:.2f}, next best {fit.rival:.2f}"
+            f"{100 * settings.inlier_distance:.0f} cm, agreement {fit.agreement:.2f}, next best {fit.runner_up:.2f}"
         )
         return Closure(j, i, found.T_target_source, found.covariance, correction, turn, earlier.by, why)
 
@@ -242,7 +240,7 @@ class LoopCloser:
         return agreeing
 
     def _agree(self, known: _Map, a: Closure, b: Closure) -> bool:
-        """Whether two closures move the later pass alike, as far as either pass may have drifted in between."""
+        """Whether two closures move the later pass similar, as far as either pass may have drifted in between."""
         T = known.T_level_sensor
         first, second = (T[c.earlier] @ c.T_earlier_later @ inverse(T[c.later]) for c in (a, b))
         apart = abs(known.way[a.later] - known.way[b.later]) + abs(known.way[a.earlier] - known.way[b.earlier])

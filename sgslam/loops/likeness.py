@@ -1,4 +1,4 @@
-"""Which earlier keyframes and rooms are alike: as far from wall to wall, in two directions, as here.
+"""Which earlier keyframes and rooms are similar: as far from wall to wall, in two directions, as here.
 
 The distance between two walls that face each other does not depend on where between them the sensor stands, nor on the
 map's drift: a room is told by its width and depth, a corridor by nothing but its width.
@@ -58,7 +58,7 @@ class Widths:
         return Widths(self.owner[own], self.direction[own], self.distance[own])
 
 
-def alike(here: Widths, known: Widths) -> Index:
+def similar(here: Widths, known: Widths) -> Index:
     """The owners of `known` distances that equal those of `here` in two horizontal directions, without repetition; all
     directions in the levelled map."""
     if not len(here.distance) or not len(known.distance):
@@ -73,8 +73,8 @@ def alike(here: Widths, known: Widths) -> Index:
     return owners[(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy) > _BOTH]
 
 
-def alike_rooms(scene: Scene) -> dict[int, list[int]]:
-    """For each keyframe in a room the keyframes of other rooms that are alike to it in width and depth."""
+def similar_rooms(scene: Scene) -> dict[int, list[int]]:
+    """For each keyframe in a room the keyframes of other rooms that are similar to it in width and depth."""
     rooms = {room.id: room for room in scene.rooms if room.walls}
     number_of = {name: number for number, name in scene.room_ids.items()}
     members: dict[int, list[int]] = {}
@@ -86,7 +86,7 @@ def alike_rooms(scene: Scene) -> dict[int, list[int]]:
     known = Widths.together(widths)
     result: dict[int, list[int]] = {}
     for number, own in zip(rooms, widths, strict=True):
-        same = [k for other in alike(own, known).tolist() if other != number for k in members.get(other, [])]
+        same = [k for other in similar(own, known).tolist() if other != number for k in members.get(other, [])]
         if same:
             result |= dict.fromkeys(members.get(number, []), sorted(same))
     return result

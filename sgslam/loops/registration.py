@@ -15,7 +15,7 @@ Floats = NDArray[np.float64]
 _VOXEL = 0.15  # m, of the points that are registered
 _NEIGHBOURS = 20  # of a point, for its normal; of fewer, noise makes a bare wall hold something along itself
 _FEWEST = 50  # points
-_ALIKE, _SIGMA = 100.0, 0.02  # points that err alike; m
+_ALIKE, _SIGMA = 100.0, 0.02  # points that err similar; m
 _KNOWN = 0.5  # m
 _COARSE, _FINE = 0.5, 0.2  # m between corresponding points
 
@@ -88,7 +88,7 @@ def _held(H: Floats) -> float:
 def _covariance(H: Floats, settings: LoopSettings) -> Floats:
     """Of the registration, no better than the settings have it; wide where the points hold nothing.
 
-    Points of one surface err alike: a hundred count for one, with 2 cm each.
+    Points of one surface err similar: a hundred count for one, with 2 cm each.
     """
     values, vectors = np.linalg.eigh(H / _ALIKE / _SIGMA**2)
     wide = vectors @ np.diag(1.0 / np.maximum(values, 1e-2)) @ vectors.T

@@ -19,7 +19,7 @@ _REACH = 10.0  # m of each contour that is used; beyond, neighbouring columns ar
 _WALL, _CLEAR = 0.15, 0.35  # m from a contour: up to here wall, from here on free
 _STEP, _TURN = 0.2, 0.0175  # m, rad: of the coarse search
 _FINE = ((0.05, 2, 0.006, 3), (0.02, 3, 0.003, 2))  # step, steps to each side, turn, turns to each side
-_RIVAL, _RIVAL_TURN = 0.6, 0.1  # m, rad from the best place, from which on another is another
+_DISTINCT, _DISTINCT_TURN = 0.6, 0.1  # m, rad from the best place, from which on another is another
 _CHUNK = 4_000_000  # look-ups at once
 
 
@@ -59,12 +59,12 @@ class SeenSpace:
 @dataclass(frozen=True)
 class Fit:
     """`motion` (3,) yaw x y moves the later pass onto the earlier one. `overlap` of its points lie in known space,
-    `agreement` is the share of those on walls less that of those in free space; `rival` that of the next best place."""
+    `agreement` is the share of those on walls less that of those in free space; `runner_up` that of the next best place."""
 
     motion: Floats
     overlap: float
     agreement: float
-    rival: float
+    runner_up: float
 
 
 def agreement(space: SeenSpace, points: Floats) -> tuple[float, float]:
@@ -86,9 +86,9 @@ def search(space: SeenSpace, points: Floats, centre: Floats, drift: float, turn:
     score = np.where(possible, total / np.maximum(known, 1), -1.0)
     support = np.where(known >= settings.overlap * len(points), total, -len(points))
     best = np.unravel_index(int(support.argmax()), support.shape)
-    elsewhere = np.hypot(*(moves - moves[best[1]]).T)[None] > _RIVAL
-    elsewhere = elsewhere | (np.abs(turns - turns[best[0]]) > _RIVAL_TURN)[:, None]
-    rival = float(np.where(elsewhere, score, -1.0).max())
+    elsewhere = np.hypot(*(moves - moves[best[1]]).T)[None] > _DISTINCT
+    elsewhere = elsewhere | (np.abs(turns - turns[best[0]]) > _DISTINCT_TURN)[:, None]
+    runner_up = float(np.where(elsewhere, score, -1.0).max())
     motion = np.array([turns[best[0]], *moves[best[1]]])
     for step, count, angle, angles in _FINE:
         side = np.arange(-count, count + 1) * step
@@ -100,7 +100,7 @@ def search(space: SeenSpace, points: Floats, centre: Floats, drift: float, turn:
         motion = np.array([about[top[:, 0]].mean(), *finer[top[:, 1]].mean(axis=0)])
     placed = _moved(points, motion, centre)
     overlap, agreed = agreement(space, placed)
-    return Fit(_about_origin(motion, centre), overlap, agreed, rival)
+    return Fit(_about_origin(motion, centre), overlap, agreed, runner_up)
 
 
 def _scores(space: SeenSpace, points: Floats, turns: Floats, moves: Floats) -> tuple[Floats, Floats]:

@@ -54,5 +54,7 @@ class Anchors:
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevations: dict[int, float]  # of the S-graph's floors by their numbers, as far as their storeys are known
     loose: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: walls that stand otherwise
-    bent: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: where the map is to be bent back
+    drifted: dict[int, list[PlannedWall]] = field(
+        default_factory=dict
+    )  # as `planes`: where the map is to be pulled back
     by: str = "given"  # what the storey and the rooms were told by

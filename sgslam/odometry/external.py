@@ -15,7 +15,7 @@ _BEYOND_NS = NS // 10  # before the first pose and after the last: as fast as th
 _GAP_NS = NS  # between two poses; over a longer time nobody knows how the sensor went
 
 
-class GivenOdometry:
+class ExternalOdometry:
     """T_odom_sensor at any stamp that the trajectory covers.
 
     `name` is what messages call it.
@@ -29,9 +29,9 @@ class GivenOdometry:
         self._steps = np.diff(trajectory.stamps_ns)
 
     @staticmethod
-    def read(path: Path | str) -> "GivenOdometry":
+    def read(path: Path | str) -> "ExternalOdometry":
         """From a TUM file; raises UserError where it is none."""
-        return GivenOdometry(Trajectory.read_tum(path), str(path))
+        return ExternalOdometry(Trajectory.read_tum(path), str(path))
 
     def check(self, stamps_ns: Sequence[int] | NDArray[np.int64]) -> None:
         """Raises UserError, with the first stamp in question, where the trajectory does not cover all of these."""

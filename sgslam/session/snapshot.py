@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """`stamps_ns` (K,), `poses` (K, 4, 4) T_map_sensor and `floors` (K,) the floors' ids (None on a stair) are the
-    keyframes'. `graphs` hold the floors of the S-graph, map frame, as they were last cut. `plan` is what the map is to
+    keyframes'. `graphs` align_walls the floors of the S-graph, map frame, as they were last cut. `plan` is what the map is to
     be found in; `T_plan_map` (4, 4) is None while it is not. `matches` has the form of matches.json, None while the map
     has no place; `hypotheses` are then what the matcher says of each floor: (the floor's id, as within matches.json).
     """
@@ -63,9 +63,9 @@ def taken(
         reason = anchoring.reason
         if T_map_local is not None:
             T_plan_map = anchoring.bim_from_map(T_map_local)
-            matches = anchoring.answer(floors, anchoring.holdings(floors, T_map_local))
+            matches = anchoring.answer(floors, anchoring.alignments(floors, T_map_local))
         else:
-            for number, match in anchoring.newest.items():
+            for number, match in anchoring.newest_matches.items():
                 hypotheses += [(f"floor-{number}", told) for told in match.to_dict().get("hypotheses") or ()]
     return Snapshot(
         np.array([k.stamp_ns for k in keyframes], dtype=np.int64), backend.poses, on, graphs,

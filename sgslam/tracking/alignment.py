@@ -165,7 +165,7 @@ def chosen(flags: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class Pull:
+class NormalEquations:
     """The normal equations H (6, 6), g (6,) by a turn and a move of the sensor, map axes, each point counting one with
     Huber's weight; from the points `found` on a wall, of which so many are `close`."""
 
@@ -175,11 +175,11 @@ class Pull:
     close: int
 
 
-def to_walls(points: Floats, T: Floats, walls: Lines, gate: float, settings: TrackingSettings) -> Pull:
+def to_walls(points: Floats, T: Floats, walls: Lines, gate: float, settings: TrackingSettings) -> NormalEquations:
     """What draws the points (N, 3), sensor frame, of a sensor at T (4, 4) to the walls nearest to them, those that lie
     within the gate; close are those within the last gate of the settings."""
     lines = walls.normal, walls.offset, walls.low, walls.high
-    return Pull(*_to_walls(points, T, *lines, gate, settings.gates[-1], settings.huber)[:4])
+    return NormalEquations(*_to_walls(points, T, *lines, gate, settings.gates[-1], settings.huber)[:4])
 
 
 @compiled
@@ -198,7 +198,7 @@ def _to_walls(
     points: Floats, T: Floats, normal: Floats, offset: Floats, low: Floats, high: Floats,
     gate: float, last_gate: float, huber: float,
 ) -> tuple[Floats, Floats, int, int, NDArray[np.bool_]]:  # fmt: skip
-    """What `Pull` holds, and which walls have points."""
+    """What `NormalEquations` holds, and which walls have points."""
     H, g, J = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     found, close, used = 0, 0, np.zeros(len(offset), np.bool_)
     for i in range(len(points)):

@@ -55,7 +55,7 @@ class Arrival:
     drift: float = 0.0
 
 
-class Climb(Stateful):
+class FloorTransition(Stateful):
     """Watches whether the robot is on its floor, and locates it where it is not."""
 
     _STATE = ("active", "ground", "_window", "_mapped", "_suspected", "_idle", "_way")

@@ -52,7 +52,7 @@ def turned(information: Floats, T_level_sensor: Floats) -> Floats:
     return np.asarray(D @ information @ D.T)
 
 
-class Slack(Stateful):
+class StepUncertainty(Stateful):
     """How far the sensor may be from where it was tracked to since the last keyframe: the covariance (3, 3) of yaw, x
     and y (level axes), which each scan's step widens by its own uncertainty, and its surfaces narrow again (a Kalman
     filter's two steps). Roll, pitch and height are held by the floor and by how the sensor is carried.

@@ -14,13 +14,13 @@ from data.ifc.writer import IfcWriter, box
 from data.plans.bim import load_bim
 from data.simulation.changes import Changes, write_plan_without
 from data.simulation.simulate import simulate
-from sgslam.anchoring.wall_alignment import Held
-from sgslam.anchoring.wall_association import WallArrays, pair_by_position
-from sgslam.as_built.deviation_tests import Verdict, verdicts
+from sgslam.anchoring.wall_alignment import AlignedWall
+from sgslam.anchoring.wall_association import WallArrays, associate_walls
+from sgslam.as_built.deviation_tests import DeviationTest, run_deviation_tests
 from sgslam.as_built.deviations import Piece
 from sgslam.as_built.missing_and_extra_walls import has_other_side
-from sgslam.as_built.visibility import Sight
-from sgslam.as_built.wall_solids import Body, bodies_of, sides_of
+from sgslam.as_built.visibility import Visibility
+from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
 from sgslam.config import Config
 from sgslam.report.contents import ReportData, entered_unmatched
 from sgslam.slam import SceneGraphSlam
@@ -38,58 +38,58 @@ A, B = side("a", 0.0, -1.0), side("b", 0.12, 1.0)
 
 def piece(planned: WallSurface, offset: float, low: float, high: float, **more: float | bool) -> Piece:
     seen = replace(planned, id=f"s{planned.id}{low}", length=high - low)
-    held = Held(seen, planned, offset, abs(offset) < 0.02)
+    aligned = AlignedWall(seen, planned, offset, abs(offset) < 0.02)
     told = {"sigma": 0.005, "tilt": 0.0, "over_parapet": False} | more
-    return Piece(held, planned.source, offset, span=(low, high), length=high - low, **told)  # type: ignore[arg-type]
+    return Piece(aligned, planned.source, offset, span=(low, high), length=high - low, **told)  # type: ignore[arg-type]
 
 
-def judged(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
-           ) -> list[Verdict]:  # fmt: skip
-    """The verdicts; the wall is seen through between `open_` from its side a."""
+def results(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
+           ) -> list[DeviationTest]:  # fmt: skip
+    """The run_deviation_tests; the wall is seen through between `open_` from its side a."""
     along = np.arange(-2.9, 3.0, 0.1)
     through = np.zeros(len(along), bool) if open_ is None else (along > open_[0]) & (along < open_[1])
-    sights = {("a", "wall"): Sight(along, through, ~through)}
-    return verdicts(pieces, bodies(*surfaces), sights, CONFIG)
+    visibility = {("a", "wall"): Visibility(along, through, ~through)}
+    return run_deviation_tests(pieces, solids(*surfaces), visibility, CONFIG)
 
 
-def bodies(*surfaces: WallSurface) -> list[Body]:
-    return bodies_of([own for surface in surfaces for own in sides_of(surface)])
+def solids(*surfaces: WallSurface) -> list[WallSolid]:
+    return solids_of([own for surface in surfaces for own in sides_of(surface)])
 
 
 def test_both_sides_of_a_wall_are_one_body() -> None:
     stub = side("c", 0.06, 1.0, x=20.0, length=0.4)
     end = WallSurface("d", None, (3.0, 0.06), (1.0, 0.0), 0.12, None, "wall")
     other = side("e", 0.12, 1.0, "another")
-    found = bodies(A, B, stub, end, other)
-    assert [sorted(key[0] for key in body.facing) for body in found] == [["a", "b", "c"], ["d"], ["e"]]
+    found = solids(A, B, stub, end, other)
+    assert [sorted(key[0] for key in solid.facing) for solid in found] == [["a", "b", "c"], ["d"], ["e"]]
     assert found[0].thickness == pytest.approx(0.12)
     assert found[0].facing[("a", "wall")] == -found[0].facing[("b", "wall")]
     assert found[2].thickness is None
 
 
 def test_a_wall_that_was_moved_is_told_on_both_sides() -> None:
-    told = judged([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
+    told = results([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
     assert [v.significant for v in told] == [True, True, False]
     assert "both sides" in told[0].reason and "otherwise" in told[2].reason
 
 
 def test_what_stands_before_a_wall_whose_other_side_stands_is_furniture() -> None:
-    told = judged([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
+    told = results([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
     assert not any(v.significant for v in told)
     assert "furniture" in told[0].reason and told[1].reason == "as planned"
 
 
 def test_the_back_of_a_cupboard_at_a_wall_that_is_seen_through_is_no_moved_wall() -> None:
     back = [piece(A, -0.13, -3, -1)]
-    assert [v.significant for v in judged(back)] == [True]
-    seen_through = judged(back, open_=(0.0, 1.0))
+    assert [v.significant for v in results(back)] == [True]
+    seen_through = results(back, open_=(0.0, 1.0))
     assert not seen_through[0].significant and "seen through" in seen_through[0].reason
     # within the wall's own thickness no cupboard can stand: the wall was moved, and has an opening
-    assert judged([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
+    assert results([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
 
 
 def test_a_pane_over_its_parapet_is_told_with_its_reason() -> None:
-    told = judged([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
+    told = results([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
     assert not any(v.significant for v in told)
     assert "pane" in told[0].reason
 
@@ -99,18 +99,18 @@ def test_walls_in_one_plane_are_judged_each_for_itself() -> None:
     plane = replace(A, parts=(("right", -3.0, 0.0, True), ("left", 0.0, 3.0, True)))
     moved, stands = (replace(piece(plane, o, *span), source=s) for s, o, span in
                      (("left", -0.15, (0.3, 3.0)), ("right", 0.0, (-3.0, 0.0))))  # fmt: skip
-    told = verdicts([moved, stands], bodies(plane), {}, CONFIG)
+    told = run_deviation_tests([moved, stands], solids(plane), {}, CONFIG)
     assert [v.significant for v in told] == [True, False]
 
 
 def test_a_plan_tells_which_wall_stands_where_in_a_plane(tmp_path: Path) -> None:
     """A room of 8 m by 4 m, whose northern side two walls of the model make, the second with a door."""
     writer = IfcWriter("Two in a row", {"Ground": 0.0})
-    for name, body in {
+    for name, solid in {
         "west": (-0.2, -0.2, 0.0, 4.2), "east": (8.0, -0.2, 8.2, 4.2), "south": (0.0, -0.2, 8.0, 0.0),
         "first": (0.0, 4.0, 3.0, 4.2), "second": (3.0, 4.0, 8.0, 4.2),
     }.items():  # fmt: skip
-        x0, y0, x1, y1 = body
+        x0, y0, x1, y1 = solid
         host = writer.element("IfcWall", name, "Ground", [box(x0, y0, 0.0, x1, y1, 2.6)])
         if name == "second":
             writer.cut(host, "Ground", box(5.0, 4.0, 0.0, 6.0, 4.2, 2.1))
@@ -132,11 +132,11 @@ def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
     stub, long = side("stub", 0.0, 1.0, "stub", length=0.3), side("long", -0.25, 1.0, "long", x=0.5, length=3.0)
     planned = WallArrays.of([stub, long], {}, np.zeros(2))
     seen = WallArrays.of([side("seen", 0.04, 1.0, length=2.5)], {}, np.zeros(2))
-    assert pair_by_position(seen, planned, 0.4, 0.07).tolist() == [1]
+    assert associate_walls(seen, planned, 0.4, 0.07).tolist() == [1]
     alone = WallArrays.of([stub], {}, np.zeros(2))
-    assert pair_by_position(seen, alone, 0.4, 0.07).tolist() == [-1]
+    assert associate_walls(seen, alone, 0.4, 0.07).tolist() == [-1]
     in_place = WallArrays.of([side("seen", 0.01, 1.0, length=2.5)], {}, np.zeros(2))
-    assert pair_by_position(in_place, alone, 0.4, 0.07).tolist() == [0]
+    assert associate_walls(in_place, alone, 0.4, 0.07).tolist() == [0]
 
 
 @pytest.mark.slow

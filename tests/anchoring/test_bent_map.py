@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sgslam.anchoring.local_drift import bent_with_neighbours, rooms_moved_whole
+from sgslam.anchoring.local_drift import drifted_neighbourhoods, drifted_rooms
 from sgslam.anchoring.se2_consensus import Pairs, find_consensus
 
 ROOM = 4.0  # m
@@ -25,17 +25,17 @@ def shifted(by: tuple[float, float]) -> np.ndarray:
     return np.array([by[0], -by[0], by[1], -by[1]])
 
 
-def bent(pairs: Pairs, built_so: np.ndarray | None = None) -> np.ndarray:
-    known = np.zeros((len(pairs.unit) // 4, 4), dtype=bool) if built_so is None else built_so
+def drifted(pairs: Pairs, deviating: np.ndarray | None = None) -> np.ndarray:
+    known = np.zeros((len(pairs.unit) // 4, 4), dtype=bool) if deviating is None else deviating
     overall = find_consensus(pairs, np.zeros(3), TURN)
     assert overall is not None and np.allclose(overall.T_plan_map, 0.0, atol=0.01)
-    return bent_with_neighbours(pairs, overall, TURN, known.ravel()).reshape(-1, 4)
+    return drifted_neighbourhoods(pairs, overall, TURN, known.ravel()).reshape(-1, 4)
 
 
 def test_rooms_that_drifted_together_are_bent() -> None:
     off = np.zeros((12, 4))
     off[8:] = shifted((0.05, 0.15))
-    across = bent(rooms_in_a_row(12, off))[:, 2:]
+    across = drifted(rooms_in_a_row(12, off))[:, 2:]
     assert across[9:].all() and not across[:8].any()
 
 
@@ -43,7 +43,7 @@ def test_walls_that_were_built_elsewhere_are_not() -> None:
     rng = np.random.default_rng(1)
     off = np.zeros(48)
     off[rng.permutation(48)[:16]] = rng.uniform(0.1, 0.3, 16) * rng.choice([-1, 1], 16)
-    assert not bent(rooms_in_a_row(12, off.reshape(12, 4))).any()
+    assert not drifted(rooms_in_a_row(12, off.reshape(12, 4))).any()
 
 
 @pytest.mark.parametrize("seed", [8, 9, 14])
@@ -53,11 +53,11 @@ def test_walls_that_agree_with_every_place_bend_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     off = np.zeros(48)
     off[rng.permutation(48)[:22]] = rng.uniform(0.1, 0.3, 22) * rng.choice([-1, 1], 22)
-    assert not bent(rooms_in_a_row(12, off.reshape(12, 4))).any()
+    assert not drifted(rooms_in_a_row(12, off.reshape(12, 4))).any()
 
 
 def test_a_map_that_agrees_is_not_bent() -> None:
-    assert not bent(rooms_in_a_row(5, np.zeros((5, 4)))).any()
+    assert not drifted(rooms_in_a_row(5, np.zeros((5, 4)))).any()
 
 
 def test_walls_that_are_known_to_stand_elsewhere_bend_nothing() -> None:
@@ -65,15 +65,15 @@ def test_walls_that_are_known_to_stand_elsewhere_bend_nothing() -> None:
     off, known = np.zeros((12, 4)), np.zeros((12, 4), dtype=bool)
     off[8:] = shifted((0.05, 0.15))
     known[8:, 2:] = True
-    assert not bent(rooms_in_a_row(12, off), known).any()
+    assert not drifted(rooms_in_a_row(12, off), known).any()
 
 
-def moved_whole(off: np.ndarray, built_so: np.ndarray | None = None) -> np.ndarray:
+def moved_whole(off: np.ndarray, deviating: np.ndarray | None = None) -> np.ndarray:
     pairs = rooms_in_a_row(len(off), off)
     overall = find_consensus(pairs, np.zeros(3), TURN)
     assert overall is not None and np.allclose(overall.T_plan_map, 0.0, atol=0.01)
-    known = np.zeros(len(pairs.unit), dtype=bool) if built_so is None else built_so.ravel()
-    return rooms_moved_whole(pairs, overall, np.repeat(np.arange(len(off)), 4), known).reshape(-1, 4)
+    known = np.zeros(len(pairs.unit), dtype=bool) if deviating is None else deviating.ravel()
+    return drifted_rooms(pairs, overall, np.repeat(np.arange(len(off)), 4), known).reshape(-1, 4)
 
 
 def test_a_room_into_which_a_step_was_wrong_is_moved_whole() -> None:
@@ -90,4 +90,4 @@ def test_a_wall_that_was_moved_moves_no_room(opposite: float) -> None:
     off[5, :2] = 0.1, opposite
     assert not moved_whole(off).any()
     off[5] = shifted((0.1, 0.0))
-    assert not moved_whole(off, built_so=np.abs(off) > 0.05).any()
+    assert not moved_whole(off, deviating=np.abs(off) > 0.05).any()

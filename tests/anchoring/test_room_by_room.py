@@ -10,7 +10,7 @@ from test_contradictions import a_room, graph
 from data import Keyframe, Room, SceneGraph, WallSurface
 from data.geometry import se2
 from matching import Matcher, MatchResult
-from sgslam.anchoring.room_relocalisation import MOST_ASKED, room_by_room
+from sgslam.anchoring.room_relocalisation import MAX_ROOMS, relocalise_by_rooms
 from sgslam.config import AnchorSettings
 
 Corners = list[tuple[float, float]]
@@ -35,7 +35,7 @@ KNOWN = graph(walled("lab", LAB), walled("store", STORE), a_room("a", -6.2, 0, 6
 
 def asked(*seen: tuple[Room, list[WallSurface]], known: SceneGraph = KNOWN) -> MatchResult | None:
     s, matcher = graph(*seen, T=PLACE), Matcher.load("learned")
-    return room_by_room(s, partial(matcher.match, a=known), lambda _: known, AnchorSettings())
+    return relocalise_by_rooms(s, partial(matcher.match, a=known), lambda _: known, AnchorSettings())
 
 
 def test_one_room_that_is_known_tells_the_place_of_a_map_of_which_the_rest_is_not() -> None:
@@ -66,11 +66,11 @@ def test_a_room_that_the_known_map_has_twice_tells_nothing() -> None:
 
 def test_the_rooms_near_the_robot_are_asked_after() -> None:
     far = [walled(f"far{k}", moved([(0, 0), (2 + k / 3, 0), (2 + k / 3, 2), (9, 2), (9, 6), (0, 6)], 30 + 10 * k, 0))
-           for k in range(MOST_ASKED)]  # fmt: skip
+           for k in range(MAX_ROOMS)]  # fmt: skip
     s, matcher = graph(walled("lab", LAB), *far), Matcher.load("learned")
 
     def asked_from(x: float) -> MatchResult | None:
         seen = replace(s, keyframes=(Keyframe("k", 0, (x, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0)),))
-        return room_by_room(seen, partial(matcher.match, a=KNOWN), lambda _: KNOWN, AnchorSettings())
+        return relocalise_by_rooms(seen, partial(matcher.match, a=KNOWN), lambda _: KNOWN, AnchorSettings())
 
     assert asked_from(3.0) is not None and asked_from(60.0) is None

@@ -8,8 +8,15 @@ from data import SceneGraph
 from data.geometry import se2
 from matching import MatchResult
 from matching.result import Hypothesis
-from sgslam.anchoring.match_history import Growth, Said
-from sgslam.anchoring.place_verification import Listed, is_clear, is_enough, is_outdone, is_plenty, tenable
+from sgslam.anchoring.match_history import MapSize, UniqueMatch
+from sgslam.anchoring.place_verification import (
+    CandidatePlace,
+    has_close_alternative,
+    is_clear,
+    is_overwhelming,
+    is_strong,
+    verified_match,
+)
 from sgslam.config import AnchorSettings
 
 OFFICE, HALL, LAB = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3), a_room("lab", 30, 0, 4, 3)
@@ -24,7 +31,7 @@ def answer(*places: tuple[float, tuple[float, float, float]]) -> MatchResult:
 
 
 def judged(match: MatchResult, s: SceneGraph = SEEN) -> MatchResult:
-    return tenable(match, s, lambda _: KNOWN, AnchorSettings())
+    return verified_match(match, s, lambda _: KNOWN, AnchorSettings())
 
 
 def test_a_place_that_the_known_map_contradicts_is_struck_out() -> None:
@@ -39,9 +46,9 @@ def test_a_building_that_repeats_itself_may_do_so_where_it_is_not_known(nats: fl
 
 
 def test_a_place_that_is_contradicted_somewhat_must_be_further_ahead() -> None:
-    best, other = (Listed(score, np.zeros(3), None) for score in (60.0, 30.0))
-    assert not is_outdone(best, [other, best], 0.0) and is_outdone(best, [other, best], 0.015)
-    assert not is_outdone(best, [best], 0.015)
+    best, other = (CandidatePlace(score, np.zeros(3), None) for score in (60.0, 30.0))
+    assert not has_close_alternative(best, [other, best], 0.0) and has_close_alternative(best, [other, best], 0.015)
+    assert not has_close_alternative(best, [best], 0.015)
 
 
 def test_a_map_of_one_office_stays_ambiguous_where_there_are_two() -> None:
@@ -69,12 +76,12 @@ def test_an_answer_is_clear_where_nothing_comes_near_it() -> None:
 
     assert is_clear(unique(60.0, 30.0)) and is_clear(unique(60.0))
     assert not is_clear(unique(60.0, 50.0)) and not is_clear(unique(20.0)) and not is_clear(unique())
-    assert not is_clear(answer((60.0, HERE))) and not is_enough(unique(45.0))
-    assert is_enough(unique(60.0, 55.0)) and not is_plenty(unique(90.0)) and is_plenty(unique(110.0, 80.0))
+    assert not is_clear(answer((60.0, HERE))) and not is_strong(unique(45.0))
+    assert is_strong(unique(60.0, 55.0)) and not is_overwhelming(unique(90.0)) and is_overwhelming(unique(110.0, 80.0))
 
 
 def test_an_answer_bears_another_out_when_map_and_evidence_have_grown() -> None:
-    first = Said(None, np.zeros(3), 50.0, Growth(2, 40.0), 9)
-    assert Said(None, np.zeros(3), 60.0, Growth(3, 41.0), 10).is_more(first)
-    assert not Said(None, np.zeros(3), 60.0, Growth(2, 41.0), 10).is_more(first)
-    assert not Said(None, np.zeros(3), 50.0, Growth(3, 60.0), 12).is_more(first)
+    first = UniqueMatch(None, np.zeros(3), 50.0, MapSize(2, 40.0), 9)
+    assert UniqueMatch(None, np.zeros(3), 60.0, MapSize(3, 41.0), 10).has_more_evidence_than(first)
+    assert not UniqueMatch(None, np.zeros(3), 60.0, MapSize(2, 41.0), 10).has_more_evidence_than(first)
+    assert not UniqueMatch(None, np.zeros(3), 50.0, MapSize(3, 60.0), 12).has_more_evidence_than(first)

@@ -14,7 +14,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.perception.column_scan import sort_into_columns
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking.step_uncertainty import Slack, surfaces_of, turned
+from sgslam.tracking.step_uncertainty import StepUncertainty, surfaces_of, turned
 
 SENSOR = SpinningSensor(azimuths=450, max_range=30.0)
 FURNISHED: list[Box] = [*room(-6.0, -4.0, 14.0, 5.0), (2.0, -4.0, 0.0, 2.2, 0.0, 2.6), (6.0, 3.0, 0.0, 7.0, 5.0, 2.6)]
@@ -49,26 +49,26 @@ def test_a_few_points_hold_nothing(count: int) -> None:
     assert H.shape == (3, 3) and np.isfinite(H).all() and np.trace(H[1:, 1:]) <= 2.0
 
 
-def slack(information: Array, scans: int) -> Array | None:
-    own = Slack(OdometrySettings(), TrackingSettings())
+def step_covariance(information: Array, scans: int) -> Array | None:
+    own = StepUncertainty(OdometrySettings(), TrackingSettings())
     for _ in range(scans):
         own.add(information, 0.03, 0.1)
     return own.leave(np.eye(3))
 
 
 def test_a_step_is_widened_where_nothing_held_it_and_there_alone() -> None:
-    assert slack(np.diag([500.0, 50.0, 50.0]), 10) is None
-    along = slack(np.diag([500.0, 0.0, 50.0]), 10)
+    assert step_covariance(np.diag([500.0, 50.0, 50.0]), 10) is None
+    along = step_covariance(np.diag([500.0, 0.0, 50.0]), 10)
     assert along is not None
     sigmas = np.sqrt(np.diag(along))
     assert sigmas[3] == pytest.approx(1.0, rel=0.05) and np.delete(sigmas, 3).max() < 1e-6
-    everywhere = slack(np.zeros((3, 3)), 10)
+    everywhere = step_covariance(np.zeros((3, 3)), 10)
     assert everywhere is not None
     np.testing.assert_allclose(np.sqrt(np.diag(everywhere)), [0, 0, 0.3, 1.0, 1.0, 0], rtol=0.05, atol=1e-9)
 
 
 def test_it_is_told_in_the_axes_of_the_sensor() -> None:
-    own, R_level_sensor = Slack(OdometrySettings(), TrackingSettings()), pose(0.0, 0.0, 0.0, YAW)[:3, :3]
+    own, R_level_sensor = StepUncertainty(OdometrySettings(), TrackingSettings()), pose(0.0, 0.0, 0.0, YAW)[:3, :3]
     own.add(np.diag([500.0, 0.0, 50.0]), 0.03, 0.1)  # held across the level's x axis
     covariance = own.leave(R_level_sensor)
     assert covariance is not None
@@ -119,8 +119,8 @@ def test_in_an_open_hall_it_grows_in_all_directions() -> None:
 
 def test_in_a_furnished_room_no_step_is_widened() -> None:
     slam, _, _ = driven("room")
-    assert all(keyframe.slack is None for keyframe in slam._map.backend.keyframes)
-    assert not slam._map.backend.loose and driven("corridor")[0]._map.backend.loose
+    assert all(keyframe.step_covariance is None for keyframe in slam._map.backend.keyframes)
+    assert not slam._map.backend.has_weak_steps and driven("corridor")[0]._map.backend.has_weak_steps
 
 
 def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam, Array, Array]:
@@ -175,7 +175,7 @@ def test_where_nothing_holds_a_leap_widens_its_step() -> None:
     for i in range(60):
         T = pose(0.08 * i + (2.0 if i >= 30 else 0.0), 0.0)
         slam.add_scan(i * 10**8, scan(scene, pose(0.08 * i, 0.0), SENSOR, i), T_odom_sensor=T)
-    sigmas = [0.0 if k.slack is None else float(np.sqrt(k.slack[3, 3])) for k in slam._map.backend.keyframes]
+    sigmas = [0.0 if k.step_covariance is None else float(np.sqrt(k.step_covariance[3, 3])) for k in slam._map.backend.keyframes]
     assert max(sigmas) > 0.9 and sorted(sigmas)[-2] < 0.1
 
 

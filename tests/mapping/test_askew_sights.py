@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sgslam.backend.wall_outliers import askew
+from sgslam.backend.wall_outliers import wall_outliers
 from sgslam.mapping.wall_map import SeenWall
 
 WALLS = (0.0, np.pi / 2, np.pi, -np.pi / 2, 0.3)  # headings of normals, map frame
@@ -30,24 +30,24 @@ def test_one_sight_is_askew_and_a_keyframe_that_is_turned_has_none(own: float) -
     true = np.linspace(0, 3, 30)
     believed = true + own * (np.arange(30) == 7)
     seen = sights(true, {(7, 4): np.radians(4), (9, 1): np.radians(1)})
-    found = askew(seen, rotations(believed))
+    found = wall_outliers(seen, rotations(believed))
     assert [(s.keyframe, s.wall) for s, out in zip(seen, found, strict=True) if out] == [(7, 4)]
 
 
 def test_what_was_seen_badly_may_be_off() -> None:
     seen = sights(np.zeros(20), {(7, 4): np.radians(4)}, sigma=0.02)
-    assert not askew(seen, rotations(np.zeros(20))).any()
+    assert not wall_outliers(seen, rotations(np.zeros(20))).any()
 
 
 def test_several_sights_of_a_keyframe_that_are_turned_tell_of_the_keyframe() -> None:
     """It sees two walls again that were mapped long ago, turned by the drift since, and three that are new."""
     seen = sights(np.zeros(20), {(7, 3): np.radians(5), (7, 4): np.radians(5)})
-    assert not askew(seen, rotations(np.zeros(20))).any()
+    assert not wall_outliers(seen, rotations(np.zeros(20))).any()
 
 
 def test_of_a_map_that_is_bent_nobody_knows() -> None:
     """Where the estimates turn as an odometry drifts that nothing corrected yet."""
     true, rng = np.zeros(40), np.random.default_rng(0)
     wrong = {(k, w): rng.normal(0, 0.2) for k in range(40) for w in range(5)}
-    assert not askew(sights(true, wrong), rotations(true)).any()
-    assert askew([], rotations(true)).shape == (0,)
+    assert not wall_outliers(sights(true, wrong), rotations(true)).any()
+    assert wall_outliers([], rotations(true)).shape == (0,)

@@ -144,7 +144,7 @@ def fed_to(backend: Backend, run: Run, count: int) -> list[SeenWall]:
     """Adds keyframes of the run, each where the odometry has it, until there are `count`; returns what they saw."""
     known = run.backend.keyframes
     for i in range(len(backend.keyframes), count):
-        step = inverse(known[i - 1].T_odom_sensor) @ known[i].T_odom_sensor if i else np.eye(4)
+        step = inverse(known[i - 1].T_track_sensor) @ known[i].T_track_sensor if i else np.eye(4)
         start = backend.keyframes[-1].T_map_sensor @ step if i else np.eye(4)
         backend.add_keyframe(replace(known[i], T_map_sensor=start))
     return [s for s in run.seen if s.keyframe < count]

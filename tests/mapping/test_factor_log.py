@@ -26,10 +26,10 @@ def spoilt_run(odometry: float = 0.0, guess: float = 0.0) -> Run:
     backend, run.backend = run.backend, Backend(CONFIG)
     for i, keyframe in enumerate(backend.keyframes):
         if i == SPOILT:
-            T_odom, T_map = keyframe.T_odom_sensor.copy(), keyframe.T_map_sensor.copy()
+            T_odom, T_map = keyframe.T_track_sensor.copy(), keyframe.T_map_sensor.copy()
             T_odom[0, 3] += odometry
             T_map[0, 3] += guess
-            keyframe = replace(keyframe, T_odom_sensor=T_odom, T_map_sensor=T_map)
+            keyframe = replace(keyframe, T_track_sensor=T_odom, T_map_sensor=T_map)
         run.backend.add_keyframe(keyframe)
     return run
 
