@@ -1,4 +1,4 @@
-"""Where the map has drifted: walls that are off the plan together with their neighbours have not been built elsewhere."""
+"""Local drift: walls that are off the plan together with their neighbours were not built elsewhere."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,19 +6,19 @@ from numpy.typing import NDArray
 from sgslam.anchoring.se2_consensus import Consensus, Flags, Pairs, find_consensus
 
 _NEIGHBOURS = 6.0  # m
-_MOST_OVERALL = 0.5  # of the votes there for the map's own place; where there are more, the map has not drifted
-_LEAST_LOCAL = 0.7  # of the votes there for one place of their own
+_MOST_OVERALL = 0.5  # share of a neighbourhood's votes for the overall place; with more, the map has not drifted
+_LEAST_LOCAL = 0.7  # share of its votes for a place of its own
 _LEAST_UNITS = 5
 _PARALLEL = np.cos(np.radians(15.0))
-_LEAST_TELLING = 3  # units among them that would not agree with the map's own place
+_LEAST_TELLING = 3  # of these units that do not agree with the overall place
 
 
 def drifted_neighbourhoods(pairs: Pairs, overall: Consensus, max_turn: float, deviating: Flags) -> Flags:
-    """(N,) the walls off the `overall` consensus whose neighbourhood agrees on a place of its own.
+    """(N,) flags of the walls that are off the `overall` consensus because the map has drifted there.
 
-    Walls that were built elsewhere, and wrong matches, are each off in their own way; drift moves all walls of a
-    neighbourhood alike. Those `deviating` (N,) are known to stand elsewhere, and say nothing of the map.
-    `max_turn` in radians, as in `find_consensus`.
+    Drift shifts all walls of a neighbourhood by the same motion, so they agree on a place of their own. Walls that were
+    built elsewhere, and wrong matches, do not. Walls that are `deviating` (N,) are known to stand elsewhere and are
+    left out. `max_turn` (rad) as in `find_consensus`.
     """
     drifted = np.zeros(len(overall.agree), dtype=bool)
     votes = pairs.votes()
@@ -34,7 +34,7 @@ def drifted_neighbourhoods(pairs: Pairs, overall: Consensus, max_turn: float, de
         agreeing = near[local.agree]
         if len(np.unique(pairs.unit[agreeing])) < _LEAST_UNITS:
             continue
-        # walls along the shift agree with both places; only those across it tell that the map has drifted
+        # walls along the shift agree with both places; only those across it show the drift
         informative = np.abs(pairs.offsets(local.T_plan_map) - pairs.offsets(overall.T_plan_map))[near] > overall.gate
         for_it = near[informative & local.agree]
         if votes[for_it].sum() < _LEAST_LOCAL * votes[near][informative].sum():
@@ -45,8 +45,11 @@ def drifted_neighbourhoods(pairs: Pairs, overall: Consensus, max_turn: float, de
 
 
 def drifted_rooms(pairs: Pairs, overall: Consensus, room: NDArray[np.int64], deviating: Flags) -> Flags:
-    """(N,) the walls of rooms (N,) that are off alike on both sides: where the step into a room was wrong along it, all
-    that it has in that direction is, and its walls along the step agree with every place. Below 0 is no room."""
+    """(N,) flags of the walls of whole rooms that have drifted.
+
+    Where the step into a room was wrong, all its walls across the step are off by the same shift, on both sides, and
+    its walls along the step agree with any place. `room` (N,) numbers the rooms, negative for none.
+    """
     drifted = np.zeros(len(overall.agree), dtype=bool)
     off = pairs.offsets(overall.T_plan_map)
     for i in np.flatnonzero(~overall.agree & ~deviating & (room >= 0)).tolist():

@@ -1,4 +1,4 @@
-"""Walls of the plan that are not there, because one sees through them; and walls that stand there unplanned."""
+"""Missing walls: planned ones that the scans see through. Extra walls: mapped ones where the plan has none."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +16,17 @@ from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
-_LEAST_OPEN = 1.2, 0.6  # m, and share of a surface's length, that must be seen through
+_LEAST_OPEN = 1.2, 0.6  # m and share of a surface's length that must be seen through
 _MIN_AS_PLANNED = 0.45  # m as planned; a side of which so much stands is there
-_STANDING = 0.25  # of what is seen through; where more of a wall stands as planned, it is there
-_MIN_OPEN = 0.3  # m that are seen through of a surface of a wall that is absent
+_STANDING = 0.25  # of the open length; a wall of which more stands as planned is there
+_MIN_OPEN = 0.3  # m of a surface of a missing wall that are seen through, for the surface to be listed
 _LEAST_EXTRA = 1.2  # m
 _NO_FURNITURE = 2.0  # m above the floor; cupboards end below
 _SCREEN = 1.3  # m above the floor; what is lower is no wall, however thin
 _THIN = 0.25  # m between both sides of a wall; furniture is thicker
 _LEAST_BACK = 1.0  # m of its other side
 _MAX_TURN = 0.1  # rad between both sides of a wall
-_PARALLEL = 0.35  # rad; pieces of a niche are seen askew
+_PARALLEL = 0.35  # rad; pieces of a niche are seen at an angle
 _ALONG = 0.35  # of an extra wall's length that may have planned walls along it
 _NEAR_PLANNED = 0.8  # m; before a planned wall this near stand cupboards
 
@@ -35,11 +35,10 @@ def missing_walls(
     sides: list[Side], solids: list[WallSolid], alignment: WallAlignment, pieces: list[Piece], results: list[DeviationTest],
     visibility: dict[Key, Visibility], config: Config,
 ) -> list[AbsentDeviation]:  # fmt: skip
-    """The entries of deviations.json of the sides of a storey's walls that are not there.
+    """The entries of deviations.json of the sides of missing walls of a storey.
 
-    A side is not where most of its length was seen through. A whole wall is not where nothing to speak of stands as
-    planned on either side, none of it has been moved, and a stretch of it was seen through: the rest may stand behind
-    furniture.
+    A side is missing where most of its length was seen through. A whole wall is missing where hardly any of it stands
+    as planned on either side, none of it was moved, and a stretch of it was seen through: furniture may hide the rest.
     """
     gone = {key for key, s in visibility.items() if s.open >= max(_LEAST_OPEN[0], _LEAST_OPEN[1] * s.length)}
     gone -= {p.key for p in pieces if as_planned(p, config) and p.length >= _MIN_AS_PLANNED}
@@ -63,7 +62,7 @@ def missing_walls(
 def _is_gone(
     solid: WallSolid, own: list[Piece], alignment: WallAlignment, visibility: dict[Key, Visibility], config: Config
 ) -> bool:
-    """Whether a wall of which no piece has been moved is not there."""
+    """Whether a wall with no moved piece is missing."""
     if longest_opening(solid, visibility) < OPENING:
         return False
     asked = [key for key in solid.facing if key in visibility]
@@ -76,7 +75,7 @@ def _is_gone(
 
 
 def _unexplained(visibility: Visibility, own: list[Piece]) -> float:
-    """Metres at which something stands that is none of the pieces, which are known to be furniture."""
+    """Metres at which something stands other than the pieces, which are known to be furniture."""
     at = visibility.at.copy()
     for piece in own:
         at &= (visibility.along < piece.span[0]) | (visibility.along > piece.span[1])
@@ -86,10 +85,10 @@ def _unexplained(visibility: Visibility, own: list[Piece]) -> float:
 def extra_walls(
     scene: Scene, walls: WallMap, floor: SceneGraph, alignment: WallAlignment, origin: Floats
 ) -> list[ExtraDeviation]:
-    """The entries of deviations.json of seen wall surfaces where the plan has none.
+    """The entries of deviations.json of mapped wall surfaces where the plan has none.
 
-    A long surface that is seen higher than cupboards are, or whose other side is seen too, as thin as a wall, from
-    three keyframes or more, with no planned wall along it that it could be, or that it could be furniture of.
+    Such a surface is long and seen from three keyframes or more. It is taller than cupboards, or its other side is seen
+    too, as thin as a wall. No planned wall lies along it that it could be, or that it could be furniture of.
     """
     aligned = {h.surface.id for h in alignment.walls}
     surfaces = list(scene.graph.wall_surfaces)
@@ -115,7 +114,7 @@ def extra_walls(
 
 
 def has_other_side(s: WallArrays, i: int, tall: NDArray[np.bool_]) -> bool:
-    """Whether the seen surface i is tall, and so is another one, as thin as a wall behind it, that faces away."""
+    """Whether surface i is tall, and another tall one faces away behind it, at the distance of a wall's other side."""
     behind = -np.sum((s.centre - s.centre[i]) * s.normal[i], axis=1)
     t = np.array([-s.normal[i][1], s.normal[i][0]])
     beside = s.half + s.half[i] - np.abs((s.centre - s.centre[i]) @ t)
@@ -124,8 +123,7 @@ def has_other_side(s: WallArrays, i: int, tall: NDArray[np.bool_]) -> bool:
 
 
 def _planned_near(s: WallArrays, i: int, a: WallArrays) -> bool:
-    """Whether planned walls of either side lie along a good part of a seen one, near enough to be meant or to have it
-    before them."""
+    """Whether planned walls lie along a good part of a mapped one, near enough to be the same or to be behind it."""
     parallel = np.abs(a.normal @ s.normal[i]) > np.cos(_PARALLEL)
     away = s.centre[i] - a.centre
     across = np.abs(np.sum(away * a.normal, axis=1))

@@ -1,4 +1,4 @@
-"""Keyframes: when one is taken, and what it remembers."""
+"""Keyframes: their data, and the rule that takes one."""
 
 from dataclasses import dataclass, field
 
@@ -16,11 +16,11 @@ Floats32 = NDArray[np.float32]  # of what there is much of
 
 @dataclass
 class KeyframeNode:
-    """One keyframe of the S-graph; the back end moves `T_map_sensor`, the rest stays.
+    """One keyframe of the S-graph; the back end updates `T_map_sensor` (4, 4), the rest does not change.
 
-    `T_track_sensor` is the tracked motion summed up, which never jumps; only differences of it are used. `storey` is the
-    number of the S-graph's floor that it was taken on, None on a stair. `step_covariance` is the covariance (6, 6) of the step to
-    it beyond what every step has, rotation first, in the sensor's axes; None where surfaces held it all the way.
+    `T_track_sensor` (4, 4) accumulates the tracked motion and never jumps; only differences of it are used. `storey` is
+    the number of the S-graph's floor that it was taken on, None on a stair. `step_covariance` (6, 6), rotation first,
+    sensor axes, is the uncertainty of the step to it in excess of the default; None where surfaces constrained it well.
     """
 
     scan: int
@@ -43,10 +43,10 @@ class KeyframeRule(Stateful):
         self._settings = settings
         self._last: Floats | None = None
         self._scans = 0
-        self._stood = 0  # keyframes in a row that were taken while standing still
+        self._stood = 0  # consecutive keyframes taken while standing still
 
     def wants(self, T_map_sensor: Floats) -> bool:
-        """Whether the scan at this pose is to be a keyframe; the first always is."""
+        """Whether the scan at this pose (4, 4) becomes a keyframe; the first always does."""
         self._scans += 1
         still = False
         if self._last is not None:
@@ -54,7 +54,7 @@ class KeyframeRule(Stateful):
             distance = float(np.linalg.norm(step[:3, 3]))
             angle = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
             still = distance < 0.05 and angle < 0.05
-            # each that is taken at one place tells less than the one before it: an hour's standing is not to be a map
+            # further keyframes at one place add little: an hour of standing still must not fill the map
             limit = self._settings.standing << self._stood if still else self._settings.scans
             if distance < self._settings.distance and angle < self._settings.angle and self._scans < limit:
                 return False
