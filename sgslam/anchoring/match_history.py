@@ -1,4 +1,4 @@
-"""What a matcher earlier of a map, and whether a later answer, of a larger map, bears it out."""
+"""Match history: the earlier unique answer of a matcher, which a later one of a larger map may confirm."""
 
 from dataclasses import dataclass
 
@@ -7,30 +7,32 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 
-_LATER = 6  # keyframes after which another answer tells more
+_LATER = 6  # keyframes after which the same answer counts as a confirmation
 
 
 @dataclass(frozen=True)
 class MapSize:
-    """What of the S-graph can change the answer."""
+    """Size of an S-graph: its rooms, and the total length (m) of its wall surfaces."""
 
     rooms: int = 0
     length: float = 0.0
 
     @staticmethod
     def of(graph: SceneGraph) -> "MapSize":
-        """That of an S-graph."""
+        """The size of an S-graph."""
         return MapSize(len(graph.rooms), sum(w.length or 0.0 for w in graph.wall_surfaces))
 
     def has_grown_since(self, last: "MapSize") -> bool:
-        """Whether it has a room more, or a tenth of its walls."""
+        """Whether the map has gained a room, or a tenth of its wall length."""
         return self.rooms > last.rooms or self.length > 1.1 * last.length
 
 
 @dataclass(frozen=True)
 class UniqueMatch:
-    """A unique answer: the storey and place (3,) T_local_level that it names, its evidence (nats; 0 where it tells
-    none), and the map that it was first given of."""
+    """A unique answer: its storey, place (3,), T_local_level, and evidence `score` (nats, 0 where unknown).
+
+    `map_size` and `keyframes` are those of the map that first gave the answer.
+    """
 
     floor: str | None
     place: NDArray[np.float64]
@@ -39,9 +41,9 @@ class UniqueMatch:
     keyframes: int
 
     def is_confirmable(self, keyframes: int) -> bool:
-        """Whether so much was seen since that the same answer would bear it out."""
+        """Whether enough keyframes were added for the same answer to confirm it."""
         return keyframes - self.keyframes >= _LATER
 
     def has_more_evidence_than(self, other: "UniqueMatch") -> bool:
-        """Whether the map has grown since another answer, and the evidence with it."""
+        """Whether both the map and the evidence have grown since another answer."""
         return self.map_size.has_grown_since(other.map_size) and self.score > other.score

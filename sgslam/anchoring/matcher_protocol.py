@@ -1,4 +1,4 @@
-"""What the system asks of a matcher."""
+"""The protocol of a matcher and of its answer."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -8,7 +8,7 @@ from sgslam.config import Config
 
 
 class Match(Protocol):
-    """What a matcher answers; `matching.MatchResult` is one."""
+    """The answer of a matcher; `matching.MatchResult` is one."""
 
     @property
     def status(self) -> str:
@@ -49,12 +49,12 @@ class AnyMatcher(Protocol):
     """Any object that finds an S-graph in an A-graph."""
 
     def match(self, s: SceneGraph, a: SceneGraph) -> Match:
-        """Returns rooms and wall surfaces that correspond, or says that none or several answers fit."""
+        """Matches `s` with `a`; the status is none or ambiguous where no single answer fits."""
         ...
 
 
 def default_matcher(config: Config) -> AnyMatcher:
-    """The one that the settings name."""
+    """The matcher named in the settings."""
     from matching import Matcher  # here, because the network's library is slow to load
 
     return Matcher.load(config.matching.method)

@@ -1,8 +1,8 @@
-"""What an answer of the matcher is worth: how clear it is, and which of its places a map that lacks rooms leaves.
+"""Place verification: how clear a matcher's answer is, and which of its places a map that lacks rooms allows.
 
-In a map that was driven the true place may be missing, and a place in a part that is like it explains most of what was
-seen. The matcher weighs what it finds; here also counts what ought to be there: places where walls stand in what the
-other map saw free are struck out, and what is left is judged anew.
+The map of an earlier run may lack the true place, and a similar part may explain most of what was seen. The matcher
+scores only what it finds. Here, candidate places with free-space conflicts are dropped, and the others are judged
+again.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,21 +19,23 @@ from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.config import AnchorSettings
 
 Floats = NDArray[np.float64]
-WITHDRAWAL_CONFLICT = 0.04  # of the walls where both maps looked, by which a place is given up that was committed to,
-MAX_CONFLICT = 0.02  # and by which none is taken: a wing that is another one's twin, to the centimetre, had .032
-_DOUBTFUL = 0.01  # and by which none is that another comes near: in offices of equal rooms wrong ones had .015
+# conflict shares: of the walls that both maps could see
+WITHDRAWAL_CONFLICT = 0.04  # from which on a committed place is withdrawn
+MAX_CONFLICT = 0.02  # of an accepted place; a symmetric wing, equal to the centimetre, had 0.032
+_DOUBTFUL = 0.01  # of a place with close alternatives; wrong places in offices of equal rooms had 0.015
 CONFLICT_REASON = "walls stand where the known map saw none, or lack where it has them"
-_LEAST = 40.0  # nats of an answer; wrong places that contradict nothing reach it now and then,
-_MIN_STRONG = 50.0  # of one that a larger map bears out; none of those did with the evidence risen,
-_MIN_OVERWHELMING = 100.0  # and of one that is the last; where the true place was lacking, a wrong one had 80
-_MIN_ALTERNATIVE = 25.0  # of another place that contradicts nothing: it has less only because less of it was mapped
-_ALTERNATIVE_SHARE = 0.6  # of an answer's evidence; where another place has more, the building repeats itself
-_NEAR = 0.4  # likewise, of an answer that is conflict_share somewhat
+# evidence in nats
+_LEAST = 40.0  # of an answer; wrong places without conflict sometimes reach it
+_MIN_STRONG = 50.0  # of an answer that a larger map confirms; no wrong one did so with more evidence
+_MIN_OVERWHELMING = 100.0  # of the last answer of a run; where the true place was missing, a wrong one had 80
+_MIN_ALTERNATIVE = 25.0  # of another place without conflict, which may have less because less of it was mapped
+_ALTERNATIVE_SHARE = 0.6  # of an answer's evidence; an alternative with more means that the building repeats itself
+_DOUBTFUL_SHARE = 0.4  # the same for an answer with some conflict
 
 
 @dataclass(frozen=True)
 class CandidatePlace:
-    """A place that a matcher names: its evidence (nats), T_a_s (3,) yaw x y, and its storey."""
+    """A hypothesis of a matcher: its evidence `score` (nats), T_a_s (3,), yaw x y, and its storey."""
 
     score: float
     T_a_s: Floats
@@ -41,38 +43,39 @@ class CandidatePlace:
 
 
 def candidate_places(match: Match) -> list[CandidatePlace]:
-    """The places that a matcher has named, as it did; none where it names none."""
-    told = match.to_dict().get("hypotheses") or ()
-    return [CandidatePlace(float(h["score"]), np.array(h["T_a_s"], dtype=float), h["floor"]) for h in told]
+    """The hypotheses of a matcher's answer, in their order."""
+    hypotheses = match.to_dict().get("hypotheses") or ()
+    return [CandidatePlace(float(h["score"]), np.array(h["T_a_s"], dtype=float), h["floor"]) for h in hypotheses]
 
 
 def is_clear(match: Match) -> bool:
-    """Whether an answer is unique, and no other place comes near it."""
-    rival = max((place.score for place in candidate_places(match)[1:]), default=0.0)
-    return match.status == "unique" and evidence(match) >= _LEAST and rival < _ALTERNATIVE_SHARE * evidence(match)
+    """Whether an answer is unique without a close alternative."""
+    alternative = max((place.score for place in candidate_places(match)[1:]), default=0.0)
+    clear = alternative < _ALTERNATIVE_SHARE * evidence(match)
+    return match.status == "unique" and evidence(match) >= _LEAST and clear
 
 
 def is_strong(match: Match) -> bool:
-    """Whether an answer about a map that lacks rooms is to be believed when a larger map bears it out."""
+    """Whether an answer about a map that lacks rooms may be accepted once a larger map confirms it."""
     return match.status == "unique" and evidence(match) >= _MIN_STRONG
 
 
 def is_overwhelming(match: Match) -> bool:
-    """Whether such an answer is to be believed where no larger map will come."""
+    """Whether such an answer may be accepted without a confirmation."""
     return match.status == "unique" and evidence(match) >= _MIN_OVERWHELMING
 
 
 def evidence(match: Match) -> float:
-    """(nats) of an answer's best place; 0 where the matcher names none."""
+    """The evidence (nats) of an answer's best hypothesis; 0 without hypotheses."""
     return max((place.score for place in candidate_places(match)), default=0.0)
 
 
 def verified_match(
     match: Match, s: SceneGraph, plan: Callable[[str | None], SceneGraph], settings: AnchorSettings
 ) -> MatchResult:
-    """The answer about a map that lacks rooms, from the places that `match` names and the two maps bear out.
+    """The answer about a map that lacks rooms, from the hypotheses of `match` that have no free-space conflict.
 
-    `plan` gives a storey of that map, the whole for None. The scores have to be nats, as `Hypothesis` has them.
+    `plan` gives a storey of that map, the whole map for None. Scores must be nats, as in `Hypothesis`.
     """
     places = candidate_places(match)
     judged = [(conflict_share(s, plan(p.floor), p.T_a_s), p) for p in sorted(places, key=lambda p: -p.score)]
@@ -81,22 +84,21 @@ def verified_match(
     if not left:
         return MatchResult("none", CONFLICT_REASON if places else match.reason)
     best = left[0]
-    told = f"{len(left)} of {len(places)} places contradict nothing, the best has {best.score:.0f} nats"
+    reason = f"{len(left)} of {len(places)} places are without conflict, the best has {best.score:.0f} nats"
     if best.score < _LEAST:
-        return MatchResult("none", f"{told}: too little where the known map may lack rooms", hypotheses=hypotheses)
+        return MatchResult("none", f"{reason}: too little where the known map may lack rooms", hypotheses=hypotheses)
     if len(left) > 1 and left[1].score > _MIN_ALTERNATIVE:
-        return MatchResult("ambiguous", told, hypotheses=hypotheses)
+        return MatchResult("ambiguous", reason, hypotheses=hypotheses)
     if has_close_alternative(best, places, next(share for share, p in judged if p is best)):
-        told = f"{told}; others come near it: the building repeats itself"
-        return MatchResult("ambiguous", told, hypotheses=hypotheses)
-    return placed_at(best, left, told, s, plan(best.floor), settings)
+        reason = f"{reason}; others are nearly as good: the building repeats itself"
+        return MatchResult("ambiguous", reason, hypotheses=hypotheses)
+    return placed_at(best, left, reason, s, plan(best.floor), settings)
 
 
-def has_close_alternative(best: CandidatePlace, places: Sequence[CandidatePlace], contradiction: float) -> bool:
-    """Whether another of the places comes near the best one, the other conflict_share or not; `contradiction` is the
-    best one's own."""
-    rival = max((p.score for p in places if p is not best), default=0.0)
-    return rival > (_ALTERNATIVE_SHARE if contradiction <= _DOUBTFUL else _NEAR) * best.score
+def has_close_alternative(best: CandidatePlace, places: Sequence[CandidatePlace], conflict: float) -> bool:
+    """Whether another place, with or without conflict, comes close to the best one; `conflict` is the best one's."""
+    alternative = max((p.score for p in places if p is not best), default=0.0)
+    return alternative > (_ALTERNATIVE_SHARE if conflict <= _DOUBTFUL else _DOUBTFUL_SHARE) * best.score
 
 
 def placed_at(
@@ -107,7 +109,7 @@ def placed_at(
     a: SceneGraph,
     settings: AnchorSettings,
 ) -> MatchResult:
-    """The unique answer that the S-graph lies at the `best` of some places, its walls paired as they stand there."""
+    """The unique answer that the S-graph lies at the `best` of `places`, with its walls associated by position."""
     pairs, hypotheses = _pairs(s, a, best.T_a_s, settings), _hypotheses(places)
     return MatchResult(
         "unique", told, (), pairs, T_a_s=_triple(best.T_a_s), floor=best.floor, hypotheses=hypotheses
@@ -119,7 +121,7 @@ def _hypotheses(places: Sequence[CandidatePlace]) -> tuple[Hypothesis, ...]:
 
 
 def _pairs(s: SceneGraph, a: SceneGraph, T_a_s: Floats, settings: AnchorSettings) -> tuple[tuple[str, str, float], ...]:
-    """(S id, A id, 1) of the wall surfaces that stand at one another."""
+    """(S id, A id, 1) of the wall surfaces at the same position."""
     seen, planned = list(s.wall_surfaces), list(a.wall_surfaces)
     s_rooms, a_rooms = ({room.id: k for k, room in enumerate(graph.rooms)} for graph in (s, a))
     placed = WallArrays.of(seen, s_rooms, np.zeros(2)).moved(T_a_s)

@@ -1,8 +1,7 @@
-"""Where a map lies of which only some rooms are in the known one: the matcher is asked about each room alone.
+"""Room relocalisation: places a map of which only some rooms are in the known map, by matching single rooms.
 
-A map is explained as a whole: rooms that the known map lacks count against every place, the true one too, and lead
-astray what proposes places. A room that both runs have entered is known by its own walls; all else that both have seen
-must not contradict it.
+Matching explains a map as a whole: rooms that the known map lacks count against every place, the true one included, and
+mislead the search. A room that both runs entered is recognised by its own walls; the rest of the map must not conflict.
 """
 
 from collections.abc import Callable
@@ -26,19 +25,19 @@ from sgslam.anchoring.place_verification import (
 )
 from sgslam.config import AnchorSettings
 
-MAX_ROOMS = 5  # rooms, the nearest to where the robot is
-LEAST_WALLS = 6  # surfaces of a room: with four it is like any other
-SAME = 1.0, np.radians(5)  # m and rad between the places that two rooms name
+MAX_ROOMS = 5  # rooms to match, the nearest to the robot
+LEAST_WALLS = 6  # surfaces of a room: with four it looks like any other
+SAME = 1.0, np.radians(5)  # m and rad between the places of two rooms that agree
 
 
 def relocalise_by_rooms(
     s: SceneGraph, ask: Callable[[SceneGraph], Match], plan: Callable[[str | None], SceneGraph],
     settings: AnchorSettings,
 ) -> MatchResult | None:  # fmt: skip
-    """The place that single rooms of an S-graph have, where all that are known agree on it; else None.
+    """The place that all recognised rooms of an S-graph agree on; None where there is none.
 
-    `ask` is the matcher, `plan` as in `verified_match`. A room is known where its answer is clear, and the whole S-graph
-    contradicts nothing there.
+    `ask` matches a graph with the plan; `plan` as in `verified_match`. A room is recognised where its answer is clear
+    and the whole S-graph has no free-space conflict there.
     """
     places: list[CandidatePlace] = []
     for room in _nearest(s):
@@ -54,12 +53,12 @@ def relocalise_by_rooms(
     best, middle = max(places, key=lambda place: place.score), np.array(s.centroid())
     if any(place.floor != best.floor or _differ(place.T_a_s, best.T_a_s, middle) for place in places):
         return None
-    told = f"{len(places)} rooms alone are known, one by {best.score:.0f} nats; nothing else contradicts it"
-    return placed_at(best, (best,), told, s, plan(best.floor), settings)
+    reason = f"{len(places)} rooms are recognised, one with {best.score:.0f} nats, without conflict"
+    return placed_at(best, (best,), reason, s, plan(best.floor), settings)
 
 
 def _nearest(s: SceneGraph) -> list[str]:
-    """The rooms of enough walls, the nearest to the newest keyframe first."""
+    """The ids of rooms with enough walls, the nearest to the newest keyframe first."""
     walls = [wall.room for wall in s.wall_surfaces]
     rooms = [room for room in s.rooms if walls.count(room.id) >= LEAST_WALLS]
     if s.keyframes:

@@ -1,5 +1,4 @@
-"""As built against as planned, of a finished map: the entries of deviations.json."""
-
+"""The entries of deviations.json of a finished map: as built against as planned."""
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,9 +23,9 @@ def deviations(
     pieces: list[Piece], alignment: WallAlignment, scene: Scene, walls: WallMap, keyframes: list[KeyframeNode],
     floor: SceneGraph, origin: Floats, config: Config,
 ) -> list[Deviation]:  # fmt: skip
-    """What of a storey's walls is known to stand as planned or moved, is absent, or is extra.
+    """The walls of a storey that were tested: as planned or moved, missing, or extra.
 
-    `pieces` are the measured walls of `alignment`; `origin` (2,) is where the local frame lies in the BIM's.
+    `pieces` are the measured walls of `alignment`; `origin` (2,) is the origin of the local frame in the BIM frame.
     """
     sides = [side for surface in floor.wall_surfaces for side in sides_of(surface)]
     solids = solids_of(sides)

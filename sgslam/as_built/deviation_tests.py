@@ -1,4 +1,4 @@
-"""Which walls stand otherwise than planned: each is results by all that was seen of both its sides."""
+"""Deviation tests: which walls stand elsewhere than planned, by all that was seen of both their sides."""
 
 from dataclasses import dataclass
 
@@ -10,23 +10,23 @@ from sgslam.as_built.visibility import Visibility
 from sgslam.as_built.wall_solids import Key, WallSolid
 from sgslam.config import Config
 
-_NICHE = (-0.35, -0.03)  # m that a pane may stand behind its wall
-_ALIKE = 0.05  # m between pieces of a wall that are off by the same
+_NICHE = (-0.35, -0.03)  # m, offsets of a window pane behind its wall
+_ALIKE = 0.05  # m between the offsets of pieces that count as equal
 _MIN_AS_PLANNED = {
     True: 0.5,
     False: 0.35,
 }  # of a wall's length that make it stand as planned, against pieces before, behind
-_LEAST_SEEN = 0.45  # m of a wall that must be seen to stand otherwise, before it is said that the wall does
-_LEAST_LOW = 0.5  # m of a wall that is seen low
-_FURNITURE = 0.25  # m; what stands so far before a wall's place may be the front of furniture
-_FAR_SIDE = 0.1  # m behind a wall's face where its other side is, if the plan does not say
-_TOUCHING = 0.02  # m
+_LEAST_SEEN = 0.45  # m of a wall that must be seen elsewhere for it to be significant
+_LEAST_LOW = 0.5  # m of a wall seen close to the floor, which then decide alone
+_FURNITURE = 0.25  # m before a wall's place, from which on a surface may be the front of furniture
+_FAR_SIDE = 0.1  # m to a wall's other side where the plan does not give it
+_TOUCHING = 0.02  # m between a wall and furniture that touches it
 OPENING = 0.4  # m in one stretch that are seen through
 
 
 @dataclass(frozen=True)
 class DeviationTest:
-    """Whether a piece shows that its wall stands otherwise than planned, and why, or why not."""
+    """The result for one piece: whether it shows that its wall stands elsewhere than planned, and the reason."""
 
     significant: bool
     reason: str
@@ -35,25 +35,25 @@ class DeviationTest:
 def run_deviation_tests(
     pieces: list[Piece], solids: list[WallSolid], visibility: dict[Key, Visibility], config: Config
 ) -> list[DeviationTest]:
-    """One for each piece. `visibility` tells where the sides of walls were seen through."""
-    body_of = {key: k for k, solid in enumerate(solids) for key in solid.facing}
-    of_body: dict[int, list[int]] = {}
+    """The result for each piece, in their order. `visibility` is that of the sides of the walls."""
+    solid_of = {key: k for k, solid in enumerate(solids) for key in solid.facing}
+    of_solid: dict[int, list[int]] = {}
     for i, piece in enumerate(pieces):
-        of_body.setdefault(body_of[piece.key], []).append(i)
+        of_solid.setdefault(solid_of[piece.key], []).append(i)
     found: dict[int, DeviationTest] = {}
-    for k, own in of_body.items():
+    for k, own in of_solid.items():
         results = _tested([pieces[i] for i in own], solids[k], visibility, config)
         found.update(zip(own, results, strict=True))
     return [found[i] for i in range(len(pieces))]
 
 
 def as_planned(piece: Piece, config: Config) -> bool:
-    """Whether a piece is no further off than the building's tolerance and its own sigma allow."""
+    """Whether a piece's offset is within the building's tolerance or three sigma."""
     return abs(piece.offset) <= max(config.anchors.tolerance, 3 * piece.sigma)
 
 
 def moved_walls(pieces: list[Piece], results: list[DeviationTest]) -> list[MovedDeviation]:
-    """The entries of deviations.json of the walls that stand at a planned one."""
+    """The entries of deviations.json of the walls at a planned one, moved or not."""
     return [
         {
             "s_id": piece.aligned.surface.id, "a_id": piece.aligned.planned.id, "source": piece.source,
@@ -67,7 +67,7 @@ def moved_walls(pieces: list[Piece], results: list[DeviationTest]) -> list[Moved
 def _tested(
     own: list[Piece], solid: WallSolid, visibility: dict[Key, Visibility], config: Config
 ) -> list[DeviationTest]:
-    """The run_deviation_tests on the pieces of one wall."""
+    """The results for the pieces of one wall."""
     telling = _telling([p for p in own if not p.doubtful])
     off = [p for p in telling if not as_planned(p, config)]
     if not off:
@@ -81,15 +81,15 @@ def _tested(
         what = "furniture before it" if before else "a niche or pane behind it"
         against = f"{standing:.1f} m of this wall stand as planned; this is {what}"
     elif length < _LEAST_SEEN:
-        against = f"too little: {length:.1f} m of this wall were seen to stand otherwise"
+        against = f"too little: {length:.1f} m of this wall were seen elsewhere"
     elif _may_be_furniture(alike, solid) and longest_opening(solid, visibility) >= OPENING:
         against = "the wall is seen through; this is furniture that stands at its place"
     if against is not None:
         return [_insignificant(p, config, against) for p in own]
     sides = len({solid.facing[p.key] for p in alike})
-    told = f"{length:.1f} m of this wall, on {'both sides' if sides == 2 else 'one side'}, are off alike"
+    reason = f"{length:.1f} m of this wall, on {'both sides' if sides == 2 else 'one side'}, have the same offset"
     return [
-        DeviationTest(True, told)
+        DeviationTest(True, reason)
         if not as_planned(p, config) and abs(_shift(p, solid) - middle) < _ALIKE
         else _insignificant(p, config, "most of this wall is off otherwise")
         for p in own
@@ -104,7 +104,7 @@ def _insignificant(piece: Piece, config: Config, against: str) -> DeviationTest:
 
 
 def _telling(own: list[Piece]) -> list[Piece]:
-    """Those pieces of a wall that can only be the wall: what is seen low; else what is no pane in its niche."""
+    """The pieces that can only be the wall itself: those seen low, else all but window panes in niches."""
     low = [p for p in own if not p.over_parapet]
     if sum(p.length for p in low) >= _LEAST_LOW:
         return low
@@ -112,12 +112,12 @@ def _telling(own: list[Piece]) -> list[Piece]:
 
 
 def _shift(piece: Piece, solid: WallSolid) -> float:
-    """Metres along the solid's normal; both sides of a wall that was moved are shifted alike."""
+    """The shift (m) along the solid's normal, which is equal for both sides of a moved wall."""
     return solid.facing[piece.key] * piece.offset
 
 
 def _largest(off: list[Piece], solid: WallSolid) -> tuple[float, list[Piece]]:
-    """The shift that most metres of a wall agree on, and the pieces that do."""
+    """The shift (m) that the greatest length of a wall agrees on, and the pieces that agree."""
     shifts = np.array([_shift(p, solid) for p in off])
     lengths = np.array([p.length for p in off])
     near = np.abs(shifts[:, None] - shifts[None]) < _ALIKE
@@ -126,8 +126,10 @@ def _largest(off: list[Piece], solid: WallSolid) -> tuple[float, list[Piece]]:
 
 
 def _may_be_furniture(alike: list[Piece], solid: WallSolid) -> bool:
-    """Whether pieces of one side could be furniture of a wall that was never built: its front, or its back from behind,
-    which stands where the wall's far side would be, or further."""
+    """Whether pieces could be furniture at a wall that was never built.
+
+    Either its front, well before the wall's place, or its back seen from behind, at or beyond the wall's far side.
+    """
     far_side = -(solid.thickness or _FAR_SIDE) + _TOUCHING
     if len({solid.facing[p.key] for p in alike}) == 2:
         return all(p.offset < far_side for p in alike)
@@ -135,5 +137,5 @@ def _may_be_furniture(alike: list[Piece], solid: WallSolid) -> bool:
 
 
 def longest_opening(solid: WallSolid, visibility: dict[Key, Visibility]) -> float:
-    """Metres in one stretch through which a wall is seen, from one side."""
+    """The longest stretch (m) of a wall that is seen through from one side."""
     return max((visibility[key].longest_opening for key in solid.facing if key in visibility), default=0.0)

@@ -1,5 +1,4 @@
-"""Walls that stand in the plane of planned ones where the plan has an opening, or far beyond their ends."""
-
+"""Filled openings: walls in the plane of a planned one where the plan has an opening, or far beyond its ends."""
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,8 +11,8 @@ from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
-_LEAST = 1.0  # m in one stretch, margins left out; closed doors are narrower
-_LEAST_BEYOND = 2.0  # m in one stretch beyond a planned wall's end, where rooms may have been parted otherwise
+_LEAST = 1.0  # m in one stretch without margins; closed doors are narrower
+_LEAST_BEYOND = 2.0  # m in one stretch beyond a planned wall's end, where rooms may be divided differently
 _DOOR = 0.75  # m around a door's middle
 _MARGIN = 0.1  # m beside a planned wall's end
 _IN_PLANE = 0.05  # m
@@ -28,9 +27,11 @@ def filled_openings(
     origin: Floats,
     config: Config,
 ) -> list[ExtraDeviation]:
-    """The entries of deviations.json, as extra walls, of seen surfaces that stand as planned, and go on through an
-    opening of the planned one, or far beyond its end. `doors` (K, 2) are in the BIM frame, `origin` (2,) is where the
-    local frame lies in it. Where the plan does not tell its openings, nothing is told.
+    """The entries of deviations.json, as extra walls, of filled openings.
+
+    These are surfaces that stand as planned and continue through an opening of the planned one, or far beyond its end.
+    `doors` (K, 2) are in the BIM frame; `origin` (2,) is the local frame's origin in it. Planned walls without known
+    openings are skipped.
     """
     covered = walls.coverage(STEP)
     found: list[ExtraDeviation] = []
@@ -54,7 +55,7 @@ def filled_openings(
 
 
 def _beside_planned(aligned: AlignedWall, seen: Floats, sides: list[Side]) -> NDArray[np.bool_]:
-    """(N,) at which places (N,) along the planned surface a wall of the plan stands in its plane, on the same side."""
+    """(N,) flags of the places (N,) along the planned surface at which some planned wall stands in its plane."""
     n, centre = np.array(aligned.planned.normal), np.array(aligned.planned.centroid)
     tangent = np.array([-n[1], n[0]])
     beside = np.zeros(len(seen), dtype=bool)
@@ -76,7 +77,7 @@ def _at_door(aligned: AlignedWall, seen: Floats, doors: Floats) -> NDArray[np.bo
 
 
 def _longest(places: Floats) -> float:
-    """Metres in one stretch of places (N,), a step apart."""
+    """The longest stretch (m) of places (N,) that are one step apart."""
     if not len(places):
         return 0.0
     places = np.sort(places)

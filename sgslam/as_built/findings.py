@@ -1,4 +1,4 @@
-"""The deviations of a run wall by wall, in the forms that BIM viewers open."""
+"""The deviations of a run by wall, in formats for BIM viewers."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ _HEIGHT = 2.5  # m of a wall whose height is not known
 
 
 def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
-    """The entries of each planned wall, by its source, in their order."""
+    """The entries of each planned wall by its source, in their order."""
     found: dict[str, list[Deviation]] = defaultdict(list)
     for deviation in deviations:
         if deviation["source"]:
@@ -32,7 +32,7 @@ def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
 
 
 def wall_status(entries: list[Deviation]) -> tuple["Status", Deviation]:
-    """What the entries of one wall come to, and the one that says so, the surest of several."""
+    """The status of a wall by its entries, and the entry that decides it, that of the least sigma among several."""
     moved = [d for d in entries if d["kind"] == "moved"]
     significant = [d for d in moved if d["significant"]]
     if significant:
@@ -48,7 +48,7 @@ def wall_status(entries: list[Deviation]) -> tuple["Status", Deviation]:
 
 
 def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph) -> list["WallFinding"]:
-    """One for each planned wall that something is known of."""
+    """The finding for each planned wall with entries."""
     from data.ifc.deviations import WallFinding
 
     findings = []
@@ -63,7 +63,7 @@ def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph) -> list[
 
 
 def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str | None]:
-    """The plan's storey of each floor of the map, as far as matches.json tells."""
+    """The storey of each floor of the map as given by matches.json."""
     placed = matches.get("floors") or {}
     return {floor.id: placed.get(floor.id, matches.get("floor")) for floor in s_graph.floors}
 
@@ -71,7 +71,7 @@ def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str
 def unplanned_walls(
     deviations: Sequence[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
 ) -> list["UnplannedWall"]:
-    """The extra walls in the BIM frame; `storeys` are the plan's of the map's floors."""
+    """The extra walls in the BIM frame; `storeys` gives the storey of each floor of the map."""
     from data.ifc.deviations import UnplannedWall
 
     walls = []
@@ -87,8 +87,7 @@ def write_topics(
     path: Path, deviations: Sequence[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
     model: Model,
 ) -> int:  # fmt: skip
-    """Writes a BCF topic for each wall that stands otherwise than planned, and for each extra surface; returns how
-    many there are."""
+    """Writes a BCF topic for each moved or missing wall and each extra surface; returns the number of topics."""
     topics = []
     for source, entries in by_wall(deviations).items():
         status, d = wall_status(entries)
@@ -109,9 +108,9 @@ def write_topics(
 
 
 def _topic(
-    title: str, told: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any], towards: tuple[float, float]
+    title: str, description: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any], towards: tuple[float, float]
 ) -> Topic:
-    return Topic(title, told, kind, ids, _COLORS[kind], segment, towards)
+    return Topic(title, description, kind, ids, _COLORS[kind], segment, towards)
 
 
 def _off(d: Deviation) -> str:
@@ -127,7 +126,7 @@ def _description(d: Deviation) -> str:
 
 
 def _segment(surface: WallSurface, graph: SceneGraph) -> tuple[Any, Any]:
-    """The ends of a planned surface's footprint at half its height."""
+    """The ends of a planned surface at half its height."""
     low, high = surface.height or _heights(surface, graph)
     first, last = surface.ends()
     return (*first, (low + high) / 2), (*last, (low + high) / 2)
@@ -139,7 +138,7 @@ def _heights(surface: WallSurface, graph: SceneGraph) -> tuple[float, float]:
 
 
 def _in_bim(surface: WallSurface, s_graph: SceneGraph, T_bim_map: Floats) -> tuple[Any, Any]:
-    """The lower first and the upper last corner of a seen surface; its heights are above the map's floor."""
+    """The lower first and the upper last corner of a mapped surface; its heights are above the map's floor."""
     floor = next((f.elevation for f in s_graph.floors if f.id == surface.floor), None) or 0.0
     low, high = surface.height or (0.0, _HEIGHT)
     corners = np.array([(*xy, floor + z, 1.0) for xy, z in zip(surface.ends(), (low, high), strict=True)])

@@ -32,8 +32,8 @@ _NEAR_PLANNED = 0.8  # m; before a planned wall this near stand cupboards
 
 
 def missing_walls(
-    sides: list[Side], solids: list[WallSolid], alignment: WallAlignment, pieces: list[Piece], results: list[DeviationTest],
-    visibility: dict[Key, Visibility], config: Config,
+    sides: list[Side], solids: list[WallSolid], alignment: WallAlignment, pieces: list[Piece],
+    results: list[DeviationTest], visibility: dict[Key, Visibility], config: Config,
 ) -> list[AbsentDeviation]:  # fmt: skip
     """The entries of deviations.json of the sides of missing walls of a storey.
 

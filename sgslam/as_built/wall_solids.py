@@ -1,4 +1,4 @@
-"""The walls of a plan as solids: both sides of each together, one for each wall that the plan's source knows."""
+"""Wall solids: the walls of a plan with both sides of each, one solid for each wall of the plan's source."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,8 +17,11 @@ _THICKEST = 0.7  # m between the sides of one wall
 
 @dataclass(frozen=True)
 class Side:
-    """What one wall turns to one room: `spans` (m) along its surface, leftward from the surface's middle as one looks
-    along the normal, where it stands in full height; `hull`: from where to where, doors and windows included."""
+    """The side of one wall that faces one room.
+
+    `spans` (m) are where it has full height, along its surface, leftward from the surface's centre when looking along
+    the normal; `hull` (m) is its extent with doors and windows.
+    """
 
     surface: WallSurface
     source: str
@@ -33,15 +36,17 @@ class Side:
 
 @dataclass(frozen=True)
 class WallSolid:
-    """One straight wall. `facing` tells of each side whether it faces along the solid's normal (1) or against it (-1);
-    `thickness` (m) lies between the outermost of both, None where the plan has one side only."""
+    """One straight wall. `facing` is 1 for sides that face along the solid's normal, -1 for those that face against it.
+
+    `thickness` (m) is between the outermost sides, None where the plan has one side only.
+    """
 
     facing: dict[Key, int]
     thickness: float | None
 
 
 def sides_of(surface: WallSurface) -> list[Side]:
-    """The walls that a surface is made of; the surface itself where it does not tell."""
+    """The sides of the walls that a surface is made of; one side for the whole surface where it has no parts."""
     if not surface.parts:
         half = 0.5 * (surface.length or 0.0)
         return [Side(surface, surface.source, ((-half, half),), (-half, half))]
@@ -54,8 +59,10 @@ def sides_of(surface: WallSurface) -> list[Side]:
 
 
 def solids_of(sides: Iterable[Side]) -> list[WallSolid]:
-    """Sides of one source are of one solid where they are parallel and no further apart than a wall is thick; those of
-    a surface without a source are solids of their own."""
+    """Groups sides into solids: parallel sides of one source, no further apart than a wall is thick.
+
+    A surface without a source is a solid of its own.
+    """
     by_source: dict[str, list[Side]] = {}
     for side in sides:
         by_source.setdefault(side.source or f"\0{side.surface.id}", []).append(side)
@@ -75,7 +82,7 @@ def _parallel(sides: list[Side]) -> list[list[Side]]:
 
 
 def _stacked(parallel: list[Side]) -> list[WallSolid]:
-    """Bodies along the common normal, parted where the gap is wider than a wall."""
+    """Solids along the common normal, separated where the gap is wider than a wall."""
     first = parallel[0].surface
     n = np.array(first.normal)
     across = np.array([np.subtract(side.surface.centroid, first.centroid) @ n for side in parallel])

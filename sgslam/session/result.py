@@ -88,7 +88,7 @@ class Result:
     matches: "MatchesFile | None"
     deviations: list[Deviation]
     anchors: list[AnchorEntry]  # the log: each with who added it, and what became of it when and why
-    factors: FactorLog  # of the back end: all that align_walls, and what was added and withdrawn by whom and why
+    factors: FactorLog  # of the back end: all that hold, and what was added and withdrawn by whom and why
     pose_covariances: PoseCovariances | None  # where the run was anchored
     first_anchor_s: float | None
     keyframes: int

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 @dataclass(frozen=True, eq=False)
 class Snapshot:
     """`stamps_ns` (K,), `poses` (K, 4, 4) T_map_sensor and `floors` (K,) the floors' ids (None on a stair) are the
-    keyframes'. `graphs` align_walls the floors of the S-graph, map frame, as they were last cut. `plan` is what the map is to
+    keyframes'. `graphs` hold the floors of the S-graph, map frame, as they were last cut. `plan` is what the map is to
     be found in; `T_plan_map` (4, 4) is None while it is not. `matches` has the form of matches.json, None while the map
     has no place; `hypotheses` are then what the matcher says of each floor: (the floor's id, as within matches.json).
     """

@@ -1,4 +1,4 @@
-"""The dataclasses that a saved run may align_walls."""
+"""The dataclasses that a saved run may hold."""
 
 from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from matching.result import Hypothesis, MatchResult
@@ -17,8 +17,8 @@ from sgslam.tracking.scan_tracker import Located
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        AnchorEvent, AnchorRecord, Anchors, Closure, Door, RawScan, FactorEvent, Floor, FloorObservation, MapSize,
-        Hypothesis, Keyframe, KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, UniqueMatch, ScanPose,
-        Scene, SceneGraph, SeenWall, WallSurface,
+        AnchorEvent, AnchorRecord, Anchors, Closure, Door, FactorEvent, Floor, FloorObservation, Hypothesis, Keyframe,
+        KeyframeNode, Lines, Located, MapSize, MatchResult, PlannedWall, RawScan, Room, RoomNode, ScanPose, Scene,
+        SceneGraph, SeenWall, UniqueMatch, WallSurface,
     )
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Whether a scan can have been taken near the one before it, or the sensor was carried elsewhere in between."""
+"""Kidnap detection: whether a scan was taken near the one before it, or the sensor was carried elsewhere in between."""
 
 import math
 from dataclasses import dataclass
@@ -13,18 +13,20 @@ from sgslam.serialization.state_tree import Stateful
 from sgslam.tracking.alignment import chosen
 
 Floats = NDArray[np.float64]
-_SECTORS = 180  # directions; as wide as the columns that are kept of a scan, or wider
+_SECTORS = 180  # directions, at least as wide as the columns that are used of a scan
 _NEAR = 0.4  # m by which the distance in one direction may change from one scan to the next
-_MIN_SIMILARITY = 0.6  # of the directions; from scan to scan of a drive it is 0.8 and more
-_TURNS, _WITHIN = 12, 0.15  # of the search; m from what was seen before
-_MIN_EXPLAINED = 0.55  # of a scan that what was seen before must explain, whichever way it is turned
-_POINTS, _REACH = 700, 1.5  # of a scan that are registered; m
+_MIN_SIMILARITY = 0.6  # share of the directions; in a continuous drive it is 0.8 or more
+_TURNS, _WITHIN = 12, 0.15  # start headings of the search; m from a point of the scan before
+_MIN_EXPLAINED = 0.55  # share of a scan that the scan before must explain at the best heading
+_POINTS, _REACH = 700, 1.5  # points of a scan that are registered; m between corresponding ones
 
 
 @dataclass(frozen=True, eq=False)
 class _Signature:
-    """Of a scan: (N, 3) points on upright surfaces, sensor frame, and their mean distance in each direction, NaN where
-    there are none."""
+    """Points (N, 3) of a scan on upright surfaces, sensor frame, and their mean `distances` (180,) by direction.
+
+    Distances are NaN in directions without points.
+    """
 
     points: Floats
     distances: Floats
@@ -46,7 +48,7 @@ def _distances(points: Floats, sector: NDArray[np.int64]) -> Floats:
 
 
 class KidnapDetector(Stateful):
-    """Remembers the newest scan that fitted."""
+    """Compares each scan with the newest one that fitted."""
 
     _STATE = ("_points", "_distances")
 
@@ -56,20 +58,21 @@ class KidnapDetector(Stateful):
         self._looked: tuple[ColumnScan, _Signature] | None = None
 
     def keep(self, scan: ColumnScan) -> None:
-        """Takes a scan for the newest that fits."""
+        """Makes a scan the newest that fits."""
         signature = self._signature(scan)
         self._points, self._distances = signature.points, signature.distances
 
     def fits(self, scan: ColumnScan) -> bool:
-        """Whether a scan may have been taken where the newest one was, or some steps away.
+        """Whether a scan may have been taken near the newest one.
 
-        First by the distances in all directions, turned a little; where these differ, by registration from all sides.
+        Compares the distances in all directions at small turns first; where these differ, registers the scan from all
+        headings.
         """
         signature = self._signature(scan)
         if self._points is None or _similarity(self._distances, signature.distances) >= _MIN_SIMILARITY:
             return True
         if min(len(signature.points), len(self._points)) < 50:
-            return True  # too little to say that it was not
+            return True  # too few points to decide
         return _explained(self._points, signature.points) >= _MIN_EXPLAINED
 
     def _signature(self, scan: ColumnScan) -> _Signature:
@@ -79,8 +82,10 @@ class KidnapDetector(Stateful):
 
 
 def all_fit(scans: list[ColumnScan]) -> bool:
-    """Whether each may have been taken near the one before it: a sensor that was carried elsewhere is somewhere then;
-    where none fits to another, the scans are only far apart."""
+    """Whether each scan may have been taken near the one before it.
+
+    After a kidnap the new scans fit one another. Where none fits the next, the scans are merely far apart.
+    """
     watch = KidnapDetector()
     for scan in scans:
         if not watch.fits(scan):
@@ -90,7 +95,7 @@ def all_fit(scans: list[ColumnScan]) -> bool:
 
 
 def _similarity(before: Floats, now: Floats) -> float:
-    """The share of directions with the same distance, at the best of some turns by up to 15 degrees."""
+    """The share of directions with the same distance, at the best of turns by up to 15 degrees."""
     least = _SECTORS // 6
     off = np.abs(before - now)
     known = int(np.count_nonzero(off == off))  # NaN is not

@@ -1,5 +1,7 @@
-"""Where each scan was taken: predicted by the step before it and held to the walls and the floor; the odometry is asked
-where these leave something open."""
+"""Tracks scan after scan: predicts each pose from the last step and aligns the scan with the walls and the floor.
+
+The odometry is used where these leave the pose uncertain.
+"""
 
 import logging
 from dataclasses import dataclass, replace
@@ -24,20 +26,22 @@ from sgslam.tracking.step_uncertainty import StepUncertainty, surfaces_of, turne
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_LONGEST_SWEEP = 1.5  # intervals between scans; what takes longer is of another unit
-_OUTLIER_RATES = 5.0, 10.0  # rad/s and m/s by which a step is uncertain where a external odometry leaps
-_FAST, _TURNING = 5.0, 3.0  # m/s and rad/s, the most that anything carries a sensor at indoors
-_CLEAR_MARGIN = 0.05  # of a scan's points by which one pose explains more than another
-_MEAN_STEP_WEIGHT = 0.3  # of a step goes into the mean of the last ones
-_STEP_ERROR = 0.05, 5.0  # m and m/s2 by which a step may differ from a steady one where no walls hold it
-_FASTEST_REGULAR = 2.5  # m/s; scans that seem to come faster are some of a drive, or their stamps are not theirs
-_LONGEST_OUTLIER = 10**9  # ns; what lasts is no slip: the robot was stopped or pushed
+_LONGEST_SWEEP = 1.5  # intervals between scans; a longer sweep means that point_times has another unit
+_OUTLIER_RATES = 5.0, 10.0  # rad/s and m/s, the uncertainty of a step at which an external odometry has an outlier
+_FAST, _TURNING = 5.0, 3.0  # m/s and rad/s, the fastest that a sensor is carried indoors
+_CLEAR_MARGIN = 0.05  # of a scan's points by which the better of two poses must explain more
+_MEAN_STEP_WEIGHT = 0.3  # of the newest step in the mean of the last ones
+_STEP_ERROR = 0.05, 5.0  # m and m/s2 by which a step may differ from a steady one where no walls constrain it
+_FASTEST_REGULAR = 2.5  # m/s; faster scans are picked out of a drive, or have wrong stamps
+_LONGEST_OUTLIER = 10**9  # ns; a deviation that lasts is no slip: the robot was stopped or pushed
 
 
 @dataclass(frozen=True)
 class Located:
-    """T_odom_sensor and T_map_sensor (4, 4) of one scan; `T_map_landed` where it has come back to a floor that was
-    known, which shows how far heights have drifted: T_map_sensor without that."""
+    """T_odom_sensor and T_map_sensor (4, 4) of one scan.
+
+    `T_map_landed` (4, 4) is set where the scan arrives at a known floor: T_map_sensor without the drift in height.
+    """
 
     T_odom_sensor: Floats
     T_map_sensor: Floats
@@ -46,7 +50,10 @@ class Located:
 
 @dataclass(frozen=True, eq=False)
 class PreparedScan:
-    """A scan with its points (N, 3) as of one instant, `offset_ns` after its stamp, and sorted into columns."""
+    """A scan deskewed to one instant, `offset_ns` after its stamp, and sorted into columns.
+
+    `points` (N, 3) are in the sensor frame; `T_odom_sensor` (4, 4) is that of an external odometry, else None.
+    """
 
     stamp_ns: int
     offset_ns: int
@@ -57,8 +64,10 @@ class PreparedScan:
 
 @dataclass(frozen=True)
 class _AlignedGuess:
-    """T_map_sensor after the correction of a guess, the `share` of the points that it explains, whether walls hold it
-    in all directions, and whether it lies far from the guess."""
+    """T_map_sensor (4, 4) after the alignment of a guess, and the `share` of the points that it explains.
+
+    `well_constrained`: walls constrain it in all directions. `unexpected`: it is far from the guess.
+    """
 
     T_map_sensor: Floats
     share: float
@@ -73,40 +82,42 @@ class _AlignedGuess:
 
 
 class ScanTracker(Stateful):
-    """Locates scan after scan.
+    """Tracks the pose of each scan.
 
-    A robot moves nearly as it did a scan ago, which indoors foretells more exactly than KISS-ICP does, where few rings
-    see much of a wall. A scan that was predicted, and that the walls then hold firmly and close by, needs no odometry.
+    A robot moves nearly as it did one scan ago. Indoors, where few rings see much of a wall, this predicts the pose
+    more exactly than KISS-ICP. If the walls constrain the aligned scan well, close to its prediction, the odometry is
+    not needed.
     """
 
     _STATE = (
-        "_last", "_step", "_stamp_ns", "_interval_ns", "_warned_of_outlier", "_external", "_T_odom_source", "_mean_step", "_before_outlier",
-        "_outlier_ns",
+        "_last", "_step", "_stamp_ns", "_interval_ns", "_warned_of_outlier", "_external", "_T_odom_source",
+        "_mean_step", "_before_outlier", "_outlier_ns",
     )  # fmt: skip
 
     def __init__(self, config: Config, odometry: Odometry, floors: Floors) -> None:
         self._config, self._odometry, self._floors = config, odometry, floors
         self.front_end = FrontEnd(config)
         self._last: Located | None = None
-        self._step: Floats | None = None  # T_last_sensor as it was found
+        self._step: Floats | None = None  # T_last_sensor (4, 4) as tracked
         self._stamp_ns, self._interval_ns = 0, 0
-        self._warned_of_outlier = False  # a external odometry, at some time
-        self._mean_step = np.zeros(3)  # m in the last steps, their mean, sensor frame
-        self._before_outlier: Located | None = None  # the last scan before the own one had steps that no robot makes
-        self._outlier_ns = 0  # for so long it has had them
+        self._warned_of_outlier = False
+        self._mean_step = np.zeros(3)  # m, running mean of the last steps, sensor frame
+        self._before_outlier: Located | None = None  # the last scan before a run of outlier steps
+        self._outlier_ns = 0  # duration of that run
         self._external: bool | None = None  # whether the last T_odom_sensor was external
-        self._T_odom_source: Floats | None = None  # the frame of those who give it now; None where it is their own
+        self._T_odom_source: Floats | None = None  # (4, 4) frame of the present odometry; None: odom itself
         self.step_uncertainty = StepUncertainty(config.odometry, config.tracking)
         self._transition = FloorTransition(config.tracking)
 
     @property
     def _parts(self) -> dict[str, Any]:
         return {
-            "transition": self._transition, "step_uncertainty": self.step_uncertainty, "front_end": self.front_end, "odometry": self._odometry,
+            "transition": self._transition, "step_uncertainty": self.step_uncertainty, "front_end": self.front_end,
+            "odometry": self._odometry,
         }  # fmt: skip
 
     def state(self) -> dict[str, Any]:
-        """See `Stateful`; with what its parts know."""
+        """See `Stateful`; with the state of its parts."""
         return {**super().state(), **{name: part.state() for name, part in self._parts.items()}}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -117,26 +128,26 @@ class ScanTracker(Stateful):
 
     @property
     def between_floors(self) -> bool:
-        """Whether the robot is on no floor."""
+        """Whether the robot is between two floors, on a stair or a ramp."""
         return self._transition.active
 
     @property
     def ground(self) -> float:
-        """Metres above the floor at which the robot goes, where that has steps or ramps."""
+        """Height (m) of the ground under the robot above the floor, on steps or ramps."""
         return self._transition.ground
 
     @property
     def T_ground_map(self) -> Floats:  # noqa: N802
-        """(4, 4) the levelled map of the floor that the robot is on, with z from the ground on which it goes."""
+        """(4, 4) the levelled map of the present floor, with z = 0 at the ground under the robot."""
         return raised(self._walls.T_level_map, -self._transition.ground)
 
     @property
     def _walls(self) -> WallMap:
-        """Of the floor that the robot is on."""
+        """The walls of the present floor."""
         return self._floors.current.walls
 
     def prepare(self, raw: RawScan) -> PreparedScan:
-        """Deskews a scan and sorts it into columns. Raises UserError for times of points that are none."""
+        """Deskews a scan and sorts it into columns. Raises UserError for invalid `point_times`."""
         points, offset_ns = raw.points, 0
         if raw.point_times is not None:
             seconds = checked_times(raw.point_times, len(points), raw.stamp_ns)
@@ -145,12 +156,11 @@ class ScanTracker(Stateful):
         return PreparedScan(raw.stamp_ns, offset_ns, points, columns, raw.T_odom_sensor)
 
     def _deskewed(self, stamp_ns: int, points: Floats, seconds: Floats, external: Floats | None) -> tuple[Floats, int]:
-        """(N, 3) a scan's points as if they had been measured in one instant, and that instant, in ns after the stamp;
-        `seconds` (N,) after the stamp they were measured. The sensor is taken to move on as in its last step.
+        """Deskews points (N, 3), measured `seconds` (N,) after the stamp, to one instant: the points, and ns after it.
 
-        The instant is the middle of the scan, where an error of that step turns and moves the points on both sides of
-        it against each other; at the stamp it would move the whole scan, and be fed into the next step. With `external`
-        T_odom_sensor at the stamp nothing is fed back, and the instant is the stamp.
+        The sensor is taken to move on as in its last step. The instant is the middle of the scan: there, an error of
+        the step shifts both halves of the scan in opposite directions. At the stamp it would shift the whole scan and
+        feed into the next step. An `external` T_odom_sensor (4, 4) has no such feedback, and the instant is the stamp.
         """
         if self._last is None:
             return points, 0
@@ -168,14 +178,13 @@ class ScanTracker(Stateful):
         return points, round(instant * 1e9)
 
     def live(self, T_map_sensor: Floats, offset_ns: int) -> Floats:
-        """(4, 4) the pose of the newest scan `offset_ns` earlier, by its step."""
+        """(4, 4) the pose of the newest scan `offset_ns` earlier, interpolated along its step."""
         if self._step is None or not offset_ns:
             return T_map_sensor
         return T_map_sensor @ part_of(self._step, -offset_ns / self._interval_ns)
 
     def locate(self, prepared: PreparedScan, last_map: Floats | None) -> Located:
-        """Locates a scan. `last_map` (4, 4) is T_map_sensor of the scan before it by the newest estimates, None for the
-        first scan."""
+        """Tracks a scan. `last_map` (4, 4) is the newest T_map_sensor of the scan before it, None for the first."""
         stamp_ns, scan, external = prepared.stamp_ns + prepared.offset_ns, prepared.columns, prepared.T_odom_sensor
         interval_ns = stamp_ns - self._stamp_ns
         regular, outlier = self._is_regular(interval_ns), False
@@ -219,13 +228,15 @@ class ScanTracker(Stateful):
         return self._last
 
     def leave_keyframe(self) -> Floats | None:
-        """(6, 6) the covariance of the step from the last keyframe to the newest scan, which is the next one, beyond
-        what every step has; None where there is nothing beyond."""
+        """Makes the newest scan the next keyframe: returns the excess covariance (6, 6) of the step to it.
+
+        Rotation first, sensor axes; None where the step is as certain as the default.
+        """
         assert self._last is not None
         return self.step_uncertainty.leave((self._walls.T_level_map @ self._last.T_map_sensor)[:3, :3])
 
     def _update_floor(self, scan: ColumnScan) -> None:
-        """Takes note of how the sensor is carried, and of floors that are left or reached."""
+        """Updates how the sensor is carried, and detects that a floor is left or reached."""
         assert self._last is not None
         T_map_sensor = self._last.T_map_sensor
         if not self._transition.active:
@@ -251,7 +262,7 @@ class ScanTracker(Stateful):
         self._transition.end(arrival)
 
     def _without_external(self, scan: ColumnScan, last_map: Floats, predicted: Floats | None) -> Located:
-        """By what was predicted where that is certain, else by the odometry, if it explains the scan as well."""
+        """Tracks from the prediction where that is certain, else from the odometry if it explains the scan as well."""
         settings = self._config.odometry
         tracked = None if predicted is None else self._align(scan, predicted)
         if tracked is not None and tracked.well_constrained and not tracked.unexpected:
@@ -275,9 +286,9 @@ class ScanTracker(Stateful):
     def _without_outlier(
         self, scan: ColumnScan, best: _AlignedGuess, predicted: _AlignedGuess, T_odom_sensor: Floats, last_map: Floats
     ) -> _AlignedGuess:
-        """What the odometry says, or a steady step where that lurches away from what was `predicted`.
+        """The odometry's pose `best`, or that of a steady step where the odometry has an outlier against `predicted`.
 
-        A scan later it may be back where it should be, or it slipped and goes on from there: either is believed.
+        One scan later the odometry may have recovered, or it slipped and goes on from there; the closer one is taken.
         """
         assert self._last is not None and self._step is not None
         up = self._walls.T_level_map[2, :3]
@@ -302,15 +313,18 @@ class ScanTracker(Stateful):
 
     @property
     def _max_step_error(self) -> float:
-        """Metres by which no robot's step differs from a steady one."""
+        """The largest plausible difference (m) of a step from a steady one."""
         seconds = self._interval_ns / 1e9
         if np.linalg.norm(self._mean_step) > _FASTEST_REGULAR * seconds:
             return np.inf
         return _STEP_ERROR[0] + _STEP_ERROR[1] * seconds**2
 
     def _is_outlier(self, best: _AlignedGuess, steady: _AlignedGuess) -> bool:
-        """Whether a step differs from a steady one as no robot's does, where walls do not hold it, though the steady
-        one explains the scan as well."""
+        """Whether a step is an outlier.
+
+        It differs implausibly from a steady one, walls do not constrain it, and the steady one explains the scan as
+        well.
+        """
         apart = (best.T_map_sensor - steady.T_map_sensor)[:2, 3]
         off = _distance(best, steady)
         loose = float(apart @ best.information[1:, 1:] @ apart) < self._config.tracking.firm_points * off**2
@@ -319,8 +333,11 @@ class ScanTracker(Stateful):
     def _by_external(
         self, scan: ColumnScan, last_map: Floats, external: Floats, predicted: Floats | None, outlier: bool
     ) -> Located:
-        """By somebody else's odometry; where that leaps, by what was predicted, unless the walls bear the outlier out;
-        where it lurches, by a steady step for a while."""
+        """Tracks from the pose of an external odometry.
+
+        At an outlier step the prediction is used unless the walls confirm the step. Where steps merely deviate, a
+        steady step is used for a while.
+        """
         settings = self._config.odometry
         best = self._align(scan, self._by_odometry(scan, last_map, external)[1])
         rates, interval_ns = (settings.external_turn_error, settings.external_speed_error), self._interval_ns
@@ -339,34 +356,36 @@ class ScanTracker(Stateful):
         return Located(external, best.T_map_sensor)
 
     def _add_uncertainty(self, information: Floats, turn: float, speed: float) -> None:
-        """One more scan since the keyframe, whose step may be wrong by so many rad/s and m/s where nothing holds it."""
+        """Adds a scan to the step uncertainty; `turn` (rad/s) and `speed` (m/s) are the step's unconstrained errors."""
         seconds = self._interval_ns / 1e9
         self.step_uncertainty.add(information, turn * seconds, speed * seconds)
 
     def _outlier_size(self, step: Floats, interval_ns: int) -> tuple[float, float] | None:
-        """The metres and radians of a external step (4, 4) that no robot makes, or by which it differs from the one before
-        it as no robot's does; None where it is a step like others."""
+        """The size (m, rad) of an outlier step (4, 4) of an external odometry; None where the step is plausible.
+
+        A step is an outlier if it differs too much from the one before it, or is too long where that one is unknown.
+        """
         settings, seconds = self._config.odometry, interval_ns / 1e9
         farthest, widest = settings.outlier_distance, settings.outlier_angle
         if self._step is not None and self._is_regular(interval_ns):
             step = inverse(self._step) @ step
-        else:  # nobody knows how fast it went
+        else:  # the speed is not known
             farthest, widest = max(settings.max_step, _FAST * seconds), max(settings.max_turn, _TURNING * seconds)
         metres, radians = float(np.linalg.norm(step[:3, 3])), angle_of(step)
         return None if metres < farthest and radians < widest else (metres, radians)
 
     def _warn_of_outlier(self, outlier: tuple[float, float] | None, stamp_ns: int) -> bool:
-        """Whether there is a outlier; the first is external_step."""
+        """Whether there is an outlier; warns of the first one."""
         if outlier is not None and not self._warned_of_outlier:
             _log.warning(
-                "the odometry that is external leaps, by %.2f m and %.0f degrees at %.3f s; such steps are not believed "
-                "(external_step once)", outlier[0], np.degrees(outlier[1]), stamp_ns / 1e9,
+                "the external odometry has an outlier of %.2f m and %.0f degrees at %.3f s; such steps are ignored "
+                "(reported once)", outlier[0], np.degrees(outlier[1]), stamp_ns / 1e9,
             )  # fmt: skip
             self._warned_of_outlier = True
         return outlier is not None
 
     def _by_odometry(self, scan: ColumnScan, last_map: Floats, external: Floats | None) -> tuple[Floats, Floats]:
-        """T_odom_sensor, and T_map_sensor by it."""
+        """T_odom_sensor (4, 4), `external` or registered now, and T_map_sensor (4, 4) predicted from it."""
         assert self._last is not None
         if external is not None:
             return external, predict(last_map, self._last.T_odom_sensor, external)
@@ -375,8 +394,10 @@ class ScanTracker(Stateful):
         return T_odom_sensor, upright_step(guess, last_map, self._walls.T_level_map[2, :3])
 
     def _in_odom_frame(self, T_source_sensor: Floats, is_external: bool) -> Floats:
-        """T_odom_sensor. Where another source begins to tell (poses are external for some scans only), its frame is laid
-        so that the sensor goes on as before."""
+        """T_odom_sensor (4, 4) from the pose in the frame of its source.
+
+        Where the source changes, because only some scans have external poses, the frames are joined without a jump.
+        """
         if is_external != self._external and self._last is not None:
             step = np.eye(4) if self._step is None else self._step
             self._T_odom_source = self._last.T_odom_sensor @ step @ inverse(T_source_sensor)
@@ -384,11 +405,11 @@ class ScanTracker(Stateful):
         return T_source_sensor if self._T_odom_source is None else self._T_odom_source @ T_source_sensor
 
     def _points(self, scan: ColumnScan) -> Floats:
-        """(N, 3) what the odometry is external of a scan."""
+        """(N, 3) the points of a scan that the odometry uses."""
         return scan.points[scan.upright] if self._odometry.upright_only else scan.points
 
     def _align(self, scan: ColumnScan, guess: Floats) -> _AlignedGuess:
-        """Corrected by walls and floor, on a stair by walls and what is level there."""
+        """Aligns a guess (4, 4) with walls and floor; on a stair, with walls and level surfaces."""
         settings, walls = self._config.tracking, self._walls.lines
         if self._transition.active:
             tracked = self._transition.align(scan, walls, self.T_ground_map @ guess)
@@ -405,15 +426,15 @@ class ScanTracker(Stateful):
         )  # fmt: skip
 
     def _is_regular(self, interval_ns: int) -> bool:
-        """Whether a scan comes after the last one as that one after the one before it."""
+        """Whether the interval to the last scan is about as long as the one before it."""
         return 2 * self._interval_ns < 3 * interval_ns < 4.5 * self._interval_ns
 
 
 def _distance(one: _AlignedGuess, other: _AlignedGuess) -> float:
-    """Metres in plan view."""
+    """Distance (m) in plan view."""
     return _plan_distance(one.T_map_sensor, other.T_map_sensor)
 
 
 def _plan_distance(one: Floats, other: Floats) -> float:
-    """Metres in plan view between two poses (4, 4)."""
+    """Distance (m) in plan view between two poses (4, 4)."""
     return float(np.linalg.norm((one - other)[:2, 3]))

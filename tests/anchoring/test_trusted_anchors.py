@@ -77,7 +77,7 @@ def test_a_moved_wall_is_measured_with_an_honest_sigma() -> None:
 
 
 def test_covariances_are_those_of_the_graph() -> None:
-    """Where every kind of measurement errs as it was earlier to, GTSAM's own marginals are the same."""
+    """Where every kind of measurement errs as the settings say, GTSAM's own marginals are the same."""
     run = Run(count=30)
     anchors, _ = anchors_of(run, T_BIM_BUILDING)
     run.optimise(anchors)

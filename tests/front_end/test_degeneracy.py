@@ -1,4 +1,4 @@
-"""Where surfaces do not hold a scan: what is told of it, direction by direction; and a given odometry that leaps."""
+"""Step uncertainty where surfaces do not constrain a scan; and outliers of an external odometry."""
 
 import logging
 from functools import cache
@@ -138,19 +138,19 @@ def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam,
 
 
 @pytest.mark.parametrize("leap", [pose(3.0, -1.0, 0.0, 0.0), pose(0.0, 0.0, 0.0, 2.0), pose(0.8, 0.0, 0.5, 0.3)])
-def test_a_leap_is_not_believed_and_told_once(leap: Array, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_outlier_step_is_ignored_and_reported_once(leap: Array, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, logger="sgslam"):
         slam, live, truth = given_with(leap, 40, 80)
-    said = [record.message for record in caplog.records if "leaps" in record.message]
-    assert len(said) == 1 and "not believed" in said[0]
+    warnings = [record.message for record in caplog.records if "outlier" in record.message]
+    assert len(warnings) == 1 and "ignored" in warnings[0]
     assert np.linalg.norm((live - truth)[:, :3, 3], axis=1).max() < 0.1
     assert np.isfinite(slam.finish().trajectory.poses).all()
 
 
-def test_a_given_odometry_that_does_not_leap_is_believed(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_external_odometry_without_outliers_is_used(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, logger="sgslam"):
         _, live, truth = given_with(None, 0, 80)
-    assert not [record for record in caplog.records if "leaps" in record.message]
+    assert not [record for record in caplog.records if "outlier" in record.message]
     assert np.linalg.norm((live - truth)[:, :3, 3], axis=1).max() < 0.03
 
 
@@ -161,7 +161,7 @@ def test_poses_may_be_given_for_some_scans_only(caplog: pytest.LogCaptureFixture
     with caplog.at_level(logging.WARNING, logger="sgslam"):
         for i, (stamp, points) in enumerate(drive.scans[:90]):
             slam.add_scan(stamp, points, T_odom_sensor=given[i] if 20 <= i < 45 or i >= 70 else None)
-    assert not [record for record in caplog.records if "leaps" in record.message]
+    assert not [record for record in caplog.records if "outlier" in record.message]
     result = slam.finish()
     odometry, truth = result.trajectory_odometry.poses, inverse(drive.truth.poses[0]) @ drive.truth.poses[:90]
     steps, true = (inverse(poses[:-1]) @ poses[1:] for poses in (odometry, truth))
@@ -169,13 +169,14 @@ def test_poses_may_be_given_for_some_scans_only(caplog: pytest.LogCaptureFixture
     assert np.linalg.norm((result.trajectory.poses - truth)[:, :3, 3], axis=1).max() < 0.06
 
 
-def test_where_nothing_holds_a_leap_widens_its_step() -> None:
-    """In the open hall, where no wall could tell: the step with the leap is uncertain by it, others are not."""
+def test_an_unconstrained_outlier_widens_its_step() -> None:
+    """In the open hall, where no wall constrains the sensor: only the step with the outlier is uncertain."""
     scene, slam = scene_of(HALL), SceneGraphSlam()
     for i in range(60):
         T = pose(0.08 * i + (2.0 if i >= 30 else 0.0), 0.0)
         slam.add_scan(i * 10**8, scan(scene, pose(0.08 * i, 0.0), SENSOR, i), T_odom_sensor=T)
-    sigmas = [0.0 if k.step_covariance is None else float(np.sqrt(k.step_covariance[3, 3])) for k in slam._map.backend.keyframes]
+    covariances = [k.step_covariance for k in slam._map.backend.keyframes]
+    sigmas = [0.0 if covariance is None else float(np.sqrt(covariance[3, 3])) for covariance in covariances]
     assert max(sigmas) > 0.9 and sorted(sigmas)[-2] < 0.1
 
 

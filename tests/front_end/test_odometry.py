@@ -52,7 +52,8 @@ class TestGiven(OdometryContract):
 def straight(stamps: list[float]) -> ExternalOdometry:
     """One metre and half a radian a second."""
     stamps_ns = (np.array(stamps) * NS).astype(np.int64)
-    return ExternalOdometry(Trajectory(stamps_ns, np.stack([pose(t, 0.0, 0.0, 0.5 * t) for t in stamps])), "odometry.tum")
+    poses = np.stack([pose(t, 0.0, 0.0, 0.5 * t) for t in stamps])
+    return ExternalOdometry(Trajectory(stamps_ns, poses), "odometry.tum")
 
 
 def test_between_two_poses_the_way_is_even() -> None:
