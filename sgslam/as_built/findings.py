@@ -108,8 +108,9 @@ def write_topics(
 
 
 def _topic(
-    title: str, description: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any], towards: tuple[float, float]
-) -> Topic:
+    title: str, description: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any],
+    towards: tuple[float, float],
+) -> Topic:  # fmt: skip
     return Topic(title, description, kind, ids, _COLORS[kind], segment, towards)
 
 
