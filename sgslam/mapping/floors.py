@@ -46,7 +46,7 @@ class FloorMap:
 
 
 class Floors:
-    """All floors in the order in which they were first seen; `current` is the robot's, or on a stair the one it left."""
+    """All floors in the order of their first observation; `current` is the robot's, or on a stair the one it left."""
 
     def __init__(self, config: Config) -> None:
         self._config = config

@@ -1,4 +1,4 @@
-"""Builds the S-graph from the estimates: rooms from free space, and for each wall one surface for each room it faces."""
+"""Builds the S-graph from the estimates: rooms from free space, and the surfaces of each wall by the rooms it faces."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -110,7 +110,7 @@ def _segment(own: dict[int, KeyframeNode], walls: WallMap, T: Floats, config: Co
 def _surfaces(
     walls: WallMap, segmentation: Segmentation, names: Names, config: Config
 ) -> tuple[list[WallSurface], dict[str, int]]:
-    """One surface for each room that a wall with enough observations faces, and one for its longest part facing none."""
+    """One surface for each room that a well-observed wall faces, and one for its longest part that faces none."""
     lines = walls.lines_of_estimates()
     covered = walls.coverage(_STEP)
     heights = walls.heights()

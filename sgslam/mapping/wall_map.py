@@ -82,7 +82,7 @@ class Lines:
 
 
 class WallMap(Stateful):
-    """The wall observations of floor `storey` and the walls that they are associated with.
+    """The wall observations of floor `storey` and the walls that they belong to.
 
     `register` is shared by all floors. `T_level_map` (4, 4) levels the map: z up, the floor at z = 0. `planes_in_map`
     are the back end's planes (4,) by wall number.
@@ -101,7 +101,7 @@ class WallMap(Stateful):
         self.T_level_map: Floats = np.eye(4)
         self._extent: dict[int, tuple[float, float, int]] = {}  # low, high, keyframes
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
-        self._across, self._along = np.empty(0), np.empty(0)  # m, of the centre of each observation relative to its wall
+        self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
         self._lines: Lines | None = None
 
