@@ -49,7 +49,7 @@ def read_state(path: Path, known: Mapping[str, type]) -> tuple[dict[str, Any], A
             arrays = {name: _array(file, name) for name in names if name not in (_HEADER, _TREE)}
             return about, Unpacker(known, arrays).unpack(json.loads(_array(file, _TREE).tobytes()))
         except _DAMAGE as error:
-            raise UserError(f"{path}: damaged, or of another version ({error}); run it anew") from None
+            raise UserError(f"{path}: damaged, or of another version ({error}); start a new run") from None
 
 
 def _bytes(value: Any) -> NDArray[np.uint8]:
@@ -68,7 +68,7 @@ def _opened(path: Path) -> zipfile.ZipFile:
     except FileNotFoundError:
         raise UserError(f"{path}: there is no such file; nothing was saved there") from None
     except _DAMAGE as error:
-        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be gone on from") from None
+        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be resumed") from None
 
 
 def _about(path: Path, file: zipfile.ZipFile) -> dict[str, Any]:
@@ -78,9 +78,9 @@ def _about(path: Path, file: zipfile.ZipFile) -> dict[str, Any]:
             raise ValueError("of another format")
         version, about = header["version"], header["about"]
     except _DAMAGE as error:
-        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be gone on from") from None
+        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be resumed") from None
     if version != VERSION or not isinstance(about, dict):
-        raise UserError(f"{path}: saved in version {version} of the format, this is {VERSION}; run it anew")
+        raise UserError(f"{path}: saved in version {version} of the format, this is {VERSION}; start a new run")
     return about
 
 

@@ -121,7 +121,7 @@ def _tracked(
             furthest = max(furthest, abs(part))
         if close > _SAME * found and furthest < weights.sure_step:
             break  # the next step would use the same points and be zero
-        normal, offset, low, high = normal[used], offset[used], low[used], high[used]  # a step brings no other walls near
+        normal, offset, low, high = normal[used], offset[used], low[used], high[used]  # no step brings others near
     return T, share, information
 
 

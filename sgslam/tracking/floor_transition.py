@@ -118,7 +118,7 @@ class FloorTransition(Stateful):
         return np.asarray(inverse(T_level_map) @ other)
 
     def _explains_more(self, scan: ColumnScan, pose: Floats, than: Floats) -> bool:
-        """Whether more of a scan's level points lie on known surfaces at `pose` than at `than`, T_level_sensor (4, 4)."""
+        """Whether more of a scan's level points lie on known surfaces at one T_level_sensor (4, 4) than at another."""
         tree, known = self._space
         counts = []
         for T in (pose, than):
