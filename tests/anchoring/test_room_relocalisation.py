@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from test_contradictions import a_room, graph
+from test_free_space_conflict import a_room, graph
 
 from data import Keyframe, Room, SceneGraph, WallSurface
 from data.geometry import se2

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_contradictions import a_room, graph
+from test_free_space_conflict import a_room, graph
 
 from data import SceneGraph
 from data.geometry import se2
