@@ -77,7 +77,7 @@ class FrontEnd(Stateful):
         return self.sensor_height if self.sensor_height is not None else self._config.surfaces.guessed_height
 
     def look(self, points: Floats, R_level_sensor: Floats, height: float | None) -> KeyframeScan:
-        """Extracts walls and floor of a keyframe's scan (N, 3); `height` (m) is the sensor's above the floor or None."""
+        """Extracts walls and floor of a keyframe's scan (N, 3); `height` (m) of the sensor above the floor, or None."""
         settings = self._config.surfaces
         scan = sort_into_columns(points @ R_level_sensor.T, settings.columns)
         T_sensor_level = np.eye(4)

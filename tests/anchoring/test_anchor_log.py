@@ -1,4 +1,4 @@
-"""The record of what anchors the map, and why."""
+"""The log of anchors and the reasons for their states."""
 
 import logging
 
@@ -14,7 +14,7 @@ def states(log: AnchorLog) -> dict[tuple[int, str], list[str]]:
     return {(r.wall, r.a_id): [e.state for e in r.events] for r in log.records}
 
 
-def test_an_anchor_keeps_who_added_it_and_all_that_became_of_it() -> None:
+def test_an_anchor_keeps_its_origin_and_all_its_states() -> None:
     log = AnchorLog()
     log.update(10, {(1, "a"): TIGHT, (2, "b"): LOOSE})
     log.update(20, {(1, "a"): TIGHT, (2, "b"): AnchorStatus("tight", "match 2", "closer now")})
@@ -42,7 +42,7 @@ def test_joined_walls_keep_one_record() -> None:
     assert states(log) == {(1, "a"): ["tight"], (3, "b"): ["tight"]}
 
 
-def test_every_change_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+def test_every_change_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     log = AnchorLog()
     with caplog.at_level(logging.INFO, "sgslam"):
         for stamp in (10, 20, 30):

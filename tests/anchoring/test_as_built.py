@@ -1,4 +1,4 @@
-"""What of a wall is told: moved, absent, furniture; walls in one plane; a map that is bent, or is not."""
+"""Deviations of walls: moved, missing, extra, furniture; several walls in one plane."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -43,9 +43,9 @@ def piece(planned: WallSurface, offset: float, low: float, high: float, **more: 
     return Piece(aligned, planned.source, offset, span=(low, high), length=high - low, **told)  # type: ignore[arg-type]
 
 
-def results(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
+def tested(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
            ) -> list[DeviationTest]:  # fmt: skip
-    """The run_deviation_tests; the wall is seen through between `open_` from its side a."""
+    """The results of the tests; the wall is seen through between `open_` from its side a."""
     along = np.arange(-2.9, 3.0, 0.1)
     through = np.zeros(len(along), bool) if open_ is None else (along > open_[0]) & (along < open_[1])
     visibility = {("a", "wall"): Visibility(along, through, ~through)}
@@ -56,7 +56,7 @@ def solids(*surfaces: WallSurface) -> list[WallSolid]:
     return solids_of([own for surface in surfaces for own in sides_of(surface)])
 
 
-def test_both_sides_of_a_wall_are_one_body() -> None:
+def test_both_sides_of_a_wall_are_one_solid() -> None:
     stub = side("c", 0.06, 1.0, x=20.0, length=0.4)
     end = WallSurface("d", None, (3.0, 0.06), (1.0, 0.0), 0.12, None, "wall")
     other = side("e", 0.12, 1.0, "another")
@@ -67,34 +67,34 @@ def test_both_sides_of_a_wall_are_one_body() -> None:
     assert found[2].thickness is None
 
 
-def test_a_wall_that_was_moved_is_told_on_both_sides() -> None:
-    told = results([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
+def test_a_moved_wall_is_significant_on_both_sides() -> None:
+    told = tested([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
     assert [v.significant for v in told] == [True, True, False]
     assert "both sides" in told[0].reason and "otherwise" in told[2].reason
 
 
 def test_what_stands_before_a_wall_whose_other_side_stands_is_furniture() -> None:
-    told = results([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
+    told = tested([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
     assert not any(v.significant for v in told)
     assert "furniture" in told[0].reason and told[1].reason == "as planned"
 
 
 def test_the_back_of_a_cupboard_at_a_wall_that_is_seen_through_is_no_moved_wall() -> None:
     back = [piece(A, -0.13, -3, -1)]
-    assert [v.significant for v in results(back)] == [True]
-    seen_through = results(back, open_=(0.0, 1.0))
+    assert [v.significant for v in tested(back)] == [True]
+    seen_through = tested(back, open_=(0.0, 1.0))
     assert not seen_through[0].significant and "seen through" in seen_through[0].reason
     # within the wall's own thickness no cupboard can stand: the wall was moved, and has an opening
-    assert results([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
+    assert tested([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
 
 
-def test_a_pane_over_its_parapet_is_told_with_its_reason() -> None:
-    told = results([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
+def test_a_pane_over_its_parapet_is_listed_with_its_reason() -> None:
+    told = tested([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
     assert not any(v.significant for v in told)
     assert "pane" in told[0].reason
 
 
-def test_walls_in_one_plane_are_judged_each_for_itself() -> None:
+def test_walls_in_one_plane_are_tested_separately() -> None:
     """One surface, of two walls end to end; the left one was built 15 cm back."""
     plane = replace(A, parts=(("right", -3.0, 0.0, True), ("left", 0.0, 3.0, True)))
     moved, stands = (replace(piece(plane, o, *span), source=s) for s, o, span in
@@ -159,7 +159,7 @@ def test_what_no_plan_shows_is_taken_from_the_plan(tmp_path: Path) -> None:
     assert {w.source for w in graph.wall_surfaces} - {w.source for w in driven.wall_surfaces} == {change.id}
 
 
-def test_rooms_that_were_entered_and_have_no_match_are_told() -> None:
+def test_entered_rooms_without_a_match_are_reported() -> None:
     drive = small_drive()
     _, result = small_run(with_bim=True)
     assert result.anchored and result.matches is not None
@@ -174,7 +174,7 @@ def test_rooms_that_were_entered_and_have_no_match_are_told() -> None:
     assert all(d["reason"] for d in result.deviations)
 
 
-def test_a_door_that_was_walled_up_is_told_as_an_extra_wall() -> None:
+def test_a_walled_up_door_is_an_extra_wall() -> None:
     """The plan has an opening of 1.6 m, with no door in it, in a wall that was seen to go on through."""
     drive = small_drive()
     graph = drive.bim.graph
@@ -192,7 +192,7 @@ def test_a_door_that_was_walled_up_is_told_as_an_extra_wall() -> None:
     assert abs((centre - longest.centroid) @ np.array(longest.normal)) < 0.03
 
 
-def test_a_thin_wall_that_is_seen_from_both_sides_is_told_from_furniture() -> None:
+def test_a_thin_wall_seen_from_both_sides_is_no_furniture() -> None:
     """Neither is seen above 1.6 m: two sides 12 cm apart are a wall's, one alone may be a cupboard's."""
     left, right = side("left", 0.12, 1.0, "", length=2.0), side("right", 0.0, -1.0, "", x=0.2, length=2.0)
     deep = side("deep", -0.4, -1.0, "", length=2.0)

@@ -1,4 +1,4 @@
-"""Walls that are off alike with all their neighbours are told from walls that were built elsewhere."""
+"""Local drift: walls that are off like their neighbours are distinguished from walls that were built elsewhere."""
 
 import numpy as np
 import pytest
@@ -32,14 +32,14 @@ def drifted(pairs: Pairs, deviating: np.ndarray | None = None) -> np.ndarray:
     return drifted_neighbourhoods(pairs, overall, TURN, known.ravel()).reshape(-1, 4)
 
 
-def test_rooms_that_drifted_together_are_bent() -> None:
+def test_rooms_that_drifted_together_are_found() -> None:
     off = np.zeros((12, 4))
     off[8:] = shifted((0.05, 0.15))
     across = drifted(rooms_in_a_row(12, off))[:, 2:]
     assert across[9:].all() and not across[:8].any()
 
 
-def test_walls_that_were_built_elsewhere_are_not() -> None:
+def test_walls_that_were_built_elsewhere_have_not_drifted() -> None:
     rng = np.random.default_rng(1)
     off = np.zeros(48)
     off[rng.permutation(48)[:16]] = rng.uniform(0.1, 0.3, 16) * rng.choice([-1, 1], 16)
@@ -47,8 +47,8 @@ def test_walls_that_were_built_elsewhere_are_not() -> None:
 
 
 @pytest.mark.parametrize("seed", [8, 9, 14])
-def test_walls_that_agree_with_every_place_bend_nothing(seed: int) -> None:
-    """Half of the walls were built elsewhere: two of one direction that are off alike are no bend, though all walls of
+def test_walls_that_agree_with_every_place_are_no_drift(seed: int) -> None:
+    """Half of the walls were built elsewhere: two of one direction with equal offsets are no drift, though all walls of
     the other direction agree with the place that the two tell."""
     rng = np.random.default_rng(seed)
     off = np.zeros(48)
@@ -56,11 +56,11 @@ def test_walls_that_agree_with_every_place_bend_nothing(seed: int) -> None:
     assert not drifted(rooms_in_a_row(12, off.reshape(12, 4))).any()
 
 
-def test_a_map_that_agrees_is_not_bent() -> None:
+def test_a_map_that_agrees_has_not_drifted() -> None:
     assert not drifted(rooms_in_a_row(5, np.zeros((5, 4)))).any()
 
 
-def test_walls_that_are_known_to_stand_elsewhere_bend_nothing() -> None:
+def test_known_deviations_are_no_drift() -> None:
     """Not themselves, and not their neighbours either, for which too few are left that say so."""
     off, known = np.zeros((12, 4)), np.zeros((12, 4), dtype=bool)
     off[8:] = shifted((0.05, 0.15))
@@ -76,7 +76,7 @@ def moved_whole(off: np.ndarray, deviating: np.ndarray | None = None) -> np.ndar
     return drifted_rooms(pairs, overall, np.repeat(np.arange(len(off)), 4), known).reshape(-1, 4)
 
 
-def test_a_room_into_which_a_step_was_wrong_is_moved_whole() -> None:
+def test_a_room_after_a_wrong_step_has_drifted_as_a_whole() -> None:
     off = np.zeros((12, 4))
     off[5] = shifted((0.1, 0.0))
     found = moved_whole(off)
@@ -84,7 +84,7 @@ def test_a_room_into_which_a_step_was_wrong_is_moved_whole() -> None:
 
 
 @pytest.mark.parametrize("opposite", [0.0, -0.16, 0.1])
-def test_a_wall_that_was_moved_moves_no_room(opposite: float) -> None:
+def test_a_moved_wall_is_no_drift_of_its_room(opposite: float) -> None:
     """The opposite one stands as planned, or otherwise than the room would have it; or has been pulled already."""
     off = np.zeros((12, 4))
     off[5, :2] = 0.1, opposite

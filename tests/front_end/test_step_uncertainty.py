@@ -28,7 +28,7 @@ def surfaces(boxes: list[Box], T: Array) -> Array:
     return surfaces_of(columns.points[columns.upright])
 
 
-def test_the_surfaces_of_a_scan_hold_it_across_themselves() -> None:
+def test_surfaces_constrain_a_scan_across_themselves() -> None:
     place = pose(1.0, 0.1, 0.8, YAW)
     in_room, axes = np.linalg.eigh(surfaces(FURNISHED, place)[1:, 1:])
     assert in_room[0] > 0.1 * in_room[1]
@@ -37,14 +37,14 @@ def test_the_surfaces_of_a_scan_hold_it_across_themselves() -> None:
     assert surfaces(HALL, place).max() < 1.0
 
 
-def test_the_same_surfaces_hold_the_same_from_any_heading() -> None:
+def test_the_constraint_does_not_depend_on_the_heading() -> None:
     T, U = pose(1.0, 0.1, 0.8, 0.4), pose(1.0, 0.1, 0.8, 1.7)
     one, other = turned(surfaces(FURNISHED, T), T), turned(surfaces(FURNISHED, U), U)
     assert np.abs(one - other).max() < 0.15 * np.abs(one).max()
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 20])
-def test_a_few_points_hold_nothing(count: int) -> None:
+def test_a_few_points_constrain_nothing(count: int) -> None:
     H = surfaces_of(np.random.default_rng(count).uniform(-5, 5, (count, 3)))
     assert H.shape == (3, 3) and np.isfinite(H).all() and np.trace(H[1:, 1:]) <= 2.0
 
@@ -56,7 +56,7 @@ def step_covariance(information: Array, scans: int) -> Array | None:
     return own.leave(np.eye(3))
 
 
-def test_a_step_is_widened_where_nothing_held_it_and_there_alone() -> None:
+def test_a_step_is_widened_only_in_unconstrained_directions() -> None:
     assert step_covariance(np.diag([500.0, 50.0, 50.0]), 10) is None
     along = step_covariance(np.diag([500.0, 0.0, 50.0]), 10)
     assert along is not None
@@ -67,7 +67,7 @@ def test_a_step_is_widened_where_nothing_held_it_and_there_alone() -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(everywhere)), [0, 0, 0.3, 1.0, 1.0, 0], rtol=0.05, atol=1e-9)
 
 
-def test_it_is_told_in_the_axes_of_the_sensor() -> None:
+def test_the_covariance_is_in_the_axes_of_the_sensor() -> None:
     own, R_level_sensor = StepUncertainty(OdometrySettings(), TrackingSettings()), pose(0.0, 0.0, 0.0, YAW)[:3, :3]
     own.add(np.diag([500.0, 0.0, 50.0]), 0.03, 0.1)  # held across the level's x axis
     covariance = own.leave(R_level_sensor)
@@ -124,7 +124,7 @@ def test_in_a_furnished_room_no_step_is_widened() -> None:
 
 
 def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam, Array, Array]:
-    """A run by a given odometry that is true but for one leap (4, 4); live poses, and the truth in the map."""
+    """A run with an external odometry that is exact but for one outlier (4, 4); live poses, and the truth."""
     drive = small_drive()
     given = drive.truth.poses[:count].copy()
     if leap is not None:
@@ -155,7 +155,7 @@ def test_an_external_odometry_without_outliers_is_used(caplog: pytest.LogCapture
 
 
 def test_poses_may_be_given_for_some_scans_only(caplog: pytest.LogCaptureFixture) -> None:
-    """In a frame of their own: where they begin and end, the odometry goes on without a leap."""
+    """In a frame of their own: where they begin and end, the odometry continues without a jump."""
     drive, slam = small_drive(), SceneGraphSlam()
     given = pose(5.0, -3.0, 2.0, 1.0) @ drive.truth.poses[:90]
     with caplog.at_level(logging.WARNING, logger="sgslam"):
@@ -181,7 +181,7 @@ def test_an_unconstrained_outlier_widens_its_step() -> None:
 
 
 class Slipping:
-    """An odometry that tells what it was made with, whatever it is shown."""
+    """An odometry that returns the poses it was made with, whatever the scan."""
 
     upright_only = True
 
@@ -205,7 +205,7 @@ def along_the_corridor(at: Array, told: Array, given: bool, monkeypatch: pytest.
 
 @pytest.mark.parametrize("given", [False, True])
 @pytest.mark.parametrize("slips", [{30: -0.2, 31: -0.2, 32: -0.15}, {30: -0.25, 31: 0.25}, {30: 0.4}])
-def test_where_walls_do_not_hold_it_a_slip_of_the_odometry_is_not_believed(
+def test_an_unconstrained_slip_of_the_odometry_is_ignored(
     slips: dict[int, float], given: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For good, or for one scan."""
@@ -215,7 +215,7 @@ def test_where_walls_do_not_hold_it_a_slip_of_the_odometry_is_not_believed(
 
 
 @pytest.mark.parametrize("given", [False, True])
-def test_where_walls_do_not_hold_it_a_robot_may_stop_and_start(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unconstrained_robot_may_stop_and_start(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Within half a second, as robots do; and at once, as none does, which is believed after a second."""
     speeds = [0.08] * 20 + [0.06, 0.03, 0.0, 0.0, 0.03, 0.06] + [0.08] * 20 + [0.3] * 20
     xs = np.cumsum(speeds) - speeds[0]
@@ -224,8 +224,8 @@ def test_where_walls_do_not_hold_it_a_robot_may_stop_and_start(given: bool, monk
     assert np.diff(found)[-8:].mean() == pytest.approx(0.3, abs=0.02)
 
 
-def test_scans_far_apart_are_where_the_odometry_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Steps of all lengths, as of scans picked out of a drive: none is more of a lurch than the others."""
+def test_scans_far_apart_follow_the_odometry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of all lengths, as of scans picked out of a drive: none is more of an outlier than the others."""
     xs = np.cumsum(np.random.default_rng(0).uniform(0.2, 1.0, 25))
     found = along_the_corridor(xs, xs, False, monkeypatch)
     assert np.abs(found - (xs - xs[0])).max() < 0.06

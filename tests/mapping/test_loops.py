@@ -1,4 +1,4 @@
-"""Loop closure: what is proposed, found, registered and believed, where the truth is known."""
+"""Loop closure with known truth: candidates, search, registration and acceptance."""
 
 import functools
 from dataclasses import replace
@@ -101,7 +101,7 @@ def test_equal_offices_are_ambiguous() -> None:
     assert fit.agreement > 0.8 and fit.runner_up > fit.agreement - SETTINGS.distinct, "a door further on fits as well"
 
 
-def test_what_is_seen_through_speaks_against_and_the_unknown_says_nothing() -> None:
+def test_free_space_counts_against_a_place_and_unknown_space_does_not() -> None:
     angle = np.linspace(0, 2 * np.pi, 400)
     space = SeenSpace.of(np.zeros((1, 2)), [4 * np.column_stack([np.cos(angle), np.sin(angle)])])
     assert agreement(space, space.points) == (1.0, 1.0)
