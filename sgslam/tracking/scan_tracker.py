@@ -22,6 +22,7 @@ from sgslam.serialization.state_tree import Stateful
 from sgslam.tracking.floor_transition import FloorTransition
 from sgslam.tracking.front_end import FrontEnd, align
 from sgslam.tracking.motion import predict, upright_step
+from sgslam.tracking.step_history import OdometryFrame, StepHistory
 from sgslam.tracking.step_uncertainty import StepUncertainty, surfaces_of, turned
 
 Floats = NDArray[np.float64]
@@ -30,9 +31,6 @@ _LONGEST_SWEEP = 1.5  # intervals between scans; a longer sweep means that point
 _OUTLIER_RATES = 5.0, 10.0  # rad/s and m/s, the uncertainty of a step at which an external odometry has an outlier
 _FAST, _TURNING = 5.0, 3.0  # m/s and rad/s, the fastest that a sensor is carried indoors
 _CLEAR_MARGIN = 0.05  # of a scan's points by which the better of two poses must explain more
-_MEAN_STEP_WEIGHT = 0.3  # of the newest step in the mean of the last ones
-_STEP_ERROR = 0.05, 5.0  # m and m/s2 by which a step may differ from a steady one where no walls constrain it
-_FASTEST_REGULAR = 2.5  # m/s; faster scans are picked out of a drive, or have wrong stamps
 _LONGEST_OUTLIER = 10**9  # ns; a deviation that lasts is no slip: the robot was stopped or pushed
 
 
@@ -89,23 +87,16 @@ class ScanTracker(Stateful):
     not needed.
     """
 
-    _STATE = (
-        "_last", "_step", "_stamp_ns", "_interval_ns", "_warned_of_outlier", "_external", "_T_odom_source",
-        "_mean_step", "_before_outlier", "_outlier_ns",
-    )  # fmt: skip
+    _STATE = ("_last", "_warned_of_outlier", "_before_outlier", "_outlier_ns")
 
     def __init__(self, config: Config, odometry: Odometry, floors: Floors) -> None:
         self._config, self._odometry, self._floors = config, odometry, floors
         self.front_end = FrontEnd(config)
         self._last: Located | None = None
-        self._step: Floats | None = None  # T_last_sensor (4, 4) as tracked
-        self._stamp_ns, self._interval_ns = 0, 0
+        self._steps, self._frame = StepHistory(), OdometryFrame()
         self._warned_of_outlier = False
-        self._mean_step = np.zeros(3)  # m, running mean of the last steps, sensor frame
         self._before_outlier: Located | None = None  # the last scan before a run of outlier steps
         self._outlier_ns = 0  # duration of that run
-        self._external: bool | None = None  # whether the last T_odom_sensor was external
-        self._T_odom_source: Floats | None = None  # (4, 4) frame of the present odometry; None: odom itself
         self.step_uncertainty = StepUncertainty(config.odometry, config.tracking)
         self._transition = FloorTransition(config.tracking)
 
@@ -113,7 +104,7 @@ class ScanTracker(Stateful):
     def _parts(self) -> dict[str, Any]:
         return {
             "transition": self._transition, "step_uncertainty": self.step_uncertainty, "front_end": self.front_end,
-            "odometry": self._odometry,
+            "odometry": self._odometry, "steps": self._steps, "frame": self._frame,
         }  # fmt: skip
 
     def state(self) -> dict[str, Any]:
@@ -164,14 +155,18 @@ class ScanTracker(Stateful):
         """
         if self._last is None:
             return points, 0
-        instant, step, interval_s = float(seconds.min() + seconds.max()) / 2, self._step, self._interval_ns / 1e9
+        instant, step, interval_s = (
+            float(seconds.min() + seconds.max()) / 2,
+            self._steps.step,
+            self._steps.interval_ns / 1e9,
+        )
         if external is not None:
             instant = 0.0
-            if self._external:
+            if self._frame.external:
                 external_step = inverse(self._last.T_odom_sensor) @ self._in_odom_frame(external, True)
-                if not self._outlier_size(external_step, stamp_ns - self._stamp_ns):
-                    step, interval_s = external_step, (stamp_ns - self._stamp_ns) / 1e9
-        if np.ptp(seconds) > _LONGEST_SWEEP * ((stamp_ns - self._stamp_ns) / 1e9 + instant):
+                if not self._outlier_size(external_step, stamp_ns - self._steps.stamp_ns):
+                    step, interval_s = external_step, (stamp_ns - self._steps.stamp_ns) / 1e9
+        if np.ptp(seconds) > _LONGEST_SWEEP * ((stamp_ns - self._steps.stamp_ns) / 1e9 + instant):
             return points, 0
         if step is not None:
             points = deskewed(points, seconds - instant, step, interval_s)
@@ -179,21 +174,21 @@ class ScanTracker(Stateful):
 
     def live(self, T_map_sensor: Floats, offset_ns: int) -> Floats:
         """(4, 4) the pose of the newest scan `offset_ns` earlier, interpolated along its step."""
-        if self._step is None or not offset_ns:
+        if self._steps.step is None or not offset_ns:
             return T_map_sensor
-        return T_map_sensor @ part_of(self._step, -offset_ns / self._interval_ns)
+        return T_map_sensor @ part_of(self._steps.step, -offset_ns / self._steps.interval_ns)
 
     def locate(self, prepared: PreparedScan, last_map: Floats | None) -> Located:
         """Tracks a scan. `last_map` (4, 4) is the newest T_map_sensor of the scan before it, None for the first."""
         stamp_ns, scan, external = prepared.stamp_ns + prepared.offset_ns, prepared.columns, prepared.T_odom_sensor
-        interval_ns = stamp_ns - self._stamp_ns
-        regular, outlier = self._is_regular(interval_ns), False
+        interval_ns = stamp_ns - self._steps.stamp_ns
+        regular, outlier = self._steps.is_regular(interval_ns), False
         external = None if external is None else self._in_odom_frame(external, True)
         if external is not None and self._last is not None:
             outlier = self._warn_of_outlier(
                 self._outlier_size(inverse(self._last.T_odom_sensor) @ external, interval_ns), stamp_ns
             )
-        self._stamp_ns, self._interval_ns = stamp_ns, interval_ns
+        self._steps.advance(stamp_ns)
         if last_map is None or self._last is None:
             self._walls.level_by(level_map(None, self.front_end.height))
             T_odom_sensor = (
@@ -209,8 +204,8 @@ class ScanTracker(Stateful):
         else:
             self._transition.moved(last_map @ inverse(self._last.T_map_sensor))
             predicted = None
-            if regular and self._step is not None:
-                predicted = upright_step(last_map @ self._step, last_map, self._walls.T_level_map[2, :3])
+            if regular and self._steps.step is not None:
+                predicted = upright_step(last_map @ self._steps.step, last_map, self._walls.T_level_map[2, :3])
             if self._transition.active:
                 self._transition.begin(self.T_ground_map)
                 if predicted is not None:
@@ -219,10 +214,7 @@ class ScanTracker(Stateful):
                 self._last = self._without_external(scan, last_map, predicted)
             else:
                 self._last = self._by_external(scan, last_map, external, predicted, outlier)
-        started, self._step = self._step is not None, inverse(last_map) @ self._last.T_map_sensor
-        self._mean_step = self._mean_step + (_MEAN_STEP_WEIGHT if started else 1.0) * (
-            self._step[:3, 3] - self._mean_step
-        )
+        self._steps.add(inverse(last_map) @ self._last.T_map_sensor)
         if self._config.tracking.correct:
             self._update_floor(scan)
         return self._last
@@ -290,7 +282,7 @@ class ScanTracker(Stateful):
 
         One scan later the odometry may have recovered, or it slipped and goes on from there; the closer one is taken.
         """
-        assert self._last is not None and self._step is not None
+        assert self._last is not None
         up = self._walls.T_level_map[2, :3]
         if self._before_outlier is not None:
             moved = last_map @ inverse(self._last.T_map_sensor)
@@ -300,24 +292,14 @@ class ScanTracker(Stateful):
             guess = predict(before.T_map_sensor, before.T_odom_sensor, T_odom_sensor)
             back = self._align(scan, upright_step(guess, last_map, up))
             best = min((best, back), key=lambda g: _distance(g, predicted))
-        if _distance(best, predicted) > self._max_step_error:
-            step = self._step.copy()
-            step[:3, 3] = self._mean_step
-            steady = self._align(scan, upright_step(last_map @ step, last_map, up))
+        if _distance(best, predicted) > self._steps.max_error:
+            steady = self._align(scan, upright_step(last_map @ self._steps.steady, last_map, up))
             if self._is_outlier(best, steady) and self._outlier_ns < _LONGEST_OUTLIER:
                 self._before_outlier = self._before_outlier or Located(self._last.T_odom_sensor, last_map)
-                self._outlier_ns += self._interval_ns
+                self._outlier_ns += self._steps.interval_ns
                 return steady
         self._before_outlier, self._outlier_ns = None, 0
         return best
-
-    @property
-    def _max_step_error(self) -> float:
-        """The largest plausible difference (m) of a step from a steady one."""
-        seconds = self._interval_ns / 1e9
-        if np.linalg.norm(self._mean_step) > _FASTEST_REGULAR * seconds:
-            return np.inf
-        return _STEP_ERROR[0] + _STEP_ERROR[1] * seconds**2
 
     def _is_outlier(self, best: _AlignedGuess, steady: _AlignedGuess) -> bool:
         """Whether a step is an outlier.
@@ -328,7 +310,7 @@ class ScanTracker(Stateful):
         apart = (best.T_map_sensor - steady.T_map_sensor)[:2, 3]
         off = _distance(best, steady)
         loose = float(apart @ best.information[1:, 1:] @ apart) < self._config.tracking.firm_points * off**2
-        return off > self._max_step_error and loose and steady.share > best.share - _CLEAR_MARGIN
+        return off > self._steps.max_error and loose and steady.share > best.share - _CLEAR_MARGIN
 
     def _by_external(
         self, scan: ColumnScan, last_map: Floats, external: Floats, predicted: Floats | None, outlier: bool
@@ -340,12 +322,12 @@ class ScanTracker(Stateful):
         """
         settings = self._config.odometry
         best = self._align(scan, self._by_odometry(scan, last_map, external)[1])
-        rates, interval_ns = (settings.external_turn_error, settings.external_speed_error), self._interval_ns
+        rates, interval_ns = (settings.external_turn_error, settings.external_speed_error), self._steps.interval_ns
         if outlier:
             instead = self._align(scan, last_map if predicted is None else predicted)
             best, rates = best if best.better_than(instead) else instead, _OUTLIER_RATES
         elif predicted is not None and (
-            self._before_outlier is not None or _plan_distance(best.T_map_sensor, predicted) > self._max_step_error
+            self._before_outlier is not None or _plan_distance(best.T_map_sensor, predicted) > self._steps.max_error
         ):
             external_step, best = (
                 best,
@@ -357,7 +339,7 @@ class ScanTracker(Stateful):
 
     def _add_uncertainty(self, information: Floats, turn: float, speed: float) -> None:
         """Adds a scan to the step uncertainty; `turn` (rad/s) and `speed` (m/s) are the step's unconstrained errors."""
-        seconds = self._interval_ns / 1e9
+        seconds = self._steps.interval_ns / 1e9
         self.step_uncertainty.add(information, turn * seconds, speed * seconds)
 
     def _outlier_size(self, step: Floats, interval_ns: int) -> tuple[float, float] | None:
@@ -367,8 +349,8 @@ class ScanTracker(Stateful):
         """
         settings, seconds = self._config.odometry, interval_ns / 1e9
         farthest, widest = settings.outlier_distance, settings.outlier_angle
-        if self._step is not None and self._is_regular(interval_ns):
-            step = inverse(self._step) @ step
+        if self._steps.step is not None and self._steps.is_regular(interval_ns):
+            step = inverse(self._steps.step) @ step
         else:  # the speed is not known
             farthest, widest = max(settings.max_step, _FAST * seconds), max(settings.max_turn, _TURNING * seconds)
         metres, radians = float(np.linalg.norm(step[:3, 3])), angle_of(step)
@@ -389,20 +371,14 @@ class ScanTracker(Stateful):
         assert self._last is not None
         if external is not None:
             return external, predict(last_map, self._last.T_odom_sensor, external)
-        T_odom_sensor = self._in_odom_frame(self._odometry.register(self._points(scan), self._step), False)
+        T_odom_sensor = self._in_odom_frame(self._odometry.register(self._points(scan), self._steps.step), False)
         guess = predict(last_map, self._last.T_odom_sensor, T_odom_sensor)
         return T_odom_sensor, upright_step(guess, last_map, self._walls.T_level_map[2, :3])
 
     def _in_odom_frame(self, T_source_sensor: Floats, is_external: bool) -> Floats:
-        """T_odom_sensor (4, 4) from the pose in the frame of its source.
-
-        Where the source changes, because only some scans have external poses, the frames are joined without a jump.
-        """
-        if is_external != self._external and self._last is not None:
-            step = np.eye(4) if self._step is None else self._step
-            self._T_odom_source = self._last.T_odom_sensor @ step @ inverse(T_source_sensor)
-        self._external = is_external
-        return T_source_sensor if self._T_odom_source is None else self._T_odom_source @ T_source_sensor
+        """T_odom_sensor (4, 4) from the pose (4, 4) of an odometry in its own frame."""
+        last_odom = None if self._last is None else self._last.T_odom_sensor
+        return self._frame.to_odom(T_source_sensor, is_external, last_odom, self._steps.step)
 
     def _points(self, scan: ColumnScan) -> Floats:
         """(N, 3) the points of a scan that the odometry uses."""
@@ -424,10 +400,6 @@ class ScanTracker(Stateful):
             bool(np.linalg.norm(missed[:3, 3]) > settings.surprise_distance or turn > settings.surprise_angle),
             tracked.information,
         )  # fmt: skip
-
-    def _is_regular(self, interval_ns: int) -> bool:
-        """Whether the interval to the last scan is about as long as the one before it."""
-        return 2 * self._interval_ns < 3 * interval_ns < 4.5 * self._interval_ns
 
 
 def _distance(one: _AlignedGuess, other: _AlignedGuess) -> float:

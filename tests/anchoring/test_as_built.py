@@ -43,7 +43,7 @@ def piece(planned: WallSurface, offset: float, low: float, high: float, **more: 
     return Piece(aligned, planned.source, offset, span=(low, high), length=high - low, **told)  # type: ignore[arg-type]
 
 
-def tested(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
+def check(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
            ) -> list[DeviationTest]:  # fmt: skip
     """The results of the tests; the wall is seen through between `open_` from its side a."""
     along = np.arange(-2.9, 3.0, 0.1)
@@ -68,28 +68,28 @@ def test_both_sides_of_a_wall_are_one_solid() -> None:
 
 
 def test_a_moved_wall_is_significant_on_both_sides() -> None:
-    told = tested([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
+    told = check([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
     assert [v.significant for v in told] == [True, True, False]
     assert "both sides" in told[0].reason and "otherwise" in told[2].reason
 
 
 def test_what_stands_before_a_wall_whose_other_side_stands_is_furniture() -> None:
-    told = tested([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
+    told = check([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
     assert not any(v.significant for v in told)
     assert "furniture" in told[0].reason and told[1].reason == "as planned"
 
 
 def test_the_back_of_a_cupboard_at_a_wall_that_is_seen_through_is_no_moved_wall() -> None:
     back = [piece(A, -0.13, -3, -1)]
-    assert [v.significant for v in tested(back)] == [True]
-    seen_through = tested(back, open_=(0.0, 1.0))
+    assert [v.significant for v in check(back)] == [True]
+    seen_through = check(back, open_=(0.0, 1.0))
     assert not seen_through[0].significant and "seen through" in seen_through[0].reason
     # within the wall's own thickness no cupboard can stand: the wall was moved, and has an opening
-    assert tested([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
+    assert check([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
 
 
 def test_a_pane_over_its_parapet_is_listed_with_its_reason() -> None:
-    told = tested([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
+    told = check([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
     assert not any(v.significant for v in told)
     assert "pane" in told[0].reason
 
