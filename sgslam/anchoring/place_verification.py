@@ -104,7 +104,7 @@ def has_close_alternative(best: CandidatePlace, places: Sequence[CandidatePlace]
 def placed_at(
     best: CandidatePlace,
     places: Sequence[CandidatePlace],
-    told: str,
+    reason: str,
     s: SceneGraph,
     a: SceneGraph,
     settings: AnchorSettings,
@@ -112,7 +112,7 @@ def placed_at(
     """The unique answer that the S-graph lies at the `best` of `places`, with its walls associated by position."""
     pairs, hypotheses = _pairs(s, a, best.T_a_s, settings), _hypotheses(places)
     return MatchResult(
-        "unique", told, (), pairs, T_a_s=_triple(best.T_a_s), floor=best.floor, hypotheses=hypotheses
+        "unique", reason, (), pairs, T_a_s=_triple(best.T_a_s), floor=best.floor, hypotheses=hypotheses
     )  # fmt: skip
 
 

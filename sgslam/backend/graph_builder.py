@@ -204,7 +204,7 @@ class GraphBuilder:
                 entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
                 entries |= self._entry("anchor", key, planned.by, planned.why, held)
             entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floors(anchors)
-        self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring no longer holds it so")
+        self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
 
     def _anchor(
         self, frame: int, grade: str, wall: int, planned: PlannedWall, anchor: int
