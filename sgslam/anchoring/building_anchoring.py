@@ -11,7 +11,7 @@ from data import SceneGraph
 from sgslam.anchoring.anchor_log import AnchorRecord
 from sgslam.anchoring.floor_anchoring import FloorAnchoring
 from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
-from sgslam.anchoring.plan import Plan
+from sgslam.anchoring.place_verification import Plan
 from sgslam.anchoring.storey_hypotheses import Assignment, assignments, match_jointly
 from sgslam.anchoring.wall_alignment import WallAlignment
 from sgslam.backend.backend import Anchors

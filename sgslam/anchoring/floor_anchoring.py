@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from matching.result import MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
-from sgslam.anchoring.anchored_rooms import matched_rooms, room_anchors
-from sgslam.anchoring.commitment import Commitment
+from sgslam.anchoring.anchored_rooms import anchor_statuses, graded_walls, matched_rooms, room_anchors
 from sgslam.anchoring.floor_matching import FloorMatching, differ
-from sgslam.anchoring.graded_walls import anchor_statuses, graded_walls
+from sgslam.anchoring.match_history import Commitment
 from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
-from sgslam.anchoring.place_verification import CONFLICT_REASON
-from sgslam.anchoring.plan import Plan
+from sgslam.anchoring.place_verification import CONFLICT_REASON, Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, se2_to_se3

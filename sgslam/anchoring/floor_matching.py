@@ -11,13 +11,13 @@ from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.anchoring.matcher_protocol import AnyMatcher, Match
 from sgslam.anchoring.place_verification import (
     CONFLICT_REASON,
+    Plan,
     evidence,
     is_clear,
     is_overwhelming,
     is_strong,
     verified_match,
 )
-from sgslam.anchoring.plan import Plan
 from sgslam.anchoring.room_relocalisation import relocalise_by_rooms
 from sgslam.anchoring.wall_alignment import place_from_match
 from sgslam.config import AnchorSettings
