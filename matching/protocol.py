@@ -1,4 +1,4 @@
-"""The interface of a matcher, for code that takes any."""
+"""The protocol of a matcher and of its answer."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -7,7 +7,7 @@ from data import SceneGraph
 
 
 class Match(Protocol):
-    """What a matcher answers; `matching.MatchResult` is one."""
+    """The answer of a matcher; `matching.MatchResult` is one."""
 
     @property
     def status(self) -> str:
@@ -48,5 +48,5 @@ class AnyMatcher(Protocol):
     """Any object that finds an S-graph in an A-graph."""
 
     def match(self, s: SceneGraph, a: SceneGraph) -> Match:
-        """Returns rooms and wall surfaces that correspond, or says that none or several answers fit."""
+        """Matches `s` with `a`; the status is none or ambiguous where no single answer fits."""
         ...

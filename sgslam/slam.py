@@ -22,7 +22,7 @@ from sgslam.session.result import Result, Update
 from sgslam.session.session import Session
 from sgslam.session.snapshot import Snapshot, taken
 from sgslam.session.stopwatch import Stopwatch
-from sgslam.tracking.kidnap import KidnapWatch, all_fit
+from sgslam.tracking.kidnap import KidnapDetector, all_fit
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ class SceneGraphSlam:
         self._config, self._stopwatch = config, stopwatch or Stopwatch()
         self._session = Session(config, a_graph, matcher, odometry, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
-        self._kidnap_watch = KidnapWatch()
+        self._kidnap_watch = KidnapDetector()
         self._held_back: list[RawScan] = []  # the newest scans, where they cannot have been taken near the one before
         self._newest_ns: int | None = None
 
@@ -80,7 +80,7 @@ class SceneGraphSlam:
         current = self._map
         with self._stopwatch("odometry"):
             scan = current.prepare(raw)  # deskewed to one instant, sorted into columns
-            suspect = not (trusted or current.tracker.climbing or self._kidnap_watch.fits(scan.columns))
+            suspect = not (trusted or current.tracker.between_floors or self._kidnap_watch.fits(scan.columns))
         if suspect:
             return self._hold_back(raw)
         if not trusted:
@@ -103,7 +103,7 @@ class SceneGraphSlam:
         if all_fit([self._map.tracker.front_end.columns(one.points) for one in held_back]):
             _log.warning("at %d ns the sensor was carried elsewhere: a new map begins", held_back[0].stamp_ns)
             self._map = self._session.part(self._map)
-            self._kidnap_watch = KidnapWatch()
+            self._kidnap_watch = KidnapDetector()
         return [self._process(one, trusted=True) for one in held_back][-1]
 
     def _release(self) -> None:

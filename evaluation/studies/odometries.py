@@ -34,7 +34,7 @@ from evaluation.metrics.trajectories import ape, error_in_bim, rpe
 from evaluation.studies.timing import seconds_of_kiss_icp
 from sgslam.config import Config, OdometrySettings
 from sgslam.odometry import METHODS
-from sgslam.odometry.external import GivenOdometry
+from sgslam.odometry.external import ExternalOdometry
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
@@ -91,7 +91,7 @@ def _row(sequence: Sequence, name: str, cpu_kiss: float) -> Row:
     alone = odometry_of_run(ScanFolder(sequence.scan_dir), config) if name in METHODS else _given(sequence)
     cpu_alone = process_time() - used
     used = process_time()
-    result = _run(sequence, config, None if name in METHODS else GivenOdometry(alone))
+    result = _run(sequence, config, None if name in METHODS else ExternalOdometry(alone))
     cpu_run = process_time() - used
     error = error_in_bim(result.trajectory, sequence.truth).position if result.anchored else None
     known = result.pose_covariances
@@ -114,7 +114,7 @@ def _given(sequence: Sequence) -> Trajectory:
     return Trajectory.read_tum(kept)
 
 
-def _run(sequence: Sequence, config: Config, given: GivenOdometry | None) -> Result:
+def _run(sequence: Sequence, config: Config, given: ExternalOdometry | None) -> Result:
     slam = SceneGraphSlam(sequence.a_graph, config=config)
     for scan in ScanFolder(sequence.scan_dir):
         T_odom_sensor = None if given is None else given.at(scan.stamp_ns)

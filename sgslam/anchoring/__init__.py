@@ -1,1 +1,1 @@
-"""The map's place in the plan: what a match becomes, what the walls say, when an anchor is withdrawn."""
+"""Anchoring: the place of the map in the plan, from matches and wall alignment, and the anchors that follow."""

@@ -1,4 +1,4 @@
-"""What anchors the map, and why: every anchor with who added it and when, what became of it and why."""
+"""The log of all anchors: what added each one, when and why, and every later change of its state."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -21,8 +21,7 @@ class AnchorEventEntry(TypedDict):
 
 
 class AnchorEntry(TypedDict):
-    """`AnchorRecord` as plain values: `wall` is its id in the S-graph, `a_id` a surface of the A-graph, `state` the
-    newest one."""
+    """`AnchorRecord` as plain values: `wall` is an id of the S-graph, `a_id` of the A-graph, `state` the newest."""
 
     wall: str
     a_id: str
@@ -33,7 +32,7 @@ class AnchorEntry(TypedDict):
 
 @dataclass(frozen=True)
 class AnchorEvent:
-    """At the stamp (ns) of the newest keyframe an anchor took on a state, for a reason."""
+    """A change of an anchor's state, at the stamp (ns) of the newest keyframe, and its reason."""
 
     stamp_ns: int
     state: State
@@ -42,7 +41,7 @@ class AnchorEvent:
 
 @dataclass(frozen=True)
 class AnchorRecord:
-    """One wall held to one planned surface. `by` is what paired them: a match, or their position."""
+    """One wall anchored to one planned surface; `by` is what paired them: a match or their position."""
 
     wall: int
     a_id: str
@@ -51,7 +50,7 @@ class AnchorRecord:
 
     @property
     def state(self) -> State:
-        """As it is now."""
+        """The newest state."""
         return self.events[-1].state
 
     def to_dict(self) -> AnchorEntry:
@@ -63,8 +62,8 @@ class AnchorRecord:
 
 
 @dataclass(frozen=True)
-class Hold:
-    """How an anchor is to be held now."""
+class AnchorStatus:
+    """The present state of an anchor, what paired it, and the reason."""
 
     state: State
     by: str
@@ -72,7 +71,7 @@ class Hold:
 
 
 class AnchorLog(Stateful):
-    """The records of a run, in the order in which the anchors came."""
+    """The records of a run, in the order in which the anchors were added."""
 
     _STATE = ("_records",)
 
@@ -81,32 +80,32 @@ class AnchorLog(Stateful):
 
     @property
     def records(self) -> tuple[AnchorRecord, ...]:
-        """All, those withdrawn too."""
+        """All records, those of withdrawn anchors included."""
         return tuple(self._records.values())
 
     def rename(self, current: Callable[[int], int]) -> None:
-        """After walls were joined; `current` gives what a wall is called now. Of two records the older one stays."""
+        """Follows walls that were joined; `current` gives a wall's number now. Of two records the older one stays."""
         renamed: dict[Key, AnchorRecord] = {}
         for (wall, a_id), record in self._records.items():
             renamed.setdefault((current(wall), a_id), replace(record, wall=current(wall)))
         self._records = renamed
 
-    def hold(self, stamp_ns: int, holdings: dict[Key, Hold]) -> None:
-        """Takes note of all anchors that hold now; those that no longer do are withdrawn."""
-        for key, now in sorted(holdings.items()):
-            self._note(stamp_ns, key, now)
-        gone = [key for key, r in self._records.items() if key not in holdings and r.state != "withdrawn"]
+    def update(self, stamp_ns: int, anchors: dict[Key, AnchorStatus]) -> None:
+        """Records all anchors that hold now; the others are withdrawn."""
+        for key, now in sorted(anchors.items()):
+            self._record(stamp_ns, key, now)
+        gone = [key for key, r in self._records.items() if key not in anchors and r.state != "withdrawn"]
         self._withdraw(stamp_ns, gone, "the wall is no longer seen at the planned one")
 
     def withdraw_all(self, stamp_ns: int, why: str) -> None:
-        """Withdraws every anchor that holds."""
+        """Withdraws all anchors."""
         self._withdraw(stamp_ns, [key for key, r in self._records.items() if r.state != "withdrawn"], why)
 
     def _withdraw(self, stamp_ns: int, keys: Iterable[Key], why: str) -> None:
         for key in keys:
-            self._note(stamp_ns, key, Hold("withdrawn", self._records[key].by, why))
+            self._record(stamp_ns, key, AnchorStatus("withdrawn", self._records[key].by, why))
 
-    def _note(self, stamp_ns: int, key: Key, now: Hold) -> None:
+    def _record(self, stamp_ns: int, key: Key, now: AnchorStatus) -> None:
         record = self._records.get(key)
         if record is not None and record.state == now.state:
             return

@@ -1,4 +1,4 @@
-"""All floors of the S-graph in one building: each is matched, and all hang on one BIM frame."""
+"""Anchors all floors of the S-graph in one building: each floor is matched, and all share one BIM frame."""
 
 import logging
 from dataclasses import replace
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from matching.protocol import AnyMatcher, Match
 from sgslam.anchoring.anchor_log import AnchorRecord
-from sgslam.anchoring.floor_anchoring import Anchoring
-from sgslam.anchoring.storey_hypotheses import Assignment, assignments, joint
-from sgslam.anchoring.wall_alignment import Holding
+from sgslam.anchoring.floor_anchoring import FloorAnchoring
+from sgslam.anchoring.place_verification import Plan
+from sgslam.anchoring.storey_hypotheses import Assignment, assignments, match_jointly
+from sgslam.anchoring.wall_alignment import WallAlignment
 from sgslam.backend.backend import Anchors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
@@ -21,71 +22,83 @@ from sgslam.mapping.scene import Scene
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-Scened = list[tuple[FloorMap, Scene]]
+FloorScenes = list[tuple[FloorMap, Scene]]
 
 
 class BuildingAnchoring:
-    """Anchors the floors of the S-graph, each by an `Anchoring` of its own; `a_graph` in the BIM frame.
+    """Anchors each floor of the S-graph with a `FloorAnchoring` of its own; `a_graph` in the BIM frame.
 
-    `origin` (3,) is where the local frame of the factor graph lies in the BIM's; `start` is the id of the storey on
-    which the run begins, where it is told. A `partial` plan is a map that lacks what was not driven through.
+    `start` is the id of the storey on which the run begins, None where it is not known. A `partial` plan is the map of
+    an earlier run, which lacks rooms that were not visited.
     """
 
     def __init__(
-        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, start: str | None = None,
+        self,
+        a_graph: SceneGraph,
+        matcher: AnyMatcher,
+        config: Config,
+        start: str | None = None,
         partial: bool = False,
     ) -> None:
-        self._a, self._matcher, self._config = a_graph, matcher, config
-        elevations = [floor.elevation for floor in a_graph.floors if floor.elevation is not None]
-        self.origin = np.array([*a_graph.centroid(), min(elevations, default=0.0)])
-        self._start, self.partial = start, partial
-        self._of: dict[int, Anchoring] = {}
-        self._storeys: dict[str, SceneGraph] = {}
+        self._plan, self._matcher, self._config = Plan(a_graph, partial), matcher, config
+        self._start = start
+        self._of: dict[int, FloorAnchoring] = {}
         self._possible: list[Assignment] | None = None
-        self._asked_together = 0  # wall surfaces that there were
+        self._jointly_matched_size = 0  # wall surfaces of all floors when they were last matched jointly
 
-    def of(self, number: int) -> Anchoring:
+    def of(self, number: int) -> FloorAnchoring:
         """The anchoring of one floor of the S-graph."""
         if number not in self._of:
-            self._of[number] = Anchoring(
-                self._a, self._matcher, self._config, self.origin, self._plan, number, self.partial
-            )
+            self._of[number] = FloorAnchoring(self._plan, self._matcher, self._config, number)
         return self._of[number]
 
     def state(self) -> dict[str, Any]:
-        """What it knows, as a tree (see `state_tree`)."""
-        return {"asked_together": self._asked_together, "of": {number: own.state() for number, own in self._of.items()}}
+        """Returns the state as a tree (see `state_tree`)."""
+        return {
+            "jointly_matched_size": self._jointly_matched_size,
+            "of": {number: own.state() for number, own in self._of.items()},
+        }
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told."""
-        self._asked_together = state["asked_together"]
+        """Restores what `state` returned."""
+        self._jointly_matched_size = state["jointly_matched_size"]
         self._of.clear()
-        for number, told in state["of"].items():
-            self.of(number).restore(told)
+        for number, of_floor in state["of"].items():
+            self.of(number).restore(of_floor)
+
+    @property
+    def origin(self) -> Floats:
+        """(3,) the origin of the factor graph's local frame in the BIM frame."""
+        return self._plan.origin
+
+    @property
+    def partial(self) -> bool:
+        """Whether the plan is the map of an earlier run."""
+        return self._plan.partial
 
     @property
     def a_graph(self) -> SceneGraph:
         """The whole plan, BIM frame."""
-        return self._a
+        return self._plan.a_graph
 
     @property
-    def committed(self) -> Anchoring | None:
-        """The anchoring of the floor that the others hang on: one that a match was committed to; None before that."""
+    def committed(self) -> FloorAnchoring | None:
+        """The anchoring of the floor that the others follow: one with a committed match; None before that."""
         return self._leading or next((own for own in self._of.values() if own.committed is not None), None)
 
     @property
-    def all_but_sure(self) -> bool:
-        """Whether some floor's answer waits only for a larger map to say the same; see `Anchoring.all_but_sure`."""
-        return self.committed is None and any(own.all_but_sure for own in self._of.values())
+    def awaits_confirmation(self) -> bool:
+        """Whether some floor's answer only waits for a larger map to confirm it."""
+        return self.committed is None and any(own.awaits_confirmation for own in self._of.values())
 
     @property
-    def newest(self) -> dict[int, Match]:
-        """The matcher's newest answer for each floor that it was asked about."""
+    def newest_matches(self) -> dict[int, Match]:
+        """The newest answer of the matcher for each floor that was matched."""
         return {number: own.match for number, own in self._of.items() if own.match is not None}
 
     @property
     def records(self) -> tuple[AnchorRecord, ...]:
-        """Of all anchors so far, those withdrawn too."""
+        """The records of all anchors so far, withdrawn ones included."""
         return tuple(record for own in self._of.values() for record in own.log.records)
 
     @property
@@ -94,16 +107,16 @@ class BuildingAnchoring:
         own = self.committed or next((own for own in self._of.values() if own.match is not None), None)
         if own is None or own.match is None:
             return "too little was seen to try a match"
-        return own.doubt or own.match.reason if own.committed is None else own.committed.reason
+        return own.matching.rejection or own.match.reason if own.committed is None else own.committed.reason
 
     def update(self, floors: Floors, T_map_local: Floats | None, last: bool) -> Anchors | None:
-        """The anchors of all floors that hold now; see `Anchoring.update`.
+        """Returns the anchors of all floors that hold now; see `FloorAnchoring.update`.
 
-        Where no floor has an answer of its own that is unique, all are asked together; where one has, the others take
-        their places from it and from how high they lie above it.
+        Where no floor has a unique answer of its own, all floors are matched jointly. Where one has, the others take
+        their places from it and from their height above it.
         """
-        self._limit(floors)
-        cut, found = _cut(floors), []
+        self._restrict_storeys(floors)
+        cut, found = _with_scenes(floors), []
         base = self.committed
         for floor, scene in cut:
             own = self.of(floor.number)
@@ -112,38 +125,40 @@ class BuildingAnchoring:
                 found += [] if anchors is None else [anchors]
                 base = self.committed
         if base is None and len(cut) > 1:
-            self._ask_together(cut)
+            self._match_jointly(cut)
         elif base is not None and T_map_local is not None:
-            self._spread(base, cut, T_map_local)
+            self._propagate(base, cut, T_map_local)
         return merged(found) if found else None
 
-    def _limit(self, floors: Floors) -> None:
-        """Tells each floor which storeys it can be, by how high the floors lie above one another."""
+    def _restrict_storeys(self, floors: Floors) -> None:
+        """Restricts each floor to the storeys that the heights between the floors allow."""
         first = floors.maps[0].walls.T_level_map[2, 3]
         heights = {f.number: float(first - f.walls.T_level_map[2, 3]) for f in floors.maps}
-        self._possible = assignments(heights, self._a.floors, self._start)
+        self._possible = assignments(heights, self._plan.a_graph.floors, self._start)
         for floor in floors.maps:
             own = self.of(floor.number)
             storeys = [a[floor.number] for a in self._possible or () if floor.number in a]
-            own.limit(storeys, storeys[0] if self._start is not None and storeys else None)
+            own.matching.restrict_storeys(storeys, storeys[0] if self._start is not None and storeys else None)
 
-    def _ask_together(self, cut: Scened) -> None:
-        """Commits to the one assignment and place that explains several floors, where there is one."""
+    def _match_jointly(self, cut: FloorScenes) -> None:
+        """Matches all floors together; where one assignment explains them, each is matched with its storey only."""
         size = sum(len(scene.graph.wall_surfaces) for _, scene in cut)
-        if not self._possible or size < 1.1 * self._asked_together:
+        if not self._possible or size < 1.1 * self._jointly_matched_size:
             return
-        self._asked_together = size
+        self._jointly_matched_size = size
         graphs = {floor.number: scene.graph for floor, scene in cut}
-        found = joint(graphs, self._possible, lambda k, storey: self._matcher.match(graphs[k], self._plan(storey)))
+        found = match_jointly(
+            graphs, self._possible, lambda k, storey: self._matcher.match(graphs[k], self._plan.storey(storey))
+        )
         if found is None:
             return
         _log.info("storeys by all floors together: %s", found.reason)
         for number, answer in found.answers.items():
             if answer.status == "unique":
-                self.of(number).ask_about(found.assigned[number])
+                self.of(number).matching.match_only(found.assigned[number])
 
-    def _spread(self, base: Anchoring, cut: Scened, T_map_local: Floats) -> None:
-        """Lets the other floors take their places from the one that has an answer."""
+    def _propagate(self, base: FloorAnchoring, cut: FloorScenes, T_map_local: Floats) -> None:
+        """Gives the other floors the place of the floor `base`, which has an answer."""
         storey = base.committed.floor if base.committed is not None else None
         possible = [a for a in self._possible or () if a.get(base.number) == storey]
         for floor, scene in cut:
@@ -154,76 +169,74 @@ class BuildingAnchoring:
             if own.committed is not None and own.committed.floor != expected:
                 own.withdraw(scene, "the floors above or below lie elsewhere")
             if own.committed is None and expected is not None:
-                own.follow(expected, scene, floor.walls, T_map_local, base.confidence)
+                own.follow(expected, scene, floor.walls, T_map_local, base.commitment.confidence)
 
     def confirm(self, floors: Floors, T_map_local: Floats | None) -> bool:
-        """Whether the matcher says of the floors, on the final map, what was committed to; see `Anchoring.confirm`.
+        """Matches the final map; returns whether all floors keep their commitment. See `FloorAnchoring.confirm`.
 
         Floors that follow others are confirmed by their walls.
         """
         confirmed = True
-        for floor, scene in _cut(floors):
+        for floor, scene in _with_scenes(floors):
             own = self.of(floor.number)
-            if not own.follows:
+            if not own.commitment.follows:
                 confirmed &= own.confirm(scene, floor.walls, T_map_local)
-        for floor, scene in _cut(floors):
+        for floor, scene in _with_scenes(floors):
             own = self.of(floor.number)
-            if own.follows and (self._leading is None or not own.held_share(scene, floor.walls, T_map_local)):
+            if own.commitment.follows and (
+                self._leading is None or not own.aligned_share(scene, floor.walls, T_map_local)
+            ):
                 own.withdraw(scene, "its walls do not stand where the floors above or below place it")
                 confirmed = False
         return confirmed
 
     @property
-    def _leading(self) -> Anchoring | None:
-        return next((own for own in self._of.values() if own.committed is not None and not own.follows), None)
-
-    def _plan(self, storey: str | None) -> SceneGraph:
-        """The A-graph of a storey, always the same object; the whole one for None."""
-        if storey is None:
-            return self._a
-        if storey not in self._storeys:
-            self._storeys[storey] = self._a.on_floor(storey)
-        return self._storeys[storey]
+    def _leading(self) -> FloorAnchoring | None:
+        followed = (own for own in self._of.values() if not own.commitment.follows)
+        return next((own for own in followed if own.committed is not None), None)
 
     def bim_from_map(self, T_map_local: Floats) -> Floats:
-        """(4, 4) the map in the BIM frame, from the back end's estimate."""
+        """(4, 4) T_bim_map from the back end's T_map_local (4, 4)."""
         T = inverse(T_map_local)
         T[:3, 3] += self.origin
         return T
 
-    def holdings(self, floors: Floors, T_map_local: Floats | None) -> dict[int, Holding]:
-        """The walls that stand at planned ones, floor by floor; see `Anchoring.holding`."""
-        found = {f.number: self.of(f.number).holding(scene, f.walls, T_map_local) for f, scene in _cut(floors)}
-        return {number: holding for number, holding in found.items() if holding is not None}
+    def alignments(self, floors: Floors, T_map_local: Floats | None) -> dict[int, WallAlignment]:
+        """The aligned walls by floor number; see `FloorAnchoring.alignment`."""
+        found = {
+            f.number: self.of(f.number).alignment(scene, f.walls, T_map_local) for f, scene in _with_scenes(floors)
+        }
+        return {number: alignment for number, alignment in found.items() if alignment is not None}
 
-    def answer(self, floors: Floors, holdings: dict[int, Holding]) -> dict[str, Any] | None:
-        """The answer in the form of matches.json, over all floors; `floors` in it tells each one's storey."""
+    def answer(self, floors: Floors, alignments: dict[int, WallAlignment]) -> dict[str, Any] | None:
+        """The answer over all floors in the form of matches.json; its `floors` gives the storey of each."""
         answers = {}
-        for floor, scene in _cut(floors):
-            answers[floor.number] = self.of(floor.number).answer(scene, holdings.get(floor.number))
+        for floor, scene in _with_scenes(floors):
+            answers[floor.number] = self.of(floor.number).answer(scene, alignments.get(floor.number))
         first = self.committed.number if self.committed is not None else min(answers, default=0)
-        told = answers.get(first)
-        if told is None:
+        answer = answers.get(first)
+        if answer is None:
             return None
-        placed = {n: a for n, a in answers.items() if a is not None and (n in holdings or n == first)}
+        placed = {n: a for n, a in answers.items() if a is not None and (n in alignments or n == first)}
         return {
-            **told,
+            **answer,
             "rooms": [pair for a in placed.values() for pair in a["rooms"]],
             "wall_surfaces": [pair for a in placed.values() for pair in a["wall_surfaces"]],
             "floors": {f"floor-{n}": placed[n].get("floor") for n in sorted(placed)},
         }
 
 
-def _cut(floors: Floors) -> Scened:
+def _with_scenes(floors: Floors) -> FloorScenes:
     return [(floor, floor.scene) for floor in floors.maps if floor.scene is not None]
 
 
 def merged(anchors: list[Anchors]) -> Anchors:
-    """The anchors of several floors, at least one, as one building's."""
+    """Merges the anchors of one or more floors into those of the building."""
     first = anchors[0]
     for more in anchors[1:]:
         first = replace(
             first, planes=first.planes | more.planes, rooms=first.rooms | more.rooms,
-            elevations=first.elevations | more.elevations, loose=first.loose | more.loose, bent=first.bent | more.bent,
+            elevations=first.elevations | more.elevations, loose=first.loose | more.loose,
+            drifted=first.drifted | more.drifted,
         )  # fmt: skip
     return first

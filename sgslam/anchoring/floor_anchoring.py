@@ -1,412 +1,256 @@
-"""When a floor of the S-graph is matched, what of a match becomes an anchor, and when an anchor is withdrawn."""
+"""Anchors one floor of the S-graph: matches it with the plan, aligns its walls, and withdraws what proves wrong."""
 
 import logging
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import factors
-from data import SceneGraph, WallSurface
+from data import SceneGraph
 from matching.protocol import AnyMatcher, Match
 from matching.result import MatchResult
-from sgslam.anchoring.anchor_log import AnchorLog, Hold, Key
-from sgslam.anchoring.anchored_rooms import room_anchors, rooms_of
-from sgslam.anchoring.free_space_conflict import contradicted
-from sgslam.anchoring.match_history import Growth, Said
-from sgslam.anchoring.place_verification import (
-    CONTRADICTED,
-    OTHERWISE,
-    evidence,
-    is_clear,
-    is_enough,
-    is_plenty,
-    tenable,
-)
-from sgslam.anchoring.room_relocalisation import room_by_room
-from sgslam.anchoring.wall_alignment import Holding, find_place, hold, in_plan_view
-from sgslam.backend.backend import Anchors, PlannedWall
+from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
+from sgslam.anchoring.anchored_rooms import anchor_statuses, graded_walls, matched_rooms, room_anchors
+from sgslam.anchoring.floor_matching import FloorMatching, differ
+from sgslam.anchoring.match_history import Commitment
+from sgslam.anchoring.place_verification import CONFLICT_REASON, Plan
+from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, se2_to_se3, transform_points
+from sgslam.geometry.frames import inverse, se2_to_se3
+from sgslam.mapping.graph_nodes import Anchors
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 from sgslam.serialization.state_tree import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_STAYS = 2.0  # of the gate; a wall that is off by more though it was pulled
-_LEAST_HELD = 4  # walls as planned, for a floor to take over another one's place
-_APART = 1.0, np.radians(5)  # m and rad at which two answers place the map differently
-_SEVERAL = 8  # wall surfaces matched, about two rooms', by which an answer counts for the next one
+_MIN_WALLS = 4  # walls as planned, for a floor to take over the place of another one
 
 
-class Anchoring(Stateful):
-    """Keeps the answer of the matcher for floor `number` of the S-graph, and turns a unique one into anchors.
+class FloorAnchoring(Stateful):
+    """Keeps the matcher's answers for floor `number` of the S-graph, and turns a unique one into anchors.
 
-    `a_graph` in the BIM frame; inside, a local frame is used (the BIM's, moved by `origin` (3,) into the building),
-    because a site may lie kilometres from zero, and what is held at zero is held loosely far from it. `plan` gives the
-    A-graph of a storey, the whole one for None. A `partial` plan is a map of a run: where the robot is now, that run
-    need not have been, so that answers are judged anew (see `tenable`).
+    `matching` holds the answers, `commitment` the one that the anchors stand on, `log` the anchors' history.
     """
 
-    _STATE = (
-        "match", "committed", "_pairs", "_pulled", "_resisting", "_place", "_matched", "_tried", "_matches",
-        "_moved", "_asked", "_accepted", "follows", "_confidence", "_said", "doubt",
-        "_keyframes_judged",
-    )  # fmt: skip
+    _STATE = ("_conflict_checked_at",)
 
-    def __init__(
-        self, a_graph: SceneGraph, matcher: AnyMatcher, config: Config, origin: Floats,
-        plan: Callable[[str | None], SceneGraph], number: int = 0, partial: bool = False,
-    ) -> None:  # fmt: skip
-        self._a, self._matcher, self._config, self._plan = a_graph, matcher, config, plan
-        self.origin, self.number, self._partial = origin, number, partial
-        self.doubt = ""  # why the newest answer, though unique, was not committed to
-        self._keyframes_judged = 0  # of the map that was last held against a partial plan
-        self._asked: str | None = None  # the storey that the matcher is asked about; all of them, where it is None
-        self._accepted: list[str] = []  # the storeys that this floor can be, all where it is empty
-        self._confidence = 0.0  # of a commitment that follows another one
-        self.follows = False  # whether the commitment is that of another floor
-        self.match: Match | None = None  # the newest answer
-        self.committed: Match | None = None  # the answer that the anchors stand on
+    def __init__(self, plan: Plan, matcher: AnyMatcher, config: Config, number: int = 0) -> None:
+        self._plan, self._config, self.number = plan, config, number
+        self.matching = FloorMatching(plan, matcher, config.anchors)
+        self.commitment = Commitment()
         self.log = AnchorLog()
-        self._pairs: set[Key] = set()  # of the committed answer
-        self._pulled: set[Key] = set()  # that were held tight though off, since the map seemed bent there
-        self._resisting: set[Key] = set()  # that were pulled, and did not come
-        self._place = np.zeros(3)  # T_local_level of the committed answer, yaw x y
-        self._matched: Scene | None = None  # what the newest answer is about
-        self._tried = Growth()
-        self._matches = 0
-        self._moved = False  # what the back end says is of a place that was withdrawn
-        self._said: Said | None = None  # the newest unique answer
+        self._conflict_checked_at = 0  # keyframes of the map when a partial plan was last checked for conflicts
+
+    @property
+    def _parts(self) -> dict[str, Stateful]:
+        return {"matching": self.matching, "commitment": self.commitment, "log": self.log}
 
     def state(self) -> dict[str, Any]:
-        """See `Stateful`; with its log's."""
-        return {**super().state(), "log": self.log.state()}
+        """See `Stateful`; with the state of its parts."""
+        return {**super().state(), **{name: part.state() for name, part in self._parts.items()}}
 
     def restore(self, state: dict[str, Any]) -> None:
         """See `Stateful`."""
         super().restore(state)
-        self.log.restore(state["log"])
+        for name, part in self._parts.items():
+            part.restore(state[name])
+
+    @property
+    def match(self) -> Match | None:
+        """The newest answer of the matcher; None before the first."""
+        return self.matching.match
+
+    @property
+    def committed(self) -> Match | None:
+        """The answer that the anchors stand on; None where there is none."""
+        return self.commitment.match
+
+    @property
+    def awaits_confirmation(self) -> bool:
+        """Whether an answer about a partial plan only waits for a larger map to confirm it."""
+        return self._plan.partial and self.committed is None and self.matching.is_unique
+
+    @property
+    def storey(self) -> SceneGraph:
+        """The A-graph of the committed storey; the whole A-graph where there is none, or no storey is named."""
+        return self._plan.storey(self.commitment.floor)
+
+    @property
+    def height(self) -> float:
+        """Height (m) of the committed storey's floor in the local frame; 0 where it is not known."""
+        return self._plan.height(self.commitment.floor) or 0.0
 
     def update(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> Anchors | None:
-        """Returns the anchors that hold now.
+        """Returns the anchors that hold now; None where there are none.
 
-        Where there are none, the matcher is asked if the S-graph has grown enough (or it is the `last` time). Where
-        there are, walls are paired by position, and the matcher is asked again only where too few stand as planned.
-        `T_map_local` is the back end's estimate of the BIM's local frame where there is one.
+        Without anchors, the matcher is asked if the S-graph has grown enough, or if it is the `last` time. With
+        anchors, walls are aligned by position, and the matcher is asked again only where too few stand as planned.
+        `T_map_local` (4, 4) is the back end's estimate of the local frame, None where it has none.
         """
         self.log.rename(walls.current)
-        for keys in (self._pairs, self._pulled, self._resisting):
-            renamed = {(walls.current(wall), a_id) for wall, a_id in keys}
-            keys.clear()
-            keys.update(renamed)
-        growth = Growth.of(scene.graph)
-        keyframes = len(scene.graph.keyframes)
-        if self._partial and self.committed is not None and keyframes > self._keyframes_judged:
-            self._keyframes_judged = keyframes
-            if self._contradicts(scene, self._known(walls, T_map_local), self.committed.floor):
-                self._withdraw(scene, OTHERWISE)
-        holding = self._pulled_already(scene, walls, T_map_local)
-        share = 0.0 if holding is None else holding.share
-        asked = last or growth.enough_since(self._tried) or (self.committed is None and self._answered(scene))
-        if asked and share < self._config.anchors.least_share:
+        self.commitment.rename(walls.current)
+        self._check_conflict(scene, walls, T_map_local)
+        alignment = self._tested_alignment(scene, walls, T_map_local)
+        share = 0.0 if alignment is None else alignment.share
+        due = last or self.matching.is_due(scene.graph, committed=self.committed is not None)
+        if due and share < self._config.anchors.least_share:
             before = self.committed
-            self._try(scene, walls, T_map_local, last)
-            if before is not None and self.committed is before and holding is None:
+            self._ask(scene, walls, T_map_local, last)
+            if before is not None and self.committed is before and alignment is None:
                 self._withdraw(scene, "the walls no longer agree on a place in the plan")
-            holding = self.holding(scene, walls, T_map_local)
-        if growth.enough_since(self._tried):
-            self._tried = growth
-        if holding is None:
+            alignment = self.alignment(scene, walls, T_map_local)
+        self.matching.note_size(scene.graph)
+        if alignment is None:
             return None
-        self._pulled = {(scene.wall_of_surface[h.surface.id], h.planned.id) for h in holding.walls if h.bent}
-        holds = self._note(scene, holding)
-        anchors = self._anchors(scene, walls, holding, T_map_local, holds)
-        self._moved = False
+        self.commitment.note_candidates(alignment, scene)
+        statuses = anchor_statuses(alignment, scene, self.commitment.pairs, self._match_name)
+        self.log.update(scene.graph.keyframes[-1].stamp_ns, statuses)
+        anchors = self._anchors(scene, walls, alignment, T_map_local, statuses)
+        self.commitment.replaced = False
         return anchors
 
     def confirm(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
-        """Whether the matcher, with the whole building open to it, says of `scene` what was committed to.
+        """Matches the final map once more; returns whether the answer is the committed one, or there was none.
 
-        Where it does not, the commitment is withdrawn; to a partial plan only where the maps contradict each other, for
-        much of the map may lie beside it. True where there was none.
+        If it is not, the commitment is withdrawn. With a partial plan that happens only where the maps conflict, since
+        much of the map may lie outside the plan.
         """
         if self.committed is None:
-            self._try(scene, walls, None, last=True)
+            self._ask(scene, walls, None, last=True)
             return True
-        self._try(scene, walls, T_map_local, last=True)
+        self._ask(scene, walls, T_map_local, last=True)
         if self.committed is self.match:
-            return not self._moved
-        if self._partial and not self._contradicts(scene, self._known(walls, T_map_local), self.committed.floor):
+            return not self.commitment.replaced
+        if self._plan.partial and not self._conflicts(scene, walls, T_map_local):
             return True
         assert self.match is not None
         self._withdraw(scene, self.match.reason)
         return False
 
-    def _answered(self, scene: Scene) -> bool:
-        """Whether a smaller map had a unique answer, which a second one is to confirm even if it has grown little."""
-        said = self._said
-        return self._unique and not self._partial and said is not None and said.is_late(len(scene.graph.keyframes))
-
-    @property
-    def _unique(self) -> bool:
-        return self.match is not None and self.match.status == "unique" and not self.doubt
-
-    @property
-    def all_but_sure(self) -> bool:
-        """Whether there is an answer about a partial plan that waits only for a larger map to say the same."""
-        return self._partial and self.committed is None and self._unique
-
-    def limit(self, storeys: list[str], asked: str | None) -> None:
-        """The storeys that this floor can be (all, where there are none), and the one that the matcher is asked about
-        from now on, where that is known."""
-        self._accepted = storeys
-        self._asked = asked or self._asked
-
-    def ask_about(self, storey: str) -> None:
-        """From now on the matcher is asked about this storey alone, and at once."""
-        self._asked, self._tried = storey, Growth()
-
-    @property
-    def confidence(self) -> float:
-        """The least of the committed pairs."""
-        given = self.committed.wall_surfaces if self.committed is not None else ()
-        return min((c for _, _, c in given), default=self._confidence)
-
-    def follow(
-        self, storey: str, scene: Scene, walls: WallMap, T_map_local: Floats, confidence: float
-    ) -> bool:  # fmt: skip
-        """Takes over the place that other floors have, on a storey; whether the walls bear that out."""
-        self.committed, self.follows = None, False
-        place = self._place = self._known(walls, T_map_local)
-        T_a_s = float(place[0]), float(place[1] + self.origin[0]), float(place[2] + self.origin[1])
-        self.committed = MatchResult("unique", "its place is that of the floors above or below", T_a_s=T_a_s,
-                                     floor=storey)  # fmt: skip
-        if self.held_share(scene, walls, T_map_local) < self._config.anchors.least_share:
-            self.committed = None
+    def follow(self, storey: str, scene: Scene, walls: WallMap, T_map_local: Floats, confidence: float) -> bool:
+        """Takes over the place of the other floors on a storey; returns whether the walls agree with it."""
+        own = self.commitment
+        own.match, own.follows = None, False
+        place = own.place = own.place_now(walls, T_map_local)
+        yaw, x, y = self._plan.T_a_s(place).tolist()
+        reason = "its place is that of the floors above or below"
+        own.match = match = MatchResult("unique", reason, T_a_s=(yaw, x, y), floor=storey)
+        if self.aligned_share(scene, walls, T_map_local) < self._config.anchors.least_share:
+            own.match = None
             return False
-        self.match, self._matched, self.follows, self._pairs = self.committed, scene, True, set()
-        self._asked, self._confidence = storey, confidence
+        self.matching.take_over(match, scene, storey)
+        own.follows, own.pairs, own.other_confidence = True, set(), confidence
         return True
 
-    def held_share(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> float:
-        """The share of the walls that stand as planned; 0 where they agree on no place, or are too few to tell."""
-        holding = self.holding(scene, walls, T_map_local)
-        return 0.0 if holding is None or sum(h.agrees for h in holding.walls) < _LEAST_HELD else holding.share
-
     def withdraw(self, scene: Scene, why: str) -> None:
-        """Gives up what was committed to."""
+        """Withdraws the commitment and its anchors, if there are any."""
         if self.committed is not None:
             self._withdraw(scene, why)
 
-    def holding(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Holding | None:
-        """The walls of `scene` that stand at planned ones; None where nothing is committed to, or where they do not
-        agree on a place. `T_map_local` as in `update`."""
+    def aligned_share(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> float:
+        """The share of the walls that stand as planned; 0 where too few do, or they agree on no place."""
+        alignment = self.alignment(scene, walls, T_map_local)
+        return 0.0 if alignment is None or sum(w.agrees for w in alignment.walls) < _MIN_WALLS else alignment.share
+
+    def alignment(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> WallAlignment | None:
+        """The walls of `scene` at planned ones; None where nothing is committed, or they agree on no place.
+
+        `T_map_local` as in `update`.
+        """
         if self.committed is None:
             return None
-        return hold(
-            scene, walls, self.storey, self.origin[:2], self._known(walls, T_map_local),
-            self._config.anchors, self._resisting,
-        )  # fmt: skip
+        place, origin = self.commitment.place_now(walls, T_map_local), self._plan.origin[:2]
+        deviations = self.commitment.confirmed_deviations
+        return align_walls(scene, walls, self.storey, origin, place, self._config.anchors, deviations)
 
-    def _pulled_already(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> Holding | None:
-        """As `holding`; a map that is bent gives way when it is pulled straight, walls that were built elsewhere do
-        not: those are taken for such from now on."""
-        holding = self.holding(scene, walls, T_map_local)
-        if holding is None or not self._pulled:
-            return holding
-        stay = {
-            (scene.wall_of_surface[h.surface.id], h.planned.id)
-            for h in holding.walls
-            if abs(h.offset) > _STAYS * holding.gate
-        }
-        stay &= self._pulled
-        if not stay - self._resisting:
-            return holding
-        self._resisting |= stay
-        return self.holding(scene, walls, T_map_local)
+    def answer(self, scene: Scene, alignment: WallAlignment | None) -> Mapping[str, Any] | None:
+        """The answer in the form of matches.json, by the ids of `scene`.
 
-    def _try(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> None:
-        """Asks the matcher, with the whole building open to it; commits to a unique answer that the walls bear out
-        when it is clear, when the unique one before it, on a smaller map, said the same, or when it is the `last` time.
-
-        An answer that says otherwise than the one committed to replaces it, and all that hung on that is withdrawn.
+        It is the committed one where there is one, without the pairs that the walls' positions contradict and with
+        those that they add.
         """
-        self.doubt = ""
-        s, plan, settings, by_room = scene.graph, self._plan(self._asked), self._config.anchors, None
-        match = self._matcher.match(s, plan)
-        if self._partial:
-            match = tenable(match, s, self._plan, settings)
-            if match.status != "unique" and self.committed is None:
-                by_room = room_by_room(s, lambda part: self._matcher.match(part, plan), self._plan, settings)
-        self.match = match = by_room or match
-        self._matched = scene
-        self._matches += 1
-        rooms = len(scene.graph.rooms)
-        _log.info("match %d, of %d rooms: %s, %s", self._matches, rooms, match.status, match.reason)
-        place = self._borne_out(match, scene, walls) if match.status == "unique" else None
-        if place is None:
-            self._said = None if self._partial else self._said
+        if self.committed is None or alignment is None:
+            return None if self.match is None else self.match.to_dict()
+        about_scene = self.committed is self.match and self.matching.scene is scene
+        given = {s: (a, c) for s, a, c in self.committed.wall_surfaces} if about_scene else {}
+        least = self.commitment.confidence
+        surfaces = []
+        for aligned in alignment.walls:
+            a_id, confidence = given.get(aligned.surface.id, (aligned.planned.id, least))
+            if aligned.agrees or aligned.surface.id in given or not about_scene:
+                confidence = confidence if a_id == aligned.planned.id else least
+                surfaces.append([aligned.surface.id, aligned.planned.id, confidence])
+        rooms = matched_rooms(alignment.walls, self.committed.rooms if about_scene else (), least)
+        return {**self.committed.to_dict(), "rooms": rooms, "wall_surfaces": surfaces}
+
+    @property
+    def _match_name(self) -> str:
+        return f"match {self.matching.count}"
+
+    def _ask(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> None:
+        """Asks the matcher and commits to a sure answer.
+
+        An answer that places the map elsewhere replaces the committed one, and its anchors are withdrawn.
+        """
+        answer = self.matching.ask(scene, walls, relocalise=self.committed is None)
+        if answer is None:
             return
         replaced = self.committed is not None and (
-            match.floor != self.committed.floor or _apart(place, self._known(walls, T_map_local), scene)
+            answer.match.floor != self.committed.floor
+            or differ(answer.place, self.commitment.place_now(walls, T_map_local), scene)
         )
-        if replaced and self.follows:
+        if replaced and self.commitment.follows:
             return
-        again = self._again(match, place, scene, by_room is not None)
-        told = is_enough if by_room is not None else is_plenty
-        sure = told(match) and last if self._partial else is_clear(match) or last
-        if self.committed is None and not (again or sure):
+        sure = self.matching.is_sure(answer, scene, last)
+        if self.committed is None and not sure:
             return
         if replaced:
-            self._withdraw(scene, f"match {self._matches} places the map elsewhere")
-            self._moved = True
-        self.committed, self._place, self.follows = match, place, False
-        self._pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
-
-    def _again(self, match: Match, place: Floats, scene: Scene, by_room: bool) -> bool:
-        """Whether a smaller map said the same; takes note of it for the next time."""
-        now = Said(match.floor, place, evidence(match), Growth.of(scene.graph), len(scene.graph.keyframes))
-        said = self._said
-        same = said is not None and said.floor == match.floor and not _apart(place, said.place, scene)
-        several = len(match.wall_surfaces) >= min(_SEVERAL, len(self._plan(match.floor).wall_surfaces))
-        first = replace(said, place=place) if said is not None and same else now
-        self._said = first if several else None
-        if by_room:  # which has no more evidence for it when others are added
-            return same and now.growth.enough_since(first.growth)
-        borne_out = is_enough(match) and now.is_more(first) if self._partial else first.is_late(now.keyframes)
-        return same and borne_out
-
-    def _borne_out(self, match: Match, scene: Scene, walls: WallMap) -> Floats | None:
-        """The place (3,) T_local_level that most matched walls agree on, near the one that the match tells; None where
-        there is none, or where something speaks against it."""
-        assert match.T_a_s is not None  # a unique answer has a motion
-        place = None
-        if self._accepted and match.floor not in self._accepted:
-            self.doubt = "the way from floor to floor speaks against it"
-        else:
-            pairs = [(scene.graph.surface_by_id[s], self._a.surface_by_id[a]) for s, a, _ in match.wall_surfaces]
-            told = np.array(match.T_a_s) - np.array([0.0, *self.origin[:2]])
-            place = find_place(pairs, scene, walls, self.origin[:2], told, self._config.anchors)
-            if place is None:
-                self.doubt = "its walls do not agree on a place"
-            elif self._contradicts(scene, place, match.floor):
-                self.doubt, place = OTHERWISE, None
-        if place is None:
-            _log.info("match %d is not committed to: %s", self._matches, self.doubt)
-        return place
-
-    def _contradicts(self, scene: Scene, place: Floats, storey: str | None) -> bool:
-        """Whether the map, at a place (3,) T_local_level, and a partial plan have walls elsewhere."""
-        T_a_s = place + np.array([0.0, *self.origin[:2]])
-        return self._partial and contradicted(scene.graph, self._plan(storey), T_a_s) > CONTRADICTED
+            self._withdraw(scene, f"{self._match_name} places the map elsewhere")
+            self.commitment.replaced = True
+        self.commitment.commit(answer.match, answer.place, scene)
 
     def _withdraw(self, scene: Scene, why: str) -> None:
-        self.committed, self._pairs, self.follows = None, set(), False
-        self._pulled, self._resisting = set(), set()
+        self.commitment.clear()
         self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
         _log.warning("the match that the anchors stood on is withdrawn: %s", why)
 
-    def _known(self, walls: WallMap, T_map_local: Floats | None) -> Floats:
-        """(3,) T_local_level as far as it is known."""
-        if T_map_local is None or self._moved:
-            return self._place
-        return in_plan_view(inverse(walls.T_level_map @ T_map_local))
+    def _check_conflict(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
+        """Withdraws a commitment to a partial plan where a grown map conflicts with it."""
+        keyframes = len(scene.graph.keyframes)
+        if self._plan.partial and self.committed is not None and keyframes > self._conflict_checked_at:
+            self._conflict_checked_at = keyframes
+            if self._conflicts(scene, walls, T_map_local):
+                self._withdraw(scene, CONFLICT_REASON)
 
-    @property
-    def storey(self) -> SceneGraph:
-        """The storey of the plan that was committed to; the whole plan where there is none, or no storey is named."""
-        floor = self.committed.floor if self.committed is not None else None
-        return self._plan(floor)
+    def _conflicts(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
+        place = self.commitment.place_now(walls, T_map_local)
+        return self._plan.conflicts(scene.graph, place, self.commitment.floor)
 
-    @property
-    def elevation(self) -> float | None:
-        """Of the committed storey's floor, BIM frame."""
-        floor = self.committed.floor if self.committed is not None else None
-        return next((f.elevation for f in self._a.floors if f.id == floor), None)
-
-    @property
-    def height(self) -> float:
-        """Of the committed storey's floor, local frame; 0 where it is not known."""
-        return 0.0 if self.elevation is None else self.elevation - float(self.origin[2])
-
-    def _note(self, scene: Scene, holding: Holding) -> dict[Key, Hold]:
-        holds: dict[Key, Hold] = {}
-        for held in holding.walls:
-            key = (scene.wall_of_surface[held.surface.id], held.planned.id)
-            by = f"match {self._matches}" if key in self._pairs else "position"
-            if held.agrees:
-                holds[key] = Hold("tight", by, f"as planned within {1000 * holding.gate:.0f} mm")
-            elif held.bent:
-                holds[key] = Hold("tight", by, f"{1000 * held.offset:+.0f} mm off, as all around: the map is bent")
-            elif key not in holds:
-                holds[key] = Hold("loose", by, f"{1000 * held.offset:+.0f} mm off the plan")
-        self.log.hold(scene.graph.keyframes[-1].stamp_ns, holds)
-        return holds
+    def _tested_alignment(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> WallAlignment | None:
+        """The alignment after drift candidates that did not give way became confirmed deviations."""
+        alignment = self.alignment(scene, walls, T_map_local)
+        if alignment is None or not self.commitment.drift_candidates:
+            return alignment
+        if not self.commitment.confirm_deviations(alignment, scene):
+            return alignment
+        return self.alignment(scene, walls, T_map_local)
 
     def _anchors(
-        self, scene: Scene, walls: WallMap, holding: Holding, T_map_local: Floats | None, holds: dict[Key, Hold]
-    ) -> Anchors:
-        assert self.committed is not None
-        T_local_level = se2_to_se3(holding.place[0], holding.place[1], holding.place[2], self.height)
-        tight: dict[int, dict[str, PlannedWall]] = {}
-        settings = self._config.anchors
-        bent: dict[int, dict[str, PlannedWall]] = {}
-        loose: dict[int, dict[str, PlannedWall]] = {}
-        by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
-        for held in holding.walls:
-            wall, plane = scene.wall_of_surface[held.surface.id], self._local_plane(held.planned)
-            middle = np.array([*held.surface.centroid, np.mean(held.surface.height or 0.0)])
-            told = holds[wall, held.planned.id]
-            place = transform_points(T_local_level, middle)
-            planned = PlannedWall(plane, place, held.planned.id, told.by, told.why)
-            pulls = held.bent or abs(held.offset) < settings.doubtful
-            (tight if held.agrees else bent if pulls else loose).setdefault(wall, {})[held.planned.id] = planned
-            if (held.agrees or pulls) and held.surface.room is not None and held.planned.room is not None:
-                by_rooms.setdefault((held.surface.room, held.planned.room), {})[wall] = plane
-        known = self._known(walls, T_map_local)
-        if T_map_local is None or self._moved or _apart(holding.place, known, scene, settings.gate_offset):
+        self, scene: Scene, walls: WallMap, alignment: WallAlignment, T_map_local: Floats | None,
+        statuses: dict[Key, AnchorStatus],
+    ) -> Anchors:  # fmt: skip
+        settings, (yaw, x, y) = self._config.anchors, alignment.place
+        T_local_level = se2_to_se3(yaw, x, y, self.height)
+        grades = graded_walls(alignment, scene, statuses, T_local_level, self._plan.origin, settings.doubtful)
+        place = self.commitment.place_now(walls, T_map_local)
+        valid = T_map_local is not None and not self.commitment.replaced
+        if not valid or differ(alignment.place, place, scene, settings.gate_offset):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
-        rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
-        if not settings.planes:
-            tight = bent = loose = {}
-        return Anchors(
-            T_map_local, {wall: list(p.values()) for wall, p in tight.items()}, rooms,
-            {} if self.elevation is None else {self.number: self.height},
-            {wall: list(p.values()) for wall, p in loose.items() if wall not in tight and wall not in bent},
-            {wall: list(p.values()) for wall, p in bent.items() if wall not in tight}, f"match {self._matches}",
-        )  # fmt: skip
-
-    def _local_plane(self, surface: WallSurface) -> Floats:
-        plane = np.array(surface.plane or factors.plane_from_wall(surface.normal, surface.centroid), dtype=float)
-        plane[:3] /= np.linalg.norm(plane[:3])
-        plane[3] += plane[:3] @ self.origin
-        return plane
-
-    def answer(self, scene: Scene, holding: Holding | None) -> Mapping[str, Any] | None:
-        """The answer in the form of matches.json, by the ids of `scene`: the committed one where there is one, less
-        what the walls' positions contradict, and with what they add."""
-        if self.committed is None or holding is None:
-            return None if self.match is None else self.match.to_dict()
-        about_scene = self.committed is self.match and self._matched is scene
-        given = {s: (a, c) for s, a, c in self.committed.wall_surfaces} if about_scene else {}
-        least = self.confidence
-        surfaces = []
-        for held in holding.walls:
-            a_id, confidence = given.get(held.surface.id, (held.planned.id, least))
-            if held.agrees or held.surface.id in given or not about_scene:
-                surfaces.append([held.surface.id, held.planned.id, confidence if a_id == held.planned.id else least])
-        rooms = rooms_of(holding.walls, self.committed.rooms if about_scene else (), least)
-        return {**self.committed.to_dict(), "rooms": rooms, "wall_surfaces": surfaces}
-
-
-def _apart(place: Floats, other: Floats, scene: Scene, metres: float = _APART[0]) -> bool:
-    """Whether two places (3,) in the plan differ at the map's middle by so many metres, or by five degrees."""
-    c, s = np.cos([place[0], other[0]]), np.sin([place[0], other[0]])
-    x, y = scene.graph.centroid()
-    put = np.column_stack([c * x - s * y, s * x + c * y]) + np.stack([place[1:], other[1:]])
-    turn = (place[0] - other[0] + np.pi) % (2 * np.pi) - np.pi
-    return bool(np.hypot(*(put[0] - put[1])) > metres or abs(turn) > _APART[1])
+        assert T_map_local is not None
+        rooms = room_anchors(scene, grades.by_rooms, self.height) if settings.rooms else {}
+        tight, drifted, loose = grades.lists() if settings.planes else ({}, {}, {})
+        known = self._plan.height(self.commitment.floor) is not None
+        heights = {self.number: self.height} if known else {}
+        return Anchors(T_map_local, tight, rooms, heights, loose, drifted, self._match_name)

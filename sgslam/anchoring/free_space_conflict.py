@@ -1,8 +1,8 @@
-"""How much two maps of one place contradict each other: walls of the one that stand where the other saw free space.
+"""Free-space conflict of two maps of one place: walls of one map that stand in the free space of the other.
 
-A map that was driven lacks rooms, and in a building of equal wings or offices what it lacks is like what it holds: a
-place that explains most walls may be a wrong one. But two right maps agree wherever both have looked, whereas a part
-that is only alike has some wall elsewhere, which the other map looked through.
+The map of an earlier run lacks rooms. In a building of equal wings or offices, a missing room looks like a mapped one,
+so a wrong place may explain most walls. But two maps of the same place agree wherever both have looked, whereas a
+similar part has some wall elsewhere, in what the other map saw as free space.
 """
 
 from dataclasses import dataclass
@@ -16,16 +16,16 @@ from data.geometry import se2
 from data.geometry.areas import Area, polygons_of, united
 
 Floats = NDArray[np.float64]
-_STEP = 0.2  # m between the places of a wall that are looked at
-_INSIDE = 0.3  # m from the outline of a room's free space, at the least, to stand in the middle of it
-_AT = 0.2  # m from a wall of the other map that stands there too
+_STEP = 0.2  # m between the sampled places of a wall
+_INSIDE = 0.3  # m inside the outline of a room's free space, from which on a wall is in conflict
+_AT = 0.2  # m to a wall of the other map that counts as the same
 _PARALLEL = 0.95  # cosine
 
 
 @dataclass(frozen=True)
 class _Drawn:
-    """Places along walls (N, 2), the walls' normals there (N, 2), all walls as lines, and their normals (M, 2); the
-    free space."""
+    """A map as drawn: sampled places along walls and the normals there (N, 2); M walls as lines, their normals (M, 2);
+    and the free space."""
 
     places: Floats
     normals: Floats
@@ -35,7 +35,7 @@ class _Drawn:
 
     @staticmethod
     def of(graph: SceneGraph, T: Floats) -> "_Drawn":
-        """A map moved by T (3,), yaw x y."""
+        """Draws a map moved by T (3,), yaw x y."""
         walls = graph.wall_surfaces
         centre = se2.apply(T, np.array([w.centroid for w in walls], dtype=float).reshape(-1, 2))
         normal = se2.rotate(T[0], np.array([w.normal for w in walls], dtype=float).reshape(-1, 2))
@@ -52,7 +52,7 @@ class _Drawn:
         return _Drawn(centre[which] + share[:, None] * arm[which], normal[which], lines, normal, free)
 
     def against(self, other: "_Drawn") -> tuple[int, int]:
-        """Of the places along the walls: how many stand in the other's free space, and how many at its walls."""
+        """How many of the sampled places stand in the other's free space, and how many at its walls."""
         i, j = shapely.STRtree(other.walls).query(shapely.points(self.places), predicate="dwithin", distance=_AT)
         at = np.zeros(len(self.places), dtype=bool)
         at[i[np.abs(np.sum(self.normals[i] * other.wall_normals[j], axis=1)) > _PARALLEL]] = True
@@ -60,10 +60,10 @@ class _Drawn:
         return int((inside & ~at).sum()), int(at.sum())
 
 
-def contradicted(s: SceneGraph, a: SceneGraph, T_a_s: Floats) -> float:
-    """The share, of the walls' length that one map has where the other looked, that the other saw no wall at.
+def conflict_share(s: SceneGraph, a: SceneGraph, T_a_s: Floats) -> float:
+    """The share of wall length in conflict, of all that both maps could see, in both directions together.
 
-    Both ways together, under T_a_s (3,), yaw x y; 1 where the maps have nothing in common.
+    The S-graph is placed by T_a_s (3,), yaw x y. 1 where the maps have nothing in common.
     """
     if not s.wall_surfaces or not a.wall_surfaces:
         return 1.0

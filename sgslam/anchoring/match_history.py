@@ -1,47 +1,141 @@
-"""What a matcher said of a map, and whether a later answer, of a larger map, bears it out."""
+"""Match history: the earlier unique answer that a later one may confirm, and the committed match with its walls."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
+from matching.protocol import Match
+from sgslam.anchoring.anchor_log import Key
+from sgslam.anchoring.wall_alignment import WallAlignment, planar_pose
+from sgslam.geometry.frames import inverse
+from sgslam.mapping.scene import Scene
+from sgslam.mapping.wall_map import WallMap
+from sgslam.serialization.state_tree import Stateful
 
-_LATER = 6  # keyframes after which another answer tells more
+_LATER = 6  # keyframes after which the same answer counts as a confirmation
 
 
 @dataclass(frozen=True)
-class Growth:
-    """What of the S-graph can change the answer."""
+class MapSize:
+    """Size of an S-graph: its rooms, and the total length (m) of its wall surfaces."""
 
     rooms: int = 0
     length: float = 0.0
 
     @staticmethod
-    def of(graph: SceneGraph) -> "Growth":
-        """That of an S-graph."""
-        return Growth(len(graph.rooms), sum(w.length or 0.0 for w in graph.wall_surfaces))
+    def of(graph: SceneGraph) -> "MapSize":
+        """The size of an S-graph."""
+        return MapSize(len(graph.rooms), sum(w.length or 0.0 for w in graph.wall_surfaces))
 
-    def enough_since(self, last: "Growth") -> bool:
-        """Whether it has a room more, or a tenth of its walls."""
+    def has_grown_since(self, last: "MapSize") -> bool:
+        """Whether the map has gained a room, or a tenth of its wall length."""
         return self.rooms > last.rooms or self.length > 1.1 * last.length
 
 
 @dataclass(frozen=True)
-class Said:
-    """A unique answer: the storey and place (3,) T_local_level that it names, its evidence (nats; 0 where it tells
-    none), and the map that it was first given of."""
+class UniqueMatch:
+    """A unique answer: its storey, place (3,), T_local_level, and evidence `score` (nats, 0 where unknown).
+
+    `map_size` and `keyframes` are those of the map that first gave the answer.
+    """
 
     floor: str | None
     place: NDArray[np.float64]
     score: float
-    growth: Growth
+    map_size: MapSize
     keyframes: int
 
-    def is_late(self, keyframes: int) -> bool:
-        """Whether so much was seen since that the same answer would bear it out."""
+    def is_confirmable(self, keyframes: int) -> bool:
+        """Whether enough keyframes were added for the same answer to confirm it."""
         return keyframes - self.keyframes >= _LATER
 
-    def is_more(self, other: "Said") -> bool:
-        """Whether the map has grown since another answer, and the evidence with it."""
-        return self.growth.enough_since(other.growth) and self.score > other.score
+    def has_more_evidence_than(self, other: "UniqueMatch") -> bool:
+        """Whether both the map and the evidence have grown since another answer."""
+        return self.map_size.has_grown_since(other.map_size) and self.score > other.score
+
+
+Floats = NDArray[np.float64]
+_STAYS = 2.0  # of the gate; a wall that is still further off after it was pulled is a deviation
+
+
+class Commitment(Stateful):
+    """The committed match of one floor.
+
+    `match` is None while there is none; `place` (3,) is its T_local_level, yaw x y; `pairs` are its walls and planned
+    surfaces. `follows`: the place is that of another floor, with its `other_confidence`. `replaced`: the back end's
+    estimate is still that of a match that was withdrawn.
+
+    Walls that seem to be off by drift are pulled: the `drift_candidates`. A drifted map gives way, a wall that was
+    built elsewhere does not: such walls become `confirmed_deviations`.
+    """
+
+    _STATE = (
+        "match", "place", "pairs", "drift_candidates", "confirmed_deviations", "follows", "other_confidence",
+        "replaced",
+    )  # fmt: skip
+
+    def __init__(self) -> None:
+        self.match: Match | None = None
+        self.place: Floats = np.zeros(3)
+        self.pairs: set[Key] = set()
+        self.drift_candidates: set[Key] = set()
+        self.confirmed_deviations: set[Key] = set()
+        self.follows = False
+        self.other_confidence = 0.0
+        self.replaced = False
+
+    @property
+    def floor(self) -> str | None:
+        """The storey of the match; None where there is no match, or it names no storey."""
+        return self.match.floor if self.match is not None else None
+
+    @property
+    def confidence(self) -> float:
+        """The least confidence of the committed wall pairs; that of the other floor where there are none."""
+        given = self.match.wall_surfaces if self.match is not None else ()
+        return min((c for _, _, c in given), default=self.other_confidence)
+
+    def commit(self, match: Match, place: Floats, scene: Scene) -> None:
+        """Commits to a unique match at a place (3,), T_local_level."""
+        self.match, self.place, self.follows = match, place, False
+        self.pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
+
+    def clear(self) -> None:
+        """Forgets the match and what its walls showed."""
+        self.match, self.pairs, self.follows = None, set(), False
+        self.drift_candidates, self.confirmed_deviations = set(), set()
+
+    def rename(self, current: Callable[[int], int]) -> None:
+        """Follows walls that were joined; `current` gives a wall's number now."""
+        for keys in (self.pairs, self.drift_candidates, self.confirmed_deviations):
+            renamed = {(current(wall), a_id) for wall, a_id in keys}
+            keys.clear()
+            keys.update(renamed)
+
+    def place_now(self, walls: WallMap, T_map_local: Floats | None) -> Floats:
+        """(3,) T_local_level by the back end's estimate where it is valid, else that of the match."""
+        if T_map_local is None or self.replaced:
+            return self.place
+        return planar_pose(inverse(walls.T_level_map @ T_map_local))
+
+    def note_candidates(self, alignment: WallAlignment, scene: Scene) -> None:
+        """Takes the walls that are off by drift for drift candidates until the next alignment."""
+        self.drift_candidates = {
+            (scene.wall_of_surface[w.surface.id], w.planned.id) for w in alignment.walls if w.drifted
+        }
+
+    def confirm_deviations(self, alignment: WallAlignment, scene: Scene) -> bool:
+        """Confirms the drift candidates that did not give way as deviations; returns whether any is new."""
+        stay = {
+            (scene.wall_of_surface[w.surface.id], w.planned.id)
+            for w in alignment.walls
+            if abs(w.offset) > _STAYS * alignment.gate
+        }
+        stay &= self.drift_candidates
+        if not stay - self.confirmed_deviations:
+            return False
+        self.confirmed_deviations |= stay
+        return True

@@ -1,8 +1,8 @@
-"""What an answer of the matcher is worth: how clear it is, and which of its places a map that lacks rooms leaves.
+"""Place verification: how clear a matcher's answer is, and which of its places a map that lacks rooms allows.
 
-In a map that was driven the true place may be missing, and a place in a part that is like it explains most of what was
-seen. The matcher weighs what it finds; here also counts what ought to be there: places where walls stand in what the
-other map saw free are struck out, and what is left is judged anew.
+The map of an earlier run may lack the true place, and a similar part may explain most of what was seen. The matcher
+scores only what it finds. Here, candidate places with free-space conflicts are dropped, and the others are judged
+again.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,116 +14,159 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from matching.protocol import Match
 from matching.result import Hypothesis, MatchResult
-from sgslam.anchoring.free_space_conflict import contradicted
-from sgslam.anchoring.wall_association import WallArrays, pair_by_position
+from sgslam.anchoring.free_space_conflict import conflict_share
+from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.config import AnchorSettings
 
 Floats = NDArray[np.float64]
-CONTRADICTED = 0.04  # of the walls where both maps looked, by which a place is given up that was committed to,
-STRUCK_OUT = 0.02  # and by which none is taken: a wing that is another one's twin, to the centimetre, had .032
-_DOUBTFUL = 0.01  # and by which none is that another comes near: in offices of equal rooms wrong ones had .015
-OTHERWISE = "walls stand where the known map saw none, or lack where it has them"
-_LEAST = 40.0  # nats of an answer; wrong places that contradict nothing reach it now and then,
-_ENOUGH = 50.0  # of one that a larger map bears out; none of those did with the evidence risen,
-_PLENTY = 100.0  # and of one that is the last; where the true place was lacking, a wrong one had 80
-_ANOTHER = 25.0  # of another place that contradicts nothing: it has less only because less of it was mapped
-_RIVAL = 0.6  # of an answer's evidence; where another place has more, the building repeats itself
-_NEAR = 0.4  # likewise, of an answer that is contradicted somewhat
+# conflict shares: of the walls that both maps could see
+WITHDRAWAL_CONFLICT = 0.04  # from which on a committed place is withdrawn
+MAX_CONFLICT = 0.02  # of an accepted place; a symmetric wing, equal to the centimetre, had 0.032
+_DOUBTFUL = 0.01  # of a place with close alternatives; wrong places in offices of equal rooms had 0.015
+CONFLICT_REASON = "walls stand where the known map saw none, or lack where it has them"
+# evidence in nats
+_LEAST = 40.0  # of an answer; wrong places without conflict sometimes reach it
+_MIN_STRONG = 50.0  # of an answer that a larger map confirms; no wrong one did so with more evidence
+_MIN_OVERWHELMING = 100.0  # of the last answer of a run; where the true place was missing, a wrong one had 80
+_MIN_ALTERNATIVE = 25.0  # of another place without conflict, which may have less because less of it was mapped
+_ALTERNATIVE_SHARE = 0.6  # of an answer's evidence; an alternative with more means that the building repeats itself
+_DOUBTFUL_SHARE = 0.4  # the same for an answer with some conflict
 
 
 @dataclass(frozen=True)
-class Listed:
-    """A place that a matcher names: its evidence (nats), T_a_s (3,) yaw x y, and its storey."""
+class CandidatePlace:
+    """A hypothesis of a matcher: its evidence `score` (nats), T_a_s (3,), yaw x y, and its storey."""
 
     score: float
     T_a_s: Floats
     floor: str | None
 
 
-def listed(match: Match) -> list[Listed]:
-    """The places that a matcher has named, as it did; none where it names none."""
-    told = match.to_dict().get("hypotheses") or ()
-    return [Listed(float(h["score"]), np.array(h["T_a_s"], dtype=float), h["floor"]) for h in told]
+def candidate_places(match: Match) -> list[CandidatePlace]:
+    """The hypotheses of a matcher's answer, in their order."""
+    hypotheses = match.to_dict().get("hypotheses") or ()
+    return [CandidatePlace(float(h["score"]), np.array(h["T_a_s"], dtype=float), h["floor"]) for h in hypotheses]
 
 
 def is_clear(match: Match) -> bool:
-    """Whether an answer is unique, and no other place comes near it."""
-    rival = max((place.score for place in listed(match)[1:]), default=0.0)
-    return match.status == "unique" and evidence(match) >= _LEAST and rival < _RIVAL * evidence(match)
+    """Whether an answer is unique without a close alternative."""
+    alternative = max((place.score for place in candidate_places(match)[1:]), default=0.0)
+    clear = alternative < _ALTERNATIVE_SHARE * evidence(match)
+    return match.status == "unique" and evidence(match) >= _LEAST and clear
 
 
-def is_enough(match: Match) -> bool:
-    """Whether an answer about a map that lacks rooms is to be believed when a larger map bears it out."""
-    return match.status == "unique" and evidence(match) >= _ENOUGH
+def is_strong(match: Match) -> bool:
+    """Whether an answer about a map that lacks rooms may be accepted once a larger map confirms it."""
+    return match.status == "unique" and evidence(match) >= _MIN_STRONG
 
 
-def is_plenty(match: Match) -> bool:
-    """Whether such an answer is to be believed where no larger map will come."""
-    return match.status == "unique" and evidence(match) >= _PLENTY
+def is_overwhelming(match: Match) -> bool:
+    """Whether such an answer may be accepted without a confirmation."""
+    return match.status == "unique" and evidence(match) >= _MIN_OVERWHELMING
 
 
 def evidence(match: Match) -> float:
-    """(nats) of an answer's best place; 0 where the matcher names none."""
-    return max((place.score for place in listed(match)), default=0.0)
+    """The evidence (nats) of an answer's best hypothesis; 0 without hypotheses."""
+    return max((place.score for place in candidate_places(match)), default=0.0)
 
 
-def tenable(
+def verified_match(
     match: Match, s: SceneGraph, plan: Callable[[str | None], SceneGraph], settings: AnchorSettings
 ) -> MatchResult:
-    """The answer about a map that lacks rooms, from the places that `match` names and the two maps bear out.
+    """The answer about a map that lacks rooms, from the hypotheses of `match` that have no free-space conflict.
 
-    `plan` gives a storey of that map, the whole for None. The scores have to be nats, as `Hypothesis` has them.
+    `plan` gives a storey of that map, the whole map for None. Scores must be nats, as in `Hypothesis`.
     """
-    places = listed(match)
-    judged = [(contradicted(s, plan(p.floor), p.T_a_s), p) for p in sorted(places, key=lambda p: -p.score)]
-    left = [p for share, p in judged if share <= STRUCK_OUT]
+    places = candidate_places(match)
+    judged = [(conflict_share(s, plan(p.floor), p.T_a_s), p) for p in sorted(places, key=lambda p: -p.score)]
+    left = [p for share, p in judged if share <= MAX_CONFLICT]
     hypotheses = _hypotheses(left)
     if not left:
-        return MatchResult("none", OTHERWISE if places else match.reason)
+        return MatchResult("none", CONFLICT_REASON if places else match.reason)
     best = left[0]
-    told = f"{len(left)} of {len(places)} places contradict nothing, the best has {best.score:.0f} nats"
+    reason = f"{len(left)} of {len(places)} places are without conflict, the best has {best.score:.0f} nats"
     if best.score < _LEAST:
-        return MatchResult("none", f"{told}: too little where the known map may lack rooms", hypotheses=hypotheses)
-    if len(left) > 1 and left[1].score > _ANOTHER:
-        return MatchResult("ambiguous", told, hypotheses=hypotheses)
-    if is_outdone(best, places, next(share for share, p in judged if p is best)):
-        told = f"{told}; others come near it: the building repeats itself"
-        return MatchResult("ambiguous", told, hypotheses=hypotheses)
-    return placed_at(best, left, told, s, plan(best.floor), settings)
+        return MatchResult("none", f"{reason}: too little where the known map may lack rooms", hypotheses=hypotheses)
+    if len(left) > 1 and left[1].score > _MIN_ALTERNATIVE:
+        return MatchResult("ambiguous", reason, hypotheses=hypotheses)
+    if has_close_alternative(best, places, next(share for share, p in judged if p is best)):
+        reason = f"{reason}; others are nearly as good: the building repeats itself"
+        return MatchResult("ambiguous", reason, hypotheses=hypotheses)
+    return placed_at(best, left, reason, s, plan(best.floor), settings)
 
 
-def is_outdone(best: Listed, places: Sequence[Listed], contradiction: float) -> bool:
-    """Whether another of the places comes near the best one, the other contradicted or not; `contradiction` is the
-    best one's own."""
-    rival = max((p.score for p in places if p is not best), default=0.0)
-    return rival > (_RIVAL if contradiction <= _DOUBTFUL else _NEAR) * best.score
+def has_close_alternative(best: CandidatePlace, places: Sequence[CandidatePlace], conflict: float) -> bool:
+    """Whether another place, with or without conflict, comes close to the best one; `conflict` is the best one's."""
+    alternative = max((p.score for p in places if p is not best), default=0.0)
+    return alternative > (_ALTERNATIVE_SHARE if conflict <= _DOUBTFUL else _DOUBTFUL_SHARE) * best.score
 
 
 def placed_at(
-    best: Listed, places: Sequence[Listed], told: str, s: SceneGraph, a: SceneGraph, settings: AnchorSettings
+    best: CandidatePlace,
+    places: Sequence[CandidatePlace],
+    reason: str,
+    s: SceneGraph,
+    a: SceneGraph,
+    settings: AnchorSettings,
 ) -> MatchResult:
-    """The unique answer that the S-graph lies at the `best` of some places, its walls paired as they stand there."""
+    """The unique answer that the S-graph lies at the `best` of `places`, with its walls associated by position."""
     pairs, hypotheses = _pairs(s, a, best.T_a_s, settings), _hypotheses(places)
     return MatchResult(
-        "unique", told, (), pairs, T_a_s=_triple(best.T_a_s), floor=best.floor, hypotheses=hypotheses
+        "unique", reason, (), pairs, T_a_s=_triple(best.T_a_s), floor=best.floor, hypotheses=hypotheses
     )  # fmt: skip
 
 
-def _hypotheses(places: Sequence[Listed]) -> tuple[Hypothesis, ...]:
+def _hypotheses(places: Sequence[CandidatePlace]) -> tuple[Hypothesis, ...]:
     return tuple(Hypothesis(p.score, _triple(p.T_a_s), p.floor) for p in places)
 
 
-def _pairs(
-    s: SceneGraph, a: SceneGraph, T_a_s: Floats, settings: AnchorSettings
-) -> tuple[tuple[str, str, float], ...]:
-    """(S id, A id, 1) of the wall surfaces that stand at one another."""
+def _pairs(s: SceneGraph, a: SceneGraph, T_a_s: Floats, settings: AnchorSettings) -> tuple[tuple[str, str, float], ...]:
+    """(S id, A id, 1) of the wall surfaces at the same position."""
     seen, planned = list(s.wall_surfaces), list(a.wall_surfaces)
     s_rooms, a_rooms = ({room.id: k for k, room in enumerate(graph.rooms)} for graph in (s, a))
     placed = WallArrays.of(seen, s_rooms, np.zeros(2)).moved(T_a_s)
-    at = pair_by_position(placed, WallArrays.of(planned, a_rooms, np.zeros(2)), settings.reach, settings.gate_angle)
+    at = associate_walls(placed, WallArrays.of(planned, a_rooms, np.zeros(2)), settings.reach, settings.gate_angle)
     return tuple((seen[i].id, planned[j].id, 1.0) for i, j in enumerate(at.tolist()) if j >= 0)
 
 
 def _triple(T: Floats) -> tuple[float, float, float]:
     yaw, x, y = T.tolist()
     return yaw, x, y
+
+
+class Plan:
+    """An A-graph in the BIM frame. `partial`: it is the map of an earlier run and lacks rooms that were not visited.
+
+    The factor graph uses a local frame, the BIM frame moved by `origin` (3,) into the building: a site may lie
+    kilometres from zero, and priors at zero hold poorly that far away.
+    """
+
+    def __init__(self, a_graph: SceneGraph, partial: bool = False) -> None:
+        self.a_graph, self.partial = a_graph, partial
+        elevations = [floor.elevation for floor in a_graph.floors if floor.elevation is not None]
+        self.origin: Floats = np.array([*a_graph.centroid(), min(elevations, default=0.0)])
+        self._storeys: dict[str, SceneGraph] = {}
+
+    def storey(self, storey: str | None) -> SceneGraph:
+        """The A-graph of a storey by its id, always the same object; the whole A-graph for None."""
+        if storey is None:
+            return self.a_graph
+        if storey not in self._storeys:
+            self._storeys[storey] = self.a_graph.on_floor(storey)
+        return self._storeys[storey]
+
+    def height(self, storey: str | None) -> float | None:
+        """Height (m) of a storey's floor in the local frame; None where the plan does not give it."""
+        elevation = next((f.elevation for f in self.a_graph.floors if f.id == storey), None)
+        return None if elevation is None else elevation - float(self.origin[2])
+
+    def T_a_s(self, place: Floats) -> Floats:  # noqa: N802
+        """(3,) yaw x y in the BIM frame of a place (3,) in the local frame."""
+        return np.asarray(place + np.array([0.0, *self.origin[:2]]))
+
+    def conflicts(self, s: SceneGraph, place: Floats, storey: str | None) -> bool:
+        """Whether a partial plan and an S-graph at `place` (3,), T_local_level, have walls in each other's free space.
+
+        False for a complete plan, which is not checked.
+        """
+        return self.partial and conflict_share(s, self.storey(storey), self.T_a_s(place)) > WITHDRAWAL_CONFLICT

@@ -1,8 +1,7 @@
-"""Where a map lies of which only some rooms are in the known one: the matcher is asked about each room alone.
+"""Room relocalisation: places a map of which only some rooms are in the known map, by matching single rooms.
 
-A map is explained as a whole: rooms that the known map lacks count against every place, the true one too, and lead
-astray what proposes places. A room that both runs have entered is known by its own walls; all else that both have seen
-must not contradict it.
+Matching explains a map as a whole: rooms that the known map lacks count against every place, the true one included, and
+mislead the search. A room that both runs entered is recognised by its own walls; the rest of the map must not conflict.
 """
 
 from collections.abc import Callable
@@ -15,50 +14,57 @@ from data import SceneGraph
 from data.geometry import se2
 from matching.protocol import Match
 from matching.result import MatchResult
-from sgslam.anchoring.free_space_conflict import contradicted
-from sgslam.anchoring.place_verification import STRUCK_OUT, Listed, is_clear, is_outdone, listed, placed_at
+from sgslam.anchoring.free_space_conflict import conflict_share
+from sgslam.anchoring.place_verification import (
+    MAX_CONFLICT,
+    CandidatePlace,
+    candidate_places,
+    has_close_alternative,
+    is_clear,
+    placed_at,
+)
 from sgslam.config import AnchorSettings
 
-MOST_ASKED = 5  # rooms, the nearest to where the robot is
-LEAST_WALLS = 6  # surfaces of a room: with four it is like any other
-SAME = 1.0, np.radians(5)  # m and rad between the places that two rooms name
+MAX_ROOMS = 5  # rooms to match, the nearest to the robot
+LEAST_WALLS = 6  # surfaces of a room: with four it looks like any other
+SAME = 1.0, np.radians(5)  # m and rad between the places of two rooms that agree
 
 
-def room_by_room(
+def relocalise_by_rooms(
     s: SceneGraph, ask: Callable[[SceneGraph], Match], plan: Callable[[str | None], SceneGraph],
     settings: AnchorSettings,
 ) -> MatchResult | None:  # fmt: skip
-    """The place that single rooms of an S-graph have, where all that are known agree on it; else None.
+    """The place that all recognised rooms of an S-graph agree on; None where there is none.
 
-    `ask` is the matcher, `plan` as in `tenable`. A room is known where its answer is clear, and the whole S-graph
-    contradicts nothing there.
+    `ask` matches a graph with the plan; `plan` as in `verified_match`. A room is recognised where its answer is clear
+    and the whole S-graph has no free-space conflict there.
     """
-    places: list[Listed] = []
+    places: list[CandidatePlace] = []
     for room in _nearest(s):
         answer = ask(_alone(s, room))
         if not is_clear(answer):
             continue
-        named = listed(answer)
-        share = contradicted(s, plan(named[0].floor), named[0].T_a_s)
-        if share <= STRUCK_OUT and not is_outdone(named[0], named, share):
+        named = candidate_places(answer)
+        share = conflict_share(s, plan(named[0].floor), named[0].T_a_s)
+        if share <= MAX_CONFLICT and not has_close_alternative(named[0], named, share):
             places.append(named[0])
     if not places:
         return None
     best, middle = max(places, key=lambda place: place.score), np.array(s.centroid())
-    if any(place.floor != best.floor or _apart(place.T_a_s, best.T_a_s, middle) for place in places):
+    if any(place.floor != best.floor or _differ(place.T_a_s, best.T_a_s, middle) for place in places):
         return None
-    told = f"{len(places)} rooms alone are known, one by {best.score:.0f} nats; nothing else contradicts it"
-    return placed_at(best, (best,), told, s, plan(best.floor), settings)
+    reason = f"{len(places)} rooms are recognised, one with {best.score:.0f} nats, without conflict"
+    return placed_at(best, (best,), reason, s, plan(best.floor), settings)
 
 
 def _nearest(s: SceneGraph) -> list[str]:
-    """The rooms of enough walls, the nearest to the newest keyframe first."""
+    """The ids of rooms with enough walls, the nearest to the newest keyframe first."""
     walls = [wall.room for wall in s.wall_surfaces]
     rooms = [room for room in s.rooms if walls.count(room.id) >= LEAST_WALLS]
     if s.keyframes:
         here = np.array(s.keyframes[-1].pose[:2])
         rooms.sort(key=lambda room: float(np.linalg.norm(np.array(room.centroid) - here)))
-    return [room.id for room in rooms[:MOST_ASKED]]
+    return [room.id for room in rooms[:MAX_ROOMS]]
 
 
 def _alone(s: SceneGraph, room: str) -> SceneGraph:
@@ -68,6 +74,6 @@ def _alone(s: SceneGraph, room: str) -> SceneGraph:
     )  # fmt: skip
 
 
-def _apart(T: NDArray[np.float64], other: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
+def _differ(T: NDArray[np.float64], other: NDArray[np.float64], middle: NDArray[np.float64]) -> bool:
     metres = np.linalg.norm(se2.apply(T, middle) - se2.apply(other, middle))
     return bool(metres > SAME[0] or np.abs(se2.wrap(T[:1] - other[:1]))[0] > SAME[1])

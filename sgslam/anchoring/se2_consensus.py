@@ -1,7 +1,7 @@
-"""Where most walls say that the map lies in the plan, and which of them say so.
+"""SE(2) consensus: the place of the map in the plan that most walls agree on, and which walls agree.
 
-Walls that stand otherwise than planned, and wrong matches, each say something of their own; those that are right
-agree. So the place is the mode of what the walls say, not their mean: a third of them, or half, may be off.
+Walls that were built elsewhere, and wrong matches, each suggest another place; correct ones agree. So the place is the
+mode of what the walls suggest, not their mean: a third or even half of them may be off.
 """
 
 import math
@@ -15,22 +15,22 @@ from sgslam.geometry.normal_equations import add_row, solved
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-_LISTED = 60  # walls that are asked for a place, the longest first
+_LISTED = 60  # walls whose pairs propose places, the longest first
 _SEARCHED = 0.6  # m around the first guess
-_SCALES = (0.05, 0.035, 0.025)  # m, of the Geman-McClure loss, ever tighter
-_REFINED = 5  # places
-_DISTINCT = 0.03  # m
-_MOST_TURNED = np.radians(6.0)
-_GATES = (0.025, 0.06)  # m; where the walls agree closely, the gate is close
+_SCALES = (0.05, 0.035, 0.025)  # m, of the Geman-McClure loss, decreasing
+_REFINED = 5  # places that are refined
+_DISTINCT = 0.03  # m between two of them
+_MAX_TURN = np.radians(6.0)
+_GATES = (0.025, 0.06)  # m, limits of the gate, which follows the scatter of the walls
 _LEAST_UNITS = 3
 _LEAST_SPREAD = 0.5  # of the normals' second singular value
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """N seen walls and their planned ones, in plan view: middles and inward normals (N, 2), lengths (N,) of the seen.
+    """N mapped walls and their planned ones in plan view: centres and inward normals (N, 2), mapped lengths (N,).
 
-    Those of one `unit` (N,) are one wall of the building and have one vote together.
+    Pairs of one `unit` (N,) belong to one wall of the building and share one vote.
     """
 
     seen: Floats
@@ -41,7 +41,7 @@ class Pairs:
     unit: NDArray[np.int64]
 
     def only(self, which: NDArray[np.int64]) -> "Pairs":
-        """These of the pairs, by their numbers."""
+        """The pairs with the given numbers (M,)."""
         _, unit = np.unique(self.unit[which], return_inverse=True)
         return Pairs(
             self.seen[which], self.seen_normal[which], self.planned[which], self.planned_normal[which],
@@ -49,7 +49,7 @@ class Pairs:
         )  # fmt: skip
 
     def offsets(self, T_plan_map: Floats) -> Floats:
-        """(N,) or (K, N) how far the seen walls stand before their planned ones, under motions (..., 3), yaw x y."""
+        """(N,) or (K, N) offsets (m) of the mapped walls before their planned ones, under motions (..., 3), yaw x y."""
         yaw = T_plan_map[..., 0, None, None]
         x, y = self.seen[:, :1], self.seen[:, 1:]
         turned = np.concatenate([np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y], axis=-1)
@@ -57,20 +57,20 @@ class Pairs:
         return np.asarray(np.sum(away * self.planned_normal, axis=-1))
 
     def turns(self, T_plan_map: Floats) -> Floats:
-        """(N,) rad by which the seen normals are turned against the planned ones, under a motion (3,)."""
+        """(N,) angles (rad) from the planned normals to the mapped ones, under a motion (3,)."""
         heading = np.arctan2(self.seen_normal[:, 1], self.seen_normal[:, 0]) + T_plan_map[0]
         turn = heading - np.arctan2(self.planned_normal[:, 1], self.planned_normal[:, 0])
         return np.asarray((turn + np.pi) % (2 * np.pi) - np.pi)
 
     def votes(self) -> Floats:
-        """(N,) a unit's vote grows with its length, slowly, and is shared out over its pieces."""
+        """(N,) votes: a unit's vote grows with the root of its length and is divided among its pieces."""
         total = np.bincount(self.unit, self.length)
         return np.asarray(np.sqrt(np.minimum(total, 6.0) / np.maximum(total, 1e-9) ** 2)[self.unit] * self.length)
 
 
 @dataclass(frozen=True)
 class Consensus:
-    """`T_plan_map` (3,) yaw x y; `agree` (N,): within `gate` (m) of it; `share` of the votes that agree."""
+    """The place `T_plan_map` (3,), yaw x y; `agree` (N,) flags walls within `gate` (m), with `share` of the votes."""
 
     T_plan_map: Floats
     agree: Flags
@@ -78,15 +78,15 @@ class Consensus:
     share: float
 
 
-def find_consensus(pairs: Pairs, T_plan_map: Floats, most_turned: float) -> Consensus | None:
-    """The place near a rough one, within half a metre, that most walls agree on; `most_turned` is in radians.
+def find_consensus(pairs: Pairs, T_plan_map: Floats, max_turn: float) -> Consensus | None:
+    """The place that most walls agree on, within half a metre of a rough `T_plan_map` (3,); `max_turn` is in radians.
 
-    Two walls that are not parallel tell a place; the places that all such pairs tell are judged by the votes of all
-    walls under a Geman-McClure loss, the best are refined by reweighted least squares. None where fewer than three
-    units agree, or their normals leave a direction free.
+    Each pair of walls that are not parallel proposes a place. The places are scored by the votes of all walls under a
+    Geman-McClure loss; the best are refined by reweighted least squares. None where fewer than three units agree, or
+    their normals leave a direction free.
     """
     turns = pairs.turns(T_plan_map)
-    usable = np.abs(turns) < _MOST_TURNED
+    usable = np.abs(turns) < _MAX_TURN
     votes = np.where(usable, pairs.votes(), 0.0)
     if not usable.any():
         return None
@@ -102,22 +102,22 @@ def find_consensus(pairs: Pairs, T_plan_map: Floats, most_turned: float) -> Cons
         return None
     scatter = 1.48 * _weighted_median(off[near], votes[near])
     gate = float(np.clip(3.5 * scatter, *_GATES))
-    agree = near & (off < gate) & (np.abs(pairs.turns(best)) < most_turned)
+    agree = near & (off < gate) & (np.abs(pairs.turns(best)) < max_turn)
     if not determined(pairs.planned_normal[agree]) or len(np.unique(pairs.unit[agree])) < _LEAST_UNITS:
         return None
     return Consensus(best, agree, gate, float(votes[agree].sum() / votes.sum()))
 
 
 def determined(normals: Floats) -> bool:
-    """Whether walls with these normals (N, 2) leave no direction free, so that a place follows from their offsets."""
+    """Whether walls with these normals (N, 2) constrain all directions, so that their offsets determine a place."""
     return len(normals) >= 2 and bool(np.linalg.svd(normals, compute_uv=False)[1] >= _LEAST_SPREAD)
 
 
 def _places(pairs: Pairs, votes: Floats, start: Floats) -> list[Floats]:
-    """The best-supported of the places that two walls tell, with the heading of `start`."""
-    asked = np.argsort(-votes, kind="stable")[:_LISTED]
-    asked = asked[votes[asked] > 0]
-    i, j = (asked[part] for part in np.triu_indices(len(asked), 1))
+    """The best-supported of the places (3,) that pairs of walls propose, with the heading of `start`."""
+    listed = np.argsort(-votes, kind="stable")[:_LISTED]
+    listed = listed[votes[listed] > 0]
+    i, j = (listed[part] for part in np.triu_indices(len(listed), 1))
     n, m = pairs.planned_normal[i], pairs.planned_normal[j]
     sine = n[:, 0] * m[:, 1] - n[:, 1] * m[:, 0]
     apart = np.abs(sine) > 0.5
@@ -141,7 +141,7 @@ def _places(pairs: Pairs, votes: Floats, start: Floats) -> list[Floats]:
 
 
 def _support(pairs: Pairs, votes: Floats, places: Floats, scale: float) -> Floats:
-    """(K,) votes for the places (K, 3), less where the walls are off (Geman and McClure 1987)."""
+    """(K,) votes for the places (K, 3), weighted by the walls' offsets (Geman and McClure 1987)."""
     return np.asarray((votes * scale**2 / (scale**2 + pairs.offsets(places) ** 2)).sum(axis=1))
 
 
@@ -154,12 +154,12 @@ def _refined(pairs: Pairs, votes: Floats, place: Floats) -> Floats:
 def _stepped(
     seen: Floats, planned: Floats, planned_normal: Floats, votes: Floats, middle: Floats, place: Floats, scales: Floats
 ) -> Floats:
-    """A step of reweighted least squares by each of the scales; turns are about the `middle` (2,)."""
+    """One step of reweighted least squares for each scale; rotations are about the `middle` (2,)."""
     yaw, x, y = place
     J = np.empty(3)
     for scale in scales:
         H, g = np.zeros((3, 3)), np.zeros(3)
-        H[0, 0], H[1, 1], H[2, 2] = 1e-2, 1e-3, 1e-3  # a place that hardly any wall speaks for shall not run away
+        H[0, 0], H[1, 1], H[2, 2] = 1e-2, 1e-3, 1e-3  # keeps a place with hardly any support from diverging
         c, s = math.cos(yaw), math.sin(yaw)
         at_x, at_y = c * middle[0] - s * middle[1] + x, s * middle[0] + c * middle[1] + y
         for i in range(len(seen)):

@@ -1,4 +1,4 @@
-"""Which storeys of the plan the floors of a map may be: by the heights climbed between them, and all by one place."""
+"""Storey hypotheses: which storeys the floors of a map can be, by their heights and by one place for all of them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from matching.protocol import Match
 Floats = NDArray[np.float64]
 Assignment = dict[int, str]  # floor of the map -> storey of the plan
 _CLIMBED = 0.6  # m by which a climb may differ from the plan's elevations; storeys are further apart
-_SAME = 0.75, np.radians(5)  # m and rad between two answers for one place
-_MARGIN = 8.0, 0.1  # nats over the runner-up, and the share of the evidence
-_LISTED = 10  # hypotheses of an answer; of those beyond, the last one's score is the most
+_SAME = 0.75, np.radians(5)  # m and rad between two answers for the same place
+_MARGIN = 8.0, 0.1  # over the runner-up: nats, and a share of the evidence
+_LISTED = 10  # hypotheses that an answer lists; the score of the last one bounds those beyond
 
 
 def floor_named(a_graph: SceneGraph, name: str) -> Floor:
-    """The storey of that name or id, upper and lower case alike; raises UserError where there is none."""
+    """The storey of that name or id, ignoring case; raises UserError where there is none."""
     for floor in a_graph.floors:
         if name.casefold() in (floor.name.casefold(), floor.id.casefold()):
             return floor
@@ -27,7 +27,7 @@ def floor_named(a_graph: SceneGraph, name: str) -> Floor:
 
 
 def check_storey(a_graph: SceneGraph, name: str | None) -> None:
-    """Raises UserError for a `--storey` that there is not; None names none."""
+    """Raises UserError for an unknown `--storey`; None is accepted."""
     if name is not None:
         try:
             floor_named(a_graph, name)
@@ -36,8 +36,10 @@ def check_storey(a_graph: SceneGraph, name: str | None) -> None:
 
 
 def assignments(heights: dict[int, float], planned: tuple[Floor, ...], start: str | None) -> list[Assignment] | None:
-    """What the map's floors may be, given their heights (m) over one another; `start` is the storey of floor 0, where
-    that is told. None, or no more than `start`, where the plan does not tell its elevations."""
+    """The possible storeys of the map's floors, given their heights (m); `start` is the storey of floor 0 if known.
+
+    Where the plan has no elevations: None, or only `start`.
+    """
     known = {f.id: f.elevation for f in planned if f.elevation is not None}
     if len(known) < len(planned) or not known:
         return None if start is None else [{0: start}]
@@ -57,8 +59,8 @@ def assignments(heights: dict[int, float], planned: tuple[Floor, ...], start: st
 
 
 @dataclass(frozen=True)
-class Joint:
-    """The one assignment that explains all floors of a map at one place, with each floor's answer on its storey."""
+class JointMatch:
+    """The assignment that explains all floors of a map at one place, with each floor's answer on its storey."""
 
     assigned: Assignment
     answers: dict[int, Match]
@@ -73,42 +75,45 @@ class _Place:
     supported: int  # floors that have a hypothesis there
 
 
-def joint(
+def match_jointly(
     graphs: dict[int, SceneGraph], possible: list[Assignment], ask: Callable[[int, str], Match]
-) -> Joint | None:  # fmt: skip
-    """Of several floors' graphs, at least two of which the plan must explain, the assignment and place that explains
-    them clearly better than any other; None where there is none. `ask` matches a floor with a single storey."""
+) -> JointMatch | None:  # fmt: skip
+    """The assignment and place that explain several floors clearly better than any other; None where there is none.
+
+    At least two floors must be informative. `ask` matches a floor with a single storey.
+    """
     answers = {(k, f): ask(k, f) for assigned in possible for k, f in assigned.items() if k in graphs}
-    telling = {k for k in graphs if any(answers[k, a[k]].status != "none" for a in possible)}
-    if len(telling) < 2:
+    informative = {k for k in graphs if any(answers[k, a[k]].status != "none" for a in possible)}
+    if len(informative) < 2:
         return None
-    told = {key: _hypotheses(answer) for key, answer in answers.items()}
-    places = sorted((p for a in possible for p in _places(graphs, a, telling, told)), key=lambda p: -p.score)
+    hypotheses = {key: _hypotheses(answer) for key, answer in answers.items()}
+    places = [p for a in possible for p in _places(graphs, a, informative, hypotheses)]
+    places.sort(key=lambda p: -p.score)
     best = places[0]
-    others = [p.score for p in places if p.assigned != best.assigned or _apart(graphs, p.T_a_s, best.T_a_s)]
+    others = [p.score for p in places if p.assigned != best.assigned or _differ(graphs, p.T_a_s, best.T_a_s)]
     margin = _MARGIN[0] + _MARGIN[1] * best.score
-    if best.supported < len(telling) or (others and max(others) > best.score - margin):
+    if best.supported < len(informative) or (others and max(others) > best.score - margin):
         return None
-    own = {k: answers[k, best.assigned[k]] for k in telling}
-    fit = [m for m in own.values() if m.status == "unique" and not _apart(graphs, np.array(m.T_a_s), best.T_a_s)]
+    own = {k: answers[k, best.assigned[k]] for k in informative}
+    fit = [m for m in own.values() if m.status == "unique" and not _differ(graphs, np.array(m.T_a_s), best.T_a_s)]
     if not fit or any(m.status == "none" for m in own.values()):
         return None
-    return Joint(best.assigned, own, f"{len(telling)} floors together are explained at one place only")
+    return JointMatch(best.assigned, own, f"{len(informative)} floors together are explained at one place only")
 
 
 def _places(
-    graphs: dict[int, SceneGraph], assigned: Assignment, telling: set[int],
-    told: dict[tuple[int, str], list[tuple[float, Floats]]],
+    graphs: dict[int, SceneGraph], assigned: Assignment, informative: set[int],
+    hypotheses: dict[tuple[int, str], list[tuple[float, Floats]]],
 ) -> list[_Place]:  # fmt: skip
     """The places of one assignment, each with the evidence of all floors."""
     places: list[_Place] = []
-    for _, T in sorted((h for k in telling for h in told[k, assigned[k]]), key=lambda h: -h[0]):
-        if any(not _apart(graphs, T, p.T_a_s) for p in places):
+    for _, T in sorted((h for k in informative for h in hypotheses[k, assigned[k]]), key=lambda h: -h[0]):
+        if any(not _differ(graphs, T, p.T_a_s) for p in places):
             continue
         score, supported = 0.0, 0
-        for k in telling:
-            own = told[k, assigned[k]]
-            near = [s for s, at in own if not _apart({k: graphs[k]}, T, at)]
+        for k in informative:
+            own = hypotheses[k, assigned[k]]
+            near = [s for s, at in own if not _differ({k: graphs[k]}, T, at)]
             supported += bool(near)
             score += max(near) if near else own[-1][0] if len(own) >= _LISTED else 0.0
         places.append(_Place(assigned, T, score, supported))
@@ -116,12 +121,12 @@ def _places(
 
 
 def _hypotheses(answer: Match) -> list[tuple[float, Floats]]:
-    told = answer.to_dict().get("hypotheses") or ()
-    return [(float(h["score"]), np.array(h["T_a_s"], dtype=float)) for h in told]
+    hypotheses = answer.to_dict().get("hypotheses") or ()
+    return [(float(h["score"]), np.array(h["T_a_s"], dtype=float)) for h in hypotheses]
 
 
-def _apart(graphs: dict[int, SceneGraph], a: Floats, b: Floats) -> bool:
-    """Whether two places (3,) put any of the graphs elsewhere."""
+def _differ(graphs: dict[int, SceneGraph], a: Floats, b: Floats) -> bool:
+    """Whether two places (3,) differ for any of the graphs."""
     turn = (a[0] - b[0] + np.pi) % (2 * np.pi) - np.pi
     if abs(turn) > _SAME[1]:
         return True

@@ -1,4 +1,4 @@
-"""The walls of the map at the planned ones: which stands where, how far off, and which agree on the map's place."""
+"""Wall alignment: which planned wall each mapped one stands at, how far off, and which agree on the map's place."""
 
 from collections.abc import Set
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
 from sgslam.anchoring.anchor_log import Key
-from sgslam.anchoring.local_drift import bent_with_neighbours, rooms_moved_whole
+from sgslam.anchoring.local_drift import drifted_neighbourhoods, drifted_rooms
 from sgslam.anchoring.se2_consensus import Pairs, find_consensus
-from sgslam.anchoring.wall_association import WallArrays, pair_by_position
+from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.config import AnchorSettings
 from sgslam.geometry.frames import transform_planes
 from sgslam.mapping.scene import Scene
@@ -18,41 +18,45 @@ from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 Surfaces = list[tuple[WallSurface, WallSurface]]  # seen, planned
-_GROSS = 0.7, np.radians(10)  # m and rad; a matched pair that is further off is no pair of this place
+_GROSS = 0.7, np.radians(10)  # m and rad; matched pairs that are further off are ignored
 
 
 @dataclass(frozen=True)
-class Held:
-    """A seen wall surface and the planned one that it stands at. `offset` (m) along the planned inward normal;
-    `agrees`: it stands where most walls say that it should; `bent`: it does not, but all around are off alike, so that
-    the map is bent there."""
+class AlignedWall:
+    """A mapped wall surface and the planned one that it stands at.
+
+    `offset` (m) is along the planned inward normal. `agrees`: it agrees with the consensus. `drifted`: it does not, but
+    neither do the walls around it, which are off by the same motion.
+    """
 
     surface: WallSurface
     planned: WallSurface
     offset: float
     agrees: bool
-    bent: bool = False
+    drifted: bool = False
 
 
 @dataclass(frozen=True)
-class Holding:
-    """All walls that stand at a planned one, the place (3,) T_local_level that most agree on, how closely (`gate`, m),
-    and with how large a share of the votes."""
+class WallAlignment:
+    """All walls that stand at a planned one, and the place (3,), T_local_level, that most of them agree on.
 
-    walls: list[Held]
+    `gate` (m) is how closely they agree, `share` their share of the votes.
+    """
+
+    walls: list[AlignedWall]
     place: Floats
     gate: float
     share: float
 
 
-def hold(
+def align_walls(
     scene: Scene, walls: WallMap, floor: SceneGraph, origin: Floats, known: Floats, settings: AnchorSettings,
-    resisting: Set[Key] = frozenset(),
-) -> Holding | None:  # fmt: skip
-    """The walls of `scene` by their position on a storey of the plan; None where they do not agree on a place.
+    confirmed_deviations: Set[Key] = frozenset(),
+) -> WallAlignment | None:  # fmt: skip
+    """Aligns the walls of `scene` to a storey of the plan by position; None where they do not agree on a place.
 
-    `known` (3,) is T_local_level, yaw x y, to half a metre; the local frame is the BIM's, moved by -`origin` (2,).
-    Those `resisting`, by wall and planned surface, are off because they were built so: the map is not bent there.
+    `known` (3,) is T_local_level, yaw x y, to half a metre; the local frame is the BIM frame moved by -`origin` (2,).
+    `confirmed_deviations`, by wall and planned surface, were built elsewhere and are no sign of drift.
     """
     seen, planned = list(scene.graph.wall_surfaces), list(floor.wall_surfaces)
     s_rooms = {room.id: k for k, room in enumerate(scene.graph.rooms)}
@@ -60,7 +64,7 @@ def hold(
     s, a = _arrays_now(seen, s_rooms, scene, walls), WallArrays.of(planned, a_rooms, origin)
     place = known
     while True:  # what stands where depends on the place, and the place on that
-        which = pair_by_position(s.moved(place), a, settings.reach, settings.gate_angle)
+        which = associate_walls(s.moved(place), a, settings.reach, settings.gate_angle)
         paired = np.flatnonzero(which >= 0)
         pairs = _pairs(s, a, paired, which[paired], [planned[j] for j in which[paired].tolist()])
         found = find_consensus(pairs, place, settings.gate_angle)
@@ -70,27 +74,30 @@ def hold(
             break
         place = found.T_plan_map
     place = found.T_plan_map
-    built_so = np.array(
-        [(scene.wall_of_surface[seen[i].id], planned[int(which[i])].id) in resisting for i in paired.tolist()],
+    deviating = np.array(
+        [
+            (scene.wall_of_surface[seen[i].id], planned[int(which[i])].id) in confirmed_deviations
+            for i in paired.tolist()
+        ],
         dtype=bool,
     )
-    off, bent = pairs.offsets(place).tolist(), bent_with_neighbours(pairs, found, settings.gate_angle, built_so)
-    bent |= rooms_moved_whole(pairs, found, s.room[paired], built_so)
-    held = [
-        Held(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(bent[k]))
+    off, drifted = pairs.offsets(place).tolist(), drifted_neighbourhoods(pairs, found, settings.gate_angle, deviating)
+    drifted |= drifted_rooms(pairs, found, s.room[paired], deviating)
+    aligned = [
+        AlignedWall(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(drifted[k]))
         for k, i in enumerate(paired.tolist())
     ]  # fmt: skip
     votes = pairs.votes()
-    share = found.share + float(votes[bent].sum() / votes.sum())
-    # a wall that stands nowhere in the plan speaks against the place, as one does that stands off
+    share = found.share + float(votes[drifted].sum() / votes.sum())
+    # a wall that stands nowhere in the plan counts against the place, like one that is off
     length = float(s.half[paired].sum() / s.half.sum())
-    return Holding(held, place, found.gate, share * length)
+    return WallAlignment(aligned, place, found.gate, share * length)
 
 
-def find_place(
-    matched: Surfaces, scene: Scene, walls: WallMap, origin: Floats, told: Floats, settings: AnchorSettings
+def place_from_match(
+    matched: Surfaces, scene: Scene, walls: WallMap, origin: Floats, rough: Floats, settings: AnchorSettings
 ) -> Floats | None:
-    """The place (3,) T_local_level near the one that a match has told, which most of its walls agree on.
+    """The place (3,), T_local_level, near the `rough` one of a match that most of its walls agree on.
 
     None where fewer than `least_agreeing` of them (by their votes) do, or where they leave a direction free.
     """
@@ -98,18 +105,18 @@ def find_place(
     s, a = _arrays_now(seen, {}, scene, walls), WallArrays.of(planned, {}, origin)
     every = np.arange(len(matched))
     pairs = _pairs(s, a, every, every, planned)
-    near = (np.abs(pairs.offsets(told)) < _GROSS[0]) & (np.abs(pairs.turns(told)) < _GROSS[1])
+    near = (np.abs(pairs.offsets(rough)) < _GROSS[0]) & (np.abs(pairs.turns(rough)) < _GROSS[1])
     pairs = _pairs(s, a, every[near], every[near], [p for p, good in zip(planned, near.tolist(), strict=True) if good])
     if not near.any():
         return None
-    found = find_consensus(pairs, told, settings.gate_angle)
+    found = find_consensus(pairs, rough, settings.gate_angle)
     if found is None or found.share * near.mean() < settings.least_agreeing:
         return None
     return found.T_plan_map
 
 
-def in_plan_view(T: Floats) -> Floats:
-    """(3,) yaw x y of a motion (4, 4)."""
+def planar_pose(T: Floats) -> Floats:
+    """(3,) yaw x y of a rigid motion (4, 4)."""
     return np.array([np.arctan2(T[1, 0], T[0, 0]), T[0, 3], T[1, 3]])
 
 
@@ -130,7 +137,7 @@ def _arrays_now(seen: list[WallSurface], rooms: dict[str, int], scene: Scene, wa
 def _pairs(
     s: WallArrays, a: WallArrays, i: NDArray[np.int64], j: NDArray[np.int64], planned: list[WallSurface]
 ) -> Pairs:
-    """Pairs of seen walls i and planned ones j; those of one wall of the building (`source`) are one unit."""
+    """Pairs of mapped walls i and planned ones j; those of one wall of the building (`source`) are one unit."""
     names = [p.source or p.id for p in planned]
     number = {name: k for k, name in enumerate(dict.fromkeys(names))}
     unit = np.array([number[name] for name in names], dtype=np.int64)

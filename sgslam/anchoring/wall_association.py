@@ -1,4 +1,4 @@
-"""Which planned wall a seen one stands at, once the map's place in the plan is known."""
+"""Wall association: which planned wall each mapped one stands at, given the place of the map in the plan."""
 
 from dataclasses import dataclass
 
@@ -10,16 +10,16 @@ from data import WallSurface
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-_OTHER_ROOM = 0.1  # m that a planned wall of another room must be nearer to be preferred
-_BESIDE = 0.2  # m, likewise for one that lies beside none of the seen wall's length
-_LEAST_SHARE = 0.3  # of the shorter of two walls that lies beside the other
-_IN_PLACE = 0.03  # m; what is nearer stands in the planned wall's plane
-_EXPLAINED = 0.35  # of a seen wall's length that planned walls in one plane lie beside
+_OTHER_ROOM = 0.1  # m, penalty of a planned wall of another room
+_BESIDE = 0.2  # m, penalty of a planned wall that does not overlap the mapped one at all
+_LEAST_SHARE = 0.3  # of the shorter wall that must overlap the other
+_IN_PLACE = 0.03  # m; a nearer wall is in the plane of the planned one
+_EXPLAINED = 0.35  # of a mapped wall's length that planned walls of one plane must overlap
 
 
 @dataclass(frozen=True)
 class WallArrays:
-    """N wall surfaces in plan view: middles and normals (N, 2), half lengths (N,), and their rooms, -1 for none."""
+    """N wall surfaces in plan view: centres and normals (N, 2), half lengths (N,), room numbers (N,) or -1."""
 
     centre: Floats
     normal: Floats
@@ -28,25 +28,25 @@ class WallArrays:
 
     @staticmethod
     def of(surfaces: list[WallSurface], rooms: dict[str, int], origin: Floats) -> "WallArrays":
-        """The arrays of surfaces, moved by -`origin` (2,); `rooms` numbers the rooms."""
+        """Arrays of surfaces, moved by -`origin` (2,); `rooms` numbers the rooms."""
         centre = np.array([w.centroid for w in surfaces], dtype=float).reshape(-1, 2) - origin
         normal = np.array([w.normal for w in surfaces], dtype=float).reshape(-1, 2)
         half = np.array([0.5 * (w.length or 1.0) for w in surfaces])
         return WallArrays(centre, normal, half, np.array([rooms.get(w.room or "", -1) for w in surfaces], np.int64))
 
     def moved(self, T_plan_map: Floats) -> "WallArrays":
-        """The same under a motion (3,), yaw x y."""
+        """The surfaces under a motion (3,), yaw x y."""
         c, s = np.cos(T_plan_map[0]), np.sin(T_plan_map[0])
         R = np.array([[c, -s], [s, c]])
         return WallArrays(self.centre @ R.T + T_plan_map[1:], self.normal @ R.T, self.half, self.room)
 
 
-def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_turned: float) -> Index:
-    """(N,) for each seen wall, placed in the plan, the planned one that it stands at; -1 where there is none.
+def associate_walls(seen: WallArrays, planned: WallArrays, reach: float, max_turn: float) -> Index:
+    """(N,) the planned wall that each mapped one, already placed in the plan, stands at; -1 for none.
 
-    A planned wall comes into question that faces the same way (`most_turned`, radians), within `reach` metres across,
-    beside a good part of the seen one. Of several the nearest is taken, and rather one of the room that the seen
-    wall's room mostly stands in. What stands off its plane is no wall of which the plan has a stub only.
+    Candidates face the same way (`max_turn`, rad), lie within `reach` metres across, and overlap a good part of the
+    mapped wall. The nearest is taken; one of the room that the mapped wall's room mostly corresponds to is preferred. A
+    mapped wall off the plane is not associated with a short stub of the plan.
     """
     if not len(seen.half) or not len(planned.half):
         return np.full(len(seen.half), -1, dtype=np.int64)
@@ -56,7 +56,7 @@ def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_t
     along = np.abs(away[..., 1] * planned.normal[:, 0] - away[..., 0] * planned.normal[:, 1])
     shorter = np.minimum(seen.half[:, None], planned.half[None])
     beside = np.clip((seen.half[:, None] + planned.half[None] - along) / (2 * shorter), 0.0, 1.0)
-    facing = seen.normal @ planned.normal.T > np.cos(most_turned)
+    facing = seen.normal @ planned.normal.T > np.cos(max_turn)
     cost = np.where(facing & (off < reach) & (beside > _LEAST_SHARE), off + _BESIDE * (1 - beside), np.inf)
     overlap = np.where(facing, np.clip(seen.half[:, None] + planned.half[None] - along, 0.0, 2 * shorter), 0.0)
     cost = np.where(_stubs(signed, overlap / (2 * seen.half[:, None]), np.isfinite(cost)), np.inf, cost)
@@ -68,9 +68,9 @@ def pair_by_position(seen: WallArrays, planned: WallArrays, reach: float, most_t
 
 
 def _stubs(off: Floats, share: Floats, possible: Flags) -> Flags:
-    """(N, M) which possible planned walls explain too little of a seen one, with all that stands in their plane.
+    """(N, M) flags of candidates that, with all planned walls in their plane, overlap too little of the mapped one.
 
-    `off` (N, M) are signed metres across, `share` (N, M) of the seen wall's length that lies beside the planned one.
+    `off` (N, M) are signed distances across (m), `share` (N, M) the overlaps as shares of the mapped wall's length.
     """
     stubs = np.zeros_like(possible)
     for i in np.flatnonzero((possible & (np.abs(off) > _IN_PLACE)).any(axis=1)).tolist():
@@ -81,12 +81,12 @@ def _stubs(off: Floats, share: Floats, possible: Flags) -> Flags:
 
 
 def _homes(seen: WallArrays, planned: WallArrays, cost: Floats) -> Index:
-    """(N,) the planned room that most of the walls of a seen wall's room stand in; -1 where it is not known."""
+    """(N,) the planned room that each mapped wall's room mostly corresponds to; -1 where that is not known."""
     best = cost.argmin(axis=1)
-    told = np.isfinite(cost[np.arange(len(best)), best]) & (seen.room >= 0) & (planned.room[best] >= 0)
-    if not told.any():
+    known = np.isfinite(cost[np.arange(len(best)), best]) & (seen.room >= 0) & (planned.room[best] >= 0)
+    if not known.any():
         return np.full(len(best), -1, dtype=np.int64)
     votes = np.zeros((int(seen.room.max()) + 1, int(planned.room.max()) + 1))
-    np.add.at(votes, (seen.room[told], planned.room[best[told]]), seen.half[told])
+    np.add.at(votes, (seen.room[known], planned.room[best[known]]), seen.half[known])
     home = np.where(votes.max(axis=1) > 0, votes.argmax(axis=1), -1)
     return np.where(seen.room >= 0, home[seen.room], -1)

@@ -1,4 +1,4 @@
-"""How far a mapped wall lies off the plan, in bands of millimetres: one colour each, the same in every drawing."""
+"""Bands of wall offsets in millimetres, which have the same colours in every drawing."""
 
 import math
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ def band_of(offset_m: float | None) -> str | None:
 
 
 def band_labels() -> dict[str, str]:
-    """What each band stands for, in millimetres."""
+    """The label of each band, in millimetres."""
     near, middle, far = LIMITS_MM
     texts = (f"over {far}", f"{middle} to {far}", f"{near} to {middle}")
     back = [f"{text} mm back" for text in texts]
@@ -28,17 +28,17 @@ def band_labels() -> dict[str, str]:
 
 
 def signed_mm(offset_m: float | None) -> str:
-    """Such as `+12.3 mm`."""
+    """An offset as text, such as `+12.3 mm`."""
     return "" if offset_m is None else f"{_signed(offset_m * 1000, 1)} mm"
 
 
 def degrees(tilt_rad: float | None) -> str:
-    """Such as `+0.04°`."""
+    """A tilt as text, such as `+0.04°`."""
     return "" if tilt_rad is None else f"{_signed(math.degrees(tilt_rad), 2)}°"
 
 
 def deviation_text(deviation: Mapping[str, Any]) -> str:
-    """One line for the one who points at the wall."""
+    """One line for a tooltip of the wall."""
     reason = [str(deviation["reason"])] if deviation.get("reason") else []
     if deviation["kind"] != "moved":
         return ", ".join([deviation["kind"], *(["significant"] if deviation["significant"] else []), *reason])

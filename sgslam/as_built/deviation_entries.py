@@ -1,7 +1,7 @@
-"""The entries of deviations.json: one wall surface each that differs from the plan, or that was checked against it.
+"""The entries of deviations.json: each is a wall surface that differs from the plan, or that was checked against it.
 
 `s_id` is a surface of the S-graph, `a_id` one of the A-graph, `source` the id of the planned wall in its file.
-`significant` says whether the difference is larger than the measurement's own error, `reason` says why or why not.
+`significant` is true where the difference exceeds the measurement error; `reason` explains the decision.
 """
 
 from typing import Literal, TypedDict

@@ -1,11 +1,11 @@
-"""As built against as planned: how far each matched wall lies from its place in the plan, and how sure that is."""
+"""Measures how far each aligned wall is from its place in the plan, with the standard deviation."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.anchoring.wall_alignment import Held, Holding
+from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.as_built.wall_solids import Key, Side, sides_of
 from sgslam.backend.covariances import Uncertainty
 from sgslam.config import Config
@@ -15,20 +15,22 @@ from sgslam.mapping.wall_map import WallMap
 Floats = NDArray[np.float64]
 _HEIGHT = 1.2  # m above the storey's floor, where offsets are measured
 STEP = 0.1  # m along a wall
-_LEAST_PART = 0.3  # m of a wall that is seen beside another one in its plane
-_BESIDE = 0.3  # m from a wall's ends
-_OVER_PARAPET = 0.6  # m above the floor; what is never seen lower stands over something: a pane over its parapet
-_SHORT = 1.0, 0.02  # m and rad; what is shorter and turned more than this is badly seen
+_LEAST_PART = 0.3  # m of a second wall in the same plane for a piece of its own
+_BESIDE = 0.3  # m beyond a wall's ends that still count as it
+_OVER_PARAPET = 0.6  # m above the floor; a surface never seen lower is a pane over a parapet
+_SHORT = 1.0, 0.02  # m and rad; a piece that is shorter and turned more is poorly observed
 
 
 @dataclass(frozen=True)
 class Piece:
-    """A seen wall surface at its planned one, as far as that is of the wall `source`. `offset` (m) along the planned
-    inward normal, with its `sigma`, the matched wall's own anchor left out; `tilt` (rad) in plan view; `span` (m) where
-    it lies along the planned surface, as in `Side`; `length` (m) how much of that was seen; `over_parapet`: never seen
-    low."""
+    """The part of an aligned wall surface that belongs to the planned wall `source`.
 
-    held: Held
+    `offset` (m) is along the planned inward normal, with standard deviation `sigma` (m), the wall's own anchor left
+    out. `tilt` (rad) is in plan view. `span` (m) is its extent along the planned surface, as in `Side`, and `length`
+    (m) how much of that was seen. `over_parapet`: it was never seen close to the floor.
+    """
+
+    aligned: AlignedWall
     source: str
     offset: float
     sigma: float
@@ -39,50 +41,56 @@ class Piece:
 
     @property
     def key(self) -> Key:
-        """The side of the planned wall that it stands at."""
-        return self.held.planned.id, self.source
+        """The side of the planned wall."""
+        return self.aligned.planned.id, self.source
 
     @property
     def doubtful(self) -> bool:
-        """Whether it is too short and too skew to be told from what stands beside it."""
+        """Whether it is too short and too tilted to be distinguished from what stands beside it."""
         return self.length < _SHORT[0] and abs(self.tilt) > _SHORT[1]
 
 
 def measured_pieces(
-    holding: Holding, scene: Scene, walls: WallMap, uncertainty: Uncertainty, origin: Floats, height: float,
+    alignment: WallAlignment,
+    scene: Scene,
+    walls: WallMap,
+    uncertainty: Uncertainty,
+    origin: Floats,
+    height: float,
     config: Config,
 ) -> list[Piece]:
-    """What the final graph says of each wall that stands at a planned one.
+    """Measures each aligned wall in the final graph.
 
-    The sigma is the graph's own, of the wall in the BIM frame, the scatter of its observations, and the extraction's
-    floor. `origin` (3,) is where the graph's BIM frame lies in the BIM's, and `height` (m) the storey's floor in it.
+    The sigma combines the graph's covariance of the wall in the BIM frame, the scatter of its observations, and the
+    bias of the extraction. `origin` (3,) is the local frame's origin in the BIM frame, `height` (m) the storey's floor
+    in the local frame.
     """
     scatter, lows, covered = walls.scatter(), walls.lower_ends(), walls.coverage(STEP)
     tight: dict[int, int] = {}
-    for held in holding.walls:
-        wall = scene.wall_of_surface[held.surface.id]
-        tight[wall] = tight.get(wall, 0) + held.agrees
+    for aligned in alignment.walls:
+        wall = scene.wall_of_surface[aligned.surface.id]
+        tight[wall] = tight.get(wall, 0) + aligned.agrees
     pieces = []
-    for held in holding.walls:
-        if held.bent or not uncertainty.knows(scene.wall_of_surface[held.surface.id]):
+    for aligned in alignment.walls:
+        if aligned.drifted or not uncertainty.knows(scene.wall_of_surface[aligned.surface.id]):
             continue
-        wall, normal = scene.wall_of_surface[held.surface.id], np.array([*held.planned.normal, 0.0])
-        centre = np.array([*held.planned.centroid, 0.0]) - origin
-        point = np.array([*_along(held, holding.place, centre), height + _HEIGHT])
+        wall, normal = scene.wall_of_surface[aligned.surface.id], np.array([*aligned.planned.normal, 0.0])
+        centre = np.array([*aligned.planned.centroid, 0.0]) - origin
+        point = np.array([*_along(aligned, alignment.place, centre), height + _HEIGHT])
         offset, variance = uncertainty.wall_offset(wall, np.array([*normal[:3], -normal @ centre]), point)
-        offset, variance = _without_anchor(offset, variance, tight[wall] if held.agrees else 0, config)
+        offset, variance = _without_anchor(offset, variance, tight[wall] if aligned.agrees else 0, config)
         sigma = float(np.sqrt(variance + scatter.get(wall, 0.0) ** 2 + config.anchors.sigma_extraction**2))
         over_parapet = lows.get(wall, 0.0) > _OVER_PARAPET
-        seen, whole = along_planned(held, covered[wall], walls, wall, holding.place, centre)
+        seen, whole = along_planned(aligned, covered[wall], walls, wall, alignment.place, centre)
         pieces += [
-            Piece(held, source, offset, sigma, _tilt(held, holding.place), span, length, over_parapet)
-            for source, span, length in _by_source(sides_of(held.planned), seen, whole)
+            Piece(aligned, source, offset, sigma, _tilt(aligned, alignment.place), span, length, over_parapet)
+            for source, span, length in _by_source(sides_of(aligned.planned), seen, whole)
         ]
     return pieces
 
 
 def _without_anchor(offset: float, variance: float, anchors: int, config: Config) -> tuple[float, float]:
-    """The estimate before the wall's own anchors, which said that it stands as planned, were fused into it."""
+    """The offset and variance without the wall's own anchors, which assume that it stands as planned."""
     settings = config.anchors
     information = 1 / max(variance, 1e-12)
     weight = anchors / settings.sigma_offset**2
@@ -91,32 +99,35 @@ def _without_anchor(offset: float, variance: float, anchors: int, config: Config
     return offset * information / left, 1 / left
 
 
-def _along(held: Held, place: Floats, centre: Floats) -> Floats:
-    """(2,) the planned wall's point that is nearest to the middle of the seen one, local frame."""
+def _along(aligned: AlignedWall, place: Floats, centre: Floats) -> Floats:
+    """(2,) the point of the planned wall nearest to the centre of the mapped one, local frame."""
     c, s = np.cos(place[0]), np.sin(place[0])
-    x, y = held.surface.centroid
+    x, y = aligned.surface.centroid
     seen = np.array([c * x - s * y, s * x + c * y]) + place[1:]
-    n = np.array(held.planned.normal)
+    n = np.array(aligned.planned.normal)
     return np.asarray(seen - ((seen - centre[:2]) @ n) * n)
 
 
-def _tilt(held: Held, place: Floats) -> float:
-    (x, y), (nx, ny) = held.surface.normal, held.planned.normal
+def _tilt(aligned: AlignedWall, place: Floats) -> float:
+    (x, y), (nx, ny) = aligned.surface.normal, aligned.planned.normal
     turn = np.arctan2(y, x) + place[0] - np.arctan2(ny, nx)
     return float((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
 def along_planned(
-    held: Held, covered: Floats, walls: WallMap, wall: int, place: Floats, centre: Floats
+    aligned: AlignedWall, covered: Floats, walls: WallMap, wall: int, place: Floats, centre: Floats
 ) -> tuple[Floats, tuple[float, float]]:
-    """The places at which a surface was seen, and its ends, along the planned one, whose middle is `centre` in the
-    local frame. `covered` are those places of the whole wall, along its own tangent."""
+    """The places (N,) at which a surface was seen and its ends, both in metres along the planned surface.
+
+    `centre` is that of the planned surface in the local frame. `covered` are the places of the whole wall along its own
+    tangent.
+    """
     n = walls.normal_in_level(wall)
     tangent = np.array([-n[1], n[0]])
-    ends = np.array(held.surface.ends())
+    ends = np.array(aligned.surface.ends())
     first, last = np.sort(ends @ tangent)
     c, s = np.cos(place[0]), np.sin(place[0])
-    planned = np.array([-held.planned.normal[1], held.planned.normal[0]])
+    planned = np.array([-aligned.planned.normal[1], aligned.planned.normal[0]])
     ends_along = (ends @ np.array([[c, s], [-s, c]]) + place[1:] - centre[:2]) @ planned
     shift = float(ends_along.mean() - (first + last) / 2)  # both tangents point the same way, to a few degrees
     seen = covered[(covered > first) & (covered < last)] + shift
@@ -126,10 +137,10 @@ def along_planned(
 def _by_source(
     sides: list[Side], seen: Floats, whole: tuple[float, float]
 ) -> list[tuple[str, tuple[float, float], float]]:
-    """Which walls a seen surface is of: each with the span, and the metres that were seen there.
+    """The planned walls that a mapped surface belongs to, each with its span and the length (m) seen there.
 
-    Every place is of the wall whose hull is nearest, unless that is further than `_BESIDE`; what is less than
-    `_LEAST_PART` of another wall is left out.
+    Each place belongs to the wall whose hull is nearest, up to `_BESIDE`; parts shorter than `_LEAST_PART` are left
+    out.
     """
     if len(sides) == 1 or not len(seen):
         return [(sides[0].source, whole, STEP * len(seen))]

@@ -1,10 +1,8 @@
-"""Walls that stand in the plane of planned ones where the plan has an opening, or far beyond their ends."""
-
-
+"""Filled openings: walls in the plane of a planned one where the plan has an opening, or far beyond its ends."""
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.anchoring.wall_alignment import Held, Holding
+from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.as_built.deviation_entries import ExtraDeviation
 from sgslam.as_built.deviations import STEP, along_planned
 from sgslam.as_built.wall_solids import Side
@@ -13,44 +11,52 @@ from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
-_LEAST = 1.0  # m in one stretch, margins left out; closed doors are narrower
-_LEAST_BEYOND = 2.0  # m in one stretch beyond a planned wall's end, where rooms may have been parted otherwise
+_LEAST = 1.0  # m in one stretch without margins; closed doors are narrower
+_LEAST_BEYOND = 2.0  # m in one stretch beyond a planned wall's end, where rooms may be divided differently
 _DOOR = 0.75  # m around a door's middle
 _MARGIN = 0.1  # m beside a planned wall's end
 _IN_PLANE = 0.05  # m
 
 
 def filled_openings(
-    sides: list[Side], doors: Floats, holding: Holding, scene: Scene, walls: WallMap, origin: Floats, config: Config
+    sides: list[Side],
+    doors: Floats,
+    alignment: WallAlignment,
+    scene: Scene,
+    walls: WallMap,
+    origin: Floats,
+    config: Config,
 ) -> list[ExtraDeviation]:
-    """The entries of deviations.json, as extra walls, of seen surfaces that stand as planned, and go on through an
-    opening of the planned one, or far beyond its end. `doors` (K, 2) are in the BIM frame, `origin` (2,) is where the
-    local frame lies in it. Where the plan does not tell its openings, nothing is told.
+    """The entries of deviations.json, as extra walls, of filled openings.
+
+    These are surfaces that stand as planned and continue through an opening of the planned one, or far beyond its end.
+    `doors` (K, 2) are in the BIM frame; `origin` (2,) is the local frame's origin in it. Planned walls without known
+    openings are skipped.
     """
     covered = walls.coverage(STEP)
     found: list[ExtraDeviation] = []
-    for held in holding.walls:
-        if not held.planned.parts or abs(held.offset) > config.anchors.tolerance:
+    for aligned in alignment.walls:
+        if not aligned.planned.parts or abs(aligned.offset) > config.anchors.tolerance:
             continue
-        wall = scene.wall_of_surface[held.surface.id]
-        middle = np.subtract(held.planned.centroid, origin)
-        seen, _ = along_planned(held, covered[wall], walls, wall, holding.place, middle)
-        free = ~_beside_planned(held, seen, sides) & ~_at_door(held, seen, doors)
-        inside = np.abs(seen) < 0.5 * (held.planned.length or 0.0)
+        wall = scene.wall_of_surface[aligned.surface.id]
+        middle = np.subtract(aligned.planned.centroid, origin)
+        seen, _ = along_planned(aligned, covered[wall], walls, wall, alignment.place, middle)
+        free = ~_beside_planned(aligned, seen, sides) & ~_at_door(aligned, seen, doors)
+        inside = np.abs(seen) < 0.5 * (aligned.planned.length or 0.0)
         within, beyond = _longest(seen[free & inside]), _longest(seen[free & ~inside])
         if within >= _LEAST or beyond >= _LEAST_BEYOND:
             where = "where the plan has an opening in its wall" if within >= _LEAST else "beyond the end of its wall"
             found.append({
-                "s_id": held.surface.id, "a_id": None, "source": "", "kind": "extra", "offset_m": None,
+                "s_id": aligned.surface.id, "a_id": None, "source": "", "kind": "extra", "offset_m": None,
                 "tilt_rad": None, "sigma_m": None, "significant": True,
                 "reason": f"{within if within >= _LEAST else beyond:.1f} m of it stand {where}",
             })  # fmt: skip
     return found
 
 
-def _beside_planned(held: Held, seen: Floats, sides: list[Side]) -> NDArray[np.bool_]:
-    """(N,) at which places (N,) along the planned surface a wall of the plan stands in its plane, on the same side."""
-    n, centre = np.array(held.planned.normal), np.array(held.planned.centroid)
+def _beside_planned(aligned: AlignedWall, seen: Floats, sides: list[Side]) -> NDArray[np.bool_]:
+    """(N,) flags of the places (N,) along the planned surface at which some planned wall stands in its plane."""
+    n, centre = np.array(aligned.planned.normal), np.array(aligned.planned.centroid)
     tangent = np.array([-n[1], n[0]])
     beside = np.zeros(len(seen), dtype=bool)
     for surface in {side.surface.id: side.surface for side in sides}.values():
@@ -64,14 +70,14 @@ def _beside_planned(held: Held, seen: Floats, sides: list[Side]) -> NDArray[np.b
     return beside
 
 
-def _at_door(held: Held, seen: Floats, doors: Floats) -> NDArray[np.bool_]:
-    n = np.array(held.planned.normal)
-    places = held.planned.centroid + seen[:, None] * np.array([-n[1], n[0]])
+def _at_door(aligned: AlignedWall, seen: Floats, doors: Floats) -> NDArray[np.bool_]:
+    n = np.array(aligned.planned.normal)
+    places = aligned.planned.centroid + seen[:, None] * np.array([-n[1], n[0]])
     return np.asarray((np.linalg.norm(places[:, None] - doors, axis=2) < _DOOR).any(axis=1))
 
 
 def _longest(places: Floats) -> float:
-    """Metres in one stretch of places (N,), a step apart."""
+    """The longest stretch (m) of places (N,) that are one step apart."""
     if not len(places):
         return 0.0
     places = np.sort(places)

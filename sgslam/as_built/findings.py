@@ -1,4 +1,4 @@
-"""The deviations of a run wall by wall, in the forms that BIM viewers open."""
+"""The deviations of a run by wall, in formats for BIM viewers."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ _HEIGHT = 2.5  # m of a wall whose height is not known
 
 
 def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
-    """The entries of each planned wall, by its source, in their order."""
+    """The entries of each planned wall by its source, in their order."""
     found: dict[str, list[Deviation]] = defaultdict(list)
     for deviation in deviations:
         if deviation["source"]:
@@ -31,8 +31,8 @@ def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
     return dict(found)
 
 
-def bearing(entries: list[Deviation]) -> tuple["Status", Deviation]:
-    """What the entries of one wall come to, and the one that says so, the surest of several."""
+def wall_status(entries: list[Deviation]) -> tuple["Status", Deviation]:
+    """The status of a wall by its entries, and the entry that decides it, that of the least sigma among several."""
     moved = [d for d in entries if d["kind"] == "moved"]
     significant = [d for d in moved if d["significant"]]
     if significant:
@@ -48,12 +48,12 @@ def bearing(entries: list[Deviation]) -> tuple["Status", Deviation]:
 
 
 def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph) -> list["WallFinding"]:
-    """One for each planned wall that something is known of."""
+    """The finding for each planned wall with entries."""
     from data.ifc.deviations import WallFinding
 
     findings = []
     for source, entries in by_wall(deviations).items():
-        status, d = bearing(entries)
+        status, d = wall_status(entries)
         shift = None
         if d["offset_m"] is not None:
             nx, ny = a_graph.surface_by_id[d["a_id"]].normal
@@ -63,7 +63,7 @@ def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph) -> list[
 
 
 def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str | None]:
-    """The plan's storey of each floor of the map, as far as matches.json tells."""
+    """The storey of each floor of the map as given by matches.json."""
     placed = matches.get("floors") or {}
     return {floor.id: placed.get(floor.id, matches.get("floor")) for floor in s_graph.floors}
 
@@ -71,7 +71,7 @@ def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str
 def unplanned_walls(
     deviations: Sequence[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
 ) -> list["UnplannedWall"]:
-    """The extra walls in the BIM frame; `storeys` are the plan's of the map's floors."""
+    """The extra walls in the BIM frame; `storeys` gives the storey of each floor of the map."""
     from data.ifc.deviations import UnplannedWall
 
     walls = []
@@ -87,31 +87,31 @@ def write_topics(
     path: Path, deviations: Sequence[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
     model: Model,
 ) -> int:  # fmt: skip
-    """Writes a BCF topic for each wall that stands otherwise than planned, and for each extra surface; returns how
-    many there are."""
+    """Writes a BCF topic for each moved or missing wall and each extra surface; returns the number of topics."""
     topics = []
     for source, entries in by_wall(deviations).items():
-        status, d = bearing(entries)
+        status, d = wall_status(entries)
         if status in ("moved", "absent"):
             surface = a_graph.surface_by_id[d["a_id"]]
             room = a_graph.room_by_id.get(surface.room or "")
             title = f"Wall {_off(d)}" if status == "moved" else "Wall is absent"
             where = f"{room.name or room.id}: " if room is not None else ""
             place = _segment(surface, a_graph)
-            topics.append(_topic(title, where + _told(d), status, (source,), place, surface.normal))
+            topics.append(_topic(title, where + _description(d), status, (source,), place, surface.normal))
     for d in (d for d in deviations if d["kind"] == "extra"):
         surface = s_graph.surface_by_id[d["s_id"]]
         nx, ny = (T_bim_map[:2, :2] @ surface.normal).tolist()
         ends = _in_bim(surface, s_graph, T_bim_map)
-        topics.append(_topic("Wall is not in the plan", _told(d), "extra", (), ends, (nx, ny)))
+        topics.append(_topic("Wall is not in the plan", _description(d), "extra", (), ends, (nx, ny)))
     write_bcf(path, topics, model, datetime.now(UTC))
     return len(topics)
 
 
 def _topic(
-    title: str, told: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any], towards: tuple[float, float]
-) -> Topic:
-    return Topic(title, told, kind, ids, _COLORS[kind], segment, towards)
+    title: str, description: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any],
+    towards: tuple[float, float],
+) -> Topic:  # fmt: skip
+    return Topic(title, description, kind, ids, _COLORS[kind], segment, towards)
 
 
 def _off(d: Deviation) -> str:
@@ -119,7 +119,7 @@ def _off(d: Deviation) -> str:
     return f"stands {abs(d['offset_m']) * 100:.1f} cm {side}"
 
 
-def _told(d: Deviation) -> str:
+def _description(d: Deviation) -> str:
     parts = [str(d.get("reason") or "")]
     if d["sigma_m"] is not None:
         parts.append(f"sigma {d['sigma_m'] * 1000:.0f} mm, turned by {np.degrees(d['tilt_rad']):.2f} degrees")
@@ -127,7 +127,7 @@ def _told(d: Deviation) -> str:
 
 
 def _segment(surface: WallSurface, graph: SceneGraph) -> tuple[Any, Any]:
-    """The ends of a planned surface's footprint at half its height."""
+    """The ends of a planned surface at half its height."""
     low, high = surface.height or _heights(surface, graph)
     first, last = surface.ends()
     return (*first, (low + high) / 2), (*last, (low + high) / 2)
@@ -139,7 +139,7 @@ def _heights(surface: WallSurface, graph: SceneGraph) -> tuple[float, float]:
 
 
 def _in_bim(surface: WallSurface, s_graph: SceneGraph, T_bim_map: Floats) -> tuple[Any, Any]:
-    """The lower first and the upper last corner of a seen surface; its heights are above the map's floor."""
+    """The lower first and the upper last corner of a mapped surface; its heights are above the map's floor."""
     floor = next((f.elevation for f in s_graph.floors if f.id == surface.floor), None) or 0.0
     low, high = surface.height or (0.0, _HEIGHT)
     corners = np.array([(*xy, floor + z, 1.0) for xy, z in zip(surface.ends(), (low, high), strict=True)])

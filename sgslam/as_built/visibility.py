@@ -1,4 +1,4 @@
-"""Where planned walls were seen through, and where something stood at them."""
+"""Visibility of planned walls: where they were seen through, and where something was seen at them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,21 +13,24 @@ from sgslam.mapping.keyframes import KeyframeNode
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-STEP = 0.1  # m between the places of a wall that are looked at
-_LEAST_LENGTH = 0.5  # m of a wall that is looked at
-_DOOR = 0.75  # m around a door's middle; one looks through there anyway
-_FRAME = 0.5  # m, likewise, where the plan tells where the wall stands beside its doors
-_BEHIND = 0.6  # m; what is seen so far behind a wall is seen through it; panes in niches of moved walls are nearer
-_BLOCKED = 0.35  # m around a planned wall; what ends there may be the wall
-_REACH = 10.0  # m at which single columns still tell
-_GRAZING = 0.3  # sine of the angle at which a wall is looked at, at the least
-LOOKS = 3  # keyframes that must agree
+STEP = 0.1  # m between the sampled places of a wall
+_LEAST_LENGTH = 0.5  # m of a wall that is tested
+_DOOR = 0.75  # m around a door's centre that are left out
+_FRAME = 0.5  # m that are left out where the plan gives the extent of the wall beside its doors
+_BEHIND = 0.6  # m behind a wall from which on a range went through it; panes in niches of moved walls are nearer
+_BLOCKED = 0.35  # m around a planned wall; a range that ends there may have hit the wall
+_REACH = 10.0  # m up to which single columns are used
+_GRAZING = 0.3  # least sine of the viewing angle
+MIN_KEYFRAMES = 3  # keyframes that must agree
 
 
 @dataclass(frozen=True)
-class Sight:
-    """What was seen at N places along a side of a wall, doors left out: `along` (N,) metres as the spans in `Side`,
-    `through` and `at` (N,) whether it is seen through there, or something stands."""
+class Visibility:
+    """Visibility of N places along a side of a wall, doors left out.
+
+    `along` (N,) are metres as the spans in `Side`; `through` (N,) flags places that are seen through, `at` (N,) places
+    where something stands.
+    """
 
     along: Floats
     through: Flags
@@ -35,17 +38,17 @@ class Sight:
 
     @property
     def length(self) -> float:
-        """Metres outside of doors."""
+        """Length (m) outside doors."""
         return STEP * len(self.along)
 
     @property
     def open(self) -> float:
-        """Metres that are seen through."""
+        """Length (m) that is seen through."""
         return STEP * float(self.through.sum())
 
     @property
     def longest_opening(self) -> float:
-        """Metres in one stretch that are seen through; one place that is not ends a stretch."""
+        """The longest contiguous stretch (m) that is seen through."""
         if not self.through.any():
             return 0.0
         where = np.sort(self.along[self.through])
@@ -53,15 +56,15 @@ class Sight:
         return max(STEP * len(stretch) for stretch in stretches)
 
 
-def sights_of(
+def wall_visibility(
     floor: SceneGraph, sides: list[Side], keyframes: list[KeyframeNode], T_level_map: Floats, place: Floats,
     origin: Floats,
-) -> dict[Key, Sight]:  # fmt: skip
-    """What was seen of the sides of a storey's walls; the shortest are not asked.
+) -> dict[Key, Visibility]:  # fmt: skip
+    """The visibility of the sides of a storey's walls, the shortest left out.
 
-    `place` (3,) is the levelled map's in the local frame, which is the BIM's moved by -`origin` (2,). A place is seen
-    through where at least three keyframes have seen something well behind it, and twice as many as have seen something
-    at it.
+    `place` (3,) is that of the levelled map in the local frame, which is the BIM frame moved by -`origin` (2,). A place
+    is seen through where at least three keyframes saw something well behind it, and twice as many as saw something at
+    it.
     """
     asked = [side for side in sides if sum(high - low for low, high in side.spans) >= _LEAST_LENGTH]
     if not asked:
@@ -75,16 +78,14 @@ def sights_of(
     places = middles + along[:, None] * np.column_stack([-normals[:, 1], normals[:, 0]])
     looks = np.zeros((2, len(places)), dtype=np.int64)
     for sensor, outline in _outlines(keyframes, T_level_map, place):
-        looks += _looked(sensor, outline, places, normals)
-    through, at = (looks[0] >= LOOKS) & (looks[0] > 2 * looks[1]), looks[1] >= LOOKS
+        looks += _observed(sensor, outline, places, normals)
+    through, at = (looks[0] >= MIN_KEYFRAMES) & (looks[0] > 2 * looks[1]), looks[1] >= MIN_KEYFRAMES
     mine = [np.flatnonzero(owner == k) for k in range(len(asked))]
-    return {s.key: Sight(along[i], through[i], at[i] & ~through[i]) for s, i in zip(asked, mine, strict=True)}
+    return {s.key: Visibility(along[i], through[i], at[i] & ~through[i]) for s, i in zip(asked, mine, strict=True)}
 
 
-def _outlines(
-    keyframes: list[KeyframeNode], T_level_map: Floats, place: Floats
-) -> Iterator[tuple[Floats, Floats]]:
-    """Where the keyframes stood (2,), and their outlines (M, 2), in the plan's local frame."""
+def _outlines(keyframes: list[KeyframeNode], T_level_map: Floats, place: Floats) -> Iterator[tuple[Floats, Floats]]:
+    """The position (2,) and outline (M, 2) of each keyframe in the local frame."""
     c, s = np.cos(place[0]), np.sin(place[0])
     R = np.array([[c, -s], [s, c]])
     for keyframe in keyframes:
@@ -93,8 +94,8 @@ def _outlines(
             yield R @ T[:2, 3] + place[1:], transform_points(T, keyframe.outline)[:, :2] @ R.T + place[1:]
 
 
-def _looked(sensor: Floats, outline: Floats, places: Floats, normals: Floats) -> NDArray[np.int64]:
-    """(2, N) whether one keyframe looked through walls at `places` (N, 2), and whether it saw something at them."""
+def _observed(sensor: Floats, outline: Floats, places: Floats, normals: Floats) -> NDArray[np.int64]:
+    """(2, N) whether one keyframe saw through walls at `places` (N, 2), and whether it saw something at them."""
     looks = np.zeros((2, len(places)), dtype=np.int64)
     away = sensor - places
     distance = np.hypot(away[:, 0], away[:, 1])
@@ -108,7 +109,7 @@ def _looked(sensor: Floats, outline: Floats, places: Floats, normals: Floats) ->
 
 
 def _places(side: Side, doors: Floats) -> Floats:
-    """(N,) places along a side, its ends and doors (K, 2) left out."""
+    """(N,) places (m) along a side, without its ends and doors (K, 2)."""
     along = np.concatenate([
         low + (high - low) * np.arange(1, count) / count
         for low, high in side.spans for count in [max(int((high - low) / STEP), 1)]
@@ -120,13 +121,13 @@ def _places(side: Side, doors: Floats) -> Floats:
 
 
 def _range_towards(sensor: Floats, outline: Floats, places: Floats) -> Floats:
-    """(N,) how far one sees from a sensor in the directions of places; nan where no column of the scan is near."""
+    """(N,) ranges (m) from a sensor in the directions of places; NaN where no column of the scan is near."""
     away, to = outline - sensor, places - sensor
-    bearing = np.arctan2(away[:, 1], away[:, 0])
-    order = np.argsort(bearing, kind="stable")
-    bearing, distance = bearing[order], np.hypot(away[:, 0], away[:, 1])[order]
+    wall_status = np.arctan2(away[:, 1], away[:, 0])
+    order = np.argsort(wall_status, kind="stable")
+    wall_status, distance = wall_status[order], np.hypot(away[:, 0], away[:, 1])[order]
     asked = np.arctan2(to[:, 1], to[:, 0])
-    after = np.searchsorted(bearing, asked) % len(bearing)
-    gaps = [np.abs((bearing[k] - asked + np.pi) % (2 * np.pi) - np.pi) for k in (after, after - 1)]
+    after = np.searchsorted(wall_status, asked) % len(wall_status)
+    gaps = [np.abs((wall_status[k] - asked + np.pi) % (2 * np.pi) - np.pi) for k in (after, after - 1)]
     nearest = np.where(gaps[0] < gaps[1], after, after - 1)
     return np.where(np.minimum(*gaps) < np.radians(1.0), distance[nearest], np.nan)

@@ -1,4 +1,4 @@
-"""The walls of a plan as bodies: both sides of each together, one for each wall that the plan's source knows."""
+"""Wall solids: the walls of a plan with both sides of each, one solid for each wall of the plan's source."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -17,8 +17,11 @@ _THICKEST = 0.7  # m between the sides of one wall
 
 @dataclass(frozen=True)
 class Side:
-    """What one wall turns to one room: `spans` (m) along its surface, leftward from the surface's middle as one looks
-    along the normal, where it stands in full height; `hull`: from where to where, doors and windows included."""
+    """The side of one wall that faces one room.
+
+    `spans` (m) are where it has full height, along its surface, leftward from the surface's centre when looking along
+    the normal; `hull` (m) is its extent with doors and windows.
+    """
 
     surface: WallSurface
     source: str
@@ -32,16 +35,18 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Body:
-    """One straight wall. `facing` tells of each side whether it faces along the body's normal (1) or against it (-1);
-    `thickness` (m) lies between the outermost of both, None where the plan has one side only."""
+class WallSolid:
+    """One straight wall. `facing` is 1 for sides that face along the solid's normal, -1 for those that face against it.
+
+    `thickness` (m) is between the outermost sides, None where the plan has one side only.
+    """
 
     facing: dict[Key, int]
     thickness: float | None
 
 
 def sides_of(surface: WallSurface) -> list[Side]:
-    """The walls that a surface is made of; the surface itself where it does not tell."""
+    """The sides of the walls that a surface is made of; one side for the whole surface where it has no parts."""
     if not surface.parts:
         half = 0.5 * (surface.length or 0.0)
         return [Side(surface, surface.source, ((-half, half),), (-half, half))]
@@ -53,13 +58,15 @@ def sides_of(surface: WallSurface) -> list[Side]:
     return sides
 
 
-def bodies_of(sides: Iterable[Side]) -> list[Body]:
-    """Sides of one source are of one body where they are parallel and no further apart than a wall is thick; those of
-    a surface without a source are bodies of their own."""
+def solids_of(sides: Iterable[Side]) -> list[WallSolid]:
+    """Groups sides into solids: parallel sides of one source, no further apart than a wall is thick.
+
+    A surface without a source is a solid of its own.
+    """
     by_source: dict[str, list[Side]] = {}
     for side in sides:
         by_source.setdefault(side.source or f"\0{side.surface.id}", []).append(side)
-    return [body for own in by_source.values() for parallel in _parallel(own) for body in _stacked(parallel)]
+    return [solid for own in by_source.values() for parallel in _parallel(own) for solid in _stacked(parallel)]
 
 
 def _parallel(sides: list[Side]) -> list[list[Side]]:
@@ -74,19 +81,21 @@ def _parallel(sides: list[Side]) -> list[list[Side]]:
     return groups
 
 
-def _stacked(parallel: list[Side]) -> list[Body]:
-    """Bodies along the common normal, parted where the gap is wider than a wall."""
+def _stacked(parallel: list[Side]) -> list[WallSolid]:
+    """Solids along the common normal, separated where the gap is wider than a wall."""
     first = parallel[0].surface
     n = np.array(first.normal)
     across = np.array([np.subtract(side.surface.centroid, first.centroid) @ n for side in parallel])
     order = np.argsort(across, kind="stable")
     parted = np.split(order, np.flatnonzero(np.diff(across[order]) > _THICKEST) + 1)
-    return [_body([parallel[k] for k in part.tolist()], across[part], n) for part in parted]
+    return [_solid([parallel[k] for k in part.tolist()], across[part], n) for part in parted]
 
 
-def _body(sides: list[Side], across: Floats, n: Floats) -> Body:
+def _solid(sides: list[Side], across: Floats, n: Floats) -> WallSolid:
     facing = np.array([1 if n @ side.surface.normal > 0 else -1 for side in sides])
     thickness = 0.0
     if len(set(facing.tolist())) == 2:
         thickness = float(across[facing > 0].max() - across[facing < 0].min())
-    return Body({s.key: f for s, f in zip(sides, facing.tolist(), strict=True)}, thickness if thickness > 0 else None)
+    return WallSolid(
+        {s.key: f for s, f in zip(sides, facing.tolist(), strict=True)}, thickness if thickness > 0 else None
+    )

@@ -1,1 +1,1 @@
-"""The factor graph: which factors hold and why, its optimisation, its covariances."""
+"""The back end: factor log, optimisation, covariances."""

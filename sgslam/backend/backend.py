@@ -1,7 +1,7 @@
-"""The factor graph of a run: keyframes, walls, floor, rooms, the BIM frame. Batch optimisation, warm started.
+"""The back end: batch optimisation of keyframes, walls, floors, rooms and the BIM frame, warm started.
 
-The graph is that of the log, into which the builder puts what is known; so walls can be joined and anchors withdrawn
-without ever editing a graph, and after a failure of the optimizer the graph is built anew from the log.
+Each optimisation builds its graph from the factor log. So walls can be joined and anchors withdrawn without editing a
+graph, and the graph can be rebuilt after a failure of the optimizer.
 """
 
 import logging
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog, Key, Kind
-from sgslam.backend.graph_builder import BIM, GraphBuilder, Told, start_values
+from sgslam.backend.graph_builder import BIM, GraphBuilder, GraphInputs, start_values
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, is_rigid, transform_planes
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
@@ -25,12 +25,16 @@ from sgslam.mapping.wall_map import SeenWall
 __all__ = ["Anchors", "Backend", "PlannedWall", "RoomNode"]
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_LONGEST = 100.0  # m from keyframe to keyframe; no robot leaps so far
-_BELIEVABLE = 1e4  # of a graph's error for each factor, at its optimum: a hundred sigma
+_LONGEST = 100.0  # m from keyframe to keyframe; no robot moves further
+_BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigma
 
 
 class Backend:
-    """Estimates of keyframes, walls, floors, rooms and T_map_bim. `log` holds the factors."""
+    """Estimates of keyframes, walls, floors and T_map_bim, from the factors in `log`.
+
+    `planes_in_map` and `floors_in_map` are planes (4,) by wall and floor number; `T_map_bim` (4, 4) is None while the
+    map is not anchored. `closures` are the loop closures that hold; `LoopCloser` adds and removes them.
+    """
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -38,14 +42,12 @@ class Backend:
         self.planes_in_map: dict[int, Floats] = {}
         self.floors_in_map: dict[int, Floats] = {}
         self.T_map_bim: Floats | None = None
-        self.closures: list[Closure] = []  # places seen again; `LoopCloser` adds to them and takes them out
-        self._found: dict[int, Floats] = {}  # keyframes to which no odometry leads: where they were found to be
+        self.closures: list[Closure] = []
         self.log = FactorLog()
         self._builder = GraphBuilder(config, self.keyframes, self.log)
         self._optimised_at = 0
-        self._sound = 0  # keyframes whose poses are those of an optimum
-        self._told = Told([], {}, [], None)
-        self._walls_told: list[int] = []  # of each that was seen, for what is seen is relabelled
+        self._sound = 0  # keyframes whose poses are from an optimum
+        self._inputs = GraphInputs([], {}, [], None, [])  # of the last optimisation
         self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, int]] | None = None
 
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
@@ -55,60 +57,60 @@ class Backend:
             self._builder.hold_step(len(self.keyframes) - 1, self._step(len(self.keyframes) - 1))
 
     def state(self) -> dict[str, Any]:
-        """What it knows, as a tree (see `state_tree`)."""
-        seen = [replace(s, wall=wall) for s, wall in zip(self._told.seen, self._walls_told, strict=True)]
+        """Returns the state as a tree (see `state_tree`)."""
+        seen = [replace(s, wall=wall) for s, wall in zip(self._inputs.seen, self._inputs.walls, strict=True)]
         held = [entry.factor for key, entry in self.log.held("odometry").items() if len(key) == 1]
         steps = [factor.measured().matrix() for factor in held if isinstance(factor, gtsam.BetweenFactorPose3)]
         return {
             "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
             "floors_in_map": self.floors_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
-            "sound": self._sound, "seen": seen, "rooms": self._told.rooms, "anchors": self._told.anchors,
-            "closures": self.closures, "found": self._found, "log": self.log.state(),
+            "sound": self._sound, "seen": seen, "rooms": self._inputs.rooms, "anchors": self._inputs.anchors,
+            "closures": self.closures, "found": self._builder.found, "log": self.log.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told; the factors are made anew from what the last optimisation was told.
+        """Restores what `state` returned; the factors are rebuilt from the inputs of the last optimisation.
 
-        Raises ValueError where they are not those that were held.
+        Raises ValueError where they differ from those that were saved.
         """
         self.keyframes[:] = state["keyframes"]
         self.planes_in_map, self.floors_in_map = state["planes_in_map"], state["floors_in_map"]
-        self.closures[:], self._found = state["closures"], dict(state["found"])
+        self.closures[:], self._builder.found = state["closures"], dict(state["found"])
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)
-        for i, place in self._found.items():
+        for i, place in self._builder.found.items():
             builder.hold_place(i, place)
         held = state["log"]["held"]["odometry"]
         for (i,), step in zip((key for key in held if len(key) == 1), state["steps"], strict=True):
             builder.hold_step(i, step)
         for i in (key[0] for key in held if len(key) == 2):
             builder.bridge(i)
-        self._told = self._hold(builder, state["seen"], state["rooms"], state["anchors"])
-        self._walls_told = [s.wall for s in state["seen"]]
+        self._inputs = self._hold(builder, state["seen"], state["rooms"], state["anchors"])
         self.log.restore(state["log"], made)
 
     def _hold(
         self, builder: GraphBuilder, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None
-    ) -> Told:
+    ) -> GraphInputs:
         anchor_of = builder.hold_walls(seen)
         builder.hold_floors()
         builder.hold_rooms(rooms, anchor_of)
         builder.hold_loops(self.closures)
         builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
-        return Told(list(seen), anchor_of, rooms, anchors)
+        return GraphInputs(list(seen), anchor_of, rooms, anchors, [s.wall for s in seen])
 
     def absorb(self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int]) -> None:
-        """Takes over the keyframes of another graph, which lies at `T_map_other` (4, 4), with what ties them to one
-        another. Their scans come after so many `scans`, their floors are called as `storeys` says."""
+        """Adds the keyframes of another map at `T_map_other` (4, 4), with the factors between them.
+
+        `scans` is added to their scan numbers; `storeys` maps their floor numbers to those here.
+        """
         first = len(self.keyframes)
         steps = other.log.held("odometry")
         for i, keyframe in enumerate(other.keyframes):
             storey = None if keyframe.storey is None else storeys[keyframe.storey]
             T = T_map_other @ keyframe.T_map_sensor
             self.keyframes.append(replace(keyframe, scan=keyframe.scan + scans, T_map_sensor=T, storey=storey))
-            if i == 0 or i in other._found:
-                self._found[first + i] = T
+            if i == 0 or i in other._builder.found:
                 self._builder.hold_place(first + i, T)
             elif (i,) in steps and isinstance(step := steps[i,].factor, gtsam.BetweenFactorPose3):
                 self._builder.hold_step(first + i, step.measured().matrix())
@@ -120,8 +122,8 @@ class Backend:
         self._sound = len(self.keyframes)
 
     def _step(self, i: int) -> Floats:
-        """(4, 4) the odometry's motion from the keyframe before to keyframe i."""
-        return inverse(self.keyframes[i - 1].T_odom_sensor) @ self.keyframes[i].T_odom_sensor
+        """(4, 4) the tracked motion from keyframe i - 1 to keyframe i."""
+        return inverse(self.keyframes[i - 1].T_track_sensor) @ self.keyframes[i].T_track_sensor
 
     @property
     def poses(self) -> Floats:
@@ -129,43 +131,44 @@ class Backend:
         return np.stack([k.T_map_sensor for k in self.keyframes])
 
     @property
-    def loose(self) -> bool:
-        """Whether a step between keyframes was held by nothing in some direction: the map may have slipped there."""
-        return any(keyframe.slack is not None for keyframe in self.keyframes)
+    def has_weak_steps(self) -> bool:
+        """Whether surfaces left a direction of some step unconstrained, so that the map may have slipped there."""
+        return any(keyframe.step_covariance is not None for keyframe in self.keyframes)
 
     @property
     def due(self) -> bool:
-        """Whether the graph has grown enough since the last optimisation; a share of it, so that the cost of
-        all optimisations stays in proportion to the length of the run."""
+        """Whether the graph has grown enough since the last optimisation.
+
+        The growth is a share of the graph, so that the total cost stays in proportion to the length of the run.
+        """
         settings = self._config.backend
         grown = len(self.keyframes) - self._optimised_at
         return grown >= max(settings.every_keyframes, settings.growth * len(self.keyframes))
 
     def optimise(self, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None, steps: int = 6) -> None:
-        """Takes what is known into the log and moves the estimates to the optimum of the log's graph.
+        """Updates the log and moves the estimates to the optimum of its graph, in at most `steps` iterations.
 
-        Where the optimizer fails, the graph and where it starts are built anew from the log, without the factors whose
-        error is no number; where it fails still, without what ties the map to the BIM; and where that fails too, the
-        estimates of the last optimum stay. All of it is told by warnings.
+        If the optimizer fails, the graph and its start values are rebuilt from the log without factors of non-finite
+        error. If it fails again, the anchors are left out. If that fails too, the estimates of the last optimum stay.
+        Each failure is logged as a warning.
         """
-        told = self._told = self._hold(self._builder, seen, rooms, anchors)
+        inputs = self._inputs = self._hold(self._builder, seen, rooms, anchors)
         self._optimised_at = len(self.keyframes)
-        self._walls_told = [s.wall for s in seen]
         for attempt in (self._solve, self._rebuild, self._rebuild_without_anchors):
-            failure = attempt(told, steps)
+            failure = attempt(inputs, steps)
             if failure is None:
                 return
             _log.warning("the optimisation of %d keyframes failed: %s", len(self.keyframes), failure)
         _log.warning("the estimates of the last optimum stay")
 
-    def _solve(self, told: Told, steps: int) -> str | None:
+    def _solve(self, inputs: GraphInputs, steps: int) -> str | None:
         """Moves the estimates to the optimum, or returns why they stay."""
         graph = self.log.graph()
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
         try:
-            values = start_values(graph, told, self.keyframes, self.planes_in_map, self.floors_in_map)
+            values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.floors_in_map)
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
             result = optimizer.optimize()
         except RuntimeError as error:
@@ -173,47 +176,46 @@ class Backend:
         if not np.isfinite(optimizer.error()):
             return "its error is not finite"
         if optimizer.error() > _BELIEVABLE * graph.size():
-            return f"its error is {optimizer.error():.1e}, which nobody can believe"
-        self._take(result, told.anchor_of)
-        self._optimum = graph, result, told.anchor_of
+            return f"its error of {optimizer.error():.1e} is implausibly large"
+        self._take(result, inputs.anchor_of)
+        self._optimum = graph, result, inputs.anchor_of
         return None
 
-    def _rebuild(self, told: Told, steps: int) -> str | None:
-        """Solves once more, from where the last optimum was and the odometry beyond it; what is unsound is barred."""
+    def _rebuild(self, inputs: GraphInputs, steps: int) -> str | None:
+        """Solves again from the last optimum, continued by the odometry; unsound factors are barred."""
         _log.warning("the graph is rebuilt from the log")
         for i in range(1, len(self.keyframes)):
             if not _usable(self._step(i)) and (i,) in self.log.held("odometry"):
-                self._bar("odometry", (i,), "no robot makes such a step")
+                self._bar("odometry", (i,), "the step is not plausible")
         self._restart()
-        values = start_values(self.log.graph(), told, self.keyframes, self.planes_in_map, self.floors_in_map)
+        values = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.floors_in_map)
         for kind, key, why in list(self.log.unsound(values)):
             self._bar(kind, key, why)
-        return self._solve(told, steps)
+        return self._solve(inputs, steps)
 
     def _bar(self, kind: Kind, key: Key, why: str) -> None:
-        # rooms and anchors are told anew each time
+        # rooms and anchors are given anew to each optimisation
         self.log.withdraw(len(self.keyframes), kind, [key], why, for_good=kind not in ("room", "anchor"))
         if kind == "odometry":
             self._builder.bridge(int(key[0]))
 
-    def _rebuild_without_anchors(self, told: Told, steps: int) -> str | None:
-        if told.anchors is None:
+    def _rebuild_without_anchors(self, inputs: GraphInputs, steps: int) -> str | None:
+        if inputs.anchors is None:
             return "and there are no anchors to do without"
         keys = list(self.log.held("anchor"))
         self.log.withdraw(len(self.keyframes), "anchor", keys, "the optimisation fails with the anchors")
         self._restart()
-        return self._solve(replace(told, anchors=None), steps)
+        return self._solve(replace(inputs, anchors=None), steps)
 
     def _restart(self) -> None:
-        """Puts the keyframes that are in no optimum yet where the odometry has them, seen from the last that is."""
+        """Moves the keyframes that are in no optimum yet to their odometry poses, relative to the last that is."""
         for i in range(max(self._sound, 1), len(self.keyframes)):
             step = self._step(i)
             before = self.keyframes[i - 1].T_map_sensor
             self.keyframes[i].T_map_sensor = before @ step if _usable(step) else before
 
     def uncertainty(self) -> Uncertainty | None:
-        """What the last optimisation that succeeded says of its own errors; None where there was none, or where it
-        leaves something free."""
+        """The covariances of the last successful optimisation; None where there was none, or a variable is free."""
         if self._optimum is None:
             return None
         try:

@@ -1,4 +1,4 @@
-"""How well the factor graph knows what is asked of it: covariances from its linearisation at the optimum."""
+"""Marginal covariances of the factor graph, from its linearisation at the optimum."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,19 +14,18 @@ Floats = NDArray[np.float64]
 _BIM = B(0)
 _PLANES = ("p", "f")  # symbols of plane variables, which have three dimensions; all others are poses
 _KINDS = "xpforbwl"  # symbols of all variables
-_LEAST_ROWS = 30  # of a kind of measurement, for its residuals to tell its noise
-_SCALES = 0.15, 3.0  # of the noise given beforehand, the least and the most
+_LEAST_ROWS = 30  # of a kind of measurement to estimate its noise from the residuals
+_SCALES = 0.15, 3.0  # limits of the estimated noise relative to the assumed one
 _STEP = 1e-5  # of numeric derivatives, rad and m
 
 
 class Uncertainty:
-    """Marginals of a graph at its optimum `values`; robust losses count by the weights that they give there.
+    """Marginals of a graph at its optimum `values`; robust losses enter with their weights there.
 
-    Each kind of measurement (of walls, of the floor, of the plan, ...) counts by the noise that its residuals show,
-    not by the one it was given beforehand (variance components; Foerstner 1979); steps that nothing else held keep
-    theirs, because their residuals tell nothing. The information matrix is factored
-    once; an answer costs one sparse solution for each of its rows. `anchor_of` gives the keyframe in whose frame a
-    wall's plane is kept. Raises RuntimeError where a variable is left free.
+    The noise of each kind of measurement (walls, floors, plan, ...) is estimated from its residuals (variance
+    components; Foerstner 1979). Unconstrained steps keep their assumed noise, because their residuals are always small.
+    The information matrix is factored once; each query costs one sparse solution for each of its rows. `anchor_of`
+    gives the keyframe in whose frame a wall is estimated. Raises RuntimeError where a variable is free.
     """
 
     def __init__(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, anchor_of: dict[int, int]) -> None:
@@ -46,7 +45,7 @@ class Uncertainty:
         residual[rows[last]] = entries[last]
         rows, columns, entries = rows[~last], columns[~last], entries[~last]
         kind = np.repeat([1 << _KINDS.index(chr(gtsam.symbolChr(key))) for key in keys], sizes)
-        scale = _noise_shown(residual, rows, kind[columns], self._size, _unheld(graph, len(residual)))
+        scale = _noise_shown(residual, rows, kind[columns], self._size, _unconstrained(graph, len(residual)))
         jacobian = csc_matrix((entries / scale[rows], (rows, columns)), shape=(len(residual), self._size))
         self._solve: Callable[[Floats], Floats] = splu(
             (jacobian.T @ jacobian).tocsc(), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True}
@@ -58,7 +57,7 @@ class Uncertainty:
         return _BIM in self._columns
 
     def knows(self, wall: int) -> bool:
-        """Whether a wall is in the graph; one seen from a single keyframe is not."""
+        """Whether a wall is in the graph; walls seen from a single keyframe are not."""
         return wall in self._anchor_of
 
     def pose_covariances(self, keyframes: list[int]) -> Floats:
@@ -66,7 +65,7 @@ class Uncertainty:
         translation (m), in the sensor's axes."""
         covariances = np.empty((len(keyframes), 6, 6))
         for covariance, keyframe in zip(covariances, keyframes, strict=True):
-            J = np.zeros((6, self._size))  # one at a time: all of a long run's would be a hundred megabytes
+            J = np.zeros((6, self._size))  # one at a time: those of a long run would take a hundred megabytes
             J[:, self._columns[X(keyframe)]] = np.eye(6)
             if self.anchored:
                 T_map_bim, T_map_sensor = self._values.atPose3(_BIM), self._values.atPose3(X(keyframe))
@@ -75,8 +74,10 @@ class Uncertainty:
         return np.asarray((covariances + covariances.transpose(0, 2, 1)) / 2)
 
     def wall_offset(self, wall: int, planned: Floats, point: Floats) -> tuple[float, float]:
-        """How far a wall stands before its planned plane (4,) near the planned `point` (3,), both in the graph's BIM
-        frame: metres along the planned normal, and the variance of that."""
+        """The offset (m) of a wall along the normal of its planned plane (4,), and its variance, at `point` (3,).
+
+        Plane and point are in the graph's BIM frame.
+        """
         anchor = self._anchor_of[wall]
         keys = (_BIM, X(anchor), P(wall))
         pose_b, pose_x = self._values.atPose3(keys[0]), self._values.atPose3(keys[1])
@@ -101,26 +102,26 @@ class Uncertainty:
         return value, float(J @ self._solve(J))
 
 
-def _unheld(graph: gtsam.NonlinearFactorGraph, count: int) -> NDArray[np.bool_]:
-    """(count,) which of the residuals are of steps that were widened in some directions."""
-    unheld, row = np.zeros(count, dtype=bool), 0
+def _unconstrained(graph: gtsam.NonlinearFactorGraph, count: int) -> NDArray[np.bool_]:
+    """(count,) flags of the residuals of steps with an excess covariance."""
+    unconstrained, row = np.zeros(count, dtype=bool), 0
     for i in range(graph.size()):
         factor = graph.at(i)
         if isinstance(factor, gtsam.BetweenFactorPose3):
             noise = factor.noiseModel()  # neither the diagonal one of all steps nor the robust one of loops
             full = isinstance(noise, gtsam.noiseModel.Gaussian) and not isinstance(noise, gtsam.noiseModel.Diagonal)
-            unheld[row : row + factor.dim()] = full
+            unconstrained[row : row + factor.dim()] = full
         row += factor.dim()
-    return unheld
+    return unconstrained
 
 
 def _noise_shown(
     residual: Floats, rows: NDArray[np.int64], kinds: NDArray[np.int64], size: int, apart: NDArray[np.bool_]
 ) -> Floats:
-    """(M,) for each whitened residual (M,) the standard deviation of those of its kind; one for those `apart` (M,).
+    """(M,) the standard deviation of the whitened residuals (M,) of each one's kind; 1 for those `apart` (M,).
 
-    `rows` and `kinds` are those of the Jacobian's entries: measurements of the same kinds of variables are of one
-    kind. `size` variables were fitted to all of them.
+    `rows` and `kinds` are those of the Jacobian's entries: measurements of the same kinds of variables form one kind.
+    `size` variables were fitted to all residuals.
     """
     kind = np.zeros(len(residual), dtype=np.int64)
     np.bitwise_or.at(kind, rows, kinds)

@@ -1,4 +1,4 @@
-"""The back end's log: which factors hold now, and of each who added it, when and why, and what became of it."""
+"""The factor log: all factors that hold now, and every event of a factor with its time, origin and reason."""
 
 import logging
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Entry:
-    """A factor, `by` whom (odometry, a match, ...) and `why` it is held."""
+    """A factor, its origin `by` (odometry, a match, ...), and the reason `why`."""
 
     factor: gtsam.NonlinearFactor
     by: str
@@ -25,7 +25,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class FactorEvent:
-    """What became of a factor when so many keyframes were known; `key` names it among those of its kind."""
+    """A change of a factor at a number of keyframes; `key` identifies it among those of its kind."""
 
     keyframes: int
     kind: Kind
@@ -36,7 +36,7 @@ class FactorEvent:
 
 
 class FactorLog:
-    """All factors in the order in which they came, by kind, so that the same log always gives the same graph."""
+    """All factors by kind in the order in which they were added, so that equal logs give equal graphs."""
 
     def __init__(self) -> None:
         self._held: dict[Kind, dict[Key, Entry]] = {kind: {} for kind in KINDS}
@@ -45,19 +45,19 @@ class FactorLog:
         self.events: list[FactorEvent] = []
 
     def state(self) -> dict[str, Any]:
-        """What was held, barred, refused and told, as a tree; the factors themselves are made anew for `restore`."""
+        """Returns keys and events as a tree; the factors themselves are rebuilt for `restore`."""
         keys = {kind: list(entries) for kind, entries in self._held.items()}
         return {"held": keys, "barred": self._barred, "refused": self._refused, "events": self.events}
 
     def restore(self, state: dict[str, Any], made: "FactorLog") -> None:
-        """Goes on from what `state` told, with the factors of a log into which they were `made` anew.
+        """Restores what `state` returned, with the rebuilt factors of the log `made`.
 
         Raises ValueError where one is missing there.
         """
         for kind in KINDS:
             factors = made.held(kind)
             if missing := [key for key in state["held"][kind] if key not in factors]:
-                raise ValueError(f"factor {kind} {missing[0]} cannot be made anew")
+                raise ValueError(f"factor {kind} {missing[0]} cannot be rebuilt")
             self._held[kind] = {key: factors[key] for key in state["held"][kind]}
         self._barred, self._refused, self.events = state["barred"], state["refused"], state["events"]
 
@@ -66,12 +66,14 @@ class FactorLog:
         return self._held[kind]
 
     def __iter__(self) -> Iterator[tuple[Kind, Key, Entry]]:
-        """All that hold now."""
+        """Iterates over all factors that hold now."""
         return ((kind, key, entry) for kind in KINDS for key, entry in self._held[kind].items())
 
     def hold(self, keyframes: int, kind: Kind, entries: dict[Key, Entry], gone: str) -> None:
-        """These factors of a kind hold from now on: new ones are added, those that are missing withdrawn because they
-        are `gone`, those of a known key replaced. What was barred stays out."""
+        """Replaces the factors of a kind by `entries`, without those that are barred.
+
+        New keys are logged as added, missing ones as withdrawn for the reason `gone`; known keys are updated.
+        """
         before = self._held[kind]
         if self._barred:
             entries = {key: entry for key, entry in entries.items() if (kind, key) not in self._barred}
@@ -83,12 +85,12 @@ class FactorLog:
         self._held[kind] = entries
 
     def add(self, keyframes: int, kind: Kind, key: Key, entry: Entry) -> None:
-        """One more factor, under a key that is new."""
+        """Adds a factor under a new key."""
         self._held[kind][key] = entry
         self.events.append(FactorEvent(keyframes, kind, key, "added", entry.by, entry.why))
 
     def withdraw(self, keyframes: int, kind: Kind, keys: list[Key], why: str, *, for_good: bool = False) -> None:
-        """Takes factors out; `for_good`: they are barred, and do not come back under the same key."""
+        """Removes factors; `for_good` bars their keys from being added again."""
         for key in keys:
             entry = self._held[kind].pop(key)
             what: Literal["barred", "withdrawn"] = "barred" if for_good else "withdrawn"
@@ -98,21 +100,21 @@ class FactorLog:
                 self._barred.add((kind, key))
 
     def refuse(self, keyframes: int, kind: Kind, key: Key, by: str, why: str) -> None:
-        """Takes note, once, of a factor that could not be made."""
+        """Logs, once, a factor that could not be built."""
         if (kind, key) not in self._refused:
             self._refused.add((kind, key))
             self.events.append(FactorEvent(keyframes, kind, key, "refused", by, why))
             _log.warning("factor %s %s, by %s, is refused: %s", kind, "/".join(map(str, key)), by, why)
 
     def graph(self) -> gtsam.NonlinearFactorGraph:
-        """The factor graph of all that hold now, built anew."""
+        """Builds the factor graph of all factors that hold now."""
         graph = gtsam.NonlinearFactorGraph()
         for _, _, entry in self:
             graph.add(entry.factor)
         return graph
 
     def unsound(self, values: gtsam.Values) -> Iterator[tuple[Kind, Key, str]]:
-        """The factors whose error at `values` is no finite number, and why."""
+        """The factors with a non-finite error at `values`, each with the reason."""
         for kind, key, entry in self:
             try:
                 error = entry.factor.error(values)
@@ -123,7 +125,7 @@ class FactorLog:
                     yield kind, key, f"its error is {error}"
 
     def counts(self) -> dict[Kind, dict[str, int]]:
-        """How many factors of each kind hold, and how many were added, withdrawn, barred and refused so far."""
+        """Counts of each kind: factors that hold, and those added, withdrawn, barred and refused so far."""
         none = {"added": 0, "withdrawn": 0, "barred": 0, "refused": 0}
         counted = {kind: {"held": len(self._held[kind]), **none} for kind in KINDS}
         for event in self.events:

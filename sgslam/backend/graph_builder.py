@@ -1,6 +1,6 @@
-"""Which factors hold, from what is known of keyframes, walls, floor, rooms and BIM; and where the estimates start.
+"""Builds the factors of keyframes, walls, floors, rooms and the BIM, and the start values of the optimisation.
 
-Everything goes into the log; a factor whose measurement and variables did not change is kept as it is.
+All factors go into the log. A factor whose measurement and variables did not change is reused.
 """
 
 from collections import Counter
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
-from sgslam.backend.wall_outliers import askew
+from sgslam.backend.wall_outliers import wall_outliers
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
@@ -29,32 +29,34 @@ _PARALLEL = 0.003  # rad between two floors of a building
 
 
 class GraphBuilder:
-    """Holds in `log` what is known; `keyframes` are those of the back end."""
+    """Puts factors into `log`; `keyframes` are those of the back end."""
 
     def __init__(self, config: Config, keyframes: list[KeyframeNode], log: FactorLog) -> None:
         self._config, self._keyframes, self._log = config, keyframes, log
+        self.found: dict[int, Floats] = {}  # T_map_sensor (4, 4) of keyframes to which no odometry leads
         tight = factors.noise_of_pose(1e-5, 1e-5)
         for name, pose, why in (("map", X(0), "the map begins at the first keyframe"), ("identity", IDENTITY, "fixed")):
             log.add(0, "start", (name,), Entry(gtsam.PriorFactorPose3(pose, gtsam.Pose3(), tight), "start", why))
 
     def hold_step(self, i: int, step: Floats) -> None:
-        """The odometry's `step` (4, 4) from the keyframe before to keyframe i."""
+        """Adds the odometry's `step` (4, 4) from keyframe i - 1 to keyframe i."""
         settings = self._config.odometry
         noise = factors.noise_of_pose(settings.sigma_rotation, settings.sigma_translation)
-        why, slack = "the step between two keyframes", self._keyframes[i].slack
-        if slack is not None:
+        why, covariance = "the step between two keyframes", self._keyframes[i].step_covariance
+        if covariance is not None:
             base = np.diag([settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3)
-            noise, why = factors.noise_of_covariance(base + slack), f"{why}, where surfaces held the sensor badly"
+            noise, why = factors.noise_of_covariance(base + covariance), f"{why}, poorly constrained by surfaces"
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
         self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
 
     def hold_place(self, i: int, T_map_sensor: Floats) -> None:
-        """Keyframe i, to which no odometry leads, is about here (4, 4); walls tell more closely where."""
+        """Adds a loose prior (4, 4) of keyframe i, to which no odometry leads; walls constrain it more closely."""
+        self.found[i] = T_map_sensor
         prior = gtsam.PriorFactorPose3(X(i), gtsam.Pose3(T_map_sensor), factors.noise_of_pose(0.1, 1.0))
         self._log.add(i + 1, "start", ("found", i), Entry(prior, "match", "the place where the sensor was found again"))
 
     def bridge(self, i: int) -> None:
-        """In place of a step that cannot be used: keyframe i is somewhere near the one before it."""
+        """Adds a loose factor in place of an unusable step: keyframe i is near the one before it."""
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(), factors.noise_of_pose(1.0, 2.0))
         entry = Entry(factor, "back end", "in place of a step that could not be used")
         self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
@@ -62,7 +64,7 @@ class GraphBuilder:
     def _entry(
         self, kind: Kind, key: Key, by: str, why: str, build: Callable[[], gtsam.NonlinearFactor]
     ) -> dict[Key, Entry]:
-        """The factor by its key; nothing where its numbers are refused."""
+        """The factor by its key; nothing, and a log event, where its numbers are refused."""
         try:
             return {key: Entry(build(), by, why)}
         except ValueError as error:
@@ -70,10 +72,12 @@ class GraphBuilder:
             return {}
 
     def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
-        """Walls seen from two keyframes or more; returns the keyframe that each one is kept by. Sights that show a wall
-        askew are left out: however robustly they are held, they pull."""
+        """Adds the walls seen from two keyframes or more; returns the keyframe in whose frame each is estimated.
+
+        Wall outliers are left out: even with a robust loss they would bias the estimate.
+        """
         rotations = np.stack([k.T_map_sensor[:3, :3] for k in self._keyframes])
-        wrong = askew(seen, rotations)
+        wrong = wall_outliers(seen, rotations)
         keyframes_of: dict[int, set[int]] = {}
         for s, out in zip(seen, wrong, strict=True):
             if not out:
@@ -92,7 +96,7 @@ class GraphBuilder:
             else:
                 why, build = f"keyframe {s.keyframe} saw wall {s.wall}", partial(self._wall, s, anchor_of[s.wall])
                 entries |= self._entry("wall", key, "wall extraction", why, build)
-        gone = "it is taken for another wall's or shows it askew, or the wall is kept by another keyframe"
+        gone = "it belongs to another wall or is an outlier, or the wall is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "wall", entries, gone)
         return anchor_of
 
@@ -107,7 +111,7 @@ class GraphBuilder:
         return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
 
     def floor_anchors(self) -> dict[int, int]:
-        """The keyframe that each floor is kept by: the first one on it."""
+        """The keyframe in whose frame each floor is estimated: the first one on it."""
         anchors: dict[int, int] = {}
         for i, keyframe in enumerate(self._keyframes):
             if keyframe.storey is not None:
@@ -115,7 +119,7 @@ class GraphBuilder:
         return anchors
 
     def hold_floors(self) -> None:
-        """The floors as the keyframes saw them, each in the frame of the first keyframe on it; all are parallel."""
+        """Adds the floor observations, each floor in the frame of its first keyframe; all floors are parallel."""
         before, entries = self._log.held("floor"), dict[Key, Entry]()
         anchors = self.floor_anchors()
         seen: set[int] = set()
@@ -144,7 +148,7 @@ class GraphBuilder:
         return factors.observe_plane(floor.plane, X(i), X(anchor), F(storey), robust)
 
     def _parallel_floors(self, anchors: dict[int, int]) -> dict[Key, Entry]:
-        """A level frame, loosely where the map begins, in which every floor is level at whatever height."""
+        """A level frame, loosely at the origin of the map, in which every floor is level at any height."""
         before, entries = self._log.held("floor"), dict[Key, Entry]()
         loose = gtsam.PriorFactorPose3(LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
         entries["level",] = before.get(("level",)) or Entry(loose, "floor extraction", "a frame that all floors share")
@@ -158,7 +162,7 @@ class GraphBuilder:
         return entries
 
     def hold_loops(self, closures: list[Closure]) -> None:
-        """Places seen again."""
+        """Adds loop closures."""
         before, entries = self._log.held("loop"), dict[Key, Entry]()
         for closure in closures:
             key = (closure.later, closure.earlier)
@@ -174,7 +178,7 @@ class GraphBuilder:
         return gtsam.BetweenFactorPose3(X(closure.earlier), X(closure.later), T_earlier_later, noise)
 
     def hold_rooms(self, rooms: list[RoomNode], anchor_of: dict[int, int]) -> None:
-        """Rooms by the walls that bound them."""
+        """Adds rooms with the walls that bound them."""
         noise = factors.noise_of_plane(0.02, 0.03, self._config.backend.huber)
         loose = factors.noise_of_pose(10.0, 1000.0)  # height, roll and pitch of a room are given by nothing else
         entries: dict[Key, Entry] = {}
@@ -188,11 +192,11 @@ class GraphBuilder:
         self._log.hold(len(self._keyframes), "room", entries, "the rooms were cut anew")
 
     def hold_anchors(self, anchors: Anchors | None, anchor_of: dict[int, int], rooms: set[int]) -> None:
-        """What ties the map to the BIM, with the BIM's frame; nothing where there is none."""
+        """Adds the anchors and the BIM frame; nothing for None."""
         entries: dict[Key, Entry] = {}
         if anchors is not None:
             prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_bim), factors.noise_of_pose(1.0, 100.0))
-            entries["frame",] = Entry(prior, anchors.by, "where the BIM's frame was told to be, loosely")
+            entries["frame",] = Entry(prior, anchors.by, "a loose prior of the BIM frame")
             for number, (grade, wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
                 key: Key = (grade, wall, planned.a_id or str(number))
                 place = partial(factors.frame_at, planned.place, BIM, W(number))
@@ -200,7 +204,7 @@ class GraphBuilder:
                 entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
                 entries |= self._entry("anchor", key, planned.by, planned.why, held)
             entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floors(anchors)
-        self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring no longer holds it so")
+        self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
 
     def _anchor(
         self, frame: int, grade: str, wall: int, planned: PlannedWall, anchor: int
@@ -210,7 +214,7 @@ class GraphBuilder:
             noise: gtsam.noiseModel.Base = factors.redescending_noise_of_plane(
                 settings.sigma_normal, settings.sigma_offset, settings.redescending
             )
-        elif grade == "bent":  # what is far off pulls as hard as what is near, where the map is bent
+        elif grade == "drifted":  # where the map has drifted, a wall far off pulls as hard as a near one
             noise = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, huber)
         else:
             noise = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, huber)
@@ -243,36 +247,40 @@ class GraphBuilder:
 
 
 def _middles(anchors: Anchors) -> dict[int, Floats]:
-    """(3,) on each known storey's floor where the map begins, in the BIM frame; their frames are W(0), W(1), ..."""
+    """(3,) points in the BIM frame on each known storey's floor, below the origin of the map; frames W(0), W(1), ..."""
     xy = inverse(anchors.T_map_bim)[:2, 3]
     return {storey: np.array([*xy, z]) for storey, z in sorted(anchors.elevations.items())}
 
 
 def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
-    """(grade, wall, planned wall) of all anchored walls that the graph has; their places are W(n), W(n + 1), ..., after
-    those of the n floors."""
-    grades = (("tight", anchors.planes), ("bent", anchors.bent), ("loose", anchors.loose))
+    """(grade, wall, planned wall) of all anchored walls in the graph; their frames are W(n), W(n + 1), ..., after those
+    of the n floors."""
+    grades = (("tight", anchors.planes), ("drifted", anchors.drifted), ("loose", anchors.loose))
     return [(g, wall, p) for g, held in grades for wall, planned in held.items() for p in planned if wall in anchor_of]
 
 
 @dataclass(frozen=True)
-class Told:
-    """What an optimisation is told of: walls as they were seen, and by which keyframe each is kept; rooms; anchors."""
+class GraphInputs:
+    """The inputs of one optimisation: wall observations, the keyframe in whose frame each wall is estimated, rooms and
+    anchors. `walls` are the walls of `seen` at that time, since observations are relabelled later."""
 
     seen: list[SeenWall]
     anchor_of: dict[int, int]
     rooms: list[RoomNode]
     anchors: Anchors | None
+    walls: list[int]
 
 
 def start_values(
-    graph: gtsam.NonlinearFactorGraph, told: Told, keyframes: list[KeyframeNode], planes_in_map: dict[int, Floats],
-    floors_in_map: dict[int, Floats],
+    graph: gtsam.NonlinearFactorGraph, inputs: GraphInputs, keyframes: list[KeyframeNode],
+    planes_in_map: dict[int, Floats], floors_in_map: dict[int, Floats],
 ) -> gtsam.Values:  # fmt: skip
-    """Estimates of the variables of `graph` from what is known: where keyframes and planes are taken to be, else from
-    their first observation. Variables that nothing is known of are left out."""
+    """Start values of the variables of `graph`: the present estimates, else the first observation of each.
+
+    Variables with neither are left out.
+    """
     found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3()}
-    kept_by: dict[int, Floats] = {}  # T_map_sensor of the keyframes that the floors are kept by
+    kept_by: dict[int, Floats] = {}  # T_map_sensor of the keyframes in whose frames the floors are estimated
     for i, keyframe in enumerate(keyframes):
         found[X(i)] = gtsam.Pose3(keyframe.T_map_sensor)
         if keyframe.storey is None:
@@ -283,19 +291,19 @@ def start_values(
             in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane) if known is None else known
             found[F(keyframe.storey)] = gtsam.OrientedPlane3(transform_planes(inverse(T_map_anchor), in_map))
             found.setdefault(LEVEL, gtsam.Pose3(inverse(level_map(in_map, 0.0))))
-    for s in told.seen:
-        anchor = told.anchor_of.get(s.wall)
+    for s in inputs.seen:
+        anchor = inputs.anchor_of.get(s.wall)
         if anchor is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
             known = planes_in_map.get(s.wall)
             in_map = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane) if known is None else known
             T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
             found[P(s.wall)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
-    for room in told.rooms:
+    for room in inputs.rooms:
         found[R(room.id)] = gtsam.Pose3(room.T_map_room)
-    anchors = told.anchors
+    anchors = inputs.anchors
     if anchors is not None:
         found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
-        places = [p.place for _, _, p in planned_walls(anchors, told.anchor_of)]
+        places = [p.place for _, _, p in planned_walls(anchors, inputs.anchor_of)]
         for number, place in enumerate([*_middles(anchors).values(), *places]):
             found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
     values = gtsam.Values()

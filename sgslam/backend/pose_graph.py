@@ -1,4 +1,4 @@
-"""The keyframes and what ties them to one another as a g2o file."""
+"""Writes the keyframes and the factors between them as a g2o file."""
 
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,15 @@ from sgslam.backend.factor_log import FactorLog
 
 FILE = "pose_graph.g2o"
 Floats = NDArray[np.float64]
-# GTSAM: rotation (rad), translation; g2o: translation, vector part of the unit quaternion, which is half the angle
+# GTSAM: rotation (rad), translation; g2o: translation, vector part of the unit quaternion (half the angle)
 _ORDER = [3, 4, 5, 0, 1, 2]
 _UNITS = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 def write_pose_graph(path: Path, log: FactorLog, poses: Floats) -> int:
-    """Writes `VERTEX_SE3:QUAT` of the keyframes, `poses` (K, 4, 4), and an `EDGE_SE3:QUAT` for each measured motion
-    between two of them, of robust ones with the noise that they are robust about; returns how many edges there are.
+    """Writes `VERTEX_SE3:QUAT` of the keyframes, `poses` (K, 4, 4), and `EDGE_SE3:QUAT` of the motions between them.
 
-    Walls, rooms and the plan, which hold the map too, are no part of it.
+    Robust losses are left out, as are walls, rooms and the plan. Returns the number of edges.
     """
     lines = [f"VERTEX_SE3:QUAT {i} {_words(row)}" for i, row in enumerate(poses_to_xyzquat(poses))]
     edges = [

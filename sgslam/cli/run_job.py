@@ -29,7 +29,7 @@ from sgslam.config.loading import load_config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
 from sgslam.odometry.choice import choose
-from sgslam.odometry.external import GivenOdometry
+from sgslam.odometry.external import ExternalOdometry
 from sgslam.report.accuracy import accuracy, associate
 from sgslam.session.checkpoints import Checkpoints, load
 from sgslam.session.prior_map import PriorMap
@@ -50,7 +50,7 @@ class Job:
     options: argparse.Namespace
     before: dict[str, Any] | None
     config: Config
-    given: GivenOdometry | None
+    given: ExternalOdometry | None
     start: Start | None
     matcher: Any
     earlier: PriorMap | None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from data import UserError
 from data.scans import ScanSource
-from sgslam.odometry.external import GivenOdometry
+from sgslam.odometry.external import ExternalOdometry
 from sgslam.session.checkpoints import Checkpoints
 from sgslam.session.result import Update
 from sgslam.slam import SceneGraphSlam
@@ -71,7 +71,7 @@ def interruptible() -> Iterator[Interruption]:
 
 def feed(
     slam: SceneGraphSlam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
-    given: GivenOdometry | None = None, onlooker: Onlooker | None = None,
+    given: ExternalOdometry | None = None, onlooker: Onlooker | None = None,
 ) -> str | None:  # fmt: skip
     """Feeds the scans after those that `progress` tells of, and keeps it up to date; returns why it had to stop early,
     if it had. The `onlooker` is told of each scan right after it. Raises UserError where not even one could be fed,

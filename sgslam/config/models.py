@@ -27,12 +27,18 @@ class OdometrySettings(_Settings):
     gicp_voxel_size: float = Field(0.25, gt=0, description="m, of small_gicp's scans and of its local map")
     gicp_spacing: float = Field(0.3, gt=0, description="m or rad between the scans of its local map")
     gicp_scans: int = Field(15, ge=1, description="in its local map at most")
-    leap_distance: float = Field(0.4, gt=0, description="m by which a given step may differ from the one before it")
-    leap_angle: float = Field(0.5, gt=0, description="rad, likewise; a step beyond is not believed")
-    unheld_speed: float = Field(1.0, gt=0, description="m/s that go unnoticed where surfaces do not hold the sensor")
-    unheld_turn: float = Field(0.3, gt=0, description="rad/s, likewise")
-    given_speed: float = Field(0.02, gt=0, description="m/s by which a given odometry may be wrong there")
-    given_turn: float = Field(0.01, gt=0, description="rad/s, likewise")
+    outlier_distance: float = Field(0.4, gt=0, description="m between two consecutive steps of an external odometry; a "
+                                    "step that differs by more from the one before it is ignored")  # fmt: skip
+    outlier_angle: float = Field(0.5, gt=0, description="rad between two consecutive steps of an external odometry; a "
+                                 "step that differs by more from the one before it is ignored")  # fmt: skip
+    unconstrained_speed_error: float = Field(1.0, gt=0, description="m/s by which the project's own odometry may be "
+                                             "wrong where surfaces do not constrain it")  # fmt: skip
+    unconstrained_turn_error: float = Field(0.3, gt=0, description="rad/s by which the project's own odometry may be "
+                                            "wrong where surfaces do not constrain it")  # fmt: skip
+    external_speed_error: float = Field(0.02, gt=0, description="m/s by which an external odometry may be wrong where "
+                                        "surfaces do not constrain it")  # fmt: skip
+    external_turn_error: float = Field(0.01, gt=0, description="rad/s by which an external odometry may be wrong where "
+                                       "surfaces do not constrain it")  # fmt: skip
     sigma_rotation: float = Field(0.004, gt=0, description="rad, a step between keyframes")
     sigma_translation: float = Field(0.015, gt=0, description="m, a step between keyframes")
 

@@ -1,4 +1,4 @@
-"""Small helpers for frames: levelling, yaw, planes under a motion, poses as arrays."""
+"""Helpers for frames: levelling, rigid motions, and planes and points under them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ def angle_of(T: Floats) -> float:
 
 
 def squared_up(T: Floats) -> Floats:
-    """A motion (4, 4) that rounding has left a little askew, its rotation made orthogonal: one step of Newton's."""
+    """A motion (4, 4) with its rotation orthogonal again after rounding errors, by one Newton step."""
     R, result = T[:3, :3], T.copy()
     result[:3, :3] = 1.5 * R - 0.5 * R @ (R.T @ R)
     return result

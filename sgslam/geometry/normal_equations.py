@@ -1,4 +1,4 @@
-"""Small symmetric systems within compiled functions, where LAPACK would take seconds to compile against."""
+"""Small symmetric linear systems in compiled functions, where linking LAPACK would take seconds to compile."""
 
 import math
 
@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 @compiled
 def solved(H: Floats, g: Floats) -> Floats:
-    """x (n,) with H x = g, for a positive definite H (n, n): Cholesky's factors, then forth and back."""
+    """x (n,) with H x = g for a positive definite H (n, n), by Cholesky factorisation."""
     L, x = np.zeros_like(H), g.copy()
     for i in range(len(g)):
         for j in range(i + 1):
@@ -32,7 +32,7 @@ def solved(H: Floats, g: Floats) -> Floats:
 
 @compiled
 def add_row(H: Floats, g: Floats, J: Floats, off: float, weight: float) -> None:
-    """Adds to normal equations H (n, n), g (n,) one measurement that is `off`, with its derivatives J (n,)."""
+    """Adds a measurement with residual `off` and Jacobian J (n,) to normal equations H (n, n), g (n,), in place."""
     for a in range(len(J)):
         g[a] += weight * off * J[a]
         for b in range(len(J)):

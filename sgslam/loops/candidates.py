@@ -1,4 +1,4 @@
-"""Which keyframes may have come back to a place seen before, as far as the graph lets the map drift."""
+"""Loop candidates: earlier passes that a keyframe may have come back to, within the possible drift of the map."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,14 +11,16 @@ from sgslam.config.loop_settings import LoopSettings
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
 _VIEW = 2.5  # m between two places from which much the same is seen
-_HELD = 0.5  # walls' worth that two keyframes must have in common across each direction
-_NEAR = 8.0  # m between keyframes that walls in common tie together
+_HELD = 0.5  # common walls that two keyframes need across each direction
+_NEAR = 8.0  # m between keyframes that common walls tie together
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Keyframes one after the other that went by a place; `drift` (m) and `turn` (rad) are how far they and the
-    keyframe that came back may be off one another; `by` tells what proposes them."""
+    """Consecutive keyframes that passed a place; `by` is what proposes them.
+
+    `drift` (m) and `turn` (rad) bound their error relative to the keyframe that came back.
+    """
 
     keyframes: Index
     drift: float
@@ -28,13 +30,12 @@ class Pass:
 
 @dataclass(frozen=True)
 class Ties:
-    """Pairs (T, 2) of keyframes, the newer first, whose relative place the graph knows: by walls that both saw, or by
-    a closure."""
+    """Pairs (T, 2) of keyframes, the newer first, that the graph ties together by common walls or a closure."""
 
     pairs: Index
 
     def way_between(self, way: Floats, i: int) -> Floats:
-        """(K,) metres from keyframe i to each other, along the way (K,) driven and over the ties: what drifts."""
+        """(K,) metres that drift accumulates over from keyframe i to each other: along the way (K,) and over ties."""
         direct = np.abs(way - way[i])
         if not len(self.pairs):
             return direct
@@ -51,10 +52,10 @@ def way_driven(places: Floats) -> Floats:
 def tied_by_walls(
     new: Index, places: Floats, way: Floats, incidence: NDArray[np.float32], normals: Floats, gap: float
 ) -> Index:
-    """(T, 2) keyframes of `new` (N,) and an older one each, `gap` metres of way before it, that saw walls in common
-    which hold all horizontal directions.
+    """(T, 2) keyframes of `new` (N,), each with an older one that saw common walls in all horizontal directions.
 
-    `incidence` (K, W) is 1 where a keyframe saw a wall, `normals` (W, 2) are the walls'.
+    The older one is more than `gap` metres of way before. `incidence` (K, W) is 1 where a keyframe saw a wall;
+    `normals` (W, 2) are the walls'.
     """
     if not len(new) or not len(normals):
         return np.empty((0, 2), dtype=np.int64)
@@ -71,20 +72,20 @@ def tied_by_walls(
 
 def passes_near(
     i: int, places: Floats, way: Floats, chosen: NDArray[np.bool_], ties: Ties, settings: LoopSettings,
-    alike: Mapping[str, Index] | None = None,
+    similar: Mapping[str, Index] | None = None,
 ) -> list[Pass]:  # fmt: skip
-    """The passes by the place of keyframe i that it may have come back to, the nearest first.
+    """The passes that keyframe i may have come back to, the nearest first.
 
-    `places` (K, 2) and `way` (K,) are those of all keyframes. Keyframes that are `chosen` (K,) come into question, if
-    they were there `gap` metres of way before, no farther off than the drift on the way between allows; those that are
-    `alike` by their walls or rooms, twice as far.
+    `places` (K, 2) and `way` (K,) are those of all keyframes. Candidates are `chosen` (K,) keyframes more than `gap`
+    metres of way before, no farther off than the drift since then allows; those that are `similar` by their walls or
+    rooms may be twice as far.
     """
     between = ties.way_between(way, i)
     allowed, turn = settings.drift_base + settings.drift * between, settings.turn_base + settings.turn * between
     older = chosen & (way[i] - way > settings.gap)
     off = np.linalg.norm(places - places[i], axis=1)
     found: list[Pass] = []
-    proposed = [("position", np.arange(len(way)), 1.0), *((by, own, 2.0) for by, own in (alike or {}).items())]
+    proposed = [("position", np.arange(len(way)), 1.0), *((by, own, 2.0) for by, own in (similar or {}).items())]
     for by, candidates, times in proposed:
         drift = np.minimum(times * allowed, settings.most_drift)
         near = candidates[older[candidates] & (off[candidates] < drift[candidates] + _VIEW)]

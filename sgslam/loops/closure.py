@@ -1,10 +1,9 @@
-"""Closes loops: places seen again are proposed, searched, registered, checked against one another, and held or not.
+"""Loop closure: revisited places are proposed, searched, registered, and checked for consistency.
 
-A false closure bends the map for good, a missed one leaves it as it was: in doubt none is made. What a closure must
-pass, one after the other: it lies where the drift allows (`loop_candidates`), no other place there fits nearly as well
-(`loop_search`), the scans of both passes lie on one another and hold all directions (`loop_registration`), neither saw
-through what the other saw stand, and, where much is to be corrected, several closures agree (pairwise consistency;
-Mangelson et al., ICRA 2018).
+A false closure damages the map, a missed one does not: in doubt none is made. A closure must lie within the possible
+drift (`candidates`). No other place may fit nearly as well (`search`). The scans of both passes must overlap and
+constrain all directions (`registration`), and neither pass may see through the other's walls. For large corrections,
+several closures must agree (pairwise consistency; Mangelson et al., ICRA 2018).
 """
 
 import logging
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse, se2_to_se3, transform_points
 from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
-from sgslam.loops.likeness import Widths, alike, alike_rooms
+from sgslam.loops.likeness import Widths, similar, similar_rooms
 from sgslam.loops.registration import register, submap
 from sgslam.loops.search import SeenSpace, agreement, search
 from sgslam.mapping.graph_nodes import Closure
@@ -28,22 +27,22 @@ from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
-Alike = Mapping[str, Index]  # keyframes, by what makes them alike
+Similar = Mapping[str, Index]  # similar keyframes, by the criterion
 _log = logging.getLogger(__name__)
 _PASSES = 3  # earlier passes that are tried for a keyframe
-_CLOUDS = 10  # keyframes of a submap that are registered, at most
+_CLOUDS = 10  # keyframes of a registered submap at most
 
 
 class Clouds(Protocol):
-    """Points (N, 3) of keyframes by their numbers, each in its sensor's frame."""
+    """Points (N, 3) of keyframes by number, each in its sensor frame."""
 
     def __getitem__(self, keyframe: int) -> NDArray[np.float32]: ...
 
 
 @dataclass(frozen=True)
 class _Map:
-    """What is known now: poses (K, 4, 4) of all keyframes in the levelled map, places (K, 2), way driven (K,), and
-    whether each is on the floor that is looked at (K,)."""
+    """The present map: poses (K, 4, 4) of all keyframes in the levelled map, places (K, 2), way driven (K,), and
+    whether each is on the present floor (K,)."""
 
     keyframes: list[KeyframeNode]
     clouds: Clouds
@@ -58,25 +57,25 @@ class _Map:
 
 
 class LoopCloser:
-    """Looks for places seen again; keyframes, walls and estimates are told anew each time.
+    """Finds loop closures; keyframes, walls and estimates are passed anew each time.
 
-    `closures` are those that hold, the factor graph's own list: new ones are added to it, contradicted ones taken out.
-    Places that the first `looked` keyframes came back to are not looked for.
+    `closures` is the factor graph's own list: new ones are added to it, contradicted ones removed. The first `looked`
+    keyframes are not searched for closures.
     """
 
     def __init__(self, settings: LoopSettings, closures: list[Closure] | None = None, looked: int = 0) -> None:
         self._settings = settings
         self.closures = [] if closures is None else closures
-        self.withdrawn: list[tuple[Closure, str]] = []  # that held once, and why they no longer do
+        self.withdrawn: list[tuple[Closure, str]] = []  # closures that were removed, and why
         self._pending: list[Closure] = []
         self._tied = np.empty((0, 2), dtype=np.int64)
-        self._widths: dict[int, Widths] = {}  # of keyframes, found once
-        self._looked, self._last_way = looked, -np.inf  # keyframes looked at; way at the last search
+        self._widths: dict[int, Widths] = {}  # by keyframe, computed once
+        self._looked, self._last_way = looked, -np.inf  # keyframes processed; way at the last search
 
     def look(
         self, keyframes: list[KeyframeNode], storey: int, walls: WallMap, clouds: Clouds, scene: Scene | None = None
     ) -> list[Closure]:
-        """The closures on one floor that are believed since the last look; `scene` is what it was last cut into."""
+        """Returns the closures accepted on one floor since the last call; `scene` is that of the floor."""
         settings, began = self._settings, self._looked
         self._looked = len(keyframes)
         if not settings.enabled or len(keyframes) < 3:
@@ -89,20 +88,22 @@ class LoopCloser:
         new = began + np.flatnonzero(here[began:])
         tied = tied_by_walls(new, known.places, known.way, *_incidence(walls, len(keyframes)), settings.gap)
         self._tied = np.concatenate([self._tied, tied[_spread(known.way[tied[:, 0]], settings.spacing)]])
-        believed: list[Closure] = []
+        accepted: list[Closure] = []
         chosen = self._places(known, new, set(tied[:, 0].tolist()))
-        likeness = self._alike(known, chosen, walls, scene)
+        likeness = self._similar(known, chosen, walls, scene)
         for i in chosen:
             found = self._close(known, i, likeness[i])
             if found is not None:
                 self._pending.append(found)
-                believed += self._believed(known)
-        return believed
+                accepted += self._accepted(known)
+        return accepted
 
     def part_walls(self, closures: list[Closure], walls: WallMap, keyframes: list[KeyframeNode]) -> None:
-        """Parts the walls that were taken for one across two passes that a closure moves by more than walls may be
-        off each other: what was joined while the map was off may be a neighbour's. Those that lie on one another
-        afterwards are joined again."""
+        """Separates walls that were joined across two passes which a closure moves far apart.
+
+        While the map was off, observations may have been associated with a neighbouring wall. Walls that coincide
+        afterwards are joined again.
+        """
         way = way_driven(np.stack([k.T_map_sensor[:2, 3] for k in keyframes]))
         for closure in closures:
             if closure.correction > self._settings.rejoin:
@@ -111,7 +112,7 @@ class LoopCloser:
                 walls.part(set(later.tolist()), set(np.flatnonzero(earlier).tolist()))
 
     def contradicted(self, keyframes: list[KeyframeNode]) -> list[tuple[Closure, str]]:
-        """The closures that the graph's optimum stays off, which are given up, and why."""
+        """Removes the closures that the optimum contradicts; returns each with the reason."""
         gone = []
         for closure in self.closures:
             T = inverse(keyframes[closure.earlier].T_map_sensor) @ keyframes[closure.later].T_map_sensor
@@ -125,19 +126,19 @@ class LoopCloser:
         return gone
 
     def state(self) -> dict[str, Any]:
-        """What it remembers beside the closures, as a tree (see `state_tree`)."""
+        """Returns the state without `closures`, as a tree (see `state_tree`)."""
         return {
             "withdrawn": list(self.withdrawn), "pending": list(self._pending), "tied": self._tied,
             "looked": self._looked, "last_way": self._last_way,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told."""
+        """Restores what `state` returned."""
         self._pending, self._tied = state["pending"], state["tied"]
         self._looked, self._last_way, self.withdrawn = state["looked"], state["last_way"], state["withdrawn"]
 
-    def _alike(self, known: _Map, chosen: list[int], walls: WallMap, scene: Scene | None) -> dict[int, Alike]:
-        """For each chosen keyframe those that have the same walls about them, and those of rooms like its own."""
+    def _similar(self, known: _Map, chosen: list[int], walls: WallMap, scene: Scene | None) -> dict[int, Similar]:
+        """For each chosen keyframe, those with similar wall distances, and those in similar rooms."""
         if not chosen:
             return {}
         planes: dict[int, list[Floats]] = {}
@@ -146,9 +147,9 @@ class LoopCloser:
                 planes.setdefault(s.keyframe, []).append(s.plane)
         self._widths |= {k: Widths.of(k, np.stack(own)) for k, own in planes.items()}
         widths = Widths.together([w for k, w in self._widths.items() if known.on_floor[k]]).turned(known.T_level_sensor)
-        rooms = {} if scene is None else alike_rooms(scene)
+        rooms = {} if scene is None else similar_rooms(scene)
         return {
-            i: {"walls": alike(widths.by(i), widths), "room": np.array(rooms.get(i, []), dtype=np.int64)}
+            i: {"walls": similar(widths.by(i), widths), "room": np.array(rooms.get(i, []), dtype=np.int64)}
             for i in chosen
         }
 
@@ -157,7 +158,7 @@ class LoopCloser:
         return Ties(np.concatenate([self._tied, own]))
 
     def _places(self, known: _Map, new: Index, held: set[int]) -> list[int]:
-        """The keyframes whose places are searched now: spread over the way, those first that came last."""
+        """The keyframes to search for now: spread over the way, the newest first."""
         chosen: list[int] = []
         ways: list[float] = [self._last_way]
         for i in new[::-1].tolist():
@@ -170,8 +171,8 @@ class LoopCloser:
             self._last_way = max(ways)
         return chosen[::-1]
 
-    def _close(self, known: _Map, i: int, likeness: Alike) -> Closure | None:
-        """The closure of keyframe i to an earlier pass, if there is one that can be trusted by itself."""
+    def _close(self, known: _Map, i: int, likeness: Similar) -> Closure | None:
+        """The verified closure of keyframe i to an earlier pass; None where there is none."""
         at = known.places, known.way, known.on_floor
         for earlier in passes_near(i, *at, self._ties(), self._settings, likeness)[:_PASSES]:
             closure = self._verified(known, i, earlier)
@@ -189,8 +190,8 @@ class LoopCloser:
         fit = search(there, here.points, known.places[i], earlier.drift, earlier.turn, settings)
         if fit.overlap < settings.overlap or fit.agreement < settings.agreement:
             return self._refused(i, f"agreement {fit.agreement:.2f}, overlap {fit.overlap:.2f}")
-        if fit.rival > fit.agreement - settings.distinct:
-            return self._refused(i, f"another place fits as well ({fit.rival:.2f} and {fit.agreement:.2f})")
+        if fit.runner_up > fit.agreement - settings.distinct:
+            return self._refused(i, f"another place fits as well ({fit.runner_up:.2f} and {fit.agreement:.2f})")
         T_level = se2_to_se3(*fit.motion.tolist()) @ known.T_level_sensor[i]
         j = int(earlier.keyframes[np.argmin(np.linalg.norm(known.places[earlier.keyframes] - T_level[:2, 3], axis=1))])
         target, source = (
@@ -205,9 +206,7 @@ class LoopCloser:
         if np.linalg.norm(moved[:3, 3]) > settings.moved or _angle(moved) > settings.turned:
             return self._refused(i, "the registration leaves the place")
         if found.inliers < settings.inliers or found.error > settings.inlier_error or found.held < settings.held:
-            return self._refused(
-                i, f"inliers {found.inliers:.2f}, error {found.error:.3f} m, held {found.held:.3f}"
-            )
+            return self._refused(i, f"inliers {found.inliers:.2f}, error {found.error:.3f} m, held {found.held:.3f}")
         T_level_later = known.T_level_sensor[j] @ found.T_target_source
         motion = T_level_later @ inverse(known.T_level_sensor[i])
         shares = [
@@ -219,7 +218,7 @@ class LoopCloser:
         correction, turn = float(np.linalg.norm(T_level_later[:3, 3] - known.T_level_sensor[i][:3, 3])), _angle(motion)
         why = (
             f"keyframe {i} is back at keyframe {j}: {found.inliers:.0%} of its points within "
-            f"{100 * settings.inlier_distance:.0f} cm, agreement {fit.agreement:.2f}, next best {fit.rival:.2f}"
+            f"{100 * settings.inlier_distance:.0f} cm, agreement {fit.agreement:.2f}, next best {fit.runner_up:.2f}"
         )
         return Closure(j, i, found.T_target_source, found.covariance, correction, turn, earlier.by, why)
 
@@ -227,8 +226,8 @@ class LoopCloser:
         _log.debug("keyframe %d closes no loop: %s", i, why)
         return None
 
-    def _believed(self, known: _Map) -> list[Closure]:
-        """Of the pending closures those that may be held now."""
+    def _accepted(self, known: _Map) -> list[Closure]:
+        """The pending closures that can be accepted now."""
         settings, newest = self._settings, self._pending[-1]
         agreeing = [c for c in self._pending if self._agree(known, c, newest)]
         if newest.correction > settings.alone or newest.turn > settings.alone_turn:
@@ -242,7 +241,7 @@ class LoopCloser:
         return agreeing
 
     def _agree(self, known: _Map, a: Closure, b: Closure) -> bool:
-        """Whether two closures move the later pass alike, as far as either pass may have drifted in between."""
+        """Whether two closures move the later pass by the same motion, within the drift between them."""
         T = known.T_level_sensor
         first, second = (T[c.earlier] @ c.T_earlier_later @ inverse(T[c.later]) for c in (a, b))
         apart = abs(known.way[a.later] - known.way[b.later]) + abs(known.way[a.earlier] - known.way[b.earlier])
@@ -254,7 +253,7 @@ class LoopCloser:
 
 
 def _incidence(walls: WallMap, keyframes: int) -> tuple[NDArray[np.float32], Floats]:
-    """(K, W) which keyframe saw which wall, and (W, 2) the walls' normals."""
+    """(K, W) incidence, 1 where a keyframe saw a wall, and the walls' normals (W, 2)."""
     lines = walls.lines
     saw = np.zeros((keyframes, len(lines.ids)), dtype=np.float32)
     column = {wall: k for k, wall in enumerate(lines.ids.tolist())}
@@ -265,12 +264,12 @@ def _incidence(walls: WallMap, keyframes: int) -> tuple[NDArray[np.float32], Flo
 
 
 def _nearest(known: _Map, own: Index, i: int) -> Index:
-    """The keyframes of a pass that lie nearest to one of them, in their order."""
+    """The keyframes of a pass nearest to keyframe i along the way, in their order."""
     return np.sort(own[np.argsort(np.abs(known.way[own] - known.way[i]), kind="stable")[:_CLOUDS]])
 
 
 def _spread(way: Floats, spacing: float) -> Index:
-    """The places of those (N,) that lie so far apart along the way."""
+    """The indices of elements of `way` (N,) that are `spacing` apart."""
     _, first = np.unique(np.floor(way / spacing), return_index=True)
     return np.sort(first)
 

@@ -1,7 +1,7 @@
-"""Which earlier keyframes and rooms are alike: as far from wall to wall, in two directions, as here.
+"""Similar keyframes and rooms: those with equal distances from wall to wall in two directions.
 
-The distance between two walls that face each other does not depend on where between them the sensor stands, nor on the
-map's drift: a room is told by its width and depth, a corridor by nothing but its width.
+The distance between two walls that face each other depends neither on the sensor's place between them nor on drift. A
+room is described by its width and depth, a corridor only by its width.
 """
 
 from dataclasses import dataclass
@@ -13,17 +13,19 @@ from sgslam.mapping.scene import Scene
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]
-_EQUAL = 0.08  # m between two distances that are taken for the same
+_EQUAL = 0.08  # m between two distances that count as equal
 _PARALLEL = 0.99  # cosine between the normals of two walls that face each other
-_ALIGNED = 0.95  # cosine between directions in the map, which turns a little as it drifts
-_BOTH = 0.5  # of the worst direction's equal distances: two parallel ones are no second direction
+_ALIGNED = 0.95  # cosine between directions in the map, which rotates a little as it drifts
+_BOTH = 0.5  # equal distances needed in the weakest direction: two parallel ones are no second direction
 _LEAST, _MOST = 0.5, 20.0  # m from wall to wall
 
 
 @dataclass(frozen=True)
 class Widths:
-    """Distances (N,) m between walls that face each other, in directions (N, 3), each with its `owner` (N,), a keyframe
-    or a room, in whose frame it is unless told otherwise."""
+    """Distances (N,), in metres, between walls that face each other, along directions (N, 3).
+
+    `owner` (N,) is the keyframe or room of each, in whose frame the direction is given unless stated otherwise.
+    """
 
     owner: Index
     direction: Floats
@@ -31,7 +33,7 @@ class Widths:
 
     @staticmethod
     def of(owner: int, planes: Floats) -> "Widths":
-        """Between upright planes (M, 4), normals towards the side seen."""
+        """Distances between upright planes (M, 4) with normals towards the observed side."""
         facing = planes[:, :3] @ planes[:, :3].T < -_PARALLEL
         apart = planes[:, None, 3] + planes[None, :, 3]  # n.x + d = 0, opposite normals
         first, second = np.nonzero(np.triu(facing & (apart > _LEAST) & (apart < _MOST)))
@@ -39,7 +41,7 @@ class Widths:
 
     @staticmethod
     def together(parts: "list[Widths]") -> "Widths":
-        """All of them."""
+        """Concatenates several."""
         if not parts:
             return Widths(np.empty(0, np.int64), np.empty((0, 3)), np.empty(0))
         return Widths(
@@ -48,19 +50,21 @@ class Widths:
         )  # fmt: skip
 
     def turned(self, T_level_owner: Floats) -> "Widths":
-        """The same with directions in the levelled map; `T_level_owner` (K, 4, 4) are the poses of all owners."""
+        """With directions in the levelled map; `T_level_owner` (K, 4, 4) are the poses of all owners."""
         turned = np.einsum("nij,nj->ni", T_level_owner[self.owner, :3, :3], self.direction)
         return Widths(self.owner, turned, self.distance)
 
     def by(self, owner: int) -> "Widths":
-        """Those of one owner."""
+        """The distances of one owner."""
         own = self.owner == owner
         return Widths(self.owner[own], self.direction[own], self.distance[own])
 
 
-def alike(here: Widths, known: Widths) -> Index:
-    """The owners of `known` distances that equal those of `here` in two horizontal directions, without repetition; all
-    directions in the levelled map."""
+def similar(here: Widths, known: Widths) -> Index:
+    """The owners (M,), unique, of `known` distances that equal those of `here` in two horizontal directions.
+
+    All directions are in the levelled map.
+    """
     if not len(here.distance) or not len(known.distance):
         return np.empty(0, dtype=np.int64)
     equal = np.abs(here.distance[:, None] - known.distance[None]) < _EQUAL
@@ -73,8 +77,8 @@ def alike(here: Widths, known: Widths) -> Index:
     return owners[(xx + yy) / 2 - np.hypot((xx - yy) / 2, xy) > _BOTH]
 
 
-def alike_rooms(scene: Scene) -> dict[int, list[int]]:
-    """For each keyframe in a room the keyframes of other rooms that are alike to it in width and depth."""
+def similar_rooms(scene: Scene) -> dict[int, list[int]]:
+    """For each keyframe in a room, the keyframes of other rooms with similar width and depth."""
     rooms = {room.id: room for room in scene.rooms if room.walls}
     number_of = {name: number for number, name in scene.room_ids.items()}
     members: dict[int, list[int]] = {}
@@ -86,7 +90,7 @@ def alike_rooms(scene: Scene) -> dict[int, list[int]]:
     known = Widths.together(widths)
     result: dict[int, list[int]] = {}
     for number, own in zip(rooms, widths, strict=True):
-        same = [k for other in alike(own, known).tolist() if other != number for k in members.get(other, [])]
+        same = [k for other in similar(own, known).tolist() if other != number for k in members.get(other, [])]
         if same:
             result |= dict.fromkeys(members.get(number, []), sorted(same))
     return result

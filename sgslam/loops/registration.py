@@ -1,7 +1,4 @@
-"""Registers the scans of two passes of a place, and tells what the registration holds and what it leaves open.
-
-GICP (Segal et al., RSS 2009) of small_gicp.
-"""
+"""Registers the scans of two passes by a place, with the covariance of the result. GICP (Segal et al., RSS 2009)."""
 
 from dataclasses import dataclass
 
@@ -13,18 +10,20 @@ from sgslam.geometry.frames import inverse, squared_up, transform_points
 
 Floats = NDArray[np.float64]
 _VOXEL = 0.15  # m, of the points that are registered
-_NEIGHBOURS = 20  # of a point, for its normal; of fewer, noise makes a bare wall hold something along itself
+_NEIGHBOURS = 20  # of a point for its normal; with fewer, noise makes a bare wall seem to constrain along itself
 _FEWEST = 50  # points
-_ALIKE, _SIGMA = 100.0, 0.02  # points that err alike; m
-_KNOWN = 0.5  # m
+_CORRELATED, _SIGMA = 100.0, 0.02  # points that share one error; m, its standard deviation
+_KNOWN = 0.5  # m to the nearest point of the other pass
 _COARSE, _FINE = 0.5, 0.2  # m between corresponding points
 
 
 @dataclass(frozen=True)
 class Registration:
-    """`T_target_source` (4, 4) with its covariance (6, 6), rotation first, in the source's axes. `inliers` is the share
-    of the source's points that lie within the inlier distance of the target's planes, of those that have any near;
-    `error` (m) their RMSE; `held` the share of them that holds the horizontal direction that is held worst."""
+    """`T_target_source` (4, 4) with its covariance (6, 6), rotation first, in the source's axes.
+
+    Of the source's points near any of the target, `inliers` is the share within the inlier distance of the target's
+    planes, and `error` (m) their RMSE. `held` is the share of inliers that constrain the weakest horizontal direction.
+    """
 
     T_target_source: Floats
     covariance: Floats
@@ -34,7 +33,7 @@ class Registration:
 
 
 def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettings) -> Registration | None:
-    """Registers points (N, 3) to (M, 3) from a guess T_target_source (4, 4); None where nothing converges."""
+    """Registers `source` (N, 3) to `target` (M, 3) from a guess T_target_source (4, 4); None without convergence."""
     import small_gicp
 
     if min(len(target), len(source)) < _FEWEST:
@@ -53,7 +52,7 @@ def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettin
         return None
     placed = transform_points(T, np.asarray(here.points())[:, :3])
     nearest, squared = tree.batch_nearest_neighbor_search(np.column_stack([placed, np.ones(len(placed))]))
-    known = np.asarray(squared) < _KNOWN**2  # beyond, the other pass saw nothing there
+    known = np.asarray(squared) < _KNOWN**2  # the other pass saw nothing further away
     nearest = np.asarray(nearest)[known]
     normals, points = np.asarray(there.normals())[nearest, :3], np.asarray(there.points())[nearest, :3]
     near = np.abs(np.sum(normals * (placed[known] - points), axis=1))
@@ -69,34 +68,37 @@ def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettin
 
 
 def _information(T: Floats, points: Floats, normals: Floats) -> Floats:
-    """(6, 6) of the distances of points (N, 3), source frame, along normals (N, 3), target frame, by a small motion of
-    the source in its own axes, rotation first. (GICP's own counts a little along each surface as well.)"""
+    """(6, 6) point-to-plane information of a small motion of the source in its own axes, rotation first.
+
+    Points (N, 3) are in the source frame, normals (N, 3) in the target frame. GICP's own information also constrains
+    the directions along each surface a little.
+    """
     along = normals @ T[:3, :3]
     J = np.concatenate([np.cross(points, along), along], axis=1)
     return np.asarray(J.T @ J)
 
 
 def _held(H: Floats) -> float:
-    """How many points' worth of surfaces hold the horizontal direction that is held worst, turn and tilt left free.
+    """The number of points that constrain the weakest horizontal direction, rotation marginalised.
 
-    The source's axes are upright but for a lean of a few degrees.
+    The source's axes are upright to a few degrees.
     """
     about = H[3:, 3:] - H[3:, :3] @ np.linalg.pinv(H[:3, :3]) @ H[:3, 3:]
     return float(np.linalg.eigvalsh(about[:2, :2])[0])
 
 
 def _covariance(H: Floats, settings: LoopSettings) -> Floats:
-    """Of the registration, no better than the settings have it; wide where the points hold nothing.
+    """(6, 6) covariance from the information H (6, 6), at least that of the settings, wide in free directions.
 
-    Points of one surface err alike: a hundred count for one, with 2 cm each.
+    Errors of points on one surface are correlated: a hundred points count as one with 2 cm.
     """
-    values, vectors = np.linalg.eigh(H / _ALIKE / _SIGMA**2)
+    values, vectors = np.linalg.eigh(H / _CORRELATED / _SIGMA**2)
     wide = vectors @ np.diag(1.0 / np.maximum(values, 1e-2)) @ vectors.T
     least = [settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3
     return np.asarray((wide + wide.T) / 2 + np.diag(least))
 
 
 def submap(clouds: list[NDArray[np.float32]], T_map_sensor: Floats, T_map_frame: Floats) -> Floats:
-    """(N, 3) the clouds of keyframes at T_map_sensor (K, 4, 4), in the frame of T_map_frame (4, 4)."""
+    """(N, 3) the clouds of K keyframes at T_map_sensor (K, 4, 4), in the frame of T_map_frame (4, 4)."""
     T = inverse(T_map_frame) @ T_map_sensor
     return np.concatenate([transform_points(pose, cloud.astype(float)) for pose, cloud in zip(T, clouds, strict=True)])

@@ -1,7 +1,7 @@
-"""Where in the plan view of an earlier pass a later one fits, searched over all that the drift allows.
+"""Searches for the place of a later pass in the plan view of an earlier one, as far as the map may have drifted.
 
-Correlative scan matching (Olson, ICRA 2009) of contours with what was seen through counted against: a cell of the
-earlier pass is wall, free, or unknown. A place is an answer only where no other one is nearly as good.
+Correlative scan matching (Olson, ICRA 2009) of contours on a grid of wall, free and unknown cells, where points in free
+cells count against a place. A place is accepted only if no other one is nearly as good.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ _REACH = 10.0  # m of each contour that is used; beyond, neighbouring columns ar
 _WALL, _CLEAR = 0.15, 0.35  # m from a contour: up to here wall, from here on free
 _STEP, _TURN = 0.2, 0.0175  # m, rad: of the coarse search
 _FINE = ((0.05, 2, 0.006, 3), (0.02, 3, 0.003, 2))  # step, steps to each side, turn, turns to each side
-_RIVAL, _RIVAL_TURN = 0.6, 0.1  # m, rad from the best place, from which on another is another
+_DISTINCT, _DISTINCT_TURN = 0.6, 0.1  # m, rad from the best place, beyond which a place is a different one
 _CHUNK = 4_000_000  # look-ups at once
 
 
 @dataclass(frozen=True)
 class SeenSpace:
-    """What one pass saw, in plan view: +1 at walls, -1 where it saw through, 0 where neither is sure."""
+    """The plan view of one pass: cells are +1 at walls, -1 in free space, 0 where unknown."""
 
     grid: Grid
     cells: NDArray[np.int8]
@@ -33,7 +33,7 @@ class SeenSpace:
 
     @staticmethod
     def of(sensors: Floats, contours: list[Floats]) -> "SeenSpace":
-        """Of contours (M, 2) around sensors (K, 2), all in one frame."""
+        """Draws contours (M, 2) around sensors (K, 2), all in one frame."""
         near = [c[np.linalg.norm(c - s, axis=1) < _REACH] for s, c in zip(sensors, contours, strict=True)]
         cut = [_cut(s, c) for s, c in zip(sensors, contours, strict=True)]
         grid = Grid.around(np.concatenate([sensors, *cut]), _CELL)
@@ -58,13 +58,16 @@ class SeenSpace:
 
 @dataclass(frozen=True)
 class Fit:
-    """`motion` (3,) yaw x y moves the later pass onto the earlier one. `overlap` of its points lie in known space,
-    `agreement` is the share of those on walls less that of those in free space; `rival` that of the next best place."""
+    """The best place of a later pass: `motion` (3,), yaw x y, moves it onto the earlier one.
+
+    `overlap` is the share of its points in known space, `agreement` the share of these on walls less the share in free
+    space, `runner_up` the agreement of the next best place.
+    """
 
     motion: Floats
     overlap: float
     agreement: float
-    rival: float
+    runner_up: float
 
 
 def agreement(space: SeenSpace, points: Floats) -> tuple[float, float]:
@@ -81,14 +84,14 @@ def search(space: SeenSpace, points: Floats, centre: Floats, drift: float, turn:
     moves = moves[np.hypot(*moves.T) <= drift + _STEP]
     turns = np.arange(-np.ceil(turn / _TURN), np.ceil(turn / _TURN) + 1) * _TURN
     known, total = _scores(space, points - centre, turns, moves + centre)
-    # what is hardly seen again is no evidence, however well it fits
+    # a small overlap is no evidence, however well it fits
     possible = known >= 0.5 * settings.overlap * len(points)
     score = np.where(possible, total / np.maximum(known, 1), -1.0)
     support = np.where(known >= settings.overlap * len(points), total, -len(points))
     best = np.unravel_index(int(support.argmax()), support.shape)
-    elsewhere = np.hypot(*(moves - moves[best[1]]).T)[None] > _RIVAL
-    elsewhere = elsewhere | (np.abs(turns - turns[best[0]]) > _RIVAL_TURN)[:, None]
-    rival = float(np.where(elsewhere, score, -1.0).max())
+    elsewhere = np.hypot(*(moves - moves[best[1]]).T)[None] > _DISTINCT
+    elsewhere = elsewhere | (np.abs(turns - turns[best[0]]) > _DISTINCT_TURN)[:, None]
+    runner_up = float(np.where(elsewhere, score, -1.0).max())
     motion = np.array([turns[best[0]], *moves[best[1]]])
     for step, count, angle, angles in _FINE:
         side = np.arange(-count, count + 1) * step
@@ -100,7 +103,7 @@ def search(space: SeenSpace, points: Floats, centre: Floats, drift: float, turn:
         motion = np.array([about[top[:, 0]].mean(), *finer[top[:, 1]].mean(axis=0)])
     placed = _moved(points, motion, centre)
     overlap, agreed = agreement(space, placed)
-    return Fit(_about_origin(motion, centre), overlap, agreed, rival)
+    return Fit(_about_origin(motion, centre), overlap, agreed, runner_up)
 
 
 def _scores(space: SeenSpace, points: Floats, turns: Floats, moves: Floats) -> tuple[Floats, Floats]:

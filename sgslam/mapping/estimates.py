@@ -1,4 +1,4 @@
-"""What the map takes from the factor graph: the newest estimates, whoever keeps them."""
+"""The protocol of the estimates that the map takes from the factor graph."""
 
 from typing import Protocol
 
@@ -25,10 +25,10 @@ class Estimates(Protocol):
 
     @property
     def planes_in_map(self) -> dict[int, Floats]:
-        """(4,) the plane of each wall."""
+        """The plane (4,) of each wall by its number."""
         ...
 
     @property
     def floors_in_map(self) -> dict[int, Floats]:
-        """(4,) the plane of each floor that was seen, by its number."""
+        """The plane (4,) of each observed floor by its number."""
         ...

@@ -1,4 +1,4 @@
-"""The floors of a run: what belongs to each, and the S-graph of all of them."""
+"""The floors of a run: walls and scene of each, and the S-graph of all floors."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,9 +21,9 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class FloorMap:
-    """What belongs to one floor of the S-graph; its plane is in the back end, under the same number.
+    """One floor of the S-graph; its plane is in the back end, under the same number.
 
-    `scene` is what it was last cut into, None before that.
+    `scene` holds the rooms and wall surfaces of the last `cut`, None before.
     """
 
     number: int
@@ -31,23 +31,22 @@ class FloorMap:
     scene: Scene | None = None
 
     def scene_now(self, estimates: Estimates, config: Config) -> Scene:
-        """Rooms and wall surfaces as they are now; `scene` stays."""
+        """Rooms and wall surfaces from the present estimates, without changing `scene`."""
         plane = estimates.floors_in_map.get(self.number)
         return build_scene(estimates.keyframes, self.walls, plane, config, self.number)
 
     def cut(self, estimates: Estimates, config: Config) -> None:
-        """Cuts rooms and wall surfaces anew."""
+        """Updates `scene`: segments the rooms and the wall surfaces again."""
         self.scene = self.scene_now(estimates, config)
 
     def relabel(self) -> None:
-        """After walls were joined: the scene calls them what they are called now."""
+        """Updates the wall numbers in `scene` after walls were joined."""
         if self.scene is not None:
             self.scene = self.scene.relabelled(self.walls.current)
 
 
 class Floors:
-    """All floors that were seen, in the order in which they were; the robot is on `current`, unless it is on a stair
-    (then it left that one)."""
+    """All floors in the order of their first observation; `current` is the robot's, or on a stair the one it left."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
@@ -56,24 +55,24 @@ class Floors:
         self.current = self.begin()
 
     def state(self) -> dict[str, Any]:
-        """What is known of all floors, as a tree (see `state_tree`)."""
+        """Returns the state as a tree (see `state_tree`)."""
         return {
             "register": self.register.state(), "current": self.current.number,
             "maps": [{"walls": floor.walls.state(), "scene": floor.scene} for floor in self.maps],
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told."""
+        """Restores what `state` returned."""
         self.maps.clear()
-        for told in state["maps"]:
+        for of_floor in state["maps"]:
             floor = self.begin()
-            floor.walls.restore(told["walls"])
-            floor.scene = told["scene"]
+            floor.walls.restore(of_floor["walls"])
+            floor.scene = of_floor["scene"]
         self.register.restore(state["register"])
         self.current = self.maps[state["current"]]
 
     def begin(self) -> FloorMap:
-        """A new floor, on which the robot is from now on."""
+        """Adds a floor and makes it the current one."""
         number = len(self.maps)
         self.current = FloorMap(number, WallMap(self._config.surfaces, self.register, number))
         self.maps.append(self.current)
@@ -81,26 +80,30 @@ class Floors:
 
     @property
     def seen(self) -> list[SeenWall]:
-        """What was seen of walls on all floors, in the order in which it was."""
+        """The wall observations of all floors in the order in which they were made."""
         own = [iter(floor.walls.seen) for floor in self.maps]
         return [next(own[storey]) for storey in self.register.order]
 
     @property
     def rooms(self) -> list[RoomNode]:
-        """Of all floors, as they were last cut."""
+        """The rooms of all floors' scenes."""
         return [room for floor in self.maps if floor.scene is not None for room in floor.scene.rooms]
 
     def due(self, keyframes: list[KeyframeNode], settings: BackendSettings, unplaced: bool, hurry: bool) -> bool:
-        """Whether the current floor has grown enough since it was last cut; sooner while its place is not known, with
-        each keyframe where there is a `hurry`."""
+        """Whether the current floor has grown enough for another `cut`.
+
+        Sooner while it is `unplaced` in the plan; with each keyframe in a `hurry`.
+        """
         own, scene = sum(k.storey == self.current.number for k in keyframes), self.current.scene
         least = settings.unplaced_keyframes if unplaced else settings.scene_keyframes
         grown = own - (0 if scene is None else len(scene.graph.keyframes))
         return grown >= (1 if hurry else max(least, settings.scene_growth * own))
 
     def refresh(self, estimates: Estimates, height: float, last: bool) -> None:
-        """Takes over the newest estimates, joins walls that turn out to be one and parts those that turn out to be
-        two; `height` is the sensor's above the floor. At the `last` time all walls stay those of the graph."""
+        """Updates the walls from the newest estimates, joins duplicates and splits walls with a step.
+
+        `height` (m) is the sensor's above the floor. At the `last` time walls are not split, since the graph has them.
+        """
         for floor in self.maps:
             T_level_map = self._level_map(floor, estimates, height)
             floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
@@ -111,12 +114,12 @@ class Floors:
 
     @staticmethod
     def _level_map(floor: FloorMap, estimates: Estimates, height: float) -> Floats:
-        """(4, 4) T_level_map of a floor; one whose plane was not seen yet stays where it is thought to be."""
+        """(4, 4) T_level_map of a floor; unchanged while its plane was not observed."""
         plane = estimates.floors_in_map.get(floor.number)
         return floor.walls.T_level_map if plane is None and floor.number else level_map(plane, height)
 
     def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
-        """The S-graph of all floors, in the map frame, of their scenes; with the keyframes on stairs."""
+        """The S-graph of all `scenes` in the map frame, with the keyframes on stairs."""
         graphs = [scene.graph for scene in scenes]
         taken = [*(k for g in graphs for k in g.keyframes), *_on_stairs(keyframes)]
         if len(graphs) == 1 and all(k.storey is not None for k in keyframes):

@@ -1,4 +1,4 @@
-"""The free space of a storey as a grid: what was seen free, and what stands between rooms."""
+"""The free space of a storey as a grid, with the walls and lintels that separate rooms."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from sgslam.config import RoomSettings
 
 Floats = NDArray[np.float64]
-_REACH = 12.0  # m of free space taken from one scan; beyond it the columns are too far apart
+_REACH = 12.0  # m of free space used of one scan; beyond, its columns are too far apart
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of the levelled map: cell (row, column) has its middle at `origin` + (column, row) * `cell`."""
+    """Cells of the levelled map: cell (row, column) has its centre at `origin` + (column, row) * `cell`."""
 
     origin: Floats  # (2,)
     cell: float
@@ -23,7 +23,7 @@ class Grid:
 
     @staticmethod
     def around(points: Floats, cell: float) -> "Grid":
-        """A grid that holds all points (N, 2) and a margin."""
+        """A grid that contains all points (N, 2) with a margin."""
         low, high = points.min(axis=0) - 1.0, points.max(axis=0) + 1.0
         columns, rows = np.ceil((high - low) / cell).astype(int) + 1
         return Grid(low, cell, (int(rows), int(columns)))
@@ -45,7 +45,7 @@ class Grid:
 
 @dataclass(frozen=True)
 class FreeSpace:
-    """`free`: seen free, neither wall nor lintel."""
+    """Masks (rows, columns) on a grid; `free` cells were seen free and are neither wall nor lintel."""
 
     grid: Grid
     free: NDArray[np.bool_]
@@ -58,11 +58,10 @@ def free_space(
 ) -> FreeSpace:
     """Draws the free space of keyframes at `sensors` (K, 2), all in the levelled map.
 
-    `outlines` are the K contours (M, 2) around them, `segments` (S, 2, 2) the wall pieces seen, `lintels` the
-    K sets of points (L, 2) over doors; a cell counts as lintel when three keyframes or more have seen one
-    there.
+    `outlines` are the K contours (M, 2) around them, `segments` (S, 2, 2) the observed wall pieces, `lintels` the K
+    sets of points (L, 2) above doors. A cell is a lintel where three keyframes or more have seen one.
     """
-    # single precision, and one after another: of a long run there are thousands
+    # single precision, one after another: a long run has thousands
     near = [_within_reach(place, outline).astype(np.float32) for place, outline in zip(sensors, outlines, strict=True)]
     extent = [corner for outline in near if len(outline) for corner in (outline.min(axis=0), outline.max(axis=0))]
     grid = Grid.around(np.concatenate([sensors, np.array(extent).reshape(-1, 2)]), settings.cell)
@@ -72,7 +71,7 @@ def free_space(
             cv2.fillPoly(free, [grid.to_cells(outline)], 1)
     wall = np.zeros(grid.shape, np.uint8)
     for first, last in np.rint((segments - grid.origin) / grid.cell).astype(int).tolist():
-        cv2.line(wall, first, last, 1, 1)  # cuts at the border what goes beyond it; clipped ends would turn the line
+        cv2.line(wall, first, last, 1, 1)  # clips at the border; clipping the ends instead would turn the line
     seen = np.zeros(grid.shape, np.int32)
     for points in lintels:
         if len(points):

@@ -1,4 +1,4 @@
-"""What the back end is told of, beside keyframes and walls: rooms, and what ties the map to the BIM."""
+"""Inputs of the back end other than keyframes and walls: rooms, loop closures, and anchors to the BIM."""
 
 from dataclasses import dataclass, field
 
@@ -10,7 +10,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RoomNode:
-    """A room of the S-graph as a pose with the walls that bound it, planes (4,) in the room's frame."""
+    """A room of the S-graph: its pose T_map_room (4, 4) and the walls that bound it, planes (4,) in its frame."""
 
     id: int
     T_map_room: Floats
@@ -19,9 +19,11 @@ class RoomNode:
 
 @dataclass(frozen=True)
 class Closure:
-    """Keyframe `later` saw the place of keyframe `earlier` again: T_earlier_later (4, 4), its covariance (6, 6),
-    rotation first, in the later one's axes; `correction` (m) and `turn` (rad) are what it moves the map by; what
-    proposed it (`by`), and why it is believed."""
+    """A loop closure: keyframe `later` revisits the place of keyframe `earlier`.
+
+    T_earlier_later (4, 4) has a covariance (6, 6), rotation first, in the later one's axes. `correction` (m) and `turn`
+    (rad) are its correction of the map; `by` is what proposed it, `why` the reason to accept it.
+    """
 
     earlier: int
     later: int
@@ -35,8 +37,10 @@ class Closure:
 
 @dataclass(frozen=True)
 class PlannedWall:
-    """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame; what paired them
-    (`by`), and why it holds as it does."""
+    """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame.
+
+    `by` is what paired wall and plane, `why` the reason for the anchor's grade.
+    """
 
     plane: Floats
     place: Floats
@@ -47,12 +51,16 @@ class PlannedWall:
 
 @dataclass(frozen=True)
 class Anchors:
-    """What ties the S-graph to the BIM: walls and rooms by their numbers, the BIM frame near the building."""
+    """The anchors of the S-graph to the BIM: walls and rooms by number, in a local frame near the building.
+
+    `planes` are anchored tightly; `drifted` walls are pulled back where the map has drifted; `loose` ones stand
+    elsewhere than planned.
+    """
 
     T_map_bim: Floats
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
-    elevations: dict[int, float]  # of the S-graph's floors by their numbers, as far as their storeys are known
-    loose: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: walls that stand otherwise
-    bent: dict[int, list[PlannedWall]] = field(default_factory=dict)  # as `planes`: where the map is to be bent back
-    by: str = "given"  # what the storey and the rooms were told by
+    elevations: dict[int, float]  # m, of the S-graph's floors by number, where their storeys are known
+    loose: dict[int, list[PlannedWall]] = field(default_factory=dict)
+    drifted: dict[int, list[PlannedWall]] = field(default_factory=dict)
+    by: str = "given"  # origin of the storey and the rooms

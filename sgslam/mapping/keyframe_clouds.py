@@ -1,5 +1,4 @@
-"""The keyframes' points, kept on the disk: an hour's run must not fill the memory with what is needed only now and
-then (loop closures, the point cloud map at the end)."""
+"""The points of all keyframes, stored on disk: they are needed only for loop closures and the point cloud map."""
 
 import contextlib
 import logging
@@ -23,10 +22,10 @@ _log = logging.getLogger(__name__)
 
 
 class KeyframeClouds:
-    """Points (N, 3) float32 of keyframes, metres, each in its keyframe's sensor frame, one point for each `voxel`.
+    """Points (N, 3) float32 of keyframes, in metres, in each keyframe's sensor frame, one for each `voxel` (m).
 
-    `path` is the file that they are kept in (made anew), None for a nameless one that goes with the process. What is in
-    memory is a few numbers a keyframe. A disk that is full costs clouds, not the run.
+    `path` is the file, which is overwritten; None for an unnamed one that is deleted with the process. Memory holds a
+    few numbers for each keyframe. If the disk is full, further clouds are dropped and the run goes on.
     """
 
     def __init__(self, path: Path | None = None, voxel: float = 0.1) -> None:
@@ -38,15 +37,15 @@ class KeyframeClouds:
 
     def _begin(self, file: BinaryIO) -> None:
         self._file = file
-        self._places: dict[int, tuple[int, int]] = {}  # keyframe: place in the file, number of points
+        self._places: dict[int, tuple[int, int]] = {}  # keyframe: offset in the file, number of points
         self._full = False
 
     @classmethod
     def open(cls, path: Path, keyframes: int | None = None, voxel: float = 0.1) -> "KeyframeClouds":
-        """Those of a file, to read and to add to; a record that breaks off at the end is cut off.
+        """Opens a file for reading and adding; an incomplete record at the end is dropped.
 
-        With `keyframes` all that come at or after that number are forgotten, for a run that goes on from there.
-        Raises UserError for a file that is missing or is none of clouds.
+        With `keyframes`, clouds from that number on are dropped, for a run that resumes from there. Raises UserError
+        for a missing file and for one without clouds.
         """
         self = cls.__new__(cls)
         self.path, self.voxel = path, voxel
@@ -68,11 +67,11 @@ class KeyframeClouds:
         return self
 
     def add(self, keyframe: int, points: NDArray[np.floating]) -> None:
-        """Keeps the points (N, 3) of a keyframe, numbered as the back end's; at most one for each voxel."""
+        """Stores the points (N, 3) of a keyframe, numbered as in the back end; at most one for each voxel."""
         kept = points[one_a_voxel(points, self.voxel)].astype("<f4")
         record = _RECORD.pack(keyframe, len(kept)) + kept.tobytes()
         try:
-            os.ftruncate(self._file.fileno(), self._end)  # what a run before this one left beyond is forgotten
+            os.ftruncate(self._file.fileno(), self._end)  # drops what an earlier run left beyond
             written = os.pwrite(self._file.fileno(), record, self._end)
             if written < len(record):
                 raise OSError("only a part could be written")
@@ -87,27 +86,26 @@ class KeyframeClouds:
         self._end += len(record)
 
     def give_way(self) -> None:
-        """Forgets all clouds and frees their room on the disk, for what matters more."""
+        """Drops all clouds to free disk space for more important files."""
         self._places, self._end, self._full = {}, len(_MAGIC), True
         os.ftruncate(self._file.fileno(), self._end)
 
     def __getitem__(self, keyframe: int) -> NDArray[np.float32]:
-        """(N, 3) the points of a keyframe, its sensor's frame; none (0, 3) where none were kept. Safe from any
-        thread."""
+        """(N, 3) the points of a keyframe in its sensor frame; (0, 3) where none are stored. Thread-safe."""
         place, count = self._places.get(keyframe, (0, 0))
         raw = os.pread(self._file.fileno(), 12 * count, place)
         return np.frombuffer(raw, "<f4").reshape(-1, 3).astype(np.float32, copy=False)
 
     def __iter__(self) -> Iterator[int]:
-        """The keyframes whose points were kept, in their order."""
+        """Iterates over the keyframes with stored points, in their order."""
         return iter(self._places)
 
     def __len__(self) -> int:
-        """How many keyframes' points were kept."""
+        """The number of keyframes with stored points."""
         return len(self._places)
 
     def copy_to(self, path: Path) -> None:
-        """Writes them to another file, atomically, a piece at a time; nothing where that is their own file."""
+        """Copies all clouds to another file, atomically and in pieces; does nothing if that is the same file."""
         if self.path is not None and path.exists() and path.samefile(self.path):
             return
         with atomic_file(path) as file:
@@ -116,12 +114,14 @@ class KeyframeClouds:
 
 
 def voxel_keys(points: NDArray[np.floating], voxel: float) -> NDArray[np.int64]:
-    """(N,) one number for each cube of side `voxel` that points (N, 3) lie in: 21 bits an axis, a million voxels to
-    either side of zero."""
+    """(N,) a key for the cube of side `voxel` that each point (N, 3) lies in.
+
+    21 bits for each axis: a million voxels to either side of zero.
+    """
     cells = np.floor(points / voxel).astype(np.int64) + (1 << 20)
     return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
 
 
 def one_a_voxel(points: NDArray[np.floating], voxel: float) -> NDArray[np.int64]:
-    """The places of points (N, 3) of which each is the first in its voxel, in the points' order."""
+    """The indices (M,), ascending, of the first point of points (N, 3) in each voxel."""
     return np.sort(np.unique(voxel_keys(points, voxel), return_index=True)[1])

@@ -1,4 +1,4 @@
-"""Keyframes: when one is taken, and what it remembers."""
+"""Keyframes: their data, and the rule that takes one."""
 
 from dataclasses import dataclass, field
 
@@ -16,22 +16,22 @@ Floats32 = NDArray[np.float32]  # of what there is much of
 
 @dataclass
 class KeyframeNode:
-    """One keyframe of the S-graph; the back end moves `T_map_sensor`, the rest stays.
+    """One keyframe of the S-graph; the back end updates `T_map_sensor` (4, 4), the rest does not change.
 
-    `T_odom_sensor` is the tracked motion summed up, which never jumps; only differences of it are used. `storey` is the
-    number of the S-graph's floor that it was taken on, None on a stair. `slack` is the covariance (6, 6) of the step to
-    it beyond what every step has, rotation first, in the sensor's axes; None where surfaces held it all the way.
+    `T_track_sensor` (4, 4) accumulates the tracked motion and never jumps; only differences of it are used. `storey` is
+    the number of the S-graph's floor that it was taken on, None on a stair. `step_covariance` (6, 6), rotation first,
+    sensor axes, is the uncertainty of the step to it in excess of the default; None where surfaces constrained it well.
     """
 
     scan: int
     stamp_ns: int
-    T_odom_sensor: Floats
+    T_track_sensor: Floats
     T_map_sensor: Floats
     floor: FloorObservation | None = None
     outline: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # of free space, sensor frame
     lintels: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # sensor frame
     storey: int | None = 0
-    slack: Floats | None = None
+    step_covariance: Floats | None = None
 
 
 class KeyframeRule(Stateful):
@@ -43,20 +43,20 @@ class KeyframeRule(Stateful):
         self._settings = settings
         self._last: Floats | None = None
         self._scans = 0
-        self._stood = 0  # keyframes in a row that were taken while standing still
+        self._stood = 0  # consecutive keyframes taken while standing still
 
-    def wants(self, T_odom_sensor: Floats) -> bool:
-        """Whether the scan at this pose is to be a keyframe; the first always is."""
+    def wants(self, T_map_sensor: Floats) -> bool:
+        """Whether the scan at this pose (4, 4) becomes a keyframe; the first always does."""
         self._scans += 1
         still = False
         if self._last is not None:
-            step = inverse(self._last) @ T_odom_sensor
+            step = inverse(self._last) @ T_map_sensor
             distance = float(np.linalg.norm(step[:3, 3]))
             angle = float(np.arccos(np.clip((np.trace(step[:3, :3]) - 1) / 2, -1.0, 1.0)))
             still = distance < 0.05 and angle < 0.05
-            # each that is taken at one place tells less than the one before it: an hour's standing is not to be a map
+            # further keyframes at one place add little: an hour of standing still must not fill the map
             limit = self._settings.standing << self._stood if still else self._settings.scans
             if distance < self._settings.distance and angle < self._settings.angle and self._scans < limit:
                 return False
-        self._last, self._scans, self._stood = T_odom_sensor, 0, self._stood + 1 if still else 0
+        self._last, self._scans, self._stood = T_map_sensor, 0, self._stood + 1 if still else 0
         return True

@@ -1,5 +1,7 @@
-"""Rooms from free space: distance transform, seeds, watershed; joined where the neck between two is too wide
-for a door. (Bormann et al., ICRA 2016, compare such room segmentations.)"""
+"""Segments rooms in free space: distance transform, seeds, watershed; rooms with a neck too wide for a door are joined.
+
+Bormann et al. (ICRA 2016) compare such room segmentations.
+"""
 
 from dataclasses import dataclass
 
@@ -28,7 +30,7 @@ class SeenRoom:
 
 @dataclass(frozen=True)
 class Passage:
-    """A door or neck between two rooms: their labels and its middle (2,)."""
+    """A door or neck between two rooms: their labels and its centre (2,)."""
 
     rooms: tuple[int, int]
     middle: Floats
@@ -45,12 +47,11 @@ class Segmentation:
 
 
 def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmentation:
-    """Parts free space into rooms. `visited` (K, 2) are the sensor's places: of the free space only what
-    hangs together with them counts."""
+    """Segments free space into rooms. Only free space connected to the sensor places `visited` (K, 2) is used."""
     free = _reached(space, visited)
     clearance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, 5) * settings.cell
     seeds, _ = _label(clearance > settings.seed_clearance)
-    # cells in narrower places hang together with the seed that their widest way leads to
+    # cells in narrow places belong to the seed that their widest path leads to
     labels = watershed(-clearance, seeds, mask=free).astype(np.int32)
     labels = _join_wide_necks(labels, clearance, settings)
     rooms = _rooms(labels, space.grid, settings)
@@ -66,7 +67,7 @@ def segment(space: FreeSpace, visited: Floats, settings: RoomSettings) -> Segmen
 def _over_lintels(labels: NDArray[np.int32], space: FreeSpace, settings: RoomSettings) -> NDArray[np.int32]:
     """Lets rooms grow towards each other under lintels, so that those joined by a door meet there."""
     grown = expand_labels(labels, distance=_DOOR_DEPTH / settings.cell)
-    # both faces of a lintel are seen, not what lies between them
+    # only the two faces of a lintel are seen, so the gap between them is closed
     window = np.ones((int(_DOOR_DEPTH / settings.cell) + 1,) * 2, np.uint8)
     lintel = cv2.morphologyEx(space.lintel.astype(np.uint8), cv2.MORPH_CLOSE, window) > 0
     return np.where((labels == 0) & lintel & ~space.wall, grown, labels)

@@ -1,4 +1,4 @@
-"""The S-graph from the estimates: rooms cut from free space, and each wall cut into the surfaces it turns to rooms."""
+"""Builds the S-graph from the estimates: rooms from free space, and the surfaces of each wall by the rooms it faces."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,13 +18,13 @@ from sgslam.mapping.wall_map import WallMap
 
 Floats = NDArray[np.float64]
 _MOST_ROOMS = 2**20  # of a floor; room nodes are numbered floor after floor
-_STEP = 0.1  # m between the places at which a wall is asked which room it faces
+_STEP = 0.1  # m between the places along a wall at which the room that it faces is looked up
 _INSIDE = 0.2  # m from the wall into the room
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The S-graph in the map frame, and how its ids belong to the back end's variables."""
+    """The S-graph in the map frame, with the back end's numbers of its walls and rooms."""
 
     graph: SceneGraph
     wall_of_surface: dict[str, int]
@@ -32,7 +32,7 @@ class Scene:
     room_ids: dict[int, str]  # of the room nodes
 
     def relabelled(self, current: Callable[[int], int]) -> "Scene":
-        """The same scene after walls were joined; `current` gives what a wall is called now."""
+        """The scene after walls were joined; `current` gives a wall's number now."""
         wall_of = {name: current(wall) for name, wall in self.wall_of_surface.items()}
         rooms = [replace(room, walls={current(wall): p for wall, p in room.walls.items()}) for room in self.rooms]
         return replace(self, wall_of_surface=wall_of, rooms=rooms)
@@ -40,7 +40,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Names:
-    """What the parts of one floor's S-graph are called; unique over the floors of a run."""
+    """The ids of the parts of one floor's S-graph, unique over the floors of a run."""
 
     storey: int
 
@@ -69,9 +69,9 @@ class Names:
 def build_scene(
     keyframes: list[KeyframeNode], walls: WallMap, floor_in_map: Floats | None, config: Config, storey: int = 0
 ) -> Scene:
-    """Cuts rooms and wall surfaces of a floor from what is known now; `keyframes` are all of the run.
+    """Builds rooms and wall surfaces of a floor from the present estimates; `keyframes` are those of all floors.
 
-    Plan coordinates are those of the levelled map.
+    Plan coordinates are those of the levelled map; `floor_in_map` (4,) is the floor's plane, None if not observed.
     """
     names, T_level_map = Names(storey), walls.T_level_map
     own = {i: k for i, k in enumerate(keyframes) if k.storey == storey}
@@ -110,7 +110,7 @@ def _segment(own: dict[int, KeyframeNode], walls: WallMap, T: Floats, config: Co
 def _surfaces(
     walls: WallMap, segmentation: Segmentation, names: Names, config: Config
 ) -> tuple[list[WallSurface], dict[str, int]]:
-    """One surface for each room that a well-seen wall faces, and one for the longest part that faces no room."""
+    """One surface for each room that a well-observed wall faces, and one for its longest part that faces none."""
     lines = walls.lines_of_estimates()
     covered = walls.coverage(_STEP)
     heights = walls.heights()
@@ -141,7 +141,7 @@ def _surfaces(
 
 
 def _by_room(places: Floats, facing: NDArray[np.int32]) -> dict[int, Floats]:
-    """The places of a wall by the room that they face; as 0 the longest part that faces none and lies in no room's."""
+    """The places of a wall by the label of the room that they face; label 0 has the longest part that faces none."""
     parts = {label: places[facing == label] for label in np.unique(facing).tolist() if label}
     free = facing == 0
     for mine in parts.values():

@@ -1,7 +1,6 @@
-"""Wall surfaces across keyframes: which observation is of which wall, joined when two turn out to be one.
+"""The wall map: associates wall observations across keyframes, and joins and splits walls.
 
-A wall here is an upright plane with a side; the S-graph's wall surfaces are its parts, one for each room it
-faces.
+A wall here is an upright plane with a side. The S-graph's wall surfaces are its parts, one for each room it faces.
 """
 
 from dataclasses import dataclass, replace
@@ -19,8 +18,7 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class SeenWall:
-    """One wall piece as one keyframe saw it, in the sensor frame; `wall` is relabelled when walls are
-    joined."""
+    """One wall observation of one keyframe, in the sensor frame; `wall` is relabelled when walls are joined."""
 
     keyframe: int
     wall: int
@@ -32,8 +30,10 @@ class SeenWall:
 
 
 class WallRegister(Stateful):
-    """What the wall maps of all floors of a run share: on which floor each observation was made, in the order in which
-    they came, and how many walls have been numbered."""
+    """The numbering that the wall maps of all floors share.
+
+    `order` is the floor of each observation in the order in which they were made, `walls` the count of numbered walls.
+    """
 
     _STATE = ("order", "walls")
 
@@ -42,15 +42,14 @@ class WallRegister(Stateful):
         self.walls = 0
 
     def number(self) -> int:
-        """A number that no wall has yet."""
+        """A new wall number."""
         self.walls += 1
         return self.walls - 1
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Upright planes seen from above, in the levelled map: n.p + d = 0, from `low` to `high` along the
-    tangent."""
+    """M upright planes in plan view of the levelled map: n.p + d = 0, from `low` to `high` (m) along the tangent."""
 
     ids: NDArray[np.int64]
     normal: Floats  # (M, 2)
@@ -60,22 +59,22 @@ class Lines:
     count: NDArray[np.int64]  # keyframes that saw it
 
     def along(self, points: Floats) -> Floats:
-        """(K, M) the place of points (K, 2) along each line's tangent."""
+        """(K, M) the positions (m) of points (K, 2) along each line's tangent."""
         return points @ np.column_stack([-self.normal[:, 1], self.normal[:, 0]]).T
 
     def across(self, points: Floats) -> Floats:
-        """(K, M) the signed distance of points (K, 2) from each line."""
+        """(K, M) the signed distances (m) of points (K, 2) from each line."""
         return points @ self.normal.T + self.offset
 
     def visible_from(self, place: Floats, reach: float) -> "Lines":
-        """Those that turn their free side to a place (2,) and come within `reach` of it."""
+        """The lines whose free side faces a place (2,), within `reach` metres of it."""
         along = self.along(place[None])[0]
         across = self.across(place[None])[0]
         gap = np.maximum(0.0, np.maximum(self.low - along, along - self.high))
         return self.only(np.flatnonzero((across > 0) & (np.hypot(across, gap) < reach)))
 
     def only(self, chosen: NDArray[np.int64]) -> "Lines":
-        """Those at the given places."""
+        """The lines with the given indices."""
         return Lines(
             self.ids[chosen], self.normal[chosen], self.offset[chosen], self.low[chosen], self.high[chosen],
             self.count[chosen],
@@ -83,7 +82,11 @@ class Lines:
 
 
 class WallMap(Stateful):
-    """The wall observations of floor `storey` and the walls that they are thought to be of; `register` is the run's."""
+    """The wall observations of floor `storey` and the walls that they belong to.
+
+    `register` is shared by all floors. `T_level_map` (4, 4) levels the map: z up, the floor at z = 0. `planes_in_map`
+    are the back end's planes (4,) by wall number.
+    """
 
     _STATE = (
         "seen", "planes_in_map", "T_level_map", "_extent", "_intervals", "_across", "_along", "_joined_into",
@@ -94,20 +97,20 @@ class WallMap(Stateful):
         self._settings = settings
         self._register, self._storey = register or WallRegister(), storey
         self.seen: list[SeenWall] = []
-        self.planes_in_map: dict[int, Floats] = {}  # the back end's estimates
-        self.T_level_map: Floats = np.eye(4)  # levelled: z up, the floor at z = 0
+        self.planes_in_map: dict[int, Floats] = {}
+        self.T_level_map: Floats = np.eye(4)
         self._extent: dict[int, tuple[float, float, int]] = {}  # low, high, keyframes
         self._intervals: list[tuple[int, float, float]] = []  # wall, low, high of each observation
-        self._across, self._along = np.empty(0), np.empty(0)  # of the middle of each observation, its wall
+        self._across, self._along = np.empty(0), np.empty(0)  # m, each observation's centre relative to its wall
         self._joined_into: dict[int, int] = {}
         self._lines: Lines | None = None
 
     def level_by(self, T_level_map: Floats) -> None:
-        """(4, 4) the floor that the walls stand on is z = 0 by it, from now on."""
+        """Sets T_level_map (4, 4), which puts the floor at z = 0."""
         self.T_level_map = T_level_map
 
     def add(self, keyframe: int, T_map_sensor: Floats, pieces: list[tuple[WallObservation, Floats, Floats]]) -> None:
-        """Adds what a keyframe saw: (observation, plane (4,) and ends (2, 3) in the sensor frame) each."""
+        """Adds the observations of a keyframe: each with its plane (4,) and ends (2, 3) in the sensor frame."""
         if not pieces:
             return
         planes_in_map = transform_planes(T_map_sensor, np.stack([plane for _, plane, _ in pieces]))
@@ -123,15 +126,16 @@ class WallMap(Stateful):
         self._widen(np.array(walls), normals, ends_in_level[..., :2])
 
     def absorb(self, other: "WallMap", keyframes: int, wall_of: dict[int, int]) -> None:
-        """Takes over what another map's keyframes saw, which are numbered from `keyframes` on here, of walls that are
-        called as `wall_of` says. To be refreshed then."""
+        """Adds the observations of another map; `refresh` must follow.
+
+        Its keyframes are numbered from `keyframes` on here; `wall_of` maps its wall numbers to those here.
+        """
         for s in other.seen:
             self.seen.append(replace(s, keyframe=s.keyframe + keyframes, wall=wall_of[s.wall]))
             self._register.order.append(self._storey)
 
     def refresh(self, poses: Floats, planes_in_map: dict[int, Floats], T_level_map: Floats) -> None:
-        """Takes over the back end's estimates: (K, 4, 4) T_map_sensor of all keyframes and the planes
-        (4,)."""
+        """Updates the walls from the back end: `poses` (K, 4, 4), T_map_sensor of all keyframes, and planes (4,)."""
         self.T_level_map = T_level_map
         observed = {s.wall for s in self.seen}
         self.planes_in_map = {wall: plane for wall, plane in planes_in_map.items() if wall in observed}
@@ -155,19 +159,19 @@ class WallMap(Stateful):
 
     @property
     def lines(self) -> Lines:
-        """The walls as they were after the last keyframe or refresh."""
+        """The walls as lines since the last keyframe or refresh."""
         if self._lines is None:
             self._lines = self.lines_of_estimates()
         return self._lines
 
     def current(self, wall: int) -> int:
-        """The wall that this one was joined into, itself otherwise."""
+        """The number of the wall that this one was joined into; its own if it was not."""
         while wall in self._joined_into:
             wall = self._joined_into[wall]
         return wall
 
     def lines_of_estimates(self) -> Lines:
-        """The walls as lines in the levelled map, from the present estimates."""
+        """The walls as lines in the levelled map, computed from the present estimates."""
         ids = np.array(sorted(self.planes_in_map), dtype=np.int64)
         if not len(ids):
             none = np.empty(0)
@@ -177,7 +181,7 @@ class WallMap(Stateful):
         return Lines(ids, normal, offset, extent[:, 0], extent[:, 1], extent[:, 2].astype(np.int64))
 
     def coverage(self, step: float) -> dict[int, Floats]:
-        """For each wall the places along its tangent, `step` apart, at which some keyframe has seen it."""
+        """For each wall, the positions (m) along its tangent, `step` apart, at which it was seen."""
         cells: dict[int, set[int]] = {wall: set() for wall in self.planes_in_map}
         for wall, low, high in self._intervals:
             cells[wall].update(range(int(np.floor(low / step + 0.5)), int(np.ceil(high / step - 0.5)) + 1))
@@ -188,7 +192,7 @@ class WallMap(Stateful):
         return self._as_lines(self.planes_in_map[wall][None])[0][0]
 
     def heights(self) -> dict[int, tuple[float, float]]:
-        """For each wall the lowest and the highest point seen, above the floor."""
+        """For each wall, the lowest and the highest point seen (m above the floor)."""
         result: dict[int, tuple[float, float]] = {}
         for s in self.seen:
             low, high = result.get(s.wall, s.heights)
@@ -196,22 +200,24 @@ class WallMap(Stateful):
         return result
 
     def counts(self) -> dict[int, int]:
-        """For each wall how many keyframes saw it."""
+        """For each wall, the number of keyframes that saw it."""
         seen: dict[int, set[int]] = {}
         for s in self.seen:
             seen.setdefault(s.wall, set()).add(s.keyframe)
         return {wall: len(keyframes) for wall, keyframes in seen.items()}
 
     def lower_ends(self) -> dict[int, float]:
-        """For each wall how far down (m above the floor) a quarter of the keyframes that saw it could see it."""
+        """For each wall, the first quartile of the lowest points (m above the floor) of its observations."""
         lows: dict[int, list[float]] = {}
         for s in self.seen:
             lows.setdefault(s.wall, []).append(s.heights[0])
         return {wall: float(np.quantile(values, 0.25)) for wall, values in lows.items()}
 
     def scatter(self) -> dict[int, float]:
-        """For each wall the standard error (m) of its offset by the scatter of its observations; neighbouring
-        keyframes err alike, so that it falls with the fourth root of their number only."""
+        """For each wall, the standard error (m) of its offset from the scatter of its observations.
+
+        Errors of neighbouring keyframes are correlated, so it falls only with the fourth root of their number.
+        """
         values: dict[int, list[float]] = {}
         for s, across in zip(self.seen, self._across.tolist(), strict=True):
             values.setdefault(s.wall, []).append(across)
@@ -222,7 +228,7 @@ class WallMap(Stateful):
         return errors
 
     def join_duplicates(self) -> int:
-        """Relabels walls that have come to lie on one another; returns how many were given up."""
+        """Joins walls that coincide; returns the number of walls that were dropped."""
         joined = 0
         while True:
             lines = self.lines_of_estimates()
@@ -234,10 +240,9 @@ class WallMap(Stateful):
             joined += 1
 
     def split_steps(self) -> int:
-        """Parts walls that turn out to be two, end to end and a few centimetres apart across; returns how
-        many.
+        """Splits walls that turn out to be two, end to end and centimetres apart across; returns the number of splits.
 
-        Such a wall's observations lie at one offset up to some place along it and at another beyond it.
+        The observations of such a wall have one offset up to some place along it and another one beyond.
         """
         by_wall: dict[int, list[int]] = {}
         for i, s in enumerate(self.seen):
@@ -256,7 +261,7 @@ class WallMap(Stateful):
         return parted
 
     def part(self, later: set[int], earlier: set[int]) -> None:
-        """Takes what keyframes of `later` saw of walls that keyframes of `earlier` saw too for other walls."""
+        """Moves the `later` keyframes' observations of walls that `earlier` keyframes saw too to new walls."""
         old = {s.wall for s in self.seen if s.keyframe in earlier}
         names: dict[int, int] = {}
         for s in self.seen:
@@ -282,14 +287,16 @@ class WallMap(Stateful):
         return level[:, :2] / scale[:, None], level[:, 3] / scale
 
     def _associate(self, planes_in_map: Floats, ends: Floats) -> list[int]:
-        """For each piece (N, 4), with ends (N, 2, 2) in the levelled map, the wall nearest across among those that face
-        the same way and are near along; else a new one."""
+        """For each piece (N, 4), with ends (N, 2, 2) in the levelled map, the number of its wall or a new one.
+
+        Of the walls that face the same way and are near along, the nearest across is taken.
+        """
         lines = self.lines_of_estimates()
         nearest, fits = np.zeros(len(ends), dtype=np.int64), np.zeros(len(ends), dtype=bool)
         if len(lines.ids):
             normals, _ = self._as_lines(planes_in_map)
             facing = normals @ lines.normal.T > np.cos(self._settings.associate_angle)
-            # a far end that leaves the line says more than the angle of a short piece
+            # the distance of the far end is more informative than the angle of a short piece
             ends_across = lines.across(ends.reshape(-1, 2)).reshape(len(ends), 2, -1)
             across = np.abs(ends_across.mean(axis=1))
             along = np.sort(lines.along(ends.reshape(-1, 2)).reshape(len(ends), 2, -1), axis=1)
@@ -314,10 +321,9 @@ class WallMap(Stateful):
 
 
 def _beyond_step(along: Floats, across: Floats, settings: SurfaceSettings) -> NDArray[np.int64] | None:
-    """Which observations lie beyond the place where the offset steps, None where it does not.
+    """The indices of the observations beyond a step in the offset; None where there is no step.
 
-    `along`, `across` (N,) are the observations' middles. The step must be clear against the scatter on either
-    side.
+    `along`, `across` (N,) are the observations' centres (m). The step must be clear against the scatter on either side.
     """
     order = np.argsort(along, kind="stable")
     values = across[order]
@@ -336,7 +342,7 @@ def _beyond_step(along: Floats, across: Floats, settings: SurfaceSettings) -> ND
 
 
 def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, int] | None:
-    """The closest two walls that face the same way and lie on one another."""
+    """The indices of the closest two walls that face the same way and coincide; None where there are none."""
     if len(lines.ids) < 2:
         return None
     tangent = np.column_stack([-lines.normal[:, 1], lines.normal[:, 0]])
@@ -345,12 +351,12 @@ def _closest_duplicate(lines: Lines, settings: SurfaceSettings) -> tuple[int, in
     place = lines.along(centre).T  # (i, j): of j's centre along i
     low, high = np.maximum(lines.low[:, None], place - half), np.minimum(lines.high[:, None], place + half)
     overlap = high - low
-    # how far j is from i where both are, not where a long wall has its middle
+    # the distance of j from i where both are, not at the centre of a long wall
     common = (low + high)[..., None] / 2 * tangent[:, None] - (lines.offset[:, None] * lines.normal)[:, None]
     across = np.abs(np.einsum("ijk,jk->ij", common, lines.normal) + lines.offset)
     across = np.maximum(across, across.T)
     parallel = lines.normal @ lines.normal.T > np.cos(settings.join_angle)
-    # end to end, two walls are one only without a step; side by side, both cannot stand there
+    # end to end, two walls are one only without a step; side by side, there is no room for both
     allowed = np.where(overlap > settings.min_length, settings.join_offset, 0.5 * settings.split_step)
     cost = np.where(parallel & (across < allowed) & (overlap > -0.2), across, np.inf)
     np.fill_diagonal(cost, np.inf)

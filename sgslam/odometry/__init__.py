@@ -1,4 +1,4 @@
-"""Odometry behind one interface: KISS-ICP, small_gicp, or poses from outside."""
+"""Odometry: KISS-ICP and small_gicp behind one interface, or external poses."""
 
 from sgslam.odometry.base import Odometry
 from sgslam.odometry.factory import METHODS, make_odometry

@@ -1,6 +1,6 @@
-"""Odometry behind one interface: a scan goes in, T_odom_sensor comes out.
+"""The protocol of an odometry: it takes a scan and returns T_odom_sensor.
 
-An odometry from outside needs no such object: see `sgslam.odometry.external` and `SceneGraphSlam.add_scan`.
+An external odometry does not need it: see `sgslam.odometry.external` and `SceneGraphSlam.add_scan`.
 """
 
 from collections.abc import Callable, Mapping
@@ -18,26 +18,27 @@ class Odometry(Protocol):
 
     @property
     def upright_only(self) -> bool:
-        """Whether it is to be given only the points on upright surfaces, as the scan itself tells them."""
+        """Whether it uses only points on upright surfaces."""
         ...
 
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
-        """Takes (N, 3) points of one scan in the sensor frame, N >= 0; returns (4, 4) T_odom_sensor.
+        """Registers points (N, 3), N >= 0, of one scan in the sensor frame; returns T_odom_sensor (4, 4).
 
-        `expected_step` (4, 4) is T_last_sensor as somebody who knows more expects it, as a start of the search.
+        `expected_step` (4, 4), T_last_sensor, is the caller's prediction, from which the registration starts.
         """
         ...
 
     def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
-        """Takes over a step (4, 4) that somebody who knows more has found; returns T_odom_sensor. `points` gives what
-        `register` would have been given."""
+        """Adopts a step T_last_sensor (4, 4) that the caller found; returns T_odom_sensor (4, 4).
+
+        `points` returns the points that `register` would take.
+        """
         ...
 
     def state(self) -> dict[str, Floats]:
-        """All that it knows, as arrays: another one of the same settings that `restore`s it goes on alike, bit by
-        bit."""
+        """Returns the state as arrays; another instance of the same settings continues from it bit by bit."""
         ...
 
     def restore(self, state: State) -> None:
-        """Takes over what `state` gave."""
+        """Restores what `state` returned."""
         ...

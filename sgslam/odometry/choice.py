@@ -1,24 +1,24 @@
-"""What `--odometry` may say: a method's name, or a trajectory's file."""
+"""Parses `--odometry`: the name of a method, or a trajectory file."""
 
 import difflib
 from pathlib import Path
 
 from data.common.errors import UserError
 from sgslam.config import Config
-from sgslam.odometry.external import GivenOdometry
+from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.factory import METHODS
 
 
-def choose(told: str, config: Config) -> tuple[Config, GivenOdometry | None]:
-    """The settings with the method that was told, or the odometry that a TUM file gives.
+def choose(value: str, config: Config) -> tuple[Config, ExternalOdometry | None]:
+    """The settings with the method `value`, or the odometry of the TUM file `value`.
 
-    Raises UserError for what is neither, and for a file that cannot be read.
+    Raises UserError if it is neither, or the file cannot be read.
     """
-    if told in METHODS:
-        return config.model_copy(update={"odometry": config.odometry.model_copy(update={"method": told})}), None
-    path = Path(told)
+    if value in METHODS:
+        return config.model_copy(update={"odometry": config.odometry.model_copy(update={"method": value})}), None
+    path = Path(value)
     if path.exists():
-        return config, GivenOdometry.read(path)
-    near = difflib.get_close_matches(told, METHODS, 1, 0.5)
+        return config, ExternalOdometry.read(path)
+    near = difflib.get_close_matches(value, METHODS, 1, 0.5)
     hint = f"did you mean {near[0]}?" if near else f"give {', '.join(METHODS)}, or a TUM file"
-    raise UserError(f"--odometry {told}: no such file, and no such method; {hint}")
+    raise UserError(f"--odometry {value}: no such file, and no such method; {hint}")

@@ -1,4 +1,4 @@
-"""An odometry from outside: a trajectory by stamps (TUM), read at the stamps of the scans."""
+"""External odometry: a trajectory (TUM file), interpolated at the stamps of the scans."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,43 +11,40 @@ from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds
 
 Floats = NDArray[np.float64]
-_BEYOND_NS = NS // 10  # before the first pose and after the last: as fast as there, for the time of one scan
-_GAP_NS = NS  # between two poses; over a longer time nobody knows how the sensor went
+_BEYOND_NS = NS // 10  # extrapolation before the first pose and after the last, for the time of one scan
+_GAP_NS = NS  # longest gap between two poses that is interpolated
 
 
-class GivenOdometry:
-    """T_odom_sensor at any stamp that the trajectory covers.
-
-    `name` is what messages call it.
-    """
+class ExternalOdometry:
+    """T_odom_sensor at any stamp that the trajectory covers; `name` is used in messages."""
 
     def __init__(self, trajectory: Trajectory, name: str = "the odometry") -> None:
-        """Raises UserError for less than two poses."""
+        """Raises UserError for fewer than two poses."""
         if len(trajectory) < 2:
             raise UserError(f"{name}: one pose is no odometry; give a trajectory over all scans")
         self._trajectory, self._name = trajectory, name
         self._steps = np.diff(trajectory.stamps_ns)
 
     @staticmethod
-    def read(path: Path | str) -> "GivenOdometry":
-        """From a TUM file; raises UserError where it is none."""
-        return GivenOdometry(Trajectory.read_tum(path), str(path))
+    def read(path: Path | str) -> "ExternalOdometry":
+        """Reads a TUM file; raises UserError where it is invalid."""
+        return ExternalOdometry(Trajectory.read_tum(path), str(path))
 
     def check(self, stamps_ns: Sequence[int] | NDArray[np.int64]) -> None:
-        """Raises UserError, with the first stamp in question, where the trajectory does not cover all of these."""
+        """Raises UserError, naming the first stamp, if the trajectory does not cover all of `stamps_ns` (N,)."""
         stamps = np.asarray(stamps_ns, dtype=np.int64)
         bad = np.flatnonzero(~self._covered(stamps))
         if bad.size:
             raise UserError(self._uncovered(int(stamps[bad[0]]), int(bad.size), len(stamps)))
 
     def at(self, stamp_ns: int) -> Floats:
-        """(4, 4) T_odom_sensor; raises UserError where the trajectory does not reach."""
+        """T_odom_sensor (4, 4) at a stamp; raises UserError where the trajectory does not cover it."""
         if not self._covered(np.array([stamp_ns]))[0]:
             raise UserError(self._uncovered(int(stamp_ns), 1, 1))
         return np.array(self._trajectory.at(np.array([stamp_ns]))[0])
 
     def _after(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
-        """(M,) the pose after each stamp; at the ends the nearest that has one before it."""
+        """(M,) the index of the pose after each stamp, clipped to poses with a predecessor."""
         return np.clip(np.searchsorted(self._trajectory.stamps_ns, stamps), 1, len(self._trajectory) - 1)
 
     def _covered(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""The odometry that the settings name."""
+"""Creates the odometry named in the settings."""
 
 from sgslam.config import OdometrySettings
 from sgslam.odometry.base import Odometry
@@ -7,7 +7,7 @@ METHODS = ("kiss", "small_gicp")  # of `OdometrySettings.method`
 
 
 def make_odometry(settings: OdometrySettings) -> Odometry:
-    """The odometry of `settings.method`; raises UserError where its library is missing."""
+    """Creates the odometry of `settings.method`; raises UserError if its library is missing."""
     if settings.method == "small_gicp":
         from sgslam.odometry.small_gicp import SmallGicpOdometry
 

@@ -18,21 +18,20 @@ _log = logging.getLogger(__name__)
 _KERNEL = 0.5  # m, of the registration in a search
 _NEAR = 0.3  # m; a point this close to the map counts as explained by it
 _SPACING = 0.25  # m and rad between the scans of the local map while others find the steps
-_SUDDEN = 0.4  # m or rad by which a step may differ from the expected one before the map is asked
+_SUDDEN = 0.4  # m or rad from the expected step, beyond which the step is checked against the map
 _LEAST = 20  # points that a registration needs
-_PATIENCE = 5  # scans in a row that may find no place in the map, before it is begun afresh
+_PATIENCE = 5  # consecutive scans without a registration before a new local map begins
 
 
 class KissOdometry:
-    """KISS-ICP's steps, those of `KissICP.register_frame`.
+    """KISS-ICP with the steps of `KissICP.register_frame`.
 
-    A step that no sensor carried through a building makes (it tips over, or leaps), or that is unexpected and leaves
-    most of the scan unexplained, is searched anew, from standing still and from turns about the vertical. A scan that
-    fits nowhere, or has next to no points, is taken to go on as the last one did and leaves the local map alone; after
-    some in a row that fit nowhere, the map is begun afresh.
+    An implausible step (too long, or tipping over), and an unexpected one that leaves most of the scan unexplained, is
+    searched again from rotations about the vertical. A scan that cannot be registered, or has too few points, continues
+    the last step and is not added to the local map. After several of these a new local map begins.
     """
 
-    upright_only = True  # it pairs points with points, and those of floor and ceiling drag it along the scan rings
+    upright_only = True  # points of floor and ceiling would drag point-to-point ICP along the scan rings
 
     def __init__(self, settings: OdometrySettings) -> None:
         from kiss_icp.config import KISSConfig
@@ -49,8 +48,8 @@ class KissOdometry:
         self._kiss = KissICP(config)
         adaptive = config.adaptive_threshold
         self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, settings.max_range)
-        self._lost, self._scans = 0, 0  # scans in a row that found no place in the map, and all
-        self._mapped = np.eye(4)  # where the newest scan of the local map was taken
+        self._lost, self._scans = 0, 0  # consecutive scans without a registration, and all scans
+        self._mapped = np.eye(4)  # pose of the newest scan in the local map
 
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """See `Odometry.register`."""
@@ -75,7 +74,7 @@ class KissOdometry:
         return pose.copy()
 
     def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
-        """See `Odometry.follow`. The local map goes on growing, by scans some way apart."""
+        """See `Odometry.follow`. The local map still grows by spaced scans."""
         kiss = self._kiss
         pose = squared_up(kiss.last_pose @ T_last_sensor)
         if far_apart(self._mapped, pose, _SPACING):
@@ -113,7 +112,7 @@ class KissOdometry:
         )  # fmt: skip
 
     def _found(self, source: Floats, guess: Floats) -> Floats | None:
-        """T_odom_sensor where the scan finds its place in the map, else None."""
+        """T_odom_sensor (4, 4) of the registered scan; None where it does not fit the map."""
         kiss, settings = self._kiss, self._settings
         pose = self._align(source, guess, self._threshold.sigma)
         if not self._scans:
@@ -131,7 +130,7 @@ class KissOdometry:
 
 
 class _Threshold:
-    """KISS-ICP's adaptive threshold (section III-C of its paper), with its sums in sight, so that they can be kept."""
+    """KISS-ICP's adaptive threshold (section III-C of its paper) with accessible sums, so that they can be saved."""
 
     def __init__(self, initial: float, least_motion: float, max_range: float) -> None:
         self._least, self._range = least_motion, max_range
@@ -139,11 +138,11 @@ class _Threshold:
 
     @property
     def sigma(self) -> float:
-        """Metres."""
+        """The threshold (m)."""
         return float(np.sqrt(self.squares / self.count))
 
     def update(self, deviation: Floats) -> None:
-        """Takes note of what the registration adds (4, 4) to what was expected."""
+        """Adds the deviation (4, 4) of a registration from its prediction."""
         angle = float(np.arccos(np.clip((np.trace(deviation[:3, :3]) - 1) / 2, -1.0, 1.0)))
         error = 2 * self._range * np.sin(angle / 2) + float(np.linalg.norm(deviation[:3, 3]))
         if error > self._least:

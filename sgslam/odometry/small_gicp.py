@@ -15,21 +15,21 @@ from sgslam.odometry.steps import far_apart, plausible, search
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_NEIGHBOURS = 10  # that a surface is fitted to
+_NEIGHBOURS = 10  # points that a surface is fitted to
 _LEAST = 20  # points that a registration needs
-_REACH = 0.5  # m between points that may be of one surface
+_REACH = 0.5  # m between corresponding points
 _NEAR = 0.15  # m; a point this close to the map counts as explained by it
-_PATIENCE = 5  # scans in a row that may find no place in the map, before it is begun afresh
+_PATIENCE = 5  # consecutive scans without a registration before a new local map begins
 
 
 class SmallGicpOdometry:
-    """Each scan is registered to a local map of scans some way apart: were all of them in it, a robot that stands
-    would fill it with its noise (3.9 m of error after 80 still scans).
+    """Registers each scan to a local map of spaced scans.
 
-    One thread, so that the same input gives the same output.
+    With all scans in it, a standing robot would fill it with noise (3.9 m of error after 80 still scans). Runs on one
+    thread, so that the same input gives the same output.
     """
 
-    upright_only = False  # it pairs surfaces, and needs those of the floor too: nothing else holds the height
+    upright_only = False  # the floor is needed to constrain the height
 
     def __init__(self, settings: OdometrySettings) -> None:
         try:
@@ -39,8 +39,8 @@ class SmallGicpOdometry:
         self._gicp, self._settings = small_gicp, settings
         self._last, self._delta, self._mapped = np.eye(4), np.eye(4), np.eye(4)
         self._window: list[Floats] = []  # points (N, 3) of each scan in the local map, odometry frame
-        self._target: Any = None  # the map as small_gicp has it, with its search tree; made when it is asked for
-        self._lost, self._scans = 0, 0  # scans in a row that found no place in the map, and all
+        self._target: Any = None  # the map in small_gicp's form with its search tree, built on demand
+        self._lost, self._scans = 0, 0  # consecutive scans without a registration, and all scans
 
     def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
         """See `Odometry.register`."""
@@ -90,7 +90,7 @@ class SmallGicpOdometry:
         self._lost, self._scans = int(state["lost"][0]), int(state["scans"][0])
 
     def _prepared(self, points: Floats) -> Any:
-        """The points within range, thinned out, with covariances; None where they are too few to tell of surfaces."""
+        """The points within range, downsampled, with covariances; None where there are too few."""
         distance = np.linalg.norm(points, axis=1)
         kept = points[(distance > self._settings.min_range) & (distance < self._settings.max_range)]
         if len(kept) < _LEAST:
@@ -101,7 +101,7 @@ class SmallGicpOdometry:
         return cloud if cloud.size() >= _LEAST else None
 
     def _found(self, source: Any, guess: Floats) -> Floats | None:
-        """T_odom_sensor where the map explains enough of the scan, else None."""
+        """T_odom_sensor (4, 4) where the map explains enough of the scan, else None."""
         pose, share = self._align(source, guess)
         if share >= self._settings.min_share and plausible(inverse(self._last) @ pose, self._settings):
             return pose
@@ -112,8 +112,7 @@ class SmallGicpOdometry:
         )
 
     def _align(self, source: Any, guess: Floats) -> tuple[Floats, float]:
-        """T_odom_sensor from a start, and the share of the points that have a partner then; the start itself and none
-        where the registration ends nowhere."""
+        """T_odom_sensor (4, 4) registered from a guess, and the share of inliers; (guess, 0) where that fails."""
         if self._target is None:
             self._target = self._gicp.preprocess_points(
                 np.concatenate(self._window), downsampling_resolution=self._settings.gicp_voxel_size,
@@ -129,7 +128,7 @@ class SmallGicpOdometry:
         return squared_up(np.array(found.T_target_source)), found.num_inliers / source.size()
 
     def _grow(self, points: Floats, pose: Floats) -> None:
-        """Takes a scan into the local map where it lies some way from the last one in it."""
+        """Adds a scan to the local map if it is far enough from the last one in it."""
         if self._window and not far_apart(self._mapped, pose, self._settings.gicp_spacing):
             return
         moved = points @ pose[:3, :3].T + pose[:3, 3]

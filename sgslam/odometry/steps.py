@@ -1,5 +1,4 @@
-"""What every registration of scans needs: which steps a sensor can make, a search where it lost its track, and when a
-scan is worth keeping."""
+"""Helpers of all scan registrations: plausible steps, a search after lost tracking, and spacing of stored scans."""
 
 from collections.abc import Callable
 
@@ -16,7 +15,7 @@ _TURNS = np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
 
 
 def plausible(T_last_sensor: Floats, settings: OdometrySettings) -> bool:
-    """Whether a sensor that is carried through a building makes such a step (4, 4) from one scan to the next."""
+    """Whether a step (4, 4) between two scans is plausible for a sensor carried through a building."""
     if not np.isfinite(T_last_sensor).all():
         return False
     moved = float(np.linalg.norm(T_last_sensor[:3, 3]))
@@ -26,7 +25,7 @@ def plausible(T_last_sensor: Floats, settings: OdometrySettings) -> bool:
 
 
 def explained(source: Floats, pose: Floats, tree: cKDTree, near: float) -> float:
-    """The share of a scan's points (N, 3), N >= 1, that lie `near` (m) those of the map, from a pose T_odom_sensor."""
+    """The share of a scan's points (N, 3), N >= 1, within `near` (m) of the map, at a pose T_odom_sensor (4, 4)."""
     distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=near)
     return float(np.mean(np.isfinite(distance)))
 
@@ -35,8 +34,10 @@ def search(
     source: Floats, last: Floats, map_points: Floats, near: float, align: Callable[[Floats], Floats],
     settings: OdometrySettings,
 ) -> Floats | None:  # fmt: skip
-    """The pose T_odom_sensor that brings most of the scan's points (N, 3) `near` the map's (m), from turns of 30
-    degrees about the `last` one; None where none brings enough. `align` registers the scan from a start."""
+    """The pose T_odom_sensor (4, 4) with the most points (N, 3) of the scan `near` (m) the map; None for too few.
+
+    `align` registers the scan from the `last` pose rotated in steps of 30 degrees.
+    """
     tree = cKDTree(map_points)
     best, best_share = last, 0.0
     for turn in _TURNS if len(source) and len(map_points) else ():

@@ -1,1 +1,1 @@
-"""From one scan to surfaces: columns, deskewing, walls, floor."""
+"""Perception: deskewing, columns, and extraction of walls and floor from one scan."""

@@ -1,5 +1,4 @@
-"""A levelled scan sorted into azimuth columns: which points stand on upright and which on level surfaces, and the
-virtual 2D scan, one point for each column."""
+"""Sorts a levelled scan into azimuth columns: points on upright and on level surfaces, and a virtual 2D scan."""
 
 import math
 from dataclasses import dataclass
@@ -11,8 +10,8 @@ from data.common.compiled import compiled
 
 Floats = NDArray[np.float64]
 Contour = tuple[NDArray[np.int64], Floats]  # columns (M,), and x y (M, 2) of the one point of each
-_RING_STEP = 0.014  # of z over distance; points of one column that are closer are of one ring
-_LAGS = 4  # neighbours within a column that are asked
+_RING_STEP = 0.014  # of z over distance; closer points of one column belong to one ring
+_LAGS = 4  # neighbours within a column that are compared
 
 
 @dataclass(frozen=True)
@@ -22,18 +21,18 @@ class ColumnScan:
     points: Floats  # (N, 3)
     column: NDArray[np.int64]  # (N,)
     columns: int
-    upright: NDArray[np.bool_]  # (N,) a neighbour above or below lies at the same distance
-    level: NDArray[np.bool_]  # (N,) a neighbour nearer or further lies at the same height
+    upright: NDArray[np.bool_]  # (N,) a neighbour above or below is at the same distance
+    level: NDArray[np.bool_]  # (N,) a neighbour nearer or further is at the same height
 
 
 def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnScan:
-    """Sorts (N, 3) roughly levelled points by azimuth; judges each by its neighbours in its own column.
+    """Sorts roughly levelled points (N, 3) by azimuth; classifies each by its neighbours in its column.
 
-    Of the columns only each `every`-th is kept.
+    Only each `every`-th column is used.
     """
-    # single precision is enough to sort and to judge, and several times faster
+    # single precision is sufficient and several times faster
     x, y, z = (np.ascontiguousarray(points[:, i], dtype=np.float32) for i in range(3))
-    # the x axis is in the middle of a column, not between two: beams at regular angles begin there
+    # the x axis is at the centre of a column, not between two: beams at regular angles begin there
     azimuth = np.arctan2(y, x)
     column = (azimuth * np.float32(columns / (2 * np.pi)) + np.float32(columns / 2 + 0.5)).astype(np.uint16)
     column[column >= columns] = 0
@@ -59,13 +58,13 @@ def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnSca
             flag[lag:] |= holds
             flag[:-lag] |= holds
         if 2 * np.count_nonzero(pair) > len(points):
-            break  # the rings are far enough apart for the next neighbours to tell
+            break  # the rings are far enough apart for the nearest neighbours to decide
     return ColumnScan(points, column.astype(np.int64), columns, upright, level & ~upright)
 
 
 def contour(scan: ColumnScan, band: tuple[float, float]) -> Contour:
-    """The columns that hold upright points between the heights of `band`, and (M, 2) the x y of each one's point
-    of median distance."""
+    """The columns (M,) with upright points between the heights of `band` (m), and the x y (M, 2) of each one's point of
+    median distance."""
     return _contour(scan.points, scan.column, scan.upright, scan.columns, *band)
 
 

@@ -1,4 +1,4 @@
-"""Scans of a moving sensor as if they had been taken in one instant."""
+"""Deskews scans of a moving sensor to one instant."""
 
 import gtsam
 import numpy as np
@@ -10,10 +10,10 @@ Floats = NDArray[np.float64]
 
 
 def deskewed(points: Floats, seconds: Floats, T_last_sensor: Floats, interval_s: float) -> Floats:
-    """(N, 3) points in the sensor's frame of one instant, of points in its frames `seconds` (N,) after that.
+    """(N, 3) points in the sensor frame at one instant, from points measured `seconds` (N,) after it.
 
-    The sensor is taken to move on with the twist of its last step, `T_last_sensor` (4, 4) in `interval_s` seconds
-    (constant velocity in SE(3), as KISS-ICP has it; Vizzo et al., RA-L 2023, III-A).
+    The sensor is taken to move with the constant twist of its last step, `T_last_sensor` (4, 4) in `interval_s` seconds
+    (as in KISS-ICP; Vizzo et al., RA-L 2023, III-A).
     """
     twist = np.asarray(gtsam.Pose3.Logmap(gtsam.Pose3(T_last_sensor))) / interval_s
     turn, move = twist[:3], twist[3:]
@@ -33,13 +33,13 @@ def deskewed(points: Floats, seconds: Floats, T_last_sensor: Floats, interval_s:
 
 
 def part_of(step: Floats, share: float) -> Floats:
-    """(4, 4) a share of a motion (4, 4), whatever it is; negative ones go back."""
+    """(4, 4) a share of a motion (4, 4), which may be negative or above one."""
     twist = np.asarray(gtsam.Pose3.Logmap(gtsam.Pose3(step)))
     return np.asarray(gtsam.Pose3.Expmap(share * twist).matrix())
 
 
 def checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
-    """(N,) seconds after the stamp, one for each of `count` points; raises UserError for what is not that."""
+    """(N,) seconds after the stamp for each of `count` points; raises UserError for invalid times."""
     try:
         seconds = np.asarray(point_times, dtype=np.float64)
     except (TypeError, ValueError):

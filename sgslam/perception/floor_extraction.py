@@ -1,4 +1,4 @@
-"""The floor under the robot, from one roughly levelled scan."""
+"""Extracts the floor under the robot from one roughly levelled scan."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,10 @@ from sgslam.perception.column_scan import Floats
 
 @dataclass(frozen=True)
 class FloorObservation:
-    """`plane` (nx, ny, nz, d) in the given frame, n upwards, n.x + d = 0: d is the sensor's height."""
+    """The floor's `plane` (nx, ny, nz, d), n upwards, n.x + d = 0, so that d is the sensor's height (m).
+
+    `sigma_normal` (rad) and `sigma_offset` (m) are those of the fit, `points` the number of inliers.
+    """
 
     plane: Floats
     sigma_normal: float
@@ -18,11 +21,11 @@ class FloorObservation:
 
 
 def extract_floor(points: Floats, expected: float | None, min_points: int = 60) -> FloorObservation | None:
-    """The floor plane in (N, 3) points on level surfaces, z up to a few degrees; None where it is not seen.
+    """The floor plane in points (N, 3) on level surfaces, z up to a few degrees; None where it is not seen.
 
-    The lowest strong peak of the heights' histogram, then the plane through what lies within 5 cm of it: a
-    fit of all low points would let wall feet and furniture in and read centimetres too high. `expected` is
-    the height of the floor in the same frame where it is known already.
+    Takes the lowest strong peak of the heights' histogram and fits a plane to the points within 5 cm of it. A fit of
+    all low points would include the feet of walls and furniture and be centimetres too high. `expected` (m) is the
+    height of the floor in the same frame where it is already known.
     """
     z = points[:, 2]
     near = points[(z < -0.15) & (z > -2.5) if expected is None else np.abs(z - expected) < 0.15]

@@ -1,4 +1,4 @@
-"""What is refused of a scan before anything is made of it."""
+"""Checks a scan before it is processed."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,8 +14,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class RawScan:
-    """A scan as it came: points (N, 3) in the sensor frame; their times (N,) in seconds after the stamp, and
-    T_odom_sensor (4, 4), where these were given."""
+    """An unprocessed scan: points (N, 3) in the sensor frame, with optional times (N,), in seconds after the stamp, and
+    T_odom_sensor (4, 4) of an external odometry."""
 
     stamp_ns: int
     points: Floats
@@ -26,10 +26,10 @@ class RawScan:
 def checked_scan(
     stamp_ns: int, points: NDArray[np.floating[Any]], T_odom_sensor: Floats | None, newest_ns: int | None
 ) -> Floats:
-    """The points (N, 3) of a scan as float64, after those of `newest_ns`.
+    """The points (N, 3) of a scan as float64.
 
-    Raises UserError for a stamp that is no whole number or does not come after, for points that are not finite or none,
-    and for a `T_odom_sensor` that is no rigid motion.
+    Raises UserError for a stamp that is not an integer or not later than `newest_ns`, for no or non-finite points, and
+    for a `T_odom_sensor` that is not a rigid motion.
     """
     where = f"scan at {stamp_ns} ns"
     try:
@@ -38,7 +38,7 @@ def checked_scan(
         raise UserError(f"{where}: points must be an array (N, 3) of numbers") from None
     if checked.ndim != 2 or checked.shape[1] != 3 or not len(checked):
         raise UserError(f"{where}: points must be (N, 3), at least one, and finite; they are {checked.shape}")
-    if not np.isfinite(checked.sum()):  # only where every number is
+    if not np.isfinite(checked.sum()):  # finite only if all numbers are
         raise UserError(f"{where}: points must be finite; drop the others: points[np.isfinite(points).all(axis=1)]")
     if not isinstance(stamp_ns, (int, np.integer)):
         raise UserError(f"{where}: the stamp must be a whole number of nanoseconds, not {type(stamp_ns).__name__}")

@@ -1,4 +1,4 @@
-"""Vertical wall planes with their extent, from one levelled scan."""
+"""Extracts vertical wall planes with their extent from one levelled scan."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from data.common.compiled import compiled
 from sgslam.config import SurfaceSettings
 from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, split_chains
 
-_NOISE = 0.02  # m, of a range; the fit's own residual is used where it is larger
+_NOISE = 0.02  # m, of a range; the residual of the fit is used where it is larger
 _INLIER = 0.06  # m from the plane
 _UPRIGHT = np.diag([0.0, 0.0, 1 / 0.017**2])  # 1/rad2
 
@@ -61,9 +61,9 @@ def extract_walls(scan: ColumnScan, high: Contour, settings: SurfaceSettings) ->
 
 
 def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSettings) -> WallObservation | None:
-    """Fits a plane near the vertical one through `first` and `last` (2,) to the (N, 3) points close to it.
+    """Fits a plane to the points (N, 3) close to the vertical one through `first` and `last` (2,).
 
-    Linear least squares of the distance across over the places along and up, twice; None where it fails.
+    Linear least squares of the distance across by the positions along and up, in two passes; None where it fails.
     """
     middle, (dx, dy) = (first + last) / 2, (last - first).tolist()
     length = math.hypot(dx, dy)
@@ -79,7 +79,7 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
         moments, low, high = _moments(points, *near, level, solution, tolerance)
         if moments[0, 0] < 2 * settings.min_columns:
             return None
-        # the tilt is 0 within a degree as far as the points do not say otherwise
+        # prior: the tilt is zero to a degree
         covariance = np.linalg.inv(moments[:3, :3] / _NOISE**2 + _UPRIGHT)
         solution = covariance @ moments[:3, 3] / _NOISE**2
     seen = moments[0, 0]
@@ -126,8 +126,10 @@ def _moments(
 
 
 def _from_farthest(contour: Floats, column: NDArray[np.int64], columns: int) -> tuple[Floats, NDArray[np.int64]]:
-    """Turns the closed contour so that it begins at its farthest point, which is always the end of a straight
-    piece, so that the scan's seam cuts no wall; columns go on rising."""
+    """Rotates the closed contour to begin at its farthest point, the end of a straight piece; columns keep rising.
+
+    So the seam of the scan cuts no wall.
+    """
     first = int(np.argmax(np.hypot(contour[:, 0], contour[:, 1])))
     turned = np.concatenate([column[first:], column[:first] + columns])
     return np.roll(contour, -first, axis=0), turned
@@ -154,7 +156,7 @@ def _collinear(a: tuple[int, int], b: tuple[int, int], contour: Floats, settings
 
 
 def _between(scan: ColumnScan, start: NDArray[np.int64], first: int, last: int) -> Floats:
-    """The upright points of the columns first to last, which may go on beyond the last column of the scan."""
+    """(N, 3) the upright points of the columns first to last, which may wrap around the end of the scan."""
     if last >= scan.columns and first < scan.columns:
         parts = [slice(start[first], None), slice(0, start[last - scan.columns + 1])]
     else:
@@ -164,9 +166,9 @@ def _between(scan: ColumnScan, start: NDArray[np.int64], first: int, last: int) 
 
 @compiled
 def _is_window(line: Floats, low: Floats) -> bool:
-    """Whether the low band stands 6 to 30 cm before a piece, in parallel to it, rather than on it.
+    """Whether the low band stands 6 to 30 cm before a piece, parallel to it, rather than on it.
 
-    What stands further before it is furniture, which hides the parapet and says nothing.
+    Anything further before it is furniture, which hides the parapet, and is ignored.
     """
     nx, ny = line[0, 1] - line[-1, 1], line[-1, 0] - line[0, 0]
     scale = math.hypot(nx, ny)

@@ -1,1 +1,1 @@
-"""A run's state as a tree of plain values, and as a file."""
+"""Serialization: the state of a run as a tree of plain values, and as a file."""

@@ -1,4 +1,4 @@
-"""The state of a run as one file: an npz without pickle, written whole or not at all, refused when damaged."""
+"""The state file of a run: an npz without pickle, written atomically; damaged files are rejected."""
 
 import json
 import tokenize
@@ -15,14 +15,14 @@ from data import UserError
 from data.common.files import atomic_file
 from sgslam.serialization.state_tree import Packer, Unpacker
 
-FORMAT, VERSION = "sgslam state", 2
+FORMAT, VERSION = "sgslam state", 3
 _TREE, _HEADER = "tree", "header"
 
 
 def write_state(path: Path, about: dict[str, Any], state: Any, known: Mapping[str, type]) -> None:
-    """Writes a tree (see `state_tree`), with what it is `about` (JSON) in front, atomically.
+    """Writes a tree (see `state_tree`) with a header `about` it (JSON), atomically.
 
-    Raises TypeError where the tree holds what it may not, OSError where the file cannot be written.
+    Raises TypeError for unsupported values in the tree, OSError if the file cannot be written.
     """
     packer = Packer(known)
     tree = _bytes(packer.pack(state))
@@ -32,15 +32,15 @@ def write_state(path: Path, about: dict[str, Any], state: Any, known: Mapping[st
 
 
 def read_about(path: Path) -> dict[str, Any]:
-    """What a state file is about, without reading the rest. Raises UserError as `read_state` does."""
+    """The header of a state file, without reading the rest. Raises UserError as `read_state` does."""
     with _opened(path) as file:
         return _about(path, file)
 
 
 def read_state(path: Path, known: Mapping[str, type]) -> tuple[dict[str, Any], Any]:
-    """What the file is about, and the tree.
+    """The header and the tree of a state file.
 
-    Raises UserError, in one line, where the file is missing, of another version, or damaged.
+    Raises UserError, in one line, if the file is missing, of another version, or damaged.
     """
     with _opened(path) as file:
         about = _about(path, file)
@@ -49,14 +49,14 @@ def read_state(path: Path, known: Mapping[str, type]) -> tuple[dict[str, Any], A
             arrays = {name: _array(file, name) for name in names if name not in (_HEADER, _TREE)}
             return about, Unpacker(known, arrays).unpack(json.loads(_array(file, _TREE).tobytes()))
         except _DAMAGE as error:
-            raise UserError(f"{path}: damaged, or of another version ({error}); run it anew") from None
+            raise UserError(f"{path}: damaged, or of another version ({error}); start a new run") from None
 
 
 def _bytes(value: Any) -> NDArray[np.uint8]:
     return np.frombuffer(json.dumps(value, allow_nan=False, separators=(",", ":")).encode(), dtype=np.uint8)
 
 
-# whatever a byte turned over anywhere in a file can lead to
+# the errors that a flipped byte anywhere in a file can cause
 _DAMAGE = (ValueError, TypeError, KeyError, IndexError, AttributeError, EOFError, OSError, zipfile.BadZipFile,
            NotImplementedError, RecursionError, MemoryError, OverflowError, RuntimeError, UserError, SyntaxError,
            tokenize.TokenError)  # fmt: skip
@@ -68,7 +68,7 @@ def _opened(path: Path) -> zipfile.ZipFile:
     except FileNotFoundError:
         raise UserError(f"{path}: there is no such file; nothing was saved there") from None
     except _DAMAGE as error:
-        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be gone on from") from None
+        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be resumed") from None
 
 
 def _about(path: Path, file: zipfile.ZipFile) -> dict[str, Any]:
@@ -78,17 +78,17 @@ def _about(path: Path, file: zipfile.ZipFile) -> dict[str, Any]:
             raise ValueError("of another format")
         version, about = header["version"], header["about"]
     except _DAMAGE as error:
-        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be gone on from") from None
+        raise UserError(f"{path}: not a saved run ({type(error).__name__}); it cannot be resumed") from None
     if version != VERSION or not isinstance(about, dict):
-        raise UserError(f"{path}: saved in version {version} of the format, this is {VERSION}; run it anew")
+        raise UserError(f"{path}: saved in version {version} of the format, this is {VERSION}; start a new run")
     return about
 
 
 def _array(file: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """A stored array (N,) of numbers, no larger than the file says."""
+    """A stored array (N,) of numbers, checked against the size of the file."""
     entry = file.getinfo(f"{name}.npy")
     if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:
-        raise ValueError("compressed")  # a few bytes might become the memory's end
+        raise ValueError("compressed")  # a few bytes could expand to fill the memory
     raw = BytesIO(file.read(entry))
     version = np.lib.format.read_magic(raw)
     if version != (1, 0):

@@ -1,7 +1,7 @@
-"""A tree of plain values, arrays and known dataclasses as JSON beside a few long arrays, and back, exactly.
+"""Packs a tree of plain values, arrays and known dataclasses as JSON and a few long arrays, and unpacks it exactly.
 
-Nothing is executed on the way back: what a tree may hold is what is listed here, and the dataclasses that the caller
-names. Long lists are kept by columns, so that tens of thousands of observations take milliseconds.
+Unpacking executes no code: a tree may hold only the types listed here and the dataclasses that the caller names. Long
+lists are stored by columns, so that tens of thousands of observations take milliseconds.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Arrays = dict[str, NDArray[Any]]
-_KIND = "~"  # marks what JSON has no word for
-_LONG = 4  # a list of more is kept by columns where its items are alike
+_KIND = "~"  # marks values without a JSON type
+_LONG = 4  # longer lists of one type are stored by columns
 _DTYPES = {"f8": np.float64, "f4": np.float32, "i8": np.int64, "i4": np.int32, "u1": np.uint8, "b1": np.bool_}
 _CODES = {np.dtype(dtype): code for code, dtype in _DTYPES.items()}
 _KINDS = ("float", "array", "dict", "tuple", "set", "some", "numbers", "arrays", "tuples", "lists", "object", "objects",
@@ -24,22 +24,22 @@ _FLOATS, _INTS, _PLAIN = {float, np.float64}, {int, np.int64}, {int, str, bool, 
 
 
 class Stateful:
-    """Tells the attributes that `_STATE` names, and takes them back."""
+    """Saves and restores the attributes named in `_STATE`."""
 
     _STATE: ClassVar[tuple[str, ...]]
 
     def state(self) -> dict[str, Any]:
-        """What it knows, as a tree; parts of it are still its own, and change with it."""
+        """Returns the state as a tree; its parts are not copies and change with the object."""
         return {name: getattr(self, name) for name in self._STATE}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told."""
+        """Restores what `state` returned."""
         for name in self._STATE:
             setattr(self, name, state[name])
 
 
 class Packer:
-    """Packs a tree. An object of a dataclass that is met twice is kept once, unless within a list of its like."""
+    """Packs a tree. A dataclass object that occurs twice is stored once, except in lists stored by columns."""
 
     def __init__(self, known: Mapping[str, type]) -> None:
         self._names = {kind: name for name, kind in known.items()}
@@ -48,12 +48,14 @@ class Packer:
         self._met: dict[int, int] = {}
 
     def arrays(self) -> Arrays:
-        """The long arrays (N,) that the packed trees refer to, by the code of their kind of number; asked for once, at
-        the end, since the parts that they are made of are given up."""
+        """The long arrays (N,) of the packed trees, by dtype code; to be called once, at the end.
+
+        The parts that they are made of are released.
+        """
         return {code: np.concatenate(self._buffers.pop(code)) for code in list(self._buffers)}
 
     def pack(self, value: Any) -> Any:
-        """What JSON can hold of a value. Raises TypeError for what no tree may hold."""
+        """A value in JSON form. Raises TypeError for unsupported values."""
         if type(value) in _PLAIN or (type(value) is float and isfinite(value)):
             return value
         if isinstance(value, np.ndarray):
@@ -95,7 +97,7 @@ class Packer:
         return {_KIND: "array", "d": code, "o": start, "s": list(value.shape)}
 
     def _list(self, items: Sequence[Any]) -> Any:
-        """Short lists item by item, long ones by columns where all items are alike."""
+        """Packs short lists item by item, long ones of one type by columns."""
         kinds = set(map(type, items)) if len(items) > _LONG else set()
         absent = type(None)
         if absent in kinds and len(kinds) > 1:
@@ -125,8 +127,7 @@ class Packer:
 
 
 def _by_columns(array: NDArray[Any]) -> bool:
-    """Whether a matrix lies in memory column by column; its products may round otherwise than those of the same one
-    row by row."""
+    """Whether a matrix is stored by columns: its products may round differently from those of one stored by rows."""
     return array.ndim == 2 and array.flags.f_contiguous and not array.flags.c_contiguous
 
 

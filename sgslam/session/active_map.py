@@ -96,11 +96,11 @@ class ActiveMap:
     def add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with the walls and the floor that its points (N, 3) show."""
         scan = self.scans[-1]
-        before = self.backend.keyframes[-1].T_odom_sensor if self.backend.keyframes else np.eye(4)
+        before = self.backend.keyframes[-1].T_track_sensor if self.backend.keyframes else np.eye(4)
         tracked = before @ scan.T_keyframe_sensor  # the map jumps when it is optimised, this does not
-        storey = None if self.tracker.climbing else self.floors.current.number
+        storey = None if self.tracker.between_floors else self.floors.current.number
         keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
-        keyframe.slack = self.tracker.leave_keyframe()
+        keyframe.step_covariance = self.tracker.leave_keyframe()
         if points is not None:
             with self.stopwatch("surfaces"):
                 if storey is not None:
@@ -169,7 +169,7 @@ class ActiveMap:
         """Closes and opens loops, and optimises, until nothing changes. An anchored map needs none, unless it may have
         slipped."""
         for _ in range(_LOOP_ROUNDS):
-            if self.placed and not self.backend.loose:
+            if self.placed and not self.backend.has_weak_steps:
                 return
             keyframes, floor = self.backend.keyframes, self.floors.current
             with self.stopwatch("loops"):
@@ -197,7 +197,7 @@ class ActiveMap:
         """Whether there is a plan, and the floor that the robot is on has grown enough since it was last cut."""
         if self.anchoring is None or (self.placed and not if_placed):
             return False
-        hurry = self.anchoring.all_but_sure
+        hurry = self.anchoring.awaits_confirmation
         return self.floors.due(self.backend.keyframes, self._config.backend, not self.placed, hurry)
 
     def _cut_scenes(self) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.anchoring.wall_alignment import Holding
+from sgslam.anchoring.wall_alignment import WallAlignment
 from sgslam.as_built.deviation_entries import Deviation
 from sgslam.as_built.deviation_list import deviations
 from sgslam.as_built.deviations import measured_pieces
@@ -42,7 +42,7 @@ def finished(
     of_run = sorted([*scans[newest], *(s for part in unplaced for s in part.scans)], key=lambda s: s.stamp_ns)
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
-    holdings = anchoring.holdings(floors, backend.T_map_bim) if anchoring is not None else {}
+    alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
     uncertainty = backend.uncertainty() if T_bim_map is not None else None
     first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
     return Result(
@@ -54,8 +54,8 @@ def finished(
         T_bim_map=T_bim_map,
         s_graph=floors.graph(backend.keyframes, [floor.scene for floor in floors.maps if floor.scene is not None]),
         a_graph=bim,
-        matches=cast("MatchesFile | None", anchoring.answer(floors, holdings) if anchoring is not None else None),
-        deviations=_deviations(anchoring, holdings, floors, backend, uncertainty, config),
+        matches=cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None),
+        deviations=_deviations(anchoring, alignments, floors, backend, uncertainty, config),
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
         pose_covariances=_covariances(backend, uncertainty, T_bim_map, placed, newest.start),
@@ -70,7 +70,7 @@ def finished(
 
 
 def _deviations(
-    anchoring: BuildingAnchoring | None, holdings: dict[int, Holding], floors: Floors, backend: Backend,
+    anchoring: BuildingAnchoring | None, alignments: dict[int, WallAlignment], floors: Floors, backend: Backend,
     uncertainty: Uncertainty | None, config: Config,
 ) -> list[Deviation]:  # fmt: skip
     """The form of deviations.json, storey after storey; empty where the run was not anchored."""
@@ -78,13 +78,13 @@ def _deviations(
     if anchoring is None or uncertainty is None:
         return found
     for floor in floors.maps:
-        holding, scene, own = holdings.get(floor.number), floor.scene, anchoring.of(floor.number)
-        if holding is None or scene is None:
+        alignment, scene, own = alignments.get(floor.number), floor.scene, anchoring.of(floor.number)
+        if alignment is None or scene is None:
             continue
-        pieces = measured_pieces(holding, scene, floor.walls, uncertainty, anchoring.origin, own.height, config)
+        pieces = measured_pieces(alignment, scene, floor.walls, uncertainty, anchoring.origin, own.height, config)
         keyframes = [k for k in backend.keyframes if k.storey == floor.number]
         found += deviations(
-            pieces, holding, scene, floor.walls, keyframes, own.storey, anchoring.origin[:2], config
+            pieces, alignment, scene, floor.walls, keyframes, own.storey, anchoring.origin[:2], config
         )  # fmt: skip
     return found
 

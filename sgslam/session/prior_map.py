@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from data import SceneGraph, UserError
 from matching.protocol import AnyMatcher
 from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.anchoring.wall_alignment import hold, in_plan_view
+from sgslam.anchoring.wall_alignment import align_walls, planar_pose
 from sgslam.backend.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes, transform_points
@@ -182,12 +182,12 @@ class PriorMap:
             if known is None or known.scene is None or floor.scene is None:
                 continue
             T = self.T_plan_map @ T_map_other @ inverse(floor.walls.T_level_map)
-            place = in_plan_view(T) - np.array([0.0, *origin])
-            holding = hold(
+            place = planar_pose(T) - np.array([0.0, *origin])
+            alignment = align_walls(
                 floor.scene, floor.walls, plan.on_floor(_id(known)), origin, place, config.anchors
             )  # fmt: skip
-            for held in holding.walls if holding is not None else ():
-                if held.agrees or held.bent:
+            for held in alignment.walls if alignment is not None else ():
+                if held.agrees or held.drifted:
                     votes = same.setdefault(floor.scene.wall_of_surface[held.surface.id], {})
                     wall = known.scene.wall_of_surface[held.planned.id]
                     votes[wall] = votes.get(wall, 0.0) + (held.surface.length or 0.0)

@@ -63,9 +63,9 @@ def taken(
         reason = anchoring.reason
         if T_map_local is not None:
             T_plan_map = anchoring.bim_from_map(T_map_local)
-            matches = anchoring.answer(floors, anchoring.holdings(floors, T_map_local))
+            matches = anchoring.answer(floors, anchoring.alignments(floors, T_map_local))
         else:
-            for number, match in anchoring.newest.items():
+            for number, match in anchoring.newest_matches.items():
                 hypotheses += [(f"floor-{number}", told) for told in match.to_dict().get("hypotheses") or ()]
     return Snapshot(
         np.array([k.stamp_ns for k in keyframes], dtype=np.int64), backend.poses, on, graphs,

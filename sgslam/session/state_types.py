@@ -3,7 +3,7 @@
 from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from matching.result import Hypothesis, MatchResult
 from sgslam.anchoring.anchor_log import AnchorEvent, AnchorRecord
-from sgslam.anchoring.match_history import Growth, Said
+from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.backend.factor_log import FactorEvent
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.mapping.keyframes import KeyframeNode
@@ -17,8 +17,8 @@ from sgslam.tracking.scan_tracker import Located
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        AnchorEvent, AnchorRecord, Anchors, Closure, Door, RawScan, FactorEvent, Floor, FloorObservation, Growth,
-        Hypothesis, Keyframe, KeyframeNode, Lines, Located, MatchResult, PlannedWall, Room, RoomNode, Said, ScanPose,
-        Scene, SceneGraph, SeenWall, WallSurface,
+        AnchorEvent, AnchorRecord, Anchors, Closure, Door, FactorEvent, Floor, FloorObservation, Hypothesis, Keyframe,
+        KeyframeNode, Lines, Located, MapSize, MatchResult, PlannedWall, RawScan, Room, RoomNode, ScanPose, Scene,
+        SceneGraph, SeenWall, UniqueMatch, WallSurface,
     )
 }  # fmt: skip

@@ -1,1 +1,1 @@
-"""The pose of each scan: prediction, alignment to walls and floor, floor transitions, kidnapping."""
+"""Tracking: the pose of each scan by prediction and alignment, floor transitions, kidnap detection."""

@@ -1,5 +1,8 @@
-"""Each scan against the walls and the floor that are known already: KISS-ICP drags along its own scan rings indoors
-(centimetres a scan) and leans; upright walls and a level floor do not."""
+"""Aligns each scan with the mapped walls and floor, by point-to-plane Gauss-Newton.
+
+Indoors KISS-ICP drags along its own scan rings, by centimetres a scan, and tilts. Upright walls and a level floor
+prevent both.
+"""
 
 import math
 from dataclasses import dataclass, field
@@ -15,15 +18,17 @@ from sgslam.mapping.wall_map import Lines
 from sgslam.perception.column_scan import ColumnScan
 
 Floats = NDArray[np.float64]
-_BESIDE = 0.2  # m beyond a wall's end at which a point may still be of it
-_SAME = 0.97  # of the points; where so many lie within the last gate, it is as if it had been used
-_FLOOR_GATE = 0.12  # m; seats and steps are level too, and not much higher than the floor
+_BESIDE = 0.2  # m beyond a wall's end at which a point may still belong to it
+_SAME = 0.97  # share of the points within the last gate, from which on another step with it adds nothing
+_FLOOR_GATE = 0.12  # m; seats and steps are level too, and only a little higher than the floor
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """`T` (4, 4) of the sensor in the levelled map; `share` of the upright points that lie on walls; `information`
-    (3, 3): the normal equations of yaw, x and y in level axes, a point on a wall across a direction counting one."""
+    """The pose `T` (4, 4) of the sensor in the levelled map, and the `share` of upright points that lie on walls.
+
+    `information` (3, 3) is that of yaw, x and y in level axes; a point counts one across its wall.
+    """
 
     T: Floats
     share: float
@@ -31,7 +36,7 @@ class Tracked:
 
     @property
     def held(self) -> float:
-        """How many points' worth of walls hold the horizontal direction that is held worst, the turn being free."""
+        """The number of points that constrain the weakest horizontal direction, yaw marginalised."""
         return _held(self.information)
 
 
@@ -43,7 +48,7 @@ class Carried:
     up_in_sensor: Floats
 
     def followed_by(self, T_level_sensor: Floats, share: float) -> "Carried":
-        """The same after one more pose; the vertical follows by `share`."""
+        """Updated by one more pose: the vertical moves by `share` towards that of the pose."""
         up = (1 - share) * self.up_in_sensor + share * T_level_sensor[2, :3]
         return Carried(self.height, up / np.linalg.norm(up))
 
@@ -52,11 +57,11 @@ def track(
     scan: ColumnScan, walls: Lines, predicted: Floats, carried: Carried, bands: tuple[float, float],
     settings: TrackingSettings,
 ) -> Tracked:  # fmt: skip
-    """Moves a scan (sensor frame) onto the walls and the floor z = 0 of the levelled map, from a predicted pose.
+    """Aligns a scan (sensor frame) with the walls and the floor z = 0 of the levelled map, from a pose (4, 4).
 
-    Point-to-plane Gauss-Newton with Huber weights over all six degrees of freedom. The prediction is a measurement
-    too, so that a direction that no wall gives (along a bare corridor) keeps the odometry's word; so is, weakly, how
-    the sensor has been `carried` so far. Points between the heights `bands` above the floor stand for walls.
+    Point-to-plane Gauss-Newton with Huber weights over all six degrees of freedom. The prediction is a measurement too,
+    so that it decides in directions without walls, such as along a bare corridor. So is, weakly, how the sensor is
+    `carried`. Points between the heights `bands` (m) above the floor are used for walls.
     """
     upright = scan.points.take(chosen(scan.upright, 2 * settings.points), axis=0)
     z = upright @ predicted[2, :3] + predicted[2, 3]
@@ -74,7 +79,7 @@ def track(
 
 
 class _Weights(NamedTuple):
-    """Of `TrackingSettings`, what a step needs."""
+    """The part of `TrackingSettings` that a Gauss-Newton step needs."""
 
     sigma_point: float
     huber: float
@@ -104,7 +109,7 @@ def _tracked(
                 H[i, j] /= weights.sigma_point**2
         H[5, 5] += 1 / weights.sigma_height**2
         g[5] += (T[2, 3] - height) / weights.sigma_height**2
-        # (0, 0, 1) when carried as before; turned by w it moves by (wy, -wx)
+        # (0, 0, 1) when carried as before; a rotation w changes it by (wy, -wx)
         lean_x, lean_y, _ = _turned(up_in_sensor, T)
         H[0, 0] += 1 / weights.sigma_tilt**2
         H[1, 1] += 1 / weights.sigma_tilt**2
@@ -115,8 +120,8 @@ def _tracked(
         for part in step:
             furthest = max(furthest, abs(part))
         if close > _SAME * found and furthest < weights.sure_step:
-            break  # the next step would be by the same points, from where they want to be
-        normal, offset, low, high = normal[used], offset[used], low[used], high[used]  # a step brings no others near
+            break  # the next step would use the same points and be zero
+        normal, offset, low, high = normal[used], offset[used], low[used], high[used]  # no step brings others near
     return T, share, information
 
 
@@ -124,9 +129,11 @@ def _tracked(
 def moved_by(
     T: Floats, predicted: Floats, H: Floats, g: Floats, sigma_rotation: float, sigma_translation: float
 ) -> Floats:
-    """Moves T (4, 4), in place, by the step (6,) that normal equations H (6, 6), g (6,) ask for, and the prediction by
-    its sigmas, which are added to them; the step, rotation first, in the map's axes."""
-    D, gone = np.empty((3, 3)), np.empty(6)  # the turn since the prediction; turn and way
+    """Moves T (4, 4) in place by the solution of normal equations H (6, 6), g (6,); returns the step (6,).
+
+    The prediction is first added to the equations, in place, with its sigmas (rad, m). Rotation first, map axes.
+    """
+    D, gone = np.empty((3, 3)), np.empty(6)  # rotation since the prediction; rotation vector and translation
     for i in range(3):
         for j in range(3):
             D[i, j] = T[i, 0] * predicted[j, 0] + T[i, 1] * predicted[j, 1] + T[i, 2] * predicted[j, 2]
@@ -159,15 +166,17 @@ def moved_by(
 
 @compiled
 def chosen(flags: NDArray[np.bool_], count: int) -> NDArray[np.int64]:
-    """The places of about `count` of the flags that are set, evenly over the scan."""
+    """The indices of about `count` of the flags that are set, evenly spread over the scan."""
     places = np.flatnonzero(flags)
     return places[:: max(1, len(places) // count)].copy()
 
 
 @dataclass(frozen=True)
-class Pull:
-    """The normal equations H (6, 6), g (6,) by a turn and a move of the sensor, map axes, each point counting one with
-    Huber's weight; from the points `found` on a wall, of which so many are `close`."""
+class NormalEquations:
+    """Normal equations H (6, 6), g (6,) of a rotation and a translation of the sensor in map axes.
+
+    Each point counts one times its Huber weight. `found` points lie on a wall, `close` of them within the last gate.
+    """
 
     H: Floats
     g: Floats
@@ -175,16 +184,18 @@ class Pull:
     close: int
 
 
-def to_walls(points: Floats, T: Floats, walls: Lines, gate: float, settings: TrackingSettings) -> Pull:
-    """What draws the points (N, 3), sensor frame, of a sensor at T (4, 4) to the walls nearest to them, those that lie
-    within the gate; close are those within the last gate of the settings."""
+def to_walls(points: Floats, T: Floats, walls: Lines, gate: float, settings: TrackingSettings) -> NormalEquations:
+    """Normal equations of points (N, 3) of a sensor at T (4, 4) against their nearest walls within `gate` (m).
+
+    Points are in the sensor frame; close ones are within the last gate of the settings.
+    """
     lines = walls.normal, walls.offset, walls.low, walls.high
-    return Pull(*_to_walls(points, T, *lines, gate, settings.gates[-1], settings.huber)[:4])
+    return NormalEquations(*_to_walls(points, T, *lines, gate, settings.gates[-1], settings.huber)[:4])
 
 
 @compiled
 def _turned(point: Floats, T: Floats) -> tuple[float, float, float]:
-    """A point (3,) by the rotation of T (4, 4)."""
+    """A point (3,) rotated by T (4, 4)."""
     x, y, z = point
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z,
@@ -198,7 +209,7 @@ def _to_walls(
     points: Floats, T: Floats, normal: Floats, offset: Floats, low: Floats, high: Floats,
     gate: float, last_gate: float, huber: float,
 ) -> tuple[Floats, Floats, int, int, NDArray[np.bool_]]:  # fmt: skip
-    """What `Pull` holds, and which walls have points."""
+    """The fields of `NormalEquations`, and flags (M,) of the walls with points."""
     H, g, J = np.zeros((6, 6)), np.zeros(6), np.zeros(6)
     found, close, used = 0, 0, np.zeros(len(offset), np.bool_)
     for i in range(len(points)):
@@ -222,7 +233,7 @@ def _to_walls(
 
 @compiled
 def _to_floor(points: Floats, T: Floats, gate: float, huber: float, H: Floats, g: Floats) -> None:
-    """Adds the same of level points and the floor z = 0."""
+    """Adds level points on the floor z = 0 to normal equations H (6, 6), g (6,)."""
     J = np.zeros(6)
     for i in range(len(points)):
         x, y, z = _turned(points[i], T)
@@ -233,8 +244,8 @@ def _to_floor(points: Floats, T: Floats, gate: float, huber: float, H: Floats, g
 
 
 def _held(H: Floats) -> float:
-    """Of normal equations (3, 3) of yaw, x and y, what they tell of the direction that they tell least of."""
+    """The information of the weakest horizontal direction in normal equations (3, 3) of yaw, x and y."""
     a, b, c = H[1, 1], H[1, 2], H[2, 2]
-    if H[0, 0] > 0:  # the turn about the vertical is not known
+    if H[0, 0] > 0:  # marginalises yaw
         a, b, c = a - H[0, 1] ** 2 / H[0, 0], b - H[0, 1] * H[0, 2] / H[0, 0], c - H[0, 2] ** 2 / H[0, 0]
     return float((a + c) / 2 - np.hypot((a - c) / 2, b))

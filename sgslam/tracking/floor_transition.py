@@ -1,9 +1,9 @@
-"""Leaving a floor and arriving at one: stairs, ramps and steps, told by the level surfaces that were seen before.
+"""Floor transitions: detects that the robot leaves a floor over stairs, ramps or steps, and that it arrives at one.
 
-Upright walls tell nothing of the height. On its floor the sensor is held to its height above it; where that is no
-longer so, it seems to lean, and the level surfaces that were seen before (floor, treads) seem to sink or rise. Then the
-scan is located a second time, by these surfaces and the walls alone; if that contradicts, the floor has been left, and
-it goes on so until the ground has been level for some way.
+Upright walls do not constrain the height. On a floor, the alignment keeps the sensor at its height above it. Where that
+no longer holds, the sensor seems to lean, and level surfaces seen before (floor, treads) seem to sink or rise. Then the
+scan is aligned a second time, with these surfaces and the walls only. If the height differs, the floor was left, and
+scans are aligned this way until the ground has been level for some way.
 """
 
 import math
@@ -24,55 +24,60 @@ from sgslam.tracking.alignment import Carried, Tracked, chosen, moved_by, to_wal
 
 Floats = NDArray[np.float64]
 _REACH = 6.0  # m to the level surfaces that are used
-_WALLS_REACH = 8.0  # m to the walls that are used on a stair: of another storey they may be others
-_SPACING, _PATIENCE = 0.15, 0.75  # m between the scans whose level surfaces are kept; where there is doubt
-_KEPT = 24  # scans
+_WALLS_REACH = 8.0  # m to the walls that are used on a stair; those of another storey may differ
+_SPACING, _PATIENCE = 0.15, 0.75  # m between the scans whose level surfaces are stored; the latter in doubt
+_KEPT = 24  # scans in that window
 _BESIDE = 0.08  # m in plan between two points of one level surface
-_NEAR = (0.2, 0.1, 0.1)  # m between them on a stair, step by step
-_RISE = 0.07  # m of height between them on a stair, less than half of a riser; where a floor is left, as far as above
+_NEAR = (0.2, 0.1, 0.1)  # m between corresponding points on a stair, for each iteration
+_RISE = 0.07  # m of height between them on a stair, less than half a riser
 _ON_SURFACE = 0.03  # m from a known level surface
-_LEAST = 12  # points that tell
-_DOUBTFUL = 0.02, 0.05, 0.04  # rad of lean, m of height, m by which level surfaces have moved: then it is asked twice
-_ALIKE = 0.05, 0.5  # m, and the share of the points that must agree on how far level surfaces have moved
-_MOST = 0.6  # m
-_LEFT = 0.07, 2  # m of height by which the second answer differs, and scans in a row, where the floor has been left
+_LEAST = 12  # points that a decision needs
+_DOUBTFUL = 0.02, 0.05, 0.04  # rad of lean, m of height, m of rise of level surfaces: then the scan is aligned twice
+_ALIKE = 0.05, 0.5  # m, and the share of the points that must agree on the rise of level surfaces
+_MOST = 0.6  # m, the largest rise that is considered
+_LEFT = 0.07, 2  # m of height between both alignments, and consecutive scans, after which the floor was left
 _FLAT = 0.05  # m by which the height changes on level ground
-_LEVEL_WAY, _HOME_WAY = 2.0, 1.2  # m gone level in plan, until it is no landing; where a floor is known at that height
-_HOME = 0.12  # m from a known floor, at which the robot is on it,
-_DRIFT = 0.1, 0.6  # and of each metre climbed beyond these metres: heights drift on a stair
-_STOREY = 1.9  # m between two floors at least: less is a landing, a mezzanine, a ramp, a step
-_STEEPEST, _SWAY = 1.0, 0.02  # metres of height for one of way, and besides
-_TILT = 0.15  # rad that the sensor may lean on a stair
+_LEVEL_WAY, _HOME_WAY = 2.0, 1.2  # m of level way that a landing does not have; the same at the height of a known floor
+_HOME = 0.12  # m from a known floor at which the robot is on it; more after a climb:
+_DRIFT = 0.1, 0.6  # m for each metre climbed beyond so many metres, as heights drift on a stair
+_STOREY = 1.9  # least m between two floors; less is a landing, a mezzanine, a ramp or a step
+_STEEPEST, _SWAY = 1.0, 0.02  # m of height for each metre of way, and a constant
+_TILT = 0.15  # rad, sigma of the sensor's lean on a stair
 
 
 @dataclass(frozen=True)
 class Arrival:
-    """On level ground, at the `height` (m) above `floor`; where that is None a new floor begins there. Where the floor
-    was known before, the climb has gained so many metres of `drift`."""
+    """Arrival on level ground at `height` (m) above `floor`; None where a new floor begins there.
+
+    `drift` (m) is the error in height of the climb where the floor was known before.
+    """
 
     floor: FloorMap | None
     height: float
     drift: float = 0.0
 
 
-class Climb(Stateful):
-    """Watches whether the robot is on its floor, and locates it where it is not."""
+class FloorTransition(Stateful):
+    """Detects that the robot leaves its floor, and aligns scans between two floors.
+
+    `active`: between two floors. `ground` (m): height of the ground under the robot above its floor, on steps or ramps.
+    """
 
     _STATE = ("active", "ground", "_window", "_mapped", "_suspected", "_idle", "_way")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
-        self.active = False  # between two level grounds
-        self.ground = 0.0  # m above the floor on which the robot is, where that floor has steps or ramps
-        self._window: list[Floats] = []  # (N, 3) level points of each kept scan, map frame
-        self._mapped = np.full(3, np.inf)
-        self._suspected = 0
-        self._idle = False  # every other scan is enough
-        self._way: list[Floats] = []  # x y and the ground's height since the floor was left, level frame
+        self.active = False
+        self.ground = 0.0
+        self._window: list[Floats] = []  # (N, 3) level points of each stored scan, map frame
+        self._mapped = np.full(3, np.inf)  # position of the newest stored scan
+        self._suspected = 0  # consecutive scans that show that the floor was left
+        self._idle = False  # skips every other scan
+        self._way: list[Floats] = []  # x, y and height of the ground since the floor was left, level frame
         self._known: Floats | None = None  # (N, 3) the points of the window, level frame
 
     def moved(self, T_new_old: Floats) -> None:
-        """The map has been corrected where the robot is, by a motion (4, 4)."""
+        """Follows a correction T_new_old (4, 4) of the map at the robot."""
         if np.abs(T_new_old - np.eye(4)).max() > 1e-9:
             self._window = [transform_points(T_new_old, points) for points in self._window]
             self._known = None
@@ -85,8 +90,7 @@ class Climb(Stateful):
     def watch(
         self, scan: ColumnScan, walls: Lines, T_map_sensor: Floats, T_level_map: Floats, carried: Carried
     ) -> Floats | None:
-        """Of a scan that was located on its floor: None, or T_map_sensor by the level surfaces, where these show that
-        the floor has been left."""
+        """Checks a scan aligned on its floor; returns T_map_sensor (4, 4) by level surfaces if the floor was left."""
         T_level_sensor = T_level_map @ T_map_sensor
         self._idle = not self._idle
         if self._idle and not self._suspected:
@@ -103,7 +107,7 @@ class Climb(Stateful):
                 other = None
         if other is None:
             self._suspected = 0
-            # what is first seen while the floor may be sinking would be kept too low
+            # surfaces first seen while the floor seems to sink would be stored too low
             if np.linalg.norm(T_map_sensor[:3, 3] - self._mapped) >= (_PATIENCE if doubtful else _SPACING):
                 self._grow(self._unknown(points, T_level_map), T_map_sensor, T_level_map)
             return None
@@ -114,7 +118,7 @@ class Climb(Stateful):
         return np.asarray(inverse(T_level_map) @ other)
 
     def _explains_more(self, scan: ColumnScan, pose: Floats, than: Floats) -> bool:
-        """Whether by one T_level_sensor (4, 4) more of a scan's level surfaces lie on known ones than by another."""
+        """Whether more of a scan's level points lie on known surfaces at one T_level_sensor (4, 4) than at another."""
         tree, known = self._space
         counts = []
         for T in (pose, than):
@@ -132,8 +136,7 @@ class Climb(Stateful):
         return sunk is not None and abs(sunk) > _DOUBTFUL[2]
 
     def _sunk(self, points: Floats, T_level_map: Floats) -> float | None:
-        """Metres by which level surfaces (N, 3), level frame, lie higher than they did before; None where too few or
-        contradicting ones are seen."""
+        """Rise (m) of level points (N, 3), level frame, over those stored; None for too few or inconsistent ones."""
         if not self._window or len(points) < _LEAST:
             return None
         known = self._plan(T_level_map)
@@ -147,8 +150,7 @@ class Climb(Stateful):
         return sunk if np.mean(np.abs(off - sunk) < _ALIKE[0]) > _ALIKE[1] else None
 
     def _unknown(self, points: Floats, T_level_map: Floats) -> Floats:
-        """Those of the points beside which nothing is known: heights are those of the first sight, so that a slow rise
-        adds up."""
+        """The points without a stored one beside them: first heights are kept, so that a slow rise adds up."""
         if not self._window or not len(points):
             return points
         return points[nearest_in_plan(points, self._plan(T_level_map), _BESIDE) < 0]
@@ -165,8 +167,10 @@ class Climb(Stateful):
         self._mapped, self._known = T_map_sensor[:3, 3].copy(), None
 
     def align(self, scan: ColumnScan, walls: Lines, predicted: Floats) -> Tracked:
-        """Moves a scan onto the walls, which are taken to go on upward, and the level surfaces seen before; `predicted`
-        (4, 4) is T_level_sensor. Gauss-Newton as in `tracking.track`."""
+        """Aligns a scan with the walls, extended upward, and the stored level surfaces.
+
+        `predicted` (4, 4) is T_level_sensor. Gauss-Newton as in `alignment.track`.
+        """
         settings = self._settings
         upright = scan.points.take(chosen(scan.upright, 3 * settings.points), axis=0)
         walls = walls.visible_from(predicted[:2, 3], min(settings.reach, _WALLS_REACH))
@@ -190,8 +194,7 @@ class Climb(Stateful):
 
     @staticmethod
     def possible(T_map_sensor: Floats, last_map: Floats, up_in_map: Floats) -> Floats:
-        """T_map_sensor (4, 4), where it is risen or sunk since `last_map` by more than a stair's slope allows no more
-        than that."""
+        """T_map_sensor (4, 4) with its rise or fall since `last_map` (4, 4) limited to the slope of a stair."""
         way = T_map_sensor[:3, 3] - last_map[:3, 3]
         rise = float(up_in_map @ way)
         most = _STEEPEST * float(np.linalg.norm(way - rise * up_in_map)) + _SWAY
@@ -200,14 +203,17 @@ class Climb(Stateful):
         return result
 
     def begin(self, T_level_map: Floats) -> None:
-        """Makes ready for a scan's `align`."""
+        """Prepares the search structure for `align`."""
         known = transform_points(T_level_map, np.concatenate([np.empty((0, 3)), *self._window]))
         self._space = cKDTree(known), known
 
     def follow(
         self, scan: ColumnScan, T_map_sensor: Floats, T_level_map: Floats, height: float, floors: Floors
     ) -> Arrival | None:
-        """Takes note of a located scan, the sensor carried `height` above the ground; tells where it has arrived."""
+        """Records an aligned scan between two floors; returns the arrival, if any.
+
+        `height` (m) is the sensor's above the ground.
+        """
         T_level_sensor = T_level_map @ T_map_sensor
         self._grow(_level_points(scan, T_level_sensor), T_map_sensor, T_level_map)
         here = np.array([*T_level_sensor[:2, 3], T_level_sensor[2, 3] - height])
@@ -229,16 +235,18 @@ class Climb(Stateful):
         return Arrival(None, ground) if abs(above) > _STOREY else Arrival(floors.maps[nearest], above)
 
     def end(self, arrival: Arrival) -> None:
-        """The robot is on level ground again."""
+        """Ends the transition: the robot is on level ground again."""
         self.active, self.ground, self._way = False, 0.0 if arrival.floor is None else arrival.height, []
-        if arrival.drift:  # so have the level surfaces that were seen on the stair
+        if arrival.drift:  # the level surfaces seen on the stair have drifted too
             self._window, self._mapped, self._known = [], np.full(3, np.inf), None
 
 
 @compiled
 def nearest_in_plan(points: Floats, known: Floats, reach: float) -> NDArray[np.int64]:
-    """Of each point (N, 3), at least one, which of the known ones (M, 3) is nearest in plan; -1 where none is within
-    reach. By cells as wide as that, around the points."""
+    """(N,) the index of the known point (M, 3) nearest in plan to each point (N, 3), N >= 1; -1 for none within reach.
+
+    Uses a grid of cells of that size.
+    """
     x0, y0 = points[:, 0].min() - reach, points[:, 1].min() - reach
     columns, rows = int((points[:, 0].max() - x0) / reach) + 2, int((points[:, 1].max() - y0) / reach) + 2
     newest, before = np.full((columns, rows), -1), np.full(len(known), -1)  # of each cell; in the cell
@@ -262,19 +270,19 @@ def nearest_in_plan(points: Floats, known: Floats, reach: float) -> NDArray[np.i
 
 
 def _height_of(floor: FloorMap, T_level_map: Floats) -> float:
-    """Metres of a floor above the one that `T_level_map` belongs to; all are parallel."""
+    """Height (m) of a floor above that of `T_level_map` (4, 4); all floors are parallel."""
     return float(T_level_map[2, 3] - floor.walls.T_level_map[2, 3])
 
 
 def _level_points(scan: ColumnScan, T_level_sensor: Floats) -> Floats:
-    """(N, 3) what a scan shows of level surfaces below the sensor, level frame."""
+    """(N, 3) the points of a scan on level surfaces below the sensor, level frame."""
     points = scan.points[scan.level]
     points = points[(points[:, 2] < 0.0) & (np.linalg.norm(points, axis=1) < _REACH)]
     return transform_points(T_level_sensor, points)
 
 
 def _carried_so(T_level_sensor: Floats, carried: Carried) -> Floats:
-    """The pose as it would be, were the sensor carried as it has been lately."""
+    """The pose (4, 4) with the recent lean of the sensor instead of its own."""
     T = T_level_sensor.copy()
     T[:3, :3] = levelling(T[:3, :3] @ carried.up_in_sensor) @ T[:3, :3]
     return T
@@ -283,8 +291,10 @@ def _carried_so(T_level_sensor: Floats, carried: Carried) -> Floats:
 def _to_level(
     turned: Floats, place: Floats, tree: cKDTree, known: Floats, near: float, rise: float
 ) -> tuple[Floats, Floats]:
-    """Of level points (N, 3) from the sensor at `place` (3,), level axes, those near a known one: the derivatives
-    (M, 6) of their height over it by a turn and a move of the sensor, and these heights (M,)."""
+    """Jacobian (M, 6) and heights (M,) over a known point, of the level points (N, 3) that are near one.
+
+    Points are relative to the sensor at `place` (3,), in level axes; the Jacobian is by its rotation and translation.
+    """
     if not len(known) or not len(turned):
         return np.empty((0, 6)), np.empty(0)
     distance, nearest = tree.query(turned + place, distance_upper_bound=near)

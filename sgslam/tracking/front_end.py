@@ -1,4 +1,4 @@
-"""From a scan to where it is, and from a keyframe's scan to the walls and the floor seen in it."""
+"""The front end: aligns scans, and extracts walls and floor from the scans of keyframes."""
 
 from dataclasses import dataclass, replace
 
@@ -20,25 +20,25 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class KeyframeScan:
-    """What a keyframe's scan shows. Planes (4,) and points (.., 3) in the sensor frame."""
+    """The observations in a keyframe's scan. Planes (4,) and points (.., 3) are in the sensor frame."""
 
     walls: list[tuple[WallObservation, Floats, Floats]]  # the observation, its plane, its ends (2, 3)
     floor: FloorObservation | None
-    contour: Floats32  # (M, 3) nearest upright thing of the high band in each column
+    contour: Floats32  # (M, 3) one upright point of the high band for each column
     lintels: Floats32  # (L, 3) upright points at the height of lintels
 
 
 def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
-    """(3, 3) R_level_sensor: turns the sensor's axes so that z is up, and leaves the heading."""
+    """(3, 3) R_level_sensor, which turns the sensor's z axis up and keeps the heading."""
     return levelling(T_map_sensor[:3, :3].T @ up_in_map)
 
 
 def align(
     scan: ColumnScan, walls: Lines, T_map_sensor: Floats, T_level_map: Floats, carried: Carried, config: Config
 ) -> Tracked:
-    """Corrects a predicted T_map_sensor by the walls and the floor; `T` of what it returns is T_map_sensor.
+    """Aligns a predicted T_map_sensor (4, 4) with walls and floor; `T` of the result is T_map_sensor.
 
-    In the levelled map the floor is z = 0.
+    In the levelled map, by `T_level_map` (4, 4), the floor is z = 0.
     """
     surfaces = config.surfaces
     bands = (surfaces.low_band[0], surfaces.high_band[1])
@@ -47,7 +47,7 @@ def align(
 
 
 class FrontEnd(Stateful):
-    """Knows the sensor's height above the floor, as far as it has been seen."""
+    """Extracts observations, and estimates the sensor's height above the floor and how it is carried."""
 
     _STATE = ("sensor_height", "_up_in_sensor")
 
@@ -57,27 +57,27 @@ class FrontEnd(Stateful):
         self._up_in_sensor: Floats | None = None
 
     def carried(self) -> Carried:
-        """How the sensor has been carried lately."""
+        """How the sensor has recently been carried."""
         up = np.array([0.0, 0.0, 1.0]) if self._up_in_sensor is None else self._up_in_sensor
         return Carried(self.height, up)
 
     def follow(self, T_level_sensor: Floats) -> None:
-        """Takes note of how the sensor was carried in the newest scan."""
+        """Updates how the sensor is carried by the pose (4, 4) of the newest scan."""
         share = 1.0 if self._up_in_sensor is None else self._config.tracking.tilt_memory
         self._up_in_sensor = self.carried().followed_by(T_level_sensor, share).up_in_sensor
 
     def columns(self, points: Floats, whole: bool = False) -> ColumnScan:
-        """Sorts a scan (N, 3), sensor frame; of its columns only some are kept, unless it is to be `whole`."""
+        """Sorts a scan (N, 3), sensor frame, into columns; uses only some of them unless `whole`."""
         every = 1 if whole else self._config.tracking.every_column
         return sort_into_columns(points, self._config.surfaces.columns, every)
 
     @property
     def height(self) -> float:
-        """The sensor's height above the floor; a guess until the floor has been seen."""
+        """The sensor's height (m) above the floor; a default until the floor has been observed."""
         return self.sensor_height if self.sensor_height is not None else self._config.surfaces.guessed_height
 
     def look(self, points: Floats, R_level_sensor: Floats, height: float | None) -> KeyframeScan:
-        """Extracts walls and floor of a keyframe's scan (N, 3); `height` of the sensor above the floor, if known."""
+        """Extracts walls and floor of a keyframe's scan (N, 3); `height` (m) of the sensor above the floor, or None."""
         settings = self._config.surfaces
         scan = sort_into_columns(points @ R_level_sensor.T, settings.columns)
         T_sensor_level = np.eye(4)

@@ -1,4 +1,4 @@
-"""Whether a scan can have been taken near the one before it, or the sensor was carried elsewhere in between."""
+"""Kidnap detection: whether a scan was taken near the one before it, or the sensor was carried elsewhere in between."""
 
 import math
 from dataclasses import dataclass
@@ -13,27 +13,29 @@ from sgslam.serialization.state_tree import Stateful
 from sgslam.tracking.alignment import chosen
 
 Floats = NDArray[np.float64]
-_SECTORS = 180  # directions; as wide as the columns that are kept of a scan, or wider
+_SECTORS = 180  # directions, at least as wide as the columns that are used of a scan
 _NEAR = 0.4  # m by which the distance in one direction may change from one scan to the next
-_ALIKE = 0.6  # of the directions; from scan to scan of a drive it is 0.8 and more
-_TURNS, _WITHIN = 12, 0.15  # of the search; m from what was seen before
-_EXPLAINED = 0.55  # of a scan that what was seen before must explain, whichever way it is turned
-_POINTS, _REACH = 700, 1.5  # of a scan that are registered; m
+_MIN_SIMILARITY = 0.6  # share of the directions; in a continuous drive it is 0.8 or more
+_TURNS, _WITHIN = 12, 0.15  # start headings of the search; m from a point of the scan before
+_MIN_EXPLAINED = 0.55  # share of a scan that the scan before must explain at the best heading
+_POINTS, _REACH = 700, 1.5  # points of a scan that are registered; m between corresponding ones
 
 
 @dataclass(frozen=True, eq=False)
-class _Sight:
-    """Of a scan: (N, 3) points on upright surfaces, sensor frame, and their mean distance in each direction, NaN where
-    there are none."""
+class _Signature:
+    """Points (N, 3) of a scan on upright surfaces, sensor frame, and their mean `distances` (180,) by direction.
+
+    Distances are NaN in directions without points.
+    """
 
     points: Floats
     distances: Floats
 
     @staticmethod
-    def of(scan: ColumnScan) -> "_Sight":
+    def of(scan: ColumnScan) -> "_Signature":
         upright = chosen(scan.upright, _POINTS)
         points, sector = scan.points.take(upright, axis=0), scan.column.take(upright) * _SECTORS // scan.columns
-        return _Sight(points, _distances(points, sector))
+        return _Signature(points, _distances(points, sector))
 
 
 @compiled
@@ -45,43 +47,46 @@ def _distances(points: Floats, sector: NDArray[np.int64]) -> Floats:
     return total / count  # NaN where there are none
 
 
-class KidnapWatch(Stateful):
-    """Remembers the newest scan that fitted."""
+class KidnapDetector(Stateful):
+    """Compares each scan with the newest one that fitted."""
 
     _STATE = ("_points", "_distances")
 
     def __init__(self) -> None:
         self._points: Floats | None = None  # (N, 3) on upright surfaces, sensor frame
         self._distances: Floats = np.empty(0)  # in each direction
-        self._looked: tuple[ColumnScan, _Sight] | None = None
+        self._looked: tuple[ColumnScan, _Signature] | None = None
 
     def keep(self, scan: ColumnScan) -> None:
-        """Takes a scan for the newest that fits."""
-        sight = self._sight(scan)
-        self._points, self._distances = sight.points, sight.distances
+        """Makes a scan the newest that fits."""
+        signature = self._signature(scan)
+        self._points, self._distances = signature.points, signature.distances
 
     def fits(self, scan: ColumnScan) -> bool:
-        """Whether a scan may have been taken where the newest one was, or some steps away.
+        """Whether a scan may have been taken near the newest one.
 
-        First by the distances in all directions, turned a little; where these differ, by registration from all sides.
+        Compares the distances in all directions at small turns first; where these differ, registers the scan from all
+        headings.
         """
-        sight = self._sight(scan)
-        if self._points is None or _alike(self._distances, sight.distances) >= _ALIKE:
+        signature = self._signature(scan)
+        if self._points is None or _similarity(self._distances, signature.distances) >= _MIN_SIMILARITY:
             return True
-        if min(len(sight.points), len(self._points)) < 50:
-            return True  # too little to say that it was not
-        return _explained(self._points, sight.points) >= _EXPLAINED
+        if min(len(signature.points), len(self._points)) < 50:
+            return True  # too few points to decide
+        return _explained(self._points, signature.points) >= _MIN_EXPLAINED
 
-    def _sight(self, scan: ColumnScan) -> _Sight:
+    def _signature(self, scan: ColumnScan) -> _Signature:
         if self._looked is None or self._looked[0] is not scan:
-            self._looked = scan, _Sight.of(scan)
+            self._looked = scan, _Signature.of(scan)
         return self._looked[1]
 
 
 def all_fit(scans: list[ColumnScan]) -> bool:
-    """Whether each may have been taken near the one before it: a sensor that was carried elsewhere is somewhere then;
-    where none fits to another, the scans are only far apart."""
-    watch = KidnapWatch()
+    """Whether each scan may have been taken near the one before it.
+
+    After a kidnap the new scans fit one another. Where none fits the next, the scans are merely far apart.
+    """
+    watch = KidnapDetector()
     for scan in scans:
         if not watch.fits(scan):
             return False
@@ -89,13 +94,13 @@ def all_fit(scans: list[ColumnScan]) -> bool:
     return True
 
 
-def _alike(before: Floats, now: Floats) -> float:
-    """The share of directions with the same distance, at the best of some turns by up to 15 degrees."""
+def _similarity(before: Floats, now: Floats) -> float:
+    """The share of directions with the same distance, at the best of turns by up to 15 degrees."""
     least = _SECTORS // 6
     off = np.abs(before - now)
     known = int(np.count_nonzero(off == off))  # NaN is not
     straight = int(np.count_nonzero(off < _NEAR)) / max(known, least)
-    if straight >= _ALIKE:
+    if straight >= _MIN_SIMILARITY:
         return straight  # as nearly always
     turns = np.arange(-_SECTORS // 24, _SECTORS // 24 + 1)
     off = np.abs(before[(np.arange(_SECTORS) - turns[:, None]) % _SECTORS] - now)

@@ -1,4 +1,4 @@
-"""Predicted poses: by the odometry, and without the tilt that it makes up."""
+"""Predicts poses from the odometry, without its spurious tilt."""
 
 import gtsam
 import numpy as np
@@ -10,10 +10,10 @@ Floats = NDArray[np.float64]
 
 
 def upright_step(predicted: Floats, last_map: Floats, up_in_map: Floats) -> Floats:
-    """The predicted T_map_sensor without the tilt since `last_map`: of a turn only the part about the vertical.
+    """The predicted T_map_sensor (4, 4) with only the rotation about the vertical since `last_map` (4, 4).
 
-    KISS-ICP leans by degrees from scan to scan where few rings see floor and ceiling; a sensor in a building hardly
-    does, and what it does lean, the walls and the floor tell.
+    KISS-ICP tilts by degrees from scan to scan where few rings see floor and ceiling. A sensor in a building hardly
+    tilts; its real tilt follows from the alignment with walls and floor. `up_in_map` (3,) is the vertical.
     """
     turn = gtsam.Rot3.Logmap(gtsam.Rot3(predicted[:3, :3] @ last_map[:3, :3].T))
     upright = predicted.copy()
@@ -22,5 +22,5 @@ def upright_step(predicted: Floats, last_map: Floats, up_in_map: Floats) -> Floa
 
 
 def predict(last_map: Floats, last_odom: Floats, now_odom: Floats) -> Floats:
-    """T_map_sensor of now, by the odometry since a pose that is known in the map."""
+    """T_map_sensor (4, 4) from the odometry since the last pose; all arguments (4, 4)."""
     return last_map @ inverse(last_odom) @ now_odom

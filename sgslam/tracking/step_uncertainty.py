@@ -1,5 +1,7 @@
-"""How firmly the surfaces around it hold a scan, direction by direction, and what that says of the steps between
-keyframes: in a bare corridor nothing tells how far along it the robot went, in an open hall nothing at all."""
+"""Step uncertainty: how well surfaces constrain the steps between keyframes in each direction.
+
+In a bare corridor nothing constrains the motion along it; in an open hall nothing constrains it at all.
+"""
 
 import math
 
@@ -11,24 +13,26 @@ from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.serialization.state_tree import Stateful
 
 Floats = NDArray[np.float64]
-_EVERY = 2  # of the points; the others say the same
+_EVERY = 2  # of the points; the others are redundant
 _CELL = 0.15  # m: the noise of a point is a small part of it
 _NEIGHBOURS = 5  # cells that make a piece of a surface
 _NEAR = 0.6  # m to the furthest of them
 _MOST = 200.0  # points that a scan counts for at most: neighbours share their errors
-_CHANCE = 0.003  # of the points, across a direction: what errors of the normals alone make of parallel walls
-_DOUBLED = 2.0  # variance against a usual step's; less beyond it is not worth a factor of its own
+_CHANCE = 0.003  # of the points: constraint along parallel walls that errors of the normals feign
+_DOUBLED = 2.0  # variance relative to that of a default step, from which on a step gets a covariance of its own
 
 
 def surfaces_of(points: Floats) -> Floats:
-    """(3, 3) the normal equations of yaw, x and y (sensor axes) of a scan's own surfaces, each point (N, 3) counting
-    one across the upright surface that it lies on, and nothing along it (point to plane; Zhang, Kaess, Singh, ICRA
-    2016 on what their eigenvalues tell). The sensor is roughly level, the points are those on upright surfaces."""
+    """(3, 3) information of yaw, x and y (sensor axes) that points (N, 3) on upright surfaces give.
+
+    Point to plane: each point counts one across its surface and nothing along it. The eigenvalues show degenerate
+    directions (Zhang, Kaess, Singh, ICRA 2016). The sensor is roughly level.
+    """
     xy = points[::_EVERY, :2]
     if len(xy) < _NEIGHBOURS:
         return np.zeros((3, 3))
     row, column = np.floor((xy - xy.min(axis=0)) / _CELL).astype(np.int64).T
-    # one number for a cell: rows of two are sorted many times more slowly
+    # one number for each cell: sorting pairs is many times slower
     _, cell, count = np.unique(row * (column.max() + 1) + column, return_inverse=True, return_counts=True)
     if len(count) < _NEIGHBOURS:
         return np.zeros((3, 3))
@@ -37,7 +41,7 @@ def surfaces_of(points: Floats) -> Floats:
     around = centre[nearest] - centre[nearest].mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
     normal = axes[:, :, 0]
-    # a heap of points has no normal; four times as long as wide is a surface
+    # clutter has no normal; a surface is at least four times as long as wide
     straight = (distance[:, -1] < _NEAR) & (spread[:, 0] < spread[:, 1] / 16)
     centre, normal = centre[straight], normal[straight]
     weight = count[straight] * min(1.0, _MOST / max(count[straight].sum(), 1.0))
@@ -46,19 +50,20 @@ def surfaces_of(points: Floats) -> Floats:
 
 
 def turned(information: Floats, T_level_sensor: Floats) -> Floats:
-    """(3, 3) normal equations of yaw, x and y, from the sensor's axes to the level's."""
+    """(3, 3) information of yaw, x and y turned from the sensor's axes to level axes."""
     D = np.eye(3)
     D[1:, 1:] = T_level_sensor[:2, :2]
     return np.asarray(D @ information @ D.T)
 
 
-class Slack(Stateful):
-    """How far the sensor may be from where it was tracked to since the last keyframe: the covariance (3, 3) of yaw, x
-    and y (level axes), which each scan's step widens by its own uncertainty, and its surfaces narrow again (a Kalman
-    filter's two steps). Roll, pitch and height are held by the floor and by how the sensor is carried.
+class StepUncertainty(Stateful):
+    """Covariance (3, 3) of yaw, x and y (level axes) of the tracked motion since the last keyframe.
 
-    Where nothing holds it, a registration locks onto the scan's own rings and goes on to do so, scan after scan: the
-    errors of its steps add up, not their squares.
+    A Kalman filter: each scan's step adds its uncertainty, its surfaces reduce it. Roll, pitch and height are
+    constrained by the floor and by how the sensor is carried.
+
+    Where nothing constrains it, a registration locks onto the scan's own rings, scan after scan: the errors of its
+    steps add up linearly, not as squares.
     """
 
     _STATE = ("_covariance", "_scans")
@@ -69,8 +74,7 @@ class Slack(Stateful):
         self._covariance, self._scans = np.zeros((3, 3)), 0
 
     def add(self, information: Floats, sigma_rotation: float, sigma_translation: float) -> None:
-        """One scan: its step is uncertain by the sigmas (rad, m), and surfaces hold it by `information` (3, 3), each
-        point counting one."""
+        """Adds a scan whose step has the sigmas (rad, m); `information` (3, 3) is that of its surfaces."""
         self._scans += 1
         step = np.diag([sigma_rotation**2] + [sigma_translation**2] * 2)
         wider = self._covariance + (2 * self._scans - 1) * step  # n^2 of it after n scans
@@ -85,8 +89,10 @@ class Slack(Stateful):
         self._covariance = (covariance + covariance.T) / 2
 
     def leave(self, R_level_sensor: Floats) -> Floats | None:
-        """Begins anew from a keyframe. Returns the covariance (6, 6) of the step to it beyond what every step has, in
-        the sensor's axes, rotation first; None where there is nothing beyond."""
+        """Restarts from a keyframe; returns the covariance (6, 6) of the step to it in excess of the default.
+
+        Rotation first, in the sensor's axes; None where there is no excess worth a factor.
+        """
         covariance, self._covariance, self._scans = self._covariance, np.zeros((3, 3)), 0
         whitener = np.linalg.inv(self._base)
         variances, axes = np.linalg.eigh(whitener @ covariance @ whitener)

@@ -1,4 +1,4 @@
-"""What of a wall is told: moved, absent, furniture; walls in one plane; a map that is bent, or is not."""
+"""Deviations of walls: moved, missing, extra, furniture; several walls in one plane."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,13 +14,13 @@ from data.ifc.writer import IfcWriter, box
 from data.plans.bim import load_bim
 from data.simulation.changes import Changes, write_plan_without
 from data.simulation.simulate import simulate
-from sgslam.anchoring.wall_alignment import Held
-from sgslam.anchoring.wall_association import WallArrays, pair_by_position
-from sgslam.as_built.deviation_tests import Verdict, verdicts
+from sgslam.anchoring.wall_alignment import AlignedWall
+from sgslam.anchoring.wall_association import WallArrays, associate_walls
+from sgslam.as_built.deviation_tests import DeviationTest, run_deviation_tests
 from sgslam.as_built.deviations import Piece
 from sgslam.as_built.missing_and_extra_walls import has_other_side
-from sgslam.as_built.visibility import Sight
-from sgslam.as_built.wall_solids import Body, bodies_of, sides_of
+from sgslam.as_built.visibility import Visibility
+from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
 from sgslam.config import Config
 from sgslam.report.contents import ReportData, entered_unmatched
 from sgslam.slam import SceneGraphSlam
@@ -38,79 +38,79 @@ A, B = side("a", 0.0, -1.0), side("b", 0.12, 1.0)
 
 def piece(planned: WallSurface, offset: float, low: float, high: float, **more: float | bool) -> Piece:
     seen = replace(planned, id=f"s{planned.id}{low}", length=high - low)
-    held = Held(seen, planned, offset, abs(offset) < 0.02)
+    aligned = AlignedWall(seen, planned, offset, abs(offset) < 0.02)
     told = {"sigma": 0.005, "tilt": 0.0, "over_parapet": False} | more
-    return Piece(held, planned.source, offset, span=(low, high), length=high - low, **told)  # type: ignore[arg-type]
+    return Piece(aligned, planned.source, offset, span=(low, high), length=high - low, **told)  # type: ignore[arg-type]
 
 
-def judged(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
-           ) -> list[Verdict]:  # fmt: skip
-    """The verdicts; the wall is seen through between `open_` from its side a."""
+def check(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
+           ) -> list[DeviationTest]:  # fmt: skip
+    """The results of the tests; the wall is seen through between `open_` from its side a."""
     along = np.arange(-2.9, 3.0, 0.1)
     through = np.zeros(len(along), bool) if open_ is None else (along > open_[0]) & (along < open_[1])
-    sights = {("a", "wall"): Sight(along, through, ~through)}
-    return verdicts(pieces, bodies(*surfaces), sights, CONFIG)
+    visibility = {("a", "wall"): Visibility(along, through, ~through)}
+    return run_deviation_tests(pieces, solids(*surfaces), visibility, CONFIG)
 
 
-def bodies(*surfaces: WallSurface) -> list[Body]:
-    return bodies_of([own for surface in surfaces for own in sides_of(surface)])
+def solids(*surfaces: WallSurface) -> list[WallSolid]:
+    return solids_of([own for surface in surfaces for own in sides_of(surface)])
 
 
-def test_both_sides_of_a_wall_are_one_body() -> None:
+def test_both_sides_of_a_wall_are_one_solid() -> None:
     stub = side("c", 0.06, 1.0, x=20.0, length=0.4)
     end = WallSurface("d", None, (3.0, 0.06), (1.0, 0.0), 0.12, None, "wall")
     other = side("e", 0.12, 1.0, "another")
-    found = bodies(A, B, stub, end, other)
-    assert [sorted(key[0] for key in body.facing) for body in found] == [["a", "b", "c"], ["d"], ["e"]]
+    found = solids(A, B, stub, end, other)
+    assert [sorted(key[0] for key in solid.facing) for solid in found] == [["a", "b", "c"], ["d"], ["e"]]
     assert found[0].thickness == pytest.approx(0.12)
     assert found[0].facing[("a", "wall")] == -found[0].facing[("b", "wall")]
     assert found[2].thickness is None
 
 
-def test_a_wall_that_was_moved_is_told_on_both_sides() -> None:
-    told = judged([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
+def test_a_moved_wall_is_significant_on_both_sides() -> None:
+    told = check([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
     assert [v.significant for v in told] == [True, True, False]
     assert "both sides" in told[0].reason and "otherwise" in told[2].reason
 
 
 def test_what_stands_before_a_wall_whose_other_side_stands_is_furniture() -> None:
-    told = judged([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
+    told = check([piece(A, 0.3, -3, 1), piece(B, 0.001, -3, 3)])
     assert not any(v.significant for v in told)
     assert "furniture" in told[0].reason and told[1].reason == "as planned"
 
 
 def test_the_back_of_a_cupboard_at_a_wall_that_is_seen_through_is_no_moved_wall() -> None:
     back = [piece(A, -0.13, -3, -1)]
-    assert [v.significant for v in judged(back)] == [True]
-    seen_through = judged(back, open_=(0.0, 1.0))
+    assert [v.significant for v in check(back)] == [True]
+    seen_through = check(back, open_=(0.0, 1.0))
     assert not seen_through[0].significant and "seen through" in seen_through[0].reason
     # within the wall's own thickness no cupboard can stand: the wall was moved, and has an opening
-    assert judged([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
+    assert check([piece(A, -0.06, -3, -1)], open_=(0.0, 1.0))[0].significant
 
 
-def test_a_pane_over_its_parapet_is_told_with_its_reason() -> None:
-    told = judged([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
+def test_a_pane_over_its_parapet_is_listed_with_its_reason() -> None:
+    told = check([piece(A, -0.2, 0, 2, over_parapet=True), piece(A, 0.0, -3, 0)])
     assert not any(v.significant for v in told)
     assert "pane" in told[0].reason
 
 
-def test_walls_in_one_plane_are_judged_each_for_itself() -> None:
+def test_walls_in_one_plane_are_tested_separately() -> None:
     """One surface, of two walls end to end; the left one was built 15 cm back."""
     plane = replace(A, parts=(("right", -3.0, 0.0, True), ("left", 0.0, 3.0, True)))
     moved, stands = (replace(piece(plane, o, *span), source=s) for s, o, span in
                      (("left", -0.15, (0.3, 3.0)), ("right", 0.0, (-3.0, 0.0))))  # fmt: skip
-    told = verdicts([moved, stands], bodies(plane), {}, CONFIG)
+    told = run_deviation_tests([moved, stands], solids(plane), {}, CONFIG)
     assert [v.significant for v in told] == [True, False]
 
 
 def test_a_plan_tells_which_wall_stands_where_in_a_plane(tmp_path: Path) -> None:
     """A room of 8 m by 4 m, whose northern side two walls of the model make, the second with a door."""
     writer = IfcWriter("Two in a row", {"Ground": 0.0})
-    for name, body in {
+    for name, solid in {
         "west": (-0.2, -0.2, 0.0, 4.2), "east": (8.0, -0.2, 8.2, 4.2), "south": (0.0, -0.2, 8.0, 0.0),
         "first": (0.0, 4.0, 3.0, 4.2), "second": (3.0, 4.0, 8.0, 4.2),
     }.items():  # fmt: skip
-        x0, y0, x1, y1 = body
+        x0, y0, x1, y1 = solid
         host = writer.element("IfcWall", name, "Ground", [box(x0, y0, 0.0, x1, y1, 2.6)])
         if name == "second":
             writer.cut(host, "Ground", box(5.0, 4.0, 0.0, 6.0, 4.2, 2.1))
@@ -132,11 +132,11 @@ def test_a_long_wall_is_not_the_stub_that_it_has_come_near_to() -> None:
     stub, long = side("stub", 0.0, 1.0, "stub", length=0.3), side("long", -0.25, 1.0, "long", x=0.5, length=3.0)
     planned = WallArrays.of([stub, long], {}, np.zeros(2))
     seen = WallArrays.of([side("seen", 0.04, 1.0, length=2.5)], {}, np.zeros(2))
-    assert pair_by_position(seen, planned, 0.4, 0.07).tolist() == [1]
+    assert associate_walls(seen, planned, 0.4, 0.07).tolist() == [1]
     alone = WallArrays.of([stub], {}, np.zeros(2))
-    assert pair_by_position(seen, alone, 0.4, 0.07).tolist() == [-1]
+    assert associate_walls(seen, alone, 0.4, 0.07).tolist() == [-1]
     in_place = WallArrays.of([side("seen", 0.01, 1.0, length=2.5)], {}, np.zeros(2))
-    assert pair_by_position(in_place, alone, 0.4, 0.07).tolist() == [0]
+    assert associate_walls(in_place, alone, 0.4, 0.07).tolist() == [0]
 
 
 @pytest.mark.slow
@@ -160,7 +160,7 @@ def test_what_no_plan_shows_is_taken_from_the_plan(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_rooms_that_were_entered_and_have_no_match_are_told() -> None:
+def test_entered_rooms_without_a_match_are_reported() -> None:
     drive = small_drive()
     _, result = small_run(with_bim=True)
     assert result.anchored and result.matches is not None
@@ -175,7 +175,7 @@ def test_rooms_that_were_entered_and_have_no_match_are_told() -> None:
     assert all(d["reason"] for d in result.deviations)
 
 
-def test_a_door_that_was_walled_up_is_told_as_an_extra_wall() -> None:
+def test_a_walled_up_door_is_an_extra_wall() -> None:
     """The plan has an opening of 1.6 m, with no door in it, in a wall that was seen to go on through."""
     drive = small_drive()
     graph = drive.bim.graph
@@ -193,7 +193,7 @@ def test_a_door_that_was_walled_up_is_told_as_an_extra_wall() -> None:
     assert abs((centre - longest.centroid) @ np.array(longest.normal)) < 0.03
 
 
-def test_a_thin_wall_that_is_seen_from_both_sides_is_told_from_furniture() -> None:
+def test_a_thin_wall_seen_from_both_sides_is_no_furniture() -> None:
     """Neither is seen above 1.6 m: two sides 12 cm apart are a wall's, one alone may be a cupboard's."""
     left, right = side("left", 0.12, 1.0, "", length=2.0), side("right", 0.0, -1.0, "", x=0.2, length=2.0)
     deep = side("deep", -0.4, -1.0, "", length=2.0)

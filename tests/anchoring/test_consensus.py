@@ -1,4 +1,4 @@
-"""Where most walls say that the map lies, when many of them say otherwise."""
+"""The place that most walls agree on, while many of them disagree."""
 
 import numpy as np
 import pytest

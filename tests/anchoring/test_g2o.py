@@ -14,7 +14,7 @@ from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
 from evaluation.published.one_wall_out import one_wall_out
 from matching import Matcher
-from sgslam.anchoring.plane_graph import anchor_plane_graph
+from sgslam.backend.plane_graph import anchor_plane_graph
 
 SE2 = Path(__file__).parents[3] / "shared/data/slam_graphs"
 needs_se2 = pytest.mark.skipif(not (SE2 / "SE2_s_graph.g2o").exists(), reason=f"{SE2}/SE2_s_graph.g2o is not there")
@@ -64,7 +64,7 @@ def test_the_s_graph_has_the_rooms_and_the_walls_between_their_corners(tmp_path:
         ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 word ", "a word in place of a number"),
     ],
 )  # fmt: skip
-def test_bad_lines_are_told_in_one_line(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_bad_lines_are_reported_in_one_line(tmp_path: Path, old: str, new: str, told: str) -> None:
     drawn = drawn_graph()
     number = next(k for k, line in enumerate(drawn.lines, 1) if line.startswith(old))
     lines = [line.replace(old, new, 1) if k == number else line for k, line in enumerate(drawn.lines, 1)]
@@ -73,7 +73,7 @@ def test_bad_lines_are_told_in_one_line(tmp_path: Path, old: str, new: str, told
     assert f"line {number}:" in str(error.value) and "\n" not in str(error.value)
 
 
-def test_a_line_that_breaks_off_is_told(tmp_path: Path) -> None:
+def test_an_incomplete_line_is_reported(tmp_path: Path) -> None:
     drawn = drawn_graph()
     lines = [*drawn.lines[:-1], "EDGE_SE3_PLANE 100 200 1 0 0"]
     with pytest.raises(UserError, match=f"line {len(lines)}: EDGE_SE3_PLANE needs 12 numbers and has 5"):
@@ -94,7 +94,7 @@ def test_edges_with_numbers_that_were_never_set_are_refused(tmp_path: Path) -> N
     ("content", "told"),
     [(b"", "no keyframe that is not fixed"), (b"\xff\xfe\x00\x81", "not text"), (None, "cannot be read")],
 )
-def test_files_that_are_no_graph_are_told(tmp_path: Path, content: bytes | None, told: str) -> None:
+def test_files_without_a_graph_are_reported(tmp_path: Path, content: bytes | None, told: str) -> None:
     path = tmp_path / "graph.g2o"
     if content is not None:
         path.write_bytes(content)
@@ -109,7 +109,7 @@ def test_a_graph_where_all_is_fixed_has_nothing_to_read(tmp_path: Path) -> None:
         read(replace(drawn, lines=lines), tmp_path)
 
 
-def test_anchors_bend_the_map_back(tmp_path: Path) -> None:
+def test_anchors_correct_the_drift_of_the_map(tmp_path: Path) -> None:
     drawn = drawn_graph()
     graph = read(drawn, tmp_path)
     match = Matcher.load().match(graph.scene_graph(), drawn.plan)
@@ -128,7 +128,7 @@ def test_anchors_bend_the_map_back(tmp_path: Path) -> None:
         assert abs(anchored.planes[plane] @ [*wall.centroid, 0, 1]) < 0.005
 
 
-def test_a_wall_built_otherwise_does_not_bend_the_map(tmp_path: Path) -> None:
+def test_a_wall_built_elsewhere_does_not_distort_the_map(tmp_path: Path) -> None:
     drawn = drawn_graph()
     graph = read(drawn, tmp_path)
     surfaces = drawn.plan.surface_by_id
@@ -157,7 +157,7 @@ def test_each_wall_is_left_out_in_its_turn(tmp_path: Path) -> None:
     assert anchored < 0.5 * min(laid, rigid)
 
 
-def test_a_map_without_a_place_is_told(tmp_path: Path) -> None:
+def test_a_map_without_a_place_is_reported(tmp_path: Path) -> None:
     elsewhere = SceneGraph("bim", drawn_graph().plan.rooms[:1], drawn_graph().plan.wall_surfaces[:3])
     with pytest.raises(UserError, match="not matched uniquely"):
         one_wall_out(read(drawn_graph(), tmp_path), elsewhere, "voting")

@@ -1,4 +1,4 @@
-"""A wrong match must not wreck the map, and what was built otherwise than planned is told, not absorbed."""
+"""A wrong match does not damage the map; deviations from the plan are reported, not absorbed."""
 
 from dataclasses import dataclass, replace
 
@@ -77,7 +77,7 @@ def test_a_moved_wall_is_measured_with_an_honest_sigma() -> None:
 
 
 def test_covariances_are_those_of_the_graph() -> None:
-    """Where every kind of measurement errs as it was said to, GTSAM's own marginals are the same."""
+    """Where every kind of measurement errs as the settings say, GTSAM's own marginals are the same."""
     run = Run(count=30)
     anchors, _ = anchors_of(run, T_BIM_BUILDING)
     run.optimise(anchors)
@@ -127,7 +127,7 @@ def plan_with(graph: SceneGraph, shifts: dict[str, float]) -> SceneGraph:
 
 
 @pytest.mark.slow
-def test_moved_walls_are_told_by_how_much_and_bend_nothing(drive: Drive, clean: Result) -> None:
+def test_moved_walls_are_measured_and_do_not_distort_the_map(drive: Drive, clean: Result) -> None:
     """Two walls of six stand otherwise: the one between the office and the store, and the hall's outer one."""
     graph = drive.bim.graph
     lengths = {s: max(w.length or 0.0 for w in graph.wall_surfaces if w.source == s) for s in
@@ -195,7 +195,7 @@ class LostMatcher:
         return replace(answer, status="unique", T_a_s=(yaw, x + 2.3, y - 1.4))
 
 
-def test_a_match_that_its_own_walls_contradict_is_not_committed_to(drive: Drive) -> None:
+def test_a_match_that_its_own_walls_contradict_is_rejected(drive: Drive) -> None:
     result = fed(SceneGraphSlam(drive.bim, LostMatcher()), drive.scans[:100]).finish()
     assert not result.anchored and result.anchors == [] and result.deviations == []
 
@@ -219,7 +219,7 @@ def with_twin(graph: SceneGraph) -> SceneGraph:
 
 @dataclass(frozen=True)
 class ConvertedMatcher:
-    """Is certain of the twin until a stamp, and of the building itself from then on."""
+    """Is certain of the copy until a stamp, and of the building itself from then on."""
 
     graph: SceneGraph
     until_ns: int
@@ -234,8 +234,8 @@ class ConvertedMatcher:
         return replace(answer, T_a_s=(yaw, x + STEP[0], y + STEP[1]), wall_surfaces=primed, rooms=rooms)
 
 
-def test_an_answer_that_is_contradicted_takes_all_that_hung_on_it(drive: Drive, clean: Result) -> None:
-    """The twin explains the map as well as the building does; only the matcher can know better."""
+def test_a_replaced_answer_withdraws_all_its_anchors(drive: Drive, clean: Result) -> None:
+    """The copy explains the map as well as the building does; only the matcher distinguishes them."""
     matcher = ConvertedMatcher(drive.bim.graph, drive.scans[-1][0])
     slam = SceneGraphSlam(with_twin(drive.bim.graph), matcher)
     fed(slam, drive.scans)
@@ -250,7 +250,7 @@ def test_an_answer_that_is_contradicted_takes_all_that_hung_on_it(drive: Drive, 
     assert not any(d["significant"] for d in result.deviations if d["kind"] == "moved")
 
 
-def test_walls_that_are_absent_and_extra_are_told(drive: Drive) -> None:
+def test_missing_and_extra_walls_are_reported(drive: Drive) -> None:
     """The plan has a wall across the hall, which stands free, and lacks the one between the office and the store."""
     graph = drive.bim.graph
     inner = next(s for s in {w.source for w in graph.wall_surfaces} if s_is_inner(graph, s)
@@ -288,7 +288,7 @@ def as_normal(n: Array) -> tuple[float, float]:
     return x, y
 
 
-def test_what_stands_as_planned_is_told_as_that(clean: Result) -> None:
+def test_walls_as_planned_are_reported_as_such(clean: Result) -> None:
     assert len(clean.deviations) >= 10 and not any(d["significant"] for d in clean.deviations)
     assert {d["kind"] for d in clean.deviations} == {"moved"}
     assert all(record["events"] for record in clean.anchors)

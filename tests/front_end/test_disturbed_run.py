@@ -41,7 +41,7 @@ def disturbed(types: Any) -> list[tuple[int, Any]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cut", [False, True])
-def test_all_that_goes_wrong_is_told_and_survived(cut: bool, tmp_path: Path) -> None:
+def test_all_disturbances_are_reported_and_survived(cut: bool, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "drive.bag", "ros1", {"/points": disturbed(store(True))})
     if cut:
         whole = bag.read_bytes()

@@ -15,7 +15,7 @@ from sgslam.config import Config, OdometrySettings
 from sgslam.geometry.frames import inverse, is_rigid
 from sgslam.odometry import METHODS, Odometry, make_odometry
 from sgslam.odometry.choice import choose
-from sgslam.odometry.external import GivenOdometry
+from sgslam.odometry.external import ExternalOdometry
 from sgslam.session.checkpoints import Checkpoints, load
 from sgslam.slam import SceneGraphSlam
 
@@ -45,14 +45,15 @@ class TestGiven(OdometryContract):
         T_odom_scene = pose(5.0, -3.0, 1.0, 2.0)
         stamps = np.arange(len(truth)) * (NS // 10)
         kept = [*range(0, len(stamps) - 1, 3), len(stamps) - 1]
-        given = GivenOdometry(Trajectory(stamps[kept], T_odom_scene @ np.stack(truth)[kept]))
+        given = ExternalOdometry(Trajectory(stamps[kept], T_odom_scene @ np.stack(truth)[kept]))
         return [given.at(int(stamp)) for stamp in stamps]
 
 
-def straight(stamps: list[float]) -> GivenOdometry:
+def straight(stamps: list[float]) -> ExternalOdometry:
     """One metre and half a radian a second."""
     stamps_ns = (np.array(stamps) * NS).astype(np.int64)
-    return GivenOdometry(Trajectory(stamps_ns, np.stack([pose(t, 0.0, 0.0, 0.5 * t) for t in stamps])), "odometry.tum")
+    poses = np.stack([pose(t, 0.0, 0.0, 0.5 * t) for t in stamps])
+    return ExternalOdometry(Trajectory(stamps_ns, poses), "odometry.tum")
 
 
 def test_between_two_poses_the_way_is_even() -> None:

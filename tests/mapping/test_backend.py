@@ -41,7 +41,7 @@ def test_wrong_observations_do_little_harm() -> None:
     assert run.errors().max() < 0.05
 
 
-def test_a_wall_first_seen_askew_does_not_draw_that_keyframe_away() -> None:
+def test_an_outlier_in_the_first_observation_of_a_wall_does_not_move_its_keyframe() -> None:
     """By 4 degrees and 10 cm, as a few points through a door may show it; a dozen keyframes see it as it is later."""
     run = Run()
     wall = 0  # of those that come into sight later
@@ -84,7 +84,7 @@ def test_rooms_carry_anchors_too() -> None:
     assert run.errors().max() < 0.02
 
 
-def test_anchors_hold_alike_wherever_the_bim_has_its_origin() -> None:
+def test_anchors_do_not_depend_on_the_origin_of_the_bim() -> None:
     """A wall far from the origin must not answer for its offset by a small turn."""
     in_bim = []
     for x, y in ((-6.0, -4.0), (60.0, -40.0)):
@@ -126,7 +126,7 @@ def test_walls_seen_once_are_left_to_the_wall_map() -> None:
     assert 99 not in run.backend.planes_in_map
 
 
-def test_relabelled_walls_are_taken_up() -> None:
+def test_relabelled_walls_are_used() -> None:
     """The second half of the run had taken every wall for a new one."""
     run = Run()
     for s in run.seen:
@@ -144,7 +144,7 @@ def fed_to(backend: Backend, run: Run, count: int) -> list[SeenWall]:
     """Adds keyframes of the run, each where the odometry has it, until there are `count`; returns what they saw."""
     known = run.backend.keyframes
     for i in range(len(backend.keyframes), count):
-        step = inverse(known[i - 1].T_odom_sensor) @ known[i].T_odom_sensor if i else np.eye(4)
+        step = inverse(known[i - 1].T_track_sensor) @ known[i].T_track_sensor if i else np.eye(4)
         start = backend.keyframes[-1].T_map_sensor @ step if i else np.eye(4)
         backend.add_keyframe(replace(known[i], T_map_sensor=start))
     return [s for s in run.seen if s.keyframe < count]

@@ -1,4 +1,4 @@
-"""The back end's log of factors: who added what and why; and the graph rebuilt from it when the optimizer fails."""
+"""The factor log: origin and reason of each factor; and the graph rebuilt from it after optimizer failures."""
 
 from dataclasses import replace
 
@@ -26,10 +26,10 @@ def spoilt_run(odometry: float = 0.0, guess: float = 0.0) -> Run:
     backend, run.backend = run.backend, Backend(CONFIG)
     for i, keyframe in enumerate(backend.keyframes):
         if i == SPOILT:
-            T_odom, T_map = keyframe.T_odom_sensor.copy(), keyframe.T_map_sensor.copy()
+            T_odom, T_map = keyframe.T_track_sensor.copy(), keyframe.T_map_sensor.copy()
             T_odom[0, 3] += odometry
             T_map[0, 3] += guess
-            keyframe = replace(keyframe, T_odom_sensor=T_odom, T_map_sensor=T_map)
+            keyframe = replace(keyframe, T_track_sensor=T_odom, T_map_sensor=T_map)
         run.backend.add_keyframe(keyframe)
     return run
 
@@ -94,7 +94,7 @@ def test_one_bad_anchor_leaves_the_others() -> None:
 
 
 @pytest.mark.parametrize("number", [0, 7])  # the first of a wall, and one of those after it
-def test_numbers_that_the_factors_refuse_are_told_once_and_left_out(
+def test_refused_numbers_are_logged_once_and_left_out(
     number: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     run = Run()
@@ -152,7 +152,7 @@ def test_factors_are_added_once_and_only_what_is_new() -> None:
     assert all(e.by and e.why for e in log.events)
 
 
-def test_the_log_tells_who_added_an_anchor_and_what_became_of_it() -> None:
+def test_the_log_has_the_origin_and_the_events_of_an_anchor() -> None:
     run = Run()
     anchors, _ = anchors_of(run, T_BIM_BUILDING)
     paired = PlannedWall(anchors.planes[1][0].plane, anchors.planes[1][0].place, "A1", "match 3", "as planned")
@@ -167,7 +167,7 @@ def test_the_log_tells_who_added_an_anchor_and_what_became_of_it() -> None:
     ]  # fmt: skip
 
 
-def test_rooms_are_logged_when_they_are_cut_anew() -> None:
+def test_rooms_are_logged_when_they_are_segmented_again() -> None:
     run = Run()
     run.optimise()
     T_map_room: Array = inverse(run.T_building_map) @ pose(3.0, 4.0, 0.0)

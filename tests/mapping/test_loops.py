@@ -1,4 +1,4 @@
-"""Loop closure: what is proposed, found, registered and believed, where the truth is known."""
+"""Loop closure with known truth: candidates, search, registration and acceptance."""
 
 import functools
 from dataclasses import replace
@@ -19,7 +19,7 @@ from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.loops.candidates import Ties, passes_near, tied_by_walls, way_driven
 from sgslam.loops.closure import LoopCloser
-from sgslam.loops.likeness import Widths, alike
+from sgslam.loops.likeness import Widths, similar
 from sgslam.loops.registration import register
 from sgslam.loops.search import SeenSpace, agreement, search
 from sgslam.mapping.graph_nodes import Closure
@@ -89,7 +89,7 @@ def test_the_search_finds_a_known_motion_at_a_corner() -> None:
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     moved = (here.points - move) @ R  # the motion (turn, move) brings them back
     fit = search(there, moved, moved.mean(axis=0), 2.0, 0.15, SETTINGS)
-    assert fit.agreement > 0.9 and fit.rival < fit.agreement - SETTINGS.distinct
+    assert fit.agreement > 0.9 and fit.runner_up < fit.agreement - SETTINGS.distinct
     assert abs(fit.motion[0] - turn) < 0.01 and np.linalg.norm(fit.motion[1:] - move) < 0.08
 
 
@@ -98,10 +98,10 @@ def test_equal_offices_are_ambiguous() -> None:
     there = SeenSpace.of(*contours(building, [(x, 0.0) for x in np.arange(8.0, 32.0, 2.0)]))
     here = SeenSpace.of(*contours(building, [(x, 0.1) for x in np.arange(17.0, 23.0, 2.0)]))
     fit = search(there, here.points, np.array([20.0, 0.0]), 4.0, 0.05, SETTINGS)
-    assert fit.agreement > 0.8 and fit.rival > fit.agreement - SETTINGS.distinct, "a door further on fits as well"
+    assert fit.agreement > 0.8 and fit.runner_up > fit.agreement - SETTINGS.distinct, "a door further on fits as well"
 
 
-def test_what_is_seen_through_speaks_against_and_the_unknown_says_nothing() -> None:
+def test_free_space_counts_against_a_place_and_unknown_space_does_not() -> None:
     angle = np.linspace(0, 2 * np.pi, 400)
     space = SeenSpace.of(np.zeros((1, 2)), [4 * np.column_stack([np.cos(angle), np.sin(angle)])])
     assert agreement(space, space.points) == (1.0, 1.0)
@@ -175,7 +175,7 @@ def drifted(truth: Array, keyframes: list[KeyframeNode], slip: tuple[float, floa
     for step in inverse(truth[:-1]) @ truth[1:]:
         T = T @ (step @ pose(slip[1] * np.linalg.norm(step[:3, 3]), 0.0, 0.0, slip[0]))
         poses.append(T)
-    return [replace(k, T_map_sensor=T, T_odom_sensor=T) for k, T in zip(keyframes, poses, strict=True)]
+    return [replace(k, T_map_sensor=T, T_track_sensor=T) for k, T in zip(keyframes, poses, strict=True)]
 
 
 def closed(building: str, slip: tuple[float, float]) -> tuple[Array, LoopCloser]:
@@ -294,9 +294,9 @@ def test_a_room_is_alike_wherever_the_sensor_stands_and_however_it_is_turned() -
     here = Widths.of(0, room_planes(3.2, 5.1, (1.0, 2.0), 0.8)).turned(poses)
     known = [Widths.of(1, room_planes(3.2, 5.1, (2.5, 4.0), 0.0)), Widths.of(2, room_planes(3.2, 4.4, (1.0, 2.0), 0.0))]
     corridor = Widths.of(3, room_planes(3.2, 5.1, (1.0, 2.0), 0.0)[:2])
-    assert alike(here, Widths.together([*known, corridor]).turned(poses)).tolist() == [1]
-    assert len(alike(corridor.turned(poses), corridor.turned(poses))) == 0, "its width alone tells no corridor"
-    assert len(alike(here, Widths.together([]))) == 0
+    assert similar(here, Widths.together([*known, corridor]).turned(poses)).tolist() == [1]
+    assert len(similar(corridor.turned(poses), corridor.turned(poses))) == 0, "its width alone tells no corridor"
+    assert len(similar(here, Widths.together([]))) == 0
 
 
 def test_what_is_alike_may_be_farther_off() -> None:

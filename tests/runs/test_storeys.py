@@ -18,14 +18,14 @@ from data.simulation.drive import Robot
 from data.simulation.sensor import SpinningSensor
 from data.simulation.simulate import SimulatedRun, simulate
 from matching import Hypothesis, MatchResult
-from sgslam.anchoring.storey_hypotheses import assignments, floor_named, joint
+from sgslam.anchoring.storey_hypotheses import assignments, floor_named, match_jointly
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session.checkpoints import Checkpoints
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking.floor_transition import Climb
+from sgslam.tracking.floor_transition import FloorTransition
 
 GROUND, UPPER = DEMO_STOREYS
 PLANNED = tuple(Floor(name, name, z) for name, z in (("cellar", -3.0), ("ground", 0.0), ("first", 3.0), ("top", 6.5)))
@@ -150,8 +150,8 @@ def test_no_stair_is_steeper_than_its_robot() -> None:
     last, up = pose(3.0, 1.0, 0.8), np.array([0.0, 0.0, 1.0])
     for rise in (0.05, -0.05):
         fair = pose(3.1, 1.0, 0.8 + rise)
-        assert np.array_equal(Climb.possible(fair, last, up), fair)
-        held = Climb.possible(pose(3.1, 1.0, 0.8 + 6 * rise), last, up)
+        assert np.array_equal(FloorTransition.possible(fair, last, up), fair)
+        held = FloorTransition.possible(pose(3.1, 1.0, 0.8 + 6 * rise), last, up)
         assert held[:2, 3] == pytest.approx(fair[:2, 3]) and abs(held[2, 3] - 0.8) == pytest.approx(0.12)
 
 
@@ -205,19 +205,19 @@ def answers(
 def test_equal_storeys_are_told_apart_by_a_floor_that_differs() -> None:
     graphs, possible = {0: floor_graph(0), 1: floor_graph(1)}, [{0: "a", 1: "b"}, {0: "b", 1: "c"}]
     equal = {(0, "a"): 60.0, (0, "b"): 59.0, (1, "b"): 60.0, (1, "c"): 59.0}
-    assert joint(graphs, possible, answers(equal)) is None
-    found = joint(graphs, possible, answers({**equal, (1, "c"): 20.0}))
+    assert match_jointly(graphs, possible, answers(equal)) is None
+    found = match_jointly(graphs, possible, answers({**equal, (1, "c"): 20.0}))
     assert found is not None and found.assigned == {0: "a", 1: "b"}
 
 
 def test_one_storey_less_in_the_plan_decides_only_where_all_floors_are_explained() -> None:
     graphs, possible = {0: floor_graph(0), 1: floor_graph(1)}, [{0: "a", 1: "b"}]
     both = {(0, "a"): 60.0, (1, "b"): 60.0}
-    found = joint(graphs, possible, answers(both))
+    found = match_jointly(graphs, possible, answers(both))
     assert found is not None and found.answers[1].floor == "b"
-    assert joint(graphs, possible, answers({(0, "a"): 60.0})) is None  # what lies above may be no storey of the plan
+    assert match_jointly(graphs, possible, answers({(0, "a"): 60.0})) is None  # what lies above may be no storey of the plan
     elsewhere = {(0, "a"): (0.0, 5.0, 5.0), (1, "b"): (0.0, 9.0, 5.0)}
-    assert joint(graphs, possible, answers(both, elsewhere)) is None  # floors of one map lie at one place
+    assert match_jointly(graphs, possible, answers(both, elsewhere)) is None  # floors of one map lie at one place
 
 
 def test_a_storey_that_there_is_not_is_refused(bim: Bim) -> None:

@@ -1,11 +1,11 @@
-"""Two maps of one place, and of places that are only alike."""
+"""Free-space conflict of two maps of one place, and of similar places."""
 
 import numpy as np
 import pytest
 
 from data import Room, SceneGraph, WallSurface
 from data.geometry import se2
-from sgslam.anchoring.free_space_conflict import contradicted
+from sgslam.anchoring.free_space_conflict import conflict_share
 
 
 def a_room(
@@ -45,23 +45,23 @@ OFFICE, HALL = a_room("office", 0, 0, 4, 3), a_room("hall", 4.1, 0, 7, 3)
 
 def test_two_maps_of_one_place_agree_wherever_they_lie() -> None:
     T_a_s = (2.1, 30.0, -7.0)
-    assert contradicted(graph(OFFICE, HALL), graph(OFFICE, HALL), np.zeros(3)) == 0.0
-    assert contradicted(graph(OFFICE, HALL), graph(OFFICE, HALL, T=T_a_s), np.array(T_a_s)) == 0.0
+    assert conflict_share(graph(OFFICE, HALL), graph(OFFICE, HALL), np.zeros(3)) == 0.0
+    assert conflict_share(graph(OFFICE, HALL), graph(OFFICE, HALL, T=T_a_s), np.array(T_a_s)) == 0.0
 
 
-def test_what_only_one_of_them_has_seen_contradicts_nothing() -> None:
-    assert contradicted(graph(OFFICE, HALL), graph(OFFICE), np.zeros(3)) == 0.0
-    assert contradicted(graph(OFFICE), graph(OFFICE, HALL), np.zeros(3)) == 0.0
+def test_parts_that_only_one_map_has_are_no_conflict() -> None:
+    assert conflict_share(graph(OFFICE, HALL), graph(OFFICE), np.zeros(3)) == 0.0
+    assert conflict_share(graph(OFFICE), graph(OFFICE, HALL), np.zeros(3)) == 0.0
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_a_wall_in_the_free_space_of_the_other_contradicts(swapped: bool) -> None:
+def test_a_wall_in_the_free_space_of_the_other_is_a_conflict(swapped: bool) -> None:
     shorter = a_room("hall", 4.1, 0, 7, 3, step=2.0)
     one, other = graph(OFFICE, HALL), graph(OFFICE, shorter)
-    share = contradicted(*((other, one) if swapped else (one, other)), np.zeros(3))
+    share = conflict_share(*((other, one) if swapped else (one, other)), np.zeros(3))
     assert share == pytest.approx(2.4 / 60, abs=0.02) and share > 0.02
 
 
-def test_maps_of_nothing_in_common_are_as_contradictory_as_can_be() -> None:
-    assert contradicted(graph(OFFICE), graph(HALL, T=(0.0, 50.0, 0.0)), np.zeros(3)) == 1.0
-    assert contradicted(graph(), graph(OFFICE), np.zeros(3)) == 1.0
+def test_maps_with_nothing_in_common_have_full_conflict() -> None:
+    assert conflict_share(graph(OFFICE), graph(HALL, T=(0.0, 50.0, 0.0)), np.zeros(3)) == 1.0
+    assert conflict_share(graph(), graph(OFFICE), np.zeros(3)) == 1.0

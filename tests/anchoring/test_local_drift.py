@@ -1,9 +1,9 @@
-"""Walls that are off alike with all their neighbours are told from walls that were built elsewhere."""
+"""Local drift: walls that are off like their neighbours are distinguished from walls that were built elsewhere."""
 
 import numpy as np
 import pytest
 
-from sgslam.anchoring.local_drift import bent_with_neighbours, rooms_moved_whole
+from sgslam.anchoring.local_drift import drifted_neighbourhoods, drifted_rooms
 from sgslam.anchoring.se2_consensus import Pairs, find_consensus
 
 ROOM = 4.0  # m
@@ -25,58 +25,58 @@ def shifted(by: tuple[float, float]) -> np.ndarray:
     return np.array([by[0], -by[0], by[1], -by[1]])
 
 
-def bent(pairs: Pairs, built_so: np.ndarray | None = None) -> np.ndarray:
-    known = np.zeros((len(pairs.unit) // 4, 4), dtype=bool) if built_so is None else built_so
+def drifted(pairs: Pairs, deviating: np.ndarray | None = None) -> np.ndarray:
+    known = np.zeros((len(pairs.unit) // 4, 4), dtype=bool) if deviating is None else deviating
     overall = find_consensus(pairs, np.zeros(3), TURN)
     assert overall is not None and np.allclose(overall.T_plan_map, 0.0, atol=0.01)
-    return bent_with_neighbours(pairs, overall, TURN, known.ravel()).reshape(-1, 4)
+    return drifted_neighbourhoods(pairs, overall, TURN, known.ravel()).reshape(-1, 4)
 
 
-def test_rooms_that_drifted_together_are_bent() -> None:
+def test_rooms_that_drifted_together_are_found() -> None:
     off = np.zeros((12, 4))
     off[8:] = shifted((0.05, 0.15))
-    across = bent(rooms_in_a_row(12, off))[:, 2:]
+    across = drifted(rooms_in_a_row(12, off))[:, 2:]
     assert across[9:].all() and not across[:8].any()
 
 
-def test_walls_that_were_built_elsewhere_are_not() -> None:
+def test_walls_that_were_built_elsewhere_have_not_drifted() -> None:
     rng = np.random.default_rng(1)
     off = np.zeros(48)
     off[rng.permutation(48)[:16]] = rng.uniform(0.1, 0.3, 16) * rng.choice([-1, 1], 16)
-    assert not bent(rooms_in_a_row(12, off.reshape(12, 4))).any()
+    assert not drifted(rooms_in_a_row(12, off.reshape(12, 4))).any()
 
 
 @pytest.mark.parametrize("seed", [8, 9, 14])
-def test_walls_that_agree_with_every_place_bend_nothing(seed: int) -> None:
-    """Half of the walls were built elsewhere: two of one direction that are off alike are no bend, though all walls of
+def test_walls_that_agree_with_every_place_are_no_drift(seed: int) -> None:
+    """Half of the walls were built elsewhere: two of one direction with equal offsets are no drift, though all walls of
     the other direction agree with the place that the two tell."""
     rng = np.random.default_rng(seed)
     off = np.zeros(48)
     off[rng.permutation(48)[:22]] = rng.uniform(0.1, 0.3, 22) * rng.choice([-1, 1], 22)
-    assert not bent(rooms_in_a_row(12, off.reshape(12, 4))).any()
+    assert not drifted(rooms_in_a_row(12, off.reshape(12, 4))).any()
 
 
-def test_a_map_that_agrees_is_not_bent() -> None:
-    assert not bent(rooms_in_a_row(5, np.zeros((5, 4)))).any()
+def test_a_map_that_agrees_has_not_drifted() -> None:
+    assert not drifted(rooms_in_a_row(5, np.zeros((5, 4)))).any()
 
 
-def test_walls_that_are_known_to_stand_elsewhere_bend_nothing() -> None:
+def test_known_deviations_are_no_drift() -> None:
     """Not themselves, and not their neighbours either, for which too few are left that say so."""
     off, known = np.zeros((12, 4)), np.zeros((12, 4), dtype=bool)
     off[8:] = shifted((0.05, 0.15))
     known[8:, 2:] = True
-    assert not bent(rooms_in_a_row(12, off), known).any()
+    assert not drifted(rooms_in_a_row(12, off), known).any()
 
 
-def moved_whole(off: np.ndarray, built_so: np.ndarray | None = None) -> np.ndarray:
+def moved_whole(off: np.ndarray, deviating: np.ndarray | None = None) -> np.ndarray:
     pairs = rooms_in_a_row(len(off), off)
     overall = find_consensus(pairs, np.zeros(3), TURN)
     assert overall is not None and np.allclose(overall.T_plan_map, 0.0, atol=0.01)
-    known = np.zeros(len(pairs.unit), dtype=bool) if built_so is None else built_so.ravel()
-    return rooms_moved_whole(pairs, overall, np.repeat(np.arange(len(off)), 4), known).reshape(-1, 4)
+    known = np.zeros(len(pairs.unit), dtype=bool) if deviating is None else deviating.ravel()
+    return drifted_rooms(pairs, overall, np.repeat(np.arange(len(off)), 4), known).reshape(-1, 4)
 
 
-def test_a_room_into_which_a_step_was_wrong_is_moved_whole() -> None:
+def test_a_room_after_a_wrong_step_has_drifted_as_a_whole() -> None:
     off = np.zeros((12, 4))
     off[5] = shifted((0.1, 0.0))
     found = moved_whole(off)
@@ -84,10 +84,10 @@ def test_a_room_into_which_a_step_was_wrong_is_moved_whole() -> None:
 
 
 @pytest.mark.parametrize("opposite", [0.0, -0.16, 0.1])
-def test_a_wall_that_was_moved_moves_no_room(opposite: float) -> None:
+def test_a_moved_wall_is_no_drift_of_its_room(opposite: float) -> None:
     """The opposite one stands as planned, or otherwise than the room would have it; or has been pulled already."""
     off = np.zeros((12, 4))
     off[5, :2] = 0.1, opposite
     assert not moved_whole(off).any()
     off[5] = shifted((0.1, 0.0))
-    assert not moved_whole(off, built_so=np.abs(off) > 0.05).any()
+    assert not moved_whole(off, deviating=np.abs(off) > 0.05).any()

@@ -1,5 +1,7 @@
-"""A finished graph of keyframes and planes, such as S-Graphs saves, anchored to a plan: another system's map in
-building coordinates."""
+"""Anchors a finished graph of keyframes and planes, such as S-Graphs saves, to a plan.
+
+The result is another system's map in building coordinates.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +18,7 @@ from sgslam.geometry.frames import inverse, local_coordinates, transform_planes
 
 Floats = NDArray[np.float64]
 _HUBER, _REDESCENDING = 1.345, 3.0
-_FRAME = np.array([1.0, 1.0, 1.0, 100.0, 100.0, 1.0])  # rad, m: of the BIM's frame, beforehand
+_FRAME = np.array([1.0, 1.0, 1.0, 100.0, 100.0, 1.0])  # rad, m: sigmas of the prior of the BIM frame
 _VECTOR_OF_ANGLE = np.diag([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])  # a quaternion's vector part is half an angle
 
 
@@ -35,13 +37,13 @@ def anchor_plane_graph(
 ) -> AnchoredPlaneGraph:  # fmt: skip
     """Optimises the graph with anchors from its planes to planned wall surfaces of `pairs` (plane id, surface).
 
-    `T_bim_map` (4, 4) is where a match lays the map. The sigmas (m, rad) say how well the building keeps to its plan;
-    anchors and observations are robust. Of the file's informations only the proportions are used: their common
-    factor is the one that the graph's own residuals show (a posteriori variance of unit weight).
+    `T_bim_map` (4, 4) is the place of the map from a match. The sigmas (m, rad) are those of the building against its
+    plan. Anchors and observations have robust losses. Of the file's information matrices only the proportions are used;
+    their common factor is estimated from the residuals (a posteriori variance of unit weight).
 
-    The plan is taken to be level at z = 0, to a metre the height that `T_bim_map` gives it: a plane fitted to a strip
-    of wall leans by the sensor's bias, so that it is right at one height only; where all walls lean, that height is
-    found, and no other height is told by walls.
+    The plan is taken to be level at z = 0, within a metre of the height that `T_bim_map` gives. A plane fitted to a
+    strip of wall leans by the sensor's bias and is right at one height only. Where all walls lean, that height is
+    found; walls determine no other height.
     """
     name = {plane: plane for plane in graph.planes} | {b: a for a, b in graph.same}  # planes that are one wall
     keeper: dict[int, int] = {}
@@ -57,7 +59,7 @@ def anchor_plane_graph(
         (_planned(surface, transform_planes(T_bim_map, graph.planes[plane])), name[plane])
         for plane, surface in pairs if name[plane] in keeper
     ]  # fmt: skip
-    for noise in (  # what is far off pulls less and less; but that only works from near the optimum
+    for noise in (  # a redescending loss only works from near the optimum
         factors.noise_of_plane(sigma_normal, sigma_offset, _HUBER),
         factors.redescending_noise_of_plane(sigma_normal, sigma_offset, _REDESCENDING),
     ):
@@ -69,7 +71,7 @@ def anchor_plane_graph(
 
 
 def _planned(surface: WallSurface, seen_in_bim: Floats) -> Floats:
-    """(4,) the planned plane, its normal to the side that was seen."""
+    """(4,) the planned plane with its normal towards the side that was seen."""
     planned = factors.plane_from_wall(surface.normal, surface.centroid)
     planned /= np.linalg.norm(planned[:3])
     return planned if planned[:3] @ seen_in_bim[:3] > 0 else -planned
@@ -108,14 +110,14 @@ def _add_planes(
 
 
 def _informations_of_steps(graph: PlaneGraph) -> list[Floats]:
-    """(6, 6) of each step: of its rotation (rad), then its translation (m)."""
+    """(6, 6) information of each step: rotation (rad) first, then translation (m)."""
     order = [3, 4, 5, 0, 1, 2]
     scaled = [_VECTOR_OF_ANGLE @ step.information @ _VECTOR_OF_ANGLE for step in graph.steps]
     return [information[np.ix_(order, order)] for information in scaled]
 
 
 def _variance(graph: PlaneGraph) -> float:
-    """Of unit weight: how large the squared residuals at the graph's own estimates are, for each degree of freedom."""
+    """The variance of unit weight: the squared residuals at the graph's own estimates per degree of freedom."""
     total, count = 0.0, -6 * (len(graph.keyframes) - 1) - 3 * len({seen.plane for seen in graph.seen})
     for step, information in zip(graph.steps, _informations_of_steps(graph), strict=True):
         predicted = inverse(graph.keyframes[step.first]) @ graph.keyframes[step.second]
@@ -125,7 +127,7 @@ def _variance(graph: PlaneGraph) -> float:
         predicted = transform_planes(inverse(graph.keyframes[seen.keyframe]), graph.planes[seen.plane])
         residual = gtsam.OrientedPlane3(seen.plane_in_sensor).localCoordinates(gtsam.OrientedPlane3(predicted))
         total, count = total + float(residual @ seen.information @ residual), count + 3
-    return total / count if count > 0 else 1.0  # where nothing is told twice, the file is taken at its word
+    return total / count if count > 0 else 1.0  # without redundancy the file's own information is used
 
 
 def _result(

@@ -1,16 +1,16 @@
-"""Single rooms of a map, asked after alone in a known one that lacks the others."""
+"""Room relocalisation: single rooms of a map, matched with a known map that lacks the others."""
 
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from test_contradictions import a_room, graph
+from test_free_space_conflict import a_room, graph
 
 from data import Keyframe, Room, SceneGraph, WallSurface
 from data.geometry import se2
 from matching import Matcher, MatchResult
-from sgslam.anchoring.room_relocalisation import MOST_ASKED, room_by_room
+from sgslam.anchoring.room_relocalisation import MAX_ROOMS, relocalise_by_rooms
 from sgslam.config import AnchorSettings
 
 Corners = list[tuple[float, float]]
@@ -33,17 +33,17 @@ def walled(name: str, corners: Corners) -> tuple[Room, list[WallSurface]]:
 KNOWN = graph(walled("lab", LAB), walled("store", STORE), a_room("a", -6.2, 0, 6, 4.2), a_room("e", -6.2, 4.4, 6, 3))
 
 
-def asked(*seen: tuple[Room, list[WallSurface]], known: SceneGraph = KNOWN) -> MatchResult | None:
+def relocalised(*seen: tuple[Room, list[WallSurface]], known: SceneGraph = KNOWN) -> MatchResult | None:
     s, matcher = graph(*seen, T=PLACE), Matcher.load("learned")
-    return room_by_room(s, partial(matcher.match, a=known), lambda _: known, AnchorSettings())
+    return relocalise_by_rooms(s, partial(matcher.match, a=known), lambda _: known, AnchorSettings())
 
 
-def test_one_room_that_is_known_tells_the_place_of_a_map_of_which_the_rest_is_not() -> None:
-    found = asked(walled("lab", LAB), *BEYOND)
+def test_one_recognised_room_places_a_map_whose_other_rooms_are_unknown() -> None:
+    found = relocalised(walled("lab", LAB), *BEYOND)
     assert found is not None and found.status == "unique" and found.T_a_s is not None
     assert np.allclose(se2.compose(np.array(found.T_a_s), np.array(PLACE)), 0.0, atol=0.02)
     assert {(s, a) for s, a, _ in found.wall_surfaces} == {(f"lab/{k}", f"lab/{k}") for k in range(len(LAB))}
-    assert asked(*BEYOND) is None
+    assert relocalised(*BEYOND) is None
 
 
 def moved(corners: Corners, x: float, y: float) -> Corners:
@@ -52,25 +52,25 @@ def moved(corners: Corners, x: float, y: float) -> Corners:
 
 @pytest.mark.parametrize(
     "other", [walled("store", moved(STORE, 0.0, 6.0)), a_room("hall", -4.5, 1.0, 3.0, 2.5)],
-    ids=["a room that says otherwise", "walls in the midst of a known room"],
+    ids=["a room elsewhere", "walls in the midst of a known room"],
 )  # fmt: skip
-def test_what_speaks_against_a_room_leaves_no_answer(other: tuple[Room, list[WallSurface]]) -> None:
-    assert asked(walled("lab", LAB), walled("store", STORE)) is not None
-    assert asked(walled("lab", LAB), other) is None
+def test_a_conflict_with_a_room_leaves_no_answer(other: tuple[Room, list[WallSurface]]) -> None:
+    assert relocalised(walled("lab", LAB), walled("store", STORE)) is not None
+    assert relocalised(walled("lab", LAB), other) is None
 
 
-def test_a_room_that_the_known_map_has_twice_tells_nothing() -> None:
+def test_a_room_that_the_known_map_has_twice_is_not_recognised() -> None:
     twice = graph(walled("lab", LAB), walled("copy", moved(LAB, 20.0, 3.0)), a_room("a", -6.2, 0, 6, 4.2))
-    assert asked(walled("lab", LAB), *BEYOND, known=twice) is None
+    assert relocalised(walled("lab", LAB), *BEYOND, known=twice) is None
 
 
-def test_the_rooms_near_the_robot_are_asked_after() -> None:
+def test_the_rooms_near_the_robot_are_matched() -> None:
     far = [walled(f"far{k}", moved([(0, 0), (2 + k / 3, 0), (2 + k / 3, 2), (9, 2), (9, 6), (0, 6)], 30 + 10 * k, 0))
-           for k in range(MOST_ASKED)]  # fmt: skip
+           for k in range(MAX_ROOMS)]  # fmt: skip
     s, matcher = graph(walled("lab", LAB), *far), Matcher.load("learned")
 
     def asked_from(x: float) -> MatchResult | None:
         seen = replace(s, keyframes=(Keyframe("k", 0, (x, 2.0, 1.0, 0.0, 0.0, 0.0, 1.0)),))
-        return room_by_room(seen, partial(matcher.match, a=KNOWN), lambda _: KNOWN, AnchorSettings())
+        return relocalise_by_rooms(seen, partial(matcher.match, a=KNOWN), lambda _: KNOWN, AnchorSettings())
 
     assert asked_from(3.0) is not None and asked_from(60.0) is None

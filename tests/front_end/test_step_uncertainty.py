@@ -1,4 +1,4 @@
-"""Where surfaces do not hold a scan: what is told of it, direction by direction; and a given odometry that leaps."""
+"""Step uncertainty where surfaces do not constrain a scan; and outliers of an external odometry."""
 
 import logging
 from functools import cache
@@ -14,7 +14,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.perception.column_scan import sort_into_columns
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking.step_uncertainty import Slack, surfaces_of, turned
+from sgslam.tracking.step_uncertainty import StepUncertainty, surfaces_of, turned
 
 SENSOR = SpinningSensor(azimuths=450, max_range=30.0)
 FURNISHED: list[Box] = [*room(-6.0, -4.0, 14.0, 5.0), (2.0, -4.0, 0.0, 2.2, 0.0, 2.6), (6.0, 3.0, 0.0, 7.0, 5.0, 2.6)]
@@ -28,7 +28,7 @@ def surfaces(boxes: list[Box], T: Array) -> Array:
     return surfaces_of(columns.points[columns.upright])
 
 
-def test_the_surfaces_of_a_scan_hold_it_across_themselves() -> None:
+def test_surfaces_constrain_a_scan_across_themselves() -> None:
     place = pose(1.0, 0.1, 0.8, YAW)
     in_room, axes = np.linalg.eigh(surfaces(FURNISHED, place)[1:, 1:])
     assert in_room[0] > 0.1 * in_room[1]
@@ -37,38 +37,38 @@ def test_the_surfaces_of_a_scan_hold_it_across_themselves() -> None:
     assert surfaces(HALL, place).max() < 1.0
 
 
-def test_the_same_surfaces_hold_the_same_from_any_heading() -> None:
+def test_the_constraint_does_not_depend_on_the_heading() -> None:
     T, U = pose(1.0, 0.1, 0.8, 0.4), pose(1.0, 0.1, 0.8, 1.7)
     one, other = turned(surfaces(FURNISHED, T), T), turned(surfaces(FURNISHED, U), U)
     assert np.abs(one - other).max() < 0.15 * np.abs(one).max()
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 20])
-def test_a_few_points_hold_nothing(count: int) -> None:
+def test_a_few_points_constrain_nothing(count: int) -> None:
     H = surfaces_of(np.random.default_rng(count).uniform(-5, 5, (count, 3)))
     assert H.shape == (3, 3) and np.isfinite(H).all() and np.trace(H[1:, 1:]) <= 2.0
 
 
-def slack(information: Array, scans: int) -> Array | None:
-    own = Slack(OdometrySettings(), TrackingSettings())
+def step_covariance(information: Array, scans: int) -> Array | None:
+    own = StepUncertainty(OdometrySettings(), TrackingSettings())
     for _ in range(scans):
         own.add(information, 0.03, 0.1)
     return own.leave(np.eye(3))
 
 
-def test_a_step_is_widened_where_nothing_held_it_and_there_alone() -> None:
-    assert slack(np.diag([500.0, 50.0, 50.0]), 10) is None
-    along = slack(np.diag([500.0, 0.0, 50.0]), 10)
+def test_a_step_is_widened_only_in_unconstrained_directions() -> None:
+    assert step_covariance(np.diag([500.0, 50.0, 50.0]), 10) is None
+    along = step_covariance(np.diag([500.0, 0.0, 50.0]), 10)
     assert along is not None
     sigmas = np.sqrt(np.diag(along))
     assert sigmas[3] == pytest.approx(1.0, rel=0.05) and np.delete(sigmas, 3).max() < 1e-6
-    everywhere = slack(np.zeros((3, 3)), 10)
+    everywhere = step_covariance(np.zeros((3, 3)), 10)
     assert everywhere is not None
     np.testing.assert_allclose(np.sqrt(np.diag(everywhere)), [0, 0, 0.3, 1.0, 1.0, 0], rtol=0.05, atol=1e-9)
 
 
-def test_it_is_told_in_the_axes_of_the_sensor() -> None:
-    own, R_level_sensor = Slack(OdometrySettings(), TrackingSettings()), pose(0.0, 0.0, 0.0, YAW)[:3, :3]
+def test_the_covariance_is_in_the_axes_of_the_sensor() -> None:
+    own, R_level_sensor = StepUncertainty(OdometrySettings(), TrackingSettings()), pose(0.0, 0.0, 0.0, YAW)[:3, :3]
     own.add(np.diag([500.0, 0.0, 50.0]), 0.03, 0.1)  # held across the level's x axis
     covariance = own.leave(R_level_sensor)
     assert covariance is not None
@@ -120,12 +120,12 @@ def test_in_an_open_hall_it_grows_in_all_directions() -> None:
 
 def test_in_a_furnished_room_no_step_is_widened() -> None:
     slam, _, _ = driven("room")
-    assert all(keyframe.slack is None for keyframe in slam._map.backend.keyframes)
-    assert not slam._map.backend.loose and driven("corridor")[0]._map.backend.loose
+    assert all(keyframe.step_covariance is None for keyframe in slam._map.backend.keyframes)
+    assert not slam._map.backend.has_weak_steps and driven("corridor")[0]._map.backend.has_weak_steps
 
 
 def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam, Array, Array]:
-    """A run by a given odometry that is true but for one leap (4, 4); live poses, and the truth in the map."""
+    """A run with an external odometry that is exact but for one outlier (4, 4); live poses, and the truth."""
     drive = small_drive()
     given = drive.truth.poses[:count].copy()
     if leap is not None:
@@ -139,30 +139,30 @@ def given_with(leap: Array | None, at: int, count: int) -> tuple[SceneGraphSlam,
 
 
 @pytest.mark.parametrize("leap", [pose(3.0, -1.0, 0.0, 0.0), pose(0.0, 0.0, 0.0, 2.0), pose(0.8, 0.0, 0.5, 0.3)])
-def test_a_leap_is_not_believed_and_told_once(leap: Array, caplog: pytest.LogCaptureFixture) -> None:
+def test_an_outlier_step_is_ignored_and_reported_once(leap: Array, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, logger="sgslam"):
         slam, live, truth = given_with(leap, 40, 80)
-    said = [record.message for record in caplog.records if "leaps" in record.message]
-    assert len(said) == 1 and "not believed" in said[0]
+    warnings = [record.message for record in caplog.records if "outlier" in record.message]
+    assert len(warnings) == 1 and "ignored" in warnings[0]
     assert np.linalg.norm((live - truth)[:, :3, 3], axis=1).max() < 0.1
     assert np.isfinite(slam.finish().trajectory.poses).all()
 
 
-def test_a_given_odometry_that_does_not_leap_is_believed(caplog: pytest.LogCaptureFixture) -> None:
+def test_an_external_odometry_without_outliers_is_used(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING, logger="sgslam"):
         _, live, truth = given_with(None, 0, 80)
-    assert not [record for record in caplog.records if "leaps" in record.message]
+    assert not [record for record in caplog.records if "outlier" in record.message]
     assert np.linalg.norm((live - truth)[:, :3, 3], axis=1).max() < 0.03
 
 
 def test_poses_may_be_given_for_some_scans_only(caplog: pytest.LogCaptureFixture) -> None:
-    """In a frame of their own: where they begin and end, the odometry goes on without a leap."""
+    """In a frame of their own: where they begin and end, the odometry continues without a jump."""
     drive, slam = small_drive(), SceneGraphSlam()
     given = pose(5.0, -3.0, 2.0, 1.0) @ drive.truth.poses[:90]
     with caplog.at_level(logging.WARNING, logger="sgslam"):
         for i, (stamp, points) in enumerate(drive.scans[:90]):
             slam.add_scan(stamp, points, T_odom_sensor=given[i] if 20 <= i < 45 or i >= 70 else None)
-    assert not [record for record in caplog.records if "leaps" in record.message]
+    assert not [record for record in caplog.records if "outlier" in record.message]
     result = slam.finish()
     odometry, truth = result.trajectory_odometry.poses, inverse(drive.truth.poses[0]) @ drive.truth.poses[:90]
     steps, true = (inverse(poses[:-1]) @ poses[1:] for poses in (odometry, truth))
@@ -170,18 +170,19 @@ def test_poses_may_be_given_for_some_scans_only(caplog: pytest.LogCaptureFixture
     assert np.linalg.norm((result.trajectory.poses - truth)[:, :3, 3], axis=1).max() < 0.06
 
 
-def test_where_nothing_holds_a_leap_widens_its_step() -> None:
-    """In the open hall, where no wall could tell: the step with the leap is uncertain by it, others are not."""
+def test_an_unconstrained_outlier_widens_its_step() -> None:
+    """In the open hall, where no wall constrains the sensor: only the step with the outlier is uncertain."""
     scene, slam = scene_of(HALL), SceneGraphSlam()
     for i in range(60):
         T = pose(0.08 * i + (2.0 if i >= 30 else 0.0), 0.0)
         slam.add_scan(i * 10**8, scan(scene, pose(0.08 * i, 0.0), SENSOR, i), T_odom_sensor=T)
-    sigmas = [0.0 if k.slack is None else float(np.sqrt(k.slack[3, 3])) for k in slam._map.backend.keyframes]
+    covariances = [k.step_covariance for k in slam._map.backend.keyframes]
+    sigmas = [0.0 if covariance is None else float(np.sqrt(covariance[3, 3])) for covariance in covariances]
     assert max(sigmas) > 0.9 and sorted(sigmas)[-2] < 0.1
 
 
 class Slipping:
-    """An odometry that tells what it was made with, whatever it is shown."""
+    """An odometry that returns the poses it was made with, whatever the scan."""
 
     upright_only = True
 
@@ -205,7 +206,7 @@ def along_the_corridor(at: Array, told: Array, given: bool, monkeypatch: pytest.
 
 @pytest.mark.parametrize("given", [False, True])
 @pytest.mark.parametrize("slips", [{30: -0.2, 31: -0.2, 32: -0.15}, {30: -0.25, 31: 0.25}, {30: 0.4}])
-def test_where_walls_do_not_hold_it_a_slip_of_the_odometry_is_not_believed(
+def test_an_unconstrained_slip_of_the_odometry_is_ignored(
     slips: dict[int, float], given: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """For good, or for one scan."""
@@ -215,7 +216,7 @@ def test_where_walls_do_not_hold_it_a_slip_of_the_odometry_is_not_believed(
 
 
 @pytest.mark.parametrize("given", [False, True])
-def test_where_walls_do_not_hold_it_a_robot_may_stop_and_start(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unconstrained_robot_may_stop_and_start(given: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Within half a second, as robots do; and at once, as none does, which is believed after a second."""
     speeds = [0.08] * 20 + [0.06, 0.03, 0.0, 0.0, 0.03, 0.06] + [0.08] * 20 + [0.3] * 20
     xs = np.cumsum(speeds) - speeds[0]
@@ -224,8 +225,8 @@ def test_where_walls_do_not_hold_it_a_robot_may_stop_and_start(given: bool, monk
     assert np.diff(found)[-8:].mean() == pytest.approx(0.3, abs=0.02)
 
 
-def test_scans_far_apart_are_where_the_odometry_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Steps of all lengths, as of scans picked out of a drive: none is more of a lurch than the others."""
+def test_scans_far_apart_follow_the_odometry(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps of all lengths, as of scans picked out of a drive: none is more of an outlier than the others."""
     xs = np.cumsum(np.random.default_rng(0).uniform(0.2, 1.0, 25))
     found = along_the_corridor(xs, xs, False, monkeypatch)
     assert np.abs(found - (xs - xs[0])).max() < 0.06
