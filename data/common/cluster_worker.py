@@ -17,18 +17,18 @@ CHUNK = 1 << 20
 
 
 @dataclass(frozen=True)
-class Needed:
+class RoomsNeeded:
     """A file or folder that the tasks read, and a digest of what it holds on the machine that asks."""
 
     path: str
     digest: str
 
     @staticmethod
-    def of(path: Path | str) -> "Needed":
+    def of(path: Path | str) -> "RoomsNeeded":
         """Raises UserError where there is none."""
         if not Path(path).exists():
             raise UserError(f"{path}: there is no such file or folder")
-        return Needed(str(path), _digest(str(path)))
+        return RoomsNeeded(str(path), _digest(str(path)))
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class Work:
 
     function: Callable[[Any], Any]
     build: str
-    needed: tuple[Needed, ...]
+    needed: tuple[RoomsNeeded, ...]
 
     @staticmethod
     def of(function: Callable[[Any], Any], files: Iterable[Path | str]) -> "Work":
         """By what is installed and what lies here. Raises UserError for a file that is not there."""
-        return Work(function, build(), tuple(map(Needed.of, files)))
+        return Work(function, build(), tuple(map(RoomsNeeded.of, files)))
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _check_build(wanted: str) -> None:
 
 
 @lru_cache(maxsize=8)
-def _check_files(needed: tuple[Needed, ...]) -> None:
+def _check_files(needed: tuple[RoomsNeeded, ...]) -> None:
     """Once for all tasks; a refusal is not remembered, since the user may mend it."""
     for file in needed:
         where = file.path if Path(file.path).is_absolute() else f"{file.path} (in {os.getcwd()})"

@@ -24,7 +24,7 @@ _SHARE = 0.55  # of a robot's top speed that it has on average, turns on the spo
 
 
 @dataclass(frozen=True)
-class Way:
+class DriveSpec:
     """Which drive: so many `scans` through a storey of `bim` (IFC file or mesh), or `standing` where it begins."""
 
     bim: Path
@@ -41,7 +41,7 @@ class EndlessDrive:
     that of whoever reads the scans. `truth` is T_bim_sensor of all scans.
     """
 
-    def __init__(self, way: Way) -> None:
+    def __init__(self, way: DriveSpec) -> None:
         """Raises UserError for a building or a storey that cannot be driven."""
         self._way, self._folder = way, Path(tempfile.mkdtemp(prefix="drive."))
         context = get_context("spawn")
@@ -81,7 +81,7 @@ class EndlessDrive:
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-def _simulate(asked: Connection, way: Way) -> None:
+def _simulate(asked: Connection, way: DriveSpec) -> None:
     """The process that casts the rays: answers with the truth, then with each part that it is asked for."""
     from data.scans.writers import SCAN_WRITERS
     from data.simulation.simulate import SENSOR
@@ -107,7 +107,7 @@ def _simulate(asked: Connection, way: Way) -> None:
         asked.send(None)
 
 
-def _planned(way: Way) -> "tuple[Trajectory, TriangleScene]":
+def _planned(way: DriveSpec) -> "tuple[Trajectory, TriangleScene]":
     """The way by the simulator's parts, for one storey."""
     from data.geometry.raycast import TriangleScene
     from data.plans.mesh_files import is_mesh

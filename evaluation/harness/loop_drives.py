@@ -14,7 +14,7 @@ from data.simulation.drive import Robot, drive
 from data.simulation.sensor import SpinningSensor
 from data.simulation.simulate import ROBOT_TOP
 from data.trajectory import Trajectory
-from evaluation.harness.loop_buildings import Drawn, long_corridor, ring
+from evaluation.harness.loop_buildings import LoopBuilding, long_corridor, ring
 from evaluation.harness.weakened import shortened, worsened
 
 Floats = NDArray[np.float64]
@@ -91,7 +91,7 @@ def _driven(
     return Drive(scene, truth, seed, level, worsened(truth.poses, level, seed) if level else None)
 
 
-def _places(route: str, building: Drawn, rng: np.random.Generator) -> Floats:
+def _places(route: str, building: LoopBuilding, rng: np.random.Generator) -> Floats:
     """(N, 2) where the robot turns: each leg between two is straight."""
     if route == "ring":
         way = building.way + rng.uniform(-0.2, 0.2, building.way.shape)
@@ -103,7 +103,7 @@ def _places(route: str, building: Drawn, rng: np.random.Generator) -> Floats:
     return np.concatenate([there, _row(building, rng, 4 if "visits" in route else 0)[::-1]])
 
 
-def _row(building: Drawn, rng: np.random.Generator, visits: int) -> Floats:
+def _row(building: LoopBuilding, rng: np.random.Generator, visits: int) -> Floats:
     """Along the corridor, with so many offices entered on the way."""
     chosen = rng.choice(len(building.doors), visits, replace=False)
     chosen = chosen[np.argsort(building.doors[chosen, 0], kind="stable")]

@@ -116,7 +116,7 @@ def read_specs(path: Path) -> list[SequenceSpec]:
     return specs
 
 
-def chosen(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceSpec]:
+def select_sequences(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceSpec]:
     """Those of the names of `--sequences`, all where it is not given; raises UserError for a name that there is not."""
     if names is None:
         return specs
@@ -136,21 +136,21 @@ def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions 
     if spec.scans is not None and spec.truth is not None:
         if conditions.of_the_drive:
             raise UserError(f"'{spec.name}' is not simulated: its walls cannot be moved and its way stays as it is")
-        scan_dir, truth_path, kept = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-{seed}.odometry.tum"
+        scan_dir, truth_path, cache = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-{seed}.odometry.tum"
     else:
         drive = folder / f"{spec.name}-{seed}{conditions.of_the_drive}"
         if not drive.exists():
             _simulate(spec, bim, storey, drive, seed, conditions)
-        scan_dir, truth_path, kept = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
+        scan_dir, truth_path, cache = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
         if (drive / PLAN).exists():  # the plan that lacks walls
             bim, graph = drive / PLAN, _a_graph(drive / PLAN)
     truth = Trajectory.read_tum(truth_path)
     sequence = Sequence(spec.name, seed, scan_dir, bim, graph, truth, conditions)
     if not conditions.weaken:
         return sequence
-    if not kept.exists():
-        odometry_of_run(ScanFolder(scan_dir)).write_tum(kept)
-    return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(kept), truth, seed))
+    if not cache.exists():
+        odometry_of_run(ScanFolder(scan_dir)).write_tum(cache)
+    return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(cache), truth, seed))
 
 
 def plan_of(spec: SequenceSpec, folder: Path) -> SceneGraph:

@@ -30,19 +30,19 @@ class Recorder:
     """A matcher that answers nothing and keeps what it was asked: (seconds since the start, S-graph)."""
 
     def __init__(self) -> None:
-        self.asked: list[tuple[float, SceneGraph]] = []
+        self.calls: list[tuple[float, SceneGraph]] = []
         self.seconds = 0.0
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
         """As any matcher."""
-        self.asked.append((self.seconds, s))
+        self.calls.append((self.seconds, s))
         return MatchResult("none", "the map is to stay as it is")
 
     def chosen(self) -> list[tuple[float, SceneGraph]]:
         """The first S-graph of each number of rooms, and the last one."""
-        first = {len(s.rooms): (seconds, s) for seconds, s in reversed(self.asked) if len(s.rooms)}
-        kept = sorted([*first.values(), self.asked[-1]], key=lambda asked: asked[0])
-        return [k for n, k in enumerate(kept) if k[1] is not kept[n - 1][1] or not n]
+        first = {len(s.rooms): (seconds, s) for seconds, s in reversed(self.calls) if len(s.rooms)}
+        calls = sorted([*first.values(), self.calls[-1]], key=lambda call: call[0])
+        return [k for n, k in enumerate(calls) if k[1] is not calls[n - 1][1] or not n]
 
 
 def record(sequence: Sequence) -> SlamDrive:
@@ -66,7 +66,7 @@ def record(sequence: Sequence) -> SlamDrive:
     for seconds, s_graph in recorder.chosen():
         if len(s_graph.wall_surfaces) >= LEAST_WALLS:
             drawn = _with_truth(replace(s_graph, keyframes=()), storey, T_bim_map, floor)
-            graphs.append(SlamGraph(seconds, s_graph is recorder.asked[-1][1], drawn))
+            graphs.append(SlamGraph(seconds, s_graph is recorder.calls[-1][1], drawn))
     return SlamDrive(sequence.name, sequence.seed, sequence.a_graph, tuple(graphs))
 
 

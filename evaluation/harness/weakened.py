@@ -28,7 +28,7 @@ class WeakOdometry:
     level: int
     rmse_m: float
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """What was done, in a line for the table."""
         return (
             f"points beyond {RANGE_M:g} m dropped; odometry: steps {100 * SCALE * self.level:g} % too long, yaw random "

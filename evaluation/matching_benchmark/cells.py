@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evaluation.matching_benchmark.rows import Row, Tally
-from evaluation.metrics.bootstrap import Estimate, most_of, ratio
+from evaluation.metrics.bootstrap import Estimate, ratio, upper_bound
 from evaluation.metrics.calibration import Bin, calibration_error, merged
 from evaluation.metrics.statistics import Score
 
@@ -80,7 +80,7 @@ def measure(rows: Sequence[Row]) -> Measures:
         to_find, share(lambda r: r.status == "unique"), share(lambda r: r.status == "ambiguous"),
         share(lambda r: r.status == "none"),
         decided=share(lambda r: r.status == "unique", lambda r: r.twin is False), wrong=wrong, uniques=uniques,
-        wrong_bound=most_of(wrong, uniques), median_s=float(np.median(seconds)),
+        wrong_bound=upper_bound(wrong, uniques), median_s=float(np.median(seconds)),
         slow_s=float(np.percentile(seconds, 95)), completed=sum(r.completed for r in rows) / len(rows),
         failed=sum(r.status == "failed" for r in rows),
     )  # fmt: skip

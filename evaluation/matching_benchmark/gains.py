@@ -21,8 +21,8 @@ def difference(rows: Sequence[Row], method: str, base: str) -> tuple[Estimate, i
     both = _both(rows, (method, base))
     if not both:
         return None
-    told = ratio([f1(m) - f1(b) for m, b in both], [1.0] * len(both), [f"{m.plans}/{m.building}" for m, _ in both])
-    return None if told is None else (told, len(both))
+    gain = ratio([f1(m) - f1(b) for m, b in both], [1.0] * len(both), [f"{m.plans}/{m.building}" for m, _ in both])
+    return None if gain is None else (gain, len(both))
 
 
 def gap_closed(rows: Sequence[Row], method: str) -> float | None:

@@ -18,11 +18,11 @@ from matching.search.proposals import Proposals, TopK
 
 def load_method(name: str) -> Matcher:
     """The matcher of a name; raises UserError for one that does not exist."""
-    arms: dict[str, Callable[[], Matcher]] = {
+    variants: dict[str, Callable[[], Matcher]] = {
         "proposals-voting": lambda: _voting(by_parts=False), "proposals-parts": lambda: _voting(by_parts=True),
         "proposals-shuffled": _shuffled,
     }  # fmt: skip
-    return arms[name]() if name in arms else Matcher.load(name)
+    return variants[name]() if name in variants else Matcher.load(name)
 
 
 def _voting(by_parts: bool) -> Matcher:

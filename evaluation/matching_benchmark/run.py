@@ -22,7 +22,7 @@ from evaluation.harness.benchmark_page import machine, write_section
 
 ROOMS = ["1", "2", "3", "4", "6", "9", "14", "all"]
 COMMANDS = "commands.jsonl"
-TOLD_EVERY_S = 10.0
+PROGRESS_EVERY_S = 10.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -66,23 +66,23 @@ def _parser() -> Parser:
 def _run(options: object, arguments: Sequence[str]) -> None:
     """Runs what is not there yet."""
     from evaluation.matching_benchmark.rows import FILE, appending, read_rows
-    from evaluation.matching_benchmark.tasks import Wanted, tasks_of
+    from evaluation.matching_benchmark.tasks import BenchmarkOptions, tasks_of
     from evaluation.matching_benchmark.worker import run_tasks
 
-    wanted = Wanted.of(options)
+    wanted = BenchmarkOptions.of(options)
     path = wanted.out / FILE
     tasks = tasks_of(wanted, {r.key for r in read_rows(path)})
     total = sum(len(t.methods) for t in tasks)
     print(f"{total} matches to make", flush=True)
     if total:
         _remember(wanted.out, arguments)
-    began = told = monotonic()
+    began = printed = monotonic()
     with appending(path) as append:
         for done, row in enumerate(run_tasks(tasks, wanted.jobs, wanted.limit_s, wanted.scheduler), 1):
             append(row)
-            if monotonic() - told > TOLD_EVERY_S or done == total:
-                told = monotonic()
-                left = (told - began) / done * (total - done) / 60
+            if monotonic() - printed > PROGRESS_EVERY_S or done == total:
+                printed = monotonic()
+                left = (printed - began) / done * (total - done) / 60
                 where = f"{row.regime} {row.plan}, {row.rooms or 'all'} rooms, {row.method}: {row.status}"
                 print(f"{done}/{total} {where}; about {left:.0f} min left", flush=True)
 
@@ -95,10 +95,10 @@ def _remember(out: Path, arguments: Sequence[str]) -> None:
     }
     path = out / COMMANDS
     before = path.read_text().splitlines(keepends=True) if path.exists() else []
-    told = json.dumps(line | {"date": date.today().isoformat()}) + "\n"
+    entry = json.dumps(line | {"date": date.today().isoformat()}) + "\n"
     out.mkdir(parents=True, exist_ok=True)
-    if told not in before:
-        write_atomically(path, "".join([*before, told]))
+    if entry not in before:
+        write_atomically(path, "".join([*before, entry]))
 
 
 def _report(out: Path, page: Path | None, section: str) -> None:

@@ -14,7 +14,7 @@ from evaluation.matching_benchmark.worker import Task
 
 
 @dataclass(frozen=True)
-class Wanted:
+class BenchmarkOptions:
     """The options of the command, checked; `pairs` is for each method how many a cell."""
 
     out: Path
@@ -31,7 +31,7 @@ class Wanted:
     scheduler: str | None
 
     @staticmethod
-    def of(options: Any) -> "Wanted":
+    def of(options: Any) -> "BenchmarkOptions":
         """Raises UserError for what cannot be."""
         regimes = DRAWN if options.regimes is None else tuple(options.regimes)
         if unknown := set(regimes) - set(DRAWN):
@@ -50,7 +50,7 @@ class Wanted:
         for method in pairs:
             if method != ORACLE:
                 load_method(method)  # raises for a name that does not exist
-        return Wanted(
+        return BenchmarkOptions(
             options.out, tuple(options.plans), tuple(options.generated), options.slam_graphs, pairs, regimes,
             tuple(map(_rooms, options.rooms)), tuple(options.sizes), options.seed, options.limit, options.jobs,
             options.scheduler,
@@ -65,7 +65,7 @@ def _rooms(text: str) -> int | None:
     return int(text)
 
 
-def tasks_of(wanted: Wanted, there: Set[tuple[Any, ...]]) -> list[Task]:
+def tasks_of(wanted: BenchmarkOptions, there: Set[tuple[Any, ...]]) -> list[Task]:
     """All pairs with the methods whose row is not there, cells one after the other."""
     tasks = []
     for cell in _cells(wanted):
@@ -80,7 +80,7 @@ def tasks_of(wanted: Wanted, there: Set[tuple[Any, ...]]) -> list[Task]:
     return tasks
 
 
-def _cells(wanted: Wanted) -> list[Sequence[Pair]]:
+def _cells(wanted: BenchmarkOptions) -> list[Sequence[Pair]]:
     cells: list[Sequence[Pair]] = []
     most = max(wanted.pairs.values())
     if wanted.plans or wanted.generated or wanted.slam_graphs is None:

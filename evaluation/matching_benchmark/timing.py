@@ -119,15 +119,15 @@ def measured(case: Case, repeat: int) -> Times:
     return Times(*_sizes(s, a), forward, whole, match, proposals, max(first - match, 0.0), answer)
 
 
-def measured_large(case: Case, repeat: int) -> Large:
+def measure_large(case: Case, repeat: int) -> Large:
     """By itself; meant for a new process, whose memory it tells."""
     s, a = case.graphs()
     learned, small = Matcher.load("learned"), CASES[0].graphs()
     learned.match(*small)  # what is loaded when it is first needed
-    before = _most_memory()
+    before = _peak_memory()
     first = _seconds(lambda: learned.match(s, a))
     match = min(_seconds(lambda: learned.match(s, a)) for _ in range(repeat))
-    memory = _most_memory()
+    memory = _peak_memory()
     return Large(_sizes(s, a)[1], match, first, memory, memory - before, learned.match(s, a).status)
 
 
@@ -142,7 +142,7 @@ def _seconds(run: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def _most_memory() -> float:
+def _peak_memory() -> float:
     """Megabytes that this process has held at most."""
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return most / (1e6 if sys.platform == "darwin" else 1e3)
@@ -182,7 +182,7 @@ def main() -> int:
     if options.repeat < 1:
         raise UserError(f"--repeat {options.repeat}: must be at least 1")
     times = [in_new_process(measured, case, options.repeat) for case in CASES]
-    page = page_of(times, in_new_process(measured_large, LARGE, min(options.repeat, 5)), options.repeat)
+    page = page_of(times, in_new_process(measure_large, LARGE, min(options.repeat, 5)), options.repeat)
     print(page)
     if options.page is not None:
         write_section(options.page, SECTION, page)

@@ -67,13 +67,13 @@ def _rows(workers: Sequence["_Worker"], tasks: Iterable[Task], limit_s: float) -
 def _run_on_cluster(tasks: Sequence[Task], limit_s: float, scheduler: str) -> Iterator[Row]:
     from data.common.cluster import connected
 
-    weights = {told for task in tasks for m in task.methods if Path(told := m.partition("@")[2]).is_file()}
+    weights = {file for task in tasks for m in task.methods if Path(file := m.partition("@")[2]).is_file()}
     with connected(scheduler) as cluster:
-        for _, rows in cluster.over(tasks, partial(rows_there, limit_s), describe, sorted(weights)):
+        for _, rows in cluster.over(tasks, partial(rows_on_worker, limit_s), describe, sorted(weights)):
             yield from rows
 
 
-def rows_there(limit_s: float, task: Task) -> list[Row]:
+def rows_on_worker(limit_s: float, task: Task) -> list[Row]:
     """The rows of a task, on a worker of a cluster: by a child that stays for the next task, since methods load
     slowly. As many children stay as the worker has threads."""
     with _starting:  # the environment, which a child is started with, is the whole process's
@@ -177,7 +177,7 @@ def serve(pipe: Connection) -> None:
                     if method != ORACLE and method not in matchers:
                         matchers[method] = load_method(method)
                     pipe.send(("began", blank))
-                    pipe.send(("row", judged(blank, prepared, matchers.get(method))))
+                    pipe.send(("row", score_answer(blank, prepared, matchers.get(method))))
             except Exception:
                 import traceback
 
@@ -197,7 +197,7 @@ def blank_row(pair: Pair, prepared: Prepared, method: str) -> Row:
     )  # fmt: skip
 
 
-def judged(blank: Row, prepared: Prepared, matcher: Any) -> Row:
+def score_answer(blank: Row, prepared: Prepared, matcher: Any) -> Row:
     """The row of a method's answer; one that raises has failed, and the run goes on."""
     began = time.perf_counter()
     try:
@@ -209,8 +209,8 @@ def judged(blank: Row, prepared: Prepared, matcher: Any) -> Row:
         rooms, walls = tallies(result, prepared.truth, prepared.drawn.s_graph)
         wrong = is_wrong(result, prepared.truth, prepared.drawn.bent)
     except Exception as error:
-        told = f"{type(error).__name__}: {error}".splitlines()[0]
-        return replace(blank, status="failed", reason=told, seconds=time.perf_counter() - began)
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        return replace(blank, status="failed", reason=reason, seconds=time.perf_counter() - began)
     return replace(
         blank, status=result.status, reason=result.reason, wrong=wrong, seconds=seconds, room_tally=rooms,
         wall_tally=walls,

@@ -21,7 +21,7 @@ _ENOUGH = 1.0  # m of a long surface of which a wall is a part
 
 
 @dataclass(frozen=True)
-class Told:
+class DeviationScore:
     """What was told of one kind: of IFC walls, an extra one of wall surfaces.
 
     To be found are the walls of the kind that three keyframes or more see. `offset_errors` (m) are those of the moved
@@ -34,10 +34,10 @@ class Told:
     false: tuple[str, ...]
 
 
-def told_of(
+def deviation_scores(
     deviations: Sequence[Mapping[str, Any]], s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array | None,
     walls: list[TrueWall],
-) -> dict[str, Told]:  # fmt: skip
+) -> dict[str, DeviationScore]:  # fmt: skip
     """By kind (`moved`, `absent`, `extra`), what the significant ones of deviations.json are worth.
 
     `a_graph` is the plan's, `T_bim_map` (4, 4) places the map, None where the run was not anchored.
@@ -53,11 +53,11 @@ def told_of(
             found, false = set(lies_on.values()) - {None}, [s for s, wall in lies_on.items() if wall is None]
             answered = len(lies_on)
         else:
-            told = {d["source"] for d in own}
-            found, false, answered = told & there.keys(), sorted(told - there.keys()), len(told)
+            reported = {d["source"] for d in own}
+            found, false, answered = reported & there.keys(), sorted(reported - there.keys()), len(reported)
         score = Score(answered - len(false), answered, len(found & expected), len(expected))
         errors = tuple(_offset_errors(own, a_graph, there)) if kind == "moved" else ()
-        result[kind] = Told(score, errors, tuple(sorted(expected - found)), tuple(false))
+        result[kind] = DeviationScore(score, errors, tuple(sorted(expected - found)), tuple(false))
     return result
 
 

@@ -42,7 +42,7 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, cluster: Sequence[str], 
     return Estimate(float(total[0] / total[1]), float(low), float(high))
 
 
-def most_of(count: int, of: int) -> float:
+def upper_bound(count: int, of: int) -> float:
     """The exact 97.5 % upper bound of a share of which `count` of `of` were seen (Clopper and Pearson, 1934).
 
     A resampled interval of what was never seen is empty; this one is not.

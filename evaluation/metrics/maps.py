@@ -16,7 +16,7 @@ from data.geometry.areas import overlap, united
 from data.geometry.intervals import united as united_intervals
 from evaluation.metrics.statistics import Score, Statistics
 from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, plan_motion
-from evaluation.metrics.true_matches import bearers, lie_over, own_surface, room_area, true_matches
+from evaluation.metrics.true_matches import best_surfaces, overlaps_in_plan, representatives, room_area, true_matches
 
 Array = NDArray[np.float64]
 LEAST_COVER = 0.5  # of a surface's length, for it to be found (A) or true (S)
@@ -73,13 +73,13 @@ def wall_scores(
     """
     limits = limits or Limits()
     _known(visible, a_graph.surface_by_id, "wall surface")
-    lying = lie_over(s_graph, one_storey(a_graph), plan_motion(T_bim_map), limits)
+    lying = overlaps_in_plan(s_graph, one_storey(a_graph), plan_motion(T_bim_map), limits)
     a_length, s_length = 2 * lying.a.half, 2 * lying.s.half
     counts = np.array([visible is None or key in visible for key in lying.a.ids], dtype=bool)
     covered = np.array([_covered(lying, j) for j in range(len(a_length))])
     on_plan = np.array([_on_plan(lying, i) for i in range(len(s_length))])
     found, true = covered >= LEAST_COVER * a_length, on_plan >= LEAST_COVER * s_length
-    chosen = own_surface(lying, limits)
+    chosen = best_surfaces(lying, limits)
     i = np.flatnonzero(chosen >= 0)
     offset, angle = lying.offset[i, chosen[i]], lying.angle[i, chosen[i]]
     return WallScores(
@@ -105,7 +105,7 @@ def room_scores(
     """
     _known(visible, a_graph.room_by_id, "room")
     truth = true_matches(s_graph, a_graph, T_bim_map)
-    bearing = bearers(truth, s_graph)[0]
+    bearing = representatives(truth, s_graph)[0]
     T_a_s = np.array(truth.T_a_s)
     pairs = tuple((r.id, truth.rooms[r.id]) for r in s_graph.rooms if r.id in bearing)
     ious = tuple(_iou(s_graph, a_graph, pair, T_a_s) for pair in pairs)

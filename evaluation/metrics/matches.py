@@ -9,7 +9,7 @@ from data import SceneGraph
 from data.common.errors import UserError
 from data.geometry import se2
 from evaluation.metrics.statistics import Score
-from evaluation.metrics.true_matches import TrueMatches, bearers
+from evaluation.metrics.true_matches import TrueMatches, representatives
 from matching.result import MatchResult, Pair
 
 MISPLACED_M, TURNED_RAD = 0.5, float(np.radians(5))
@@ -33,7 +33,7 @@ def matching_scores(result: MatchResult, truth: TrueMatches, s_graph: SceneGraph
 
     Raises UserError where the answer or the truth names what is not in the S-graph, or the answer names it twice.
     """
-    rooms, walls = bearers(truth, s_graph)
+    rooms, walls = representatives(truth, s_graph)
     return MatchingScores(
         _score(result.rooms, truth.rooms, rooms, set(s_graph.room_by_id), "room"),
         _score(result.wall_surfaces, truth.wall_surfaces, walls, set(s_graph.surface_by_id), "wall surface"),

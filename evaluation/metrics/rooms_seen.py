@@ -43,7 +43,7 @@ def rooms_seen(s_graph: SceneGraph, floor: SceneGraph, T_bim_map: Array, places:
 
 
 @dataclass(frozen=True)
-class Needed:
+class RoomsNeeded:
     """The fewest rooms of which most maps are known, and of which at least 95 % are; None where so many as are asked
     after are too few."""
 
@@ -51,7 +51,7 @@ class Needed:
     sure: int | None = None
 
 
-def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int = 0) -> Needed:
+def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int = 0) -> RoomsNeeded:
     """The fewest rooms, from this one on, of which the matcher knows the one true place in the maps that the matching
     benchmark draws (regime `real`, rooms entered in any order); none for a room without walls in the plan.
     """
@@ -59,10 +59,10 @@ def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int 
         start = next((k for k, r in enumerate(storey.rooms) if r.id == room), None)
         if start is not None:
             return _needed(a_graph, storey, start, matcher, seed)
-    return Needed()
+    return RoomsNeeded()
 
 
-def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher, seed: int) -> Needed:
+def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher, seed: int) -> RoomsNeeded:
     most = None
     for count in range(1, min(MOST_ASKED, len(storey.rooms)) + 1):
         known: list[bool] = []
@@ -73,5 +73,5 @@ def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher
         if most is None and 2 * sum(known[:PAIRS]) > PAIRS:
             most = count
         if known.count(False) <= MISSED:
-            return Needed(most, count)
-    return Needed(most)
+            return RoomsNeeded(most, count)
+    return RoomsNeeded(most)

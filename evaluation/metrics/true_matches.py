@@ -43,8 +43,8 @@ def true_matches(
     """
     limits = limits or Limits()
     T_a_s = plan_motion(T_bim_map)
-    lying = lie_over(s_graph, one_storey(a_graph), T_a_s, limits)
-    chosen = own_surface(lying, limits)
+    lying = overlaps_in_plan(s_graph, one_storey(a_graph), T_a_s, limits)
+    chosen = best_surfaces(lying, limits)
     walls = {lying.s.ids[i]: lying.a.ids[j] for i, j in enumerate(chosen.tolist()) if j >= 0}
     floors = {w.floor for w in a_graph.wall_surfaces} | {r.floor for r in a_graph.rooms}
     x, y = s_graph.centroid().tolist()
@@ -54,12 +54,12 @@ def true_matches(
     )
 
 
-def lie_over(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array, limits: Limits) -> Overlaps:
+def overlaps_in_plan(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array, limits: Limits) -> Overlaps:
     """The overlaps of all S surfaces, under the motion (yaw, x, y), with all A surfaces."""
     return overlaps(segments(s_graph, T_a_s), segments(a_graph, np.zeros(3)), limits)
 
 
-def own_surface(lying: Overlaps, limits: Limits) -> NDArray[np.int64]:
+def best_surfaces(lying: Overlaps, limits: Limits) -> NDArray[np.int64]:
     """(S,) the index of the A surface that each S surface is, -1 for none."""
     if not lying.length.size:
         return np.full(len(lying.s.ids), -1)
@@ -68,7 +68,7 @@ def own_surface(lying: Overlaps, limits: Limits) -> NDArray[np.int64]:
     return np.where(score.max(axis=1) > 0, score.argmax(axis=1), -1)
 
 
-def bearers(truth: TrueMatches, s_graph: SceneGraph) -> tuple[set[str], set[str]]:
+def representatives(truth: TrueMatches, s_graph: SceneGraph) -> tuple[set[str], set[str]]:
     """The S rooms and the S wall surfaces that bear the answer for their true A room or surface.
 
     Of several pieces of one wall the longest, of several parts of one room the largest (by area, by length of walls

@@ -29,7 +29,7 @@ def questions() -> list[Question]:
     """All that is asked."""
     plan = grid(4, 2)
     s = seen(plan, L_SHAPE)
-    found = [_twins(*shape, *told) for shape, told in TWINS]
+    found = [_twins(*shape, *answers) for shape, answers in TWINS]
     spurious = WallSurface("spurious", s.rooms[0].id, s.rooms[0].centroid, (1.0, 0.0), 1.0)
     found += [
         Question("as built, 8:3", ((s, plan),), "unique, right", "unique, right"),
@@ -76,13 +76,13 @@ def behaviour(released: Match, later: Match) -> str:
     """The table in Markdown."""
     lines = ["| asked | public code, released | ours | public code, later branch | ours |", "|---|---|---|---|---|"]
     for q in questions():
-        ours = (told(q, [match(*pair) for pair in q.pairs]) for match in (released, later))
+        ours = (describe_answer(q, [match(*pair) for pair in q.pairs]) for match in (released, later))
         first, second = ours
         lines.append(f"| {q.what} | {q.released} | {first} | {q.later} | {second} |")
     return "\n".join(lines) + "\n"
 
 
-def told(question: Question, results: Sequence[MatchResult]) -> str:
+def describe_answer(question: Question, results: Sequence[MatchResult]) -> str:
     """One answer in words; of several how many are unique and perfect."""
     if len(results) > 1:
         pairs = zip(results, question.pairs, strict=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from evaluation.matching_benchmark.cells import measure
 from evaluation.matching_benchmark.rows import Row, Tally
-from evaluation.matching_benchmark.tables import Table, markdown, told
+from evaluation.matching_benchmark.tables import Table, format_estimate, markdown
 from evaluation.published.pairs import SE2, SE2_ANYWHERE, STARTS, start_regime
 
 HEADER = ("pairs of", "method", "pairs", "precision", "recall", "F1", "accuracy", "time (s)", "completed",
@@ -106,7 +106,7 @@ def _measured(rows: Sequence[Row]) -> tuple[str, ...]:
     m = measure([joint(r) for r in rows])
     done = [r for r in rows if r.completed and r.seconds < LIMIT_S]
     n = m.walls
-    nodes = tuple(told(v) for v in (n.precision, n.recall, n.f1, n.accuracy))
+    nodes = tuple(format_estimate(v) for v in (n.precision, n.recall, n.f1, n.accuracy))
     seconds = float(np.mean([r.seconds for r in rows]))
     of_done = f"{f1_of(done):.3f}" if done and len(done) < len(rows) else ""
     return str(m.pairs), *nodes, f"{seconds:.3f}", f"{100 * len(done) / len(rows):.0f} %", of_done

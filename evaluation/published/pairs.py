@@ -84,7 +84,7 @@ class MovedPair:
 
 
 @dataclass(frozen=True)
-class KnownPair:
+class KnownMapPair:
     """A part of a map of which the true pairs are known, in the map's own frame."""
 
     target: Candidate
@@ -104,7 +104,7 @@ class KnownPair:
         return Prepared.of(self.drawn, self.target.plan.graph)
 
 
-def known_pairs(file: Path) -> list[Pair]:
+def known_map_pairs(file: Path) -> list[Pair]:
     """Every part of 2 and more rooms of a known map, in its own frame and laid anywhere."""
     known = Known.load(file)
     name = file.stem
@@ -112,7 +112,7 @@ def known_pairs(file: Path) -> list[Pair]:
     found: list[Pair] = []
     for index, part in enumerate(parts(known)):
         rooms = None if len(part.rooms) == len(known.s_graph.rooms) else len(part.rooms)
-        pair = KnownPair(target, _drawn(known, part), rooms, index)
+        pair = KnownMapPair(target, _drawn(known, part), rooms, index)
         found += [pair, MovedPair(pair, SE2_ANYWHERE, REACH, turned=True)]
     return found
 

@@ -19,7 +19,7 @@ from data.geometry import se2
 from data.scene_graph.motion import moved
 from evaluation.matching_benchmark.judge import is_wrong, tallies
 from evaluation.matching_benchmark.rows import Tally
-from evaluation.metrics.bootstrap import most_of
+from evaluation.metrics.bootstrap import upper_bound
 from evaluation.metrics.calibration import calibration_error, merged
 from evaluation.metrics.statistics import Score
 from evaluation.metrics.surface_overlap import best_rigid_fit
@@ -117,7 +117,7 @@ def table(found: list[Outcome]) -> str:
             calibration_error(merged(t.bins for t in of)) or 0.0
             for of in ([o.walls for o in own], [o.rooms for o in own])
         ]
-        bound = f" (≤ {100 * most_of(wrong, unique):.1f} %)" if unique else ""
+        bound = f" (≤ {100 * upper_bound(wrong, unique):.1f} %)" if unique else ""
         cells = (
             "all" if rooms is None else str(rooms), str(len(own)), f"{_f1([o.rooms for o in own]):.3f}",
             f"{_f1([o.walls for o in own]):.3f}", f"{100 * perfect / len(own):.1f} %",
@@ -148,8 +148,8 @@ def main() -> int:
 
     text = table(list(outcomes(Known.load(options.file), Matcher.load(options.method), options.motions)))
     if options.page is not None:
-        told = f"{options.file} --method {options.method} --motions {options.motions}"
-        command = f"python -m evaluation.published.se2_subsets {told}"
+        arguments = f"{options.file} --method {options.method} --motions {options.motions}"
+        command = f"python -m evaluation.published.se2_subsets {arguments}"
         write_section(options.page, "se2", f"{HEAD}\n\n{text}\n{made_by(command)}")
     print(text, end="")
     return 0

@@ -26,7 +26,7 @@ METHODS = ["combinatorial", "paper@published", "paper@repository", "voting", "le
 SLOW = ("combinatorial",)
 REAL_ROOMS: tuple[int | None, ...] = (2, 4, 6, None)
 COMMANDS = "commands.jsonl"
-TOLD_EVERY_S = 10.0
+PROGRESS_EVERY_S = 10.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -81,13 +81,13 @@ def _run(options: Any, given: list[str]) -> None:
     print(f"{total} matches to make", flush=True)
     if total:
         _remember(options.out, given)
-    began = told = monotonic()
+    began = printed = monotonic()
     with appending(path) as append:
         for done, row in enumerate(run_tasks(tasks, options.jobs, options.limit), 1):
             append(row)
-            if monotonic() - told > TOLD_EVERY_S or done == total:
-                told = monotonic()
-                left = (told - began) / done * (total - done) / 60
+            if monotonic() - printed > PROGRESS_EVERY_S or done == total:
+                printed = monotonic()
+                left = (printed - began) / done * (total - done) / 60
                 print(f"{done}/{total} {row.regime} {row.plan}, {row.method}: {row.status}; about {left:.0f} min left")
 
 
@@ -139,7 +139,7 @@ def _cells(options: Any) -> list[list["Pair"]]:
         candidates = of.generated_candidates(options.generated)
         cells.append(list(pairs_of_cell(candidates, "paper", None, options.generated, options.seed)))
     if options.se2 is not None:
-        cells.append(of.known_pairs(options.se2))
+        cells.append(of.known_map_pairs(options.se2))
     if options.slam_graphs is not None:
         cells.append(list(slam_pairs(options.slam_graphs)))
     if not cells:
@@ -151,10 +151,10 @@ def _remember(out: Path, given: list[str]) -> None:
     command = shlex.join(["python", "-m", "evaluation.published.tables", *given])
     path = out / COMMANDS
     before = path.read_text().splitlines(keepends=True) if path.exists() else []
-    told = json.dumps({"command": command, "machine": machine(), "date": date.today().isoformat()}) + "\n"
+    entry = json.dumps({"command": command, "machine": machine(), "date": date.today().isoformat()}) + "\n"
     out.mkdir(parents=True, exist_ok=True)
-    if told not in before:
-        write_atomically(path, "".join([*before, told]))
+    if entry not in before:
+        write_atomically(path, "".join([*before, entry]))
 
 
 def _report(options: Any) -> None:
@@ -164,12 +164,12 @@ def _report(options: Any) -> None:
     rows = read_rows(options.out / FILE)
     if not rows:
         raise UserError(f"{options.out / FILE}: no rows; nothing has been measured")
-    told = [(name, file) for name, _, file in (text.partition("=") for text in options.ablation)]
-    names = {f"paper@{file}": name for name, file in told}
+    networks = [(name, file) for name, _, file in (text.partition("=") for text in options.ablation)]
+    names = {f"paper@{file}": name for name, file in networks}
     path = options.out / COMMANDS
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     made = "".join(f"\n- `{v['command']}` on {v['machine']}, {v['date']}" for v in lines)
-    made += "".join(f"\n- {name}: `{_trained_by(Path(file))}`" for name, file in told)
+    made += "".join(f"\n- {name}: `{_trained_by(Path(file))}`" for name, file in networks)
     text = page_of(rows, names, options.figure) + made + "\n"
     write_atomically(options.out / "tables.md", text)
     if options.figure is not None:

@@ -10,25 +10,25 @@ from data.common.cluster_worker import scratch
 from evaluation.harness.conditions import Conditions
 from evaluation.harness.sequences import SequenceSpec, prepare
 from evaluation.slam_ablation.rows import KEY, Records, as_record, errors_file
-from evaluation.slam_ablation.variants import config_of, run_arms
+from evaluation.slam_ablation.variants import config_of, run_variants
 
 
 @dataclass(frozen=True)
 class Task:
-    """One run; `arms` are those that it gives rows of."""
+    """One run; `variants` are those that it gives rows of."""
 
     spec: SequenceSpec
     seed: int
-    arms: tuple[str, ...]
+    variants: tuple[str, ...]
     conditions: Conditions
 
-    def key(self, arm: str) -> tuple[str, ...]:
+    def key(self, variant: str) -> tuple[str, ...]:
         """What a record is known by."""
-        return (self.spec.name, self.conditions.name, str(self.seed), arm)
+        return (self.spec.name, self.conditions.name, str(self.seed), variant)
 
-    def told(self) -> str:
+    def describe(self) -> str:
         """For messages."""
-        return f"{self.spec.name}, {self.conditions.name}, seed {self.seed}, {' and '.join(self.arms)}"
+        return f"{self.spec.name}, {self.conditions.name}, seed {self.seed}, {' and '.join(self.variants)}"
 
 
 @dataclass(frozen=True)
@@ -39,24 +39,24 @@ class Answer:
     files: dict[str, str]
 
 
-def run_apart(task: Task, drives: Path) -> Answer:
+def run_in_process(task: Task, drives: Path) -> Answer:
     """Runs with the drive that is in the folder `drives`, or is made there. Raises what the run raises, and
     ProcessEndedError."""
-    return apart(_run, task, drives, what=task.told())
+    return apart(_run, task, drives, what=task.describe())
 
 
 _preparing, _ready = threading.Lock(), set[tuple[object, ...]]()  # of a worker of a cluster
 
 
-def run_there(task: Task) -> Answer:
+def run_on_worker(task: Task) -> Answer:
     """Runs on a worker of a cluster, which makes each drive once, in a folder of its own."""
     may_have_children()
     drives, drive = scratch(), (task.spec, task.seed, task.conditions)
     with _preparing:
         if drive not in _ready:
-            apart(_prepare, task, drives, what=task.told())
+            apart(_prepare, task, drives, what=task.describe())
             _ready.add(drive)
-    return run_apart(task, drives)
+    return run_in_process(task, drives)
 
 
 def _prepare(task: Task, drives: Path) -> None:
@@ -70,11 +70,11 @@ def _run(task: Task, drives: Path) -> Answer:
     from sgslam.config.loading import save_config
 
     sequence = prepare(task.spec, task.seed, drives, task.conditions)
-    config = save_config(config_of(task.arms[0], sequence))
-    config += yaml.safe_dump({"ablation": dict(zip(KEY, task.key(" ".join(task.arms)), strict=True))})
+    config = save_config(config_of(task.variants[0], sequence))
+    config += yaml.safe_dump({"ablation": dict(zip(KEY, task.key(" ".join(task.variants)), strict=True))})
     name = f"configs/{sha256(config.encode()).hexdigest()[:12]}.yaml"
     files, records = {name: config}, []
-    for run in run_arms(task.arms, sequence):
+    for run in run_variants(task.variants, sequence):
         record = as_record(run.row) | {"config": name}
         if run.errors is not None:
             lines = [f"{t:.3f},{e:.5f}" for t, e in run.errors.tolist()]

@@ -21,8 +21,8 @@ from data.simulation.changes import Changes
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.conditions import Conditions
 from evaluation.harness.record_file import Record, read_records, write_records
-from evaluation.harness.sequences import Sequence, SequenceSpec, chosen, prepare, read_specs, storey_of
-from evaluation.metrics.as_built_scores import KINDS, LEAST_VIEWS, told_of
+from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs, select_sequences, storey_of
+from evaluation.metrics.as_built_scores import KINDS, LEAST_VIEWS, deviation_scores
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from sgslam.config import Config, MatchingSettings
 
@@ -65,21 +65,21 @@ def measure(
     out.mkdir(parents=True, exist_ok=True)
     path = out / "as_built.csv"
     records = read_records(path, COLUMNS)
-    asked = []
+    requested = []
     for spec in specs:
         if not spec.simulated or spec.is_mesh:
             raise UserError(f"'{spec.name}': only a simulated IFC model can stand otherwise than planned")
         for seed in seeds:
             for conditions in _conditions(shares):
                 key = (spec.name, conditions.name, str(seed))
-                asked.append(key)
+                requested.append(key)
                 if any(_key(r) == key for r in records):
                     continue
                 fresh = [_record(row) for row in _rows(spec, seed, conditions, out, config)]
                 records += fresh
                 write_records(path, COLUMNS, records)
                 print("; ".join(_short(r) for r in fresh), flush=True)
-    return [r for r in records if _key(r) in set(asked)]
+    return [r for r in records if _key(r) in set(requested)]
 
 
 def _conditions(shares: tuple[float, float]) -> Iterator[Conditions]:
@@ -101,9 +101,9 @@ def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path, conf
         slam.add_scan(scan.stamp_ns, scan.points)
     result = slam.finish()
     write_atomically(sequence.scan_dir.parent / "deviations.json", json.dumps(result.deviations, indent=1))
-    told = told_of(result.deviations, result.s_graph, sequence.a_graph, result.T_bim_map, walls)
+    scores = deviation_scores(result.deviations, result.s_graph, sequence.a_graph, result.T_bim_map, walls)
     rmse = error_in_bim(result.trajectory, sequence.truth).position.rmse if result.anchored else None
-    for kind, of_kind in told.items():
+    for kind, of_kind in scores.items():
         s = of_kind.score
         yield Row(
             sequence=spec.name, conditions=conditions.name, seed=seed, kind=kind, anchored=result.anchored,
@@ -188,7 +188,7 @@ def _parser() -> argparse.ArgumentParser:
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = chosen(DEMO if options.list is None else read_specs(options.list), options.sequences)
+    specs = select_sequences(DEMO if options.list is None else read_specs(options.list), options.sequences)
     config = Config(matching=MatchingSettings(method=options.method))
     text = table(measure(specs, options.seeds, (options.moved, options.gone), options.out, config))
     write_atomically(options.out / "as_built.md", f"# As built against as planned\n\n{text}")

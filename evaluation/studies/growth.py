@@ -100,8 +100,8 @@ def main() -> int:
         docs.mkdir(exist_ok=True)
         picture(records, docs / PICTURE)
         command = f"python -m evaluation.studies.growth --out {options.out.name} --benchmarks {options.benchmarks.name}"
-        told = f"{wall_clock()}\n\n{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
-        write_section(options.benchmarks, "growth", f"## Growth with scans, keyframes and rooms\n\n{told}")
+        section = f"{wall_clock()}\n\n{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
+        write_section(options.benchmarks, "growth", f"## Growth with scans, keyframes and rooms\n\n{section}")
     print(text)
     return 0
 

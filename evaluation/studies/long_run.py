@@ -24,7 +24,7 @@ from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
 from data.plans.bim import load_bim
 from data.scans import ScanFolder
-from evaluation.harness.endless_drive import EndlessDrive, Way
+from evaluation.harness.endless_drive import DriveSpec, EndlessDrive
 from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
 from sgslam.session.checkpoints import Checkpoints
 from sgslam.session.result import prepare_folder
@@ -61,7 +61,7 @@ class _Meter:
         self.cpu += process_time() - used
 
 
-def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
+def measure(way: DriveSpec, out: Path) -> tuple[list[Sample], dict[str, Any]]:
     """The samples, and what is told of the whole; the run's results are left in `out`/run.
 
     Raises UserError for a building or a storey that cannot be driven.
@@ -71,27 +71,27 @@ def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
     checkpoints = Checkpoints(folder, {})
     gc.freeze()
     with EndlessDrive(way) as drive:
-        fed = 0
+        count = 0
         for part in drive.parts():
             with meter.running():
                 for scan in ScanFolder(part):
                     update = slam.add_scan(scan.stamp_ns, scan.points)
-                    fed += 1
-                    checkpoints.write_if_due(slam, {"fed": fed})
+                    count += 1
+                    checkpoints.write_if_due(slam, {"fed": count})
             optimised = slam.seconds["optimisation"]
-            samples.append(Sample(fed, update.keyframes, meter.seconds, meter.cpu, optimised, memory_in_use()))
-            print(_told(samples), flush=True)
-        feeding = meter.seconds
+            samples.append(Sample(count, update.keyframes, meter.seconds, meter.cpu, optimised, memory_in_use()))
+            print(_progress_line(samples), flush=True)
+        adding = meter.seconds
         with meter.running():
             result = slam.finish()
-        finishing = meter.seconds - feeding
+        finishing = meter.seconds - adding
         with meter.running():
             result.save(folder)
         errors = np.linalg.norm(result.trajectory.positions - drive.truth.positions, axis=1)
     whole = {
-        "scans": fed, "keyframes": result.keyframes, "seconds": meter.seconds, "cpu_seconds": meter.cpu,
-        "scans_per_second": fed / meter.seconds, "finish_seconds": finishing,
-        "writing_seconds": meter.seconds - feeding - finishing, "memory_mb": memory_in_use(),
+        "scans": count, "keyframes": result.keyframes, "seconds": meter.seconds, "cpu_seconds": meter.cpu,
+        "scans_per_second": count / meter.seconds, "finish_seconds": finishing,
+        "writing_seconds": meter.seconds - adding - finishing, "memory_mb": memory_in_use(),
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "report_mb": (folder / "report.html").stat().st_size / 1e6, "anchored": result.anchored,
         "rmse_m": float(np.sqrt(np.mean(errors**2))) if result.anchored else None,
@@ -106,7 +106,7 @@ def memory_in_use() -> float:
     return pages * resource.getpagesize() / 2**20
 
 
-def _told(samples: list[Sample]) -> str:
+def _progress_line(samples: list[Sample]) -> str:
     s = samples[-1]
     return f"{s.scans} scans, {s.keyframes} keyframes, {s.scans / s.seconds:.0f} scans/s, {s.memory:.0f} MB"
 
@@ -177,7 +177,7 @@ def main() -> int:
         raise UserError(f"--scans {options.scans}: at least 1 is needed")
     options.out.mkdir(parents=True, exist_ok=True)
     bim, storey = _building(options.bim, options.storey, options.out)
-    samples, whole = measure(Way(bim, storey, options.scans, options.standing, options.seed), options.out)
+    samples, whole = measure(DriveSpec(bim, storey, options.scans, options.standing, options.seed), options.out)
     write_json(options.out / "samples.json", {"samples": [asdict(s) for s in samples], "whole": whole})
     name = "standing" if options.standing else "long-run"
     picture(samples, options.out / f"{name}.svg")

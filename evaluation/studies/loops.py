@@ -21,7 +21,7 @@ from data.trajectory import Trajectory
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
 from evaluation.harness.record_file import Record, read_records, write_records
-from evaluation.harness.sequences import SequenceSpec, chosen, read_specs
+from evaluation.harness.sequences import SequenceSpec, read_specs, select_sequences
 from evaluation.metrics.trajectories import ape, drift, rpe
 from sgslam.config import Config, TrackingSettings
 from sgslam.config.loop_settings import LoopSettings
@@ -77,13 +77,13 @@ def measure(
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "loops.csv"
-    records, asked = read_records(path, COLUMNS), set()
+    records, requested = read_records(path, COLUMNS), set()
     for name in (*routes, *(spec.name for spec in specs)):
         for front_end, seed, loops in ((f, s, on) for f in front_ends for s in seeds for on in (True, False)):
             if not loops and name in ONCE:  # there is nothing to close
                 continue
             key = (name, front_end, str(seed), str(loops))
-            asked.add(key)
+            requested.add(key)
             if any(_key(r) == key for r in records):
                 continue
             spec = next((spec for spec in specs if spec.name == name), None)
@@ -91,7 +91,7 @@ def measure(
             records.append(_record(_row(drive, name, front_end, loops)))
             write_records(path, COLUMNS, records)
             print(_short(records[-1]), flush=True)
-    return [r for r in records if _key(r) in asked]
+    return [r for r in records if _key(r) in requested]
 
 
 def _drive(route: str, spec: SequenceSpec | None, seed: int, level: int) -> Drive:
@@ -207,7 +207,7 @@ def _parser() -> argparse.ArgumentParser:
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = chosen([] if options.list is None else read_specs(options.list), options.sequences)
+    specs = select_sequences([] if options.list is None else read_specs(options.list), options.sequences)
     text = table(measure(options.routes, specs, options.front_ends, options.seeds, options.out))
     write_atomically(options.out / "loops.md", f"# Loops\n\n{text}")
     if options.benchmarks is not None:
@@ -220,9 +220,9 @@ def main() -> int:
 
 _ABOUT = (
     "No plan is given. Drives: "
-    + "; ".join(f"{name}: {told}" for name, told in ROUTES.items())
+    + "; ".join(f"{name}: {about}" for name, about in ROUTES.items())
     + f"; others: a tour of {LENGTH:g} m through rooms and corridors and back to its start. Front ends: "
-    + "; ".join(f"{name}: {told}" for name, told in FRONT_ENDS.items())
+    + "; ".join(f"{name}: {about}" for name, about in FRONT_ENDS.items())
     + f". The bad odometry's steps are {LEVEL} % too long, its yaw walks by {0.3 * LEVEL:.1f} degrees per square root "
     "of a metre. APE is over positions, aligned to the truth (a straight way by its first pose). A closure is false "
     f"that is more than {FALSE_M:g} m or {np.degrees(FALSE_RAD):.0f} degrees off the truth; those given up later count."

@@ -15,7 +15,7 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
-from evaluation.harness.sequences import Sequence, SequenceSpec, chosen, plan_of, prepare, read_specs
+from evaluation.harness.sequences import Sequence, SequenceSpec, plan_of, prepare, read_specs, select_sequences
 from matching import Matcher, MatchResult
 from sgslam.slam import SceneGraphSlam
 
@@ -101,28 +101,28 @@ def main() -> int:
         prog="python -m evaluation.studies.negative_plans", description="Drives with other buildings' plans."
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for other_buildings.md, and the drives")
+    add("--out", type=Path, required=True, metavar="DIR", help="for negative_plans.md, and the drives")
     add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
     add("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the drives (default 0)")
     add("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
     add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section is to be written")
     options = parser.parse_args()
-    specs = chosen(read_specs(options.list), options.sequences)
+    specs = select_sequences(read_specs(options.list), options.sequences)
     options.out.mkdir(parents=True, exist_ok=True)
     found: list[Pairing] = []
     for pairing in pairings(specs, options.seeds, options.out, options.method):
         print("  ".join(pairing.cells()), flush=True)
         found.append(pairing)
     text = table(found)
-    write_atomically(options.out / "other_buildings.md", f"# Plans of other buildings\n\n{text}")
+    write_atomically(options.out / "negative_plans.md", f"# Plans of other buildings\n\n{text}")
     if options.benchmarks is not None:
         from evaluation.harness.benchmark_page import made_by, write_section
 
         names = f" --sequences {' '.join(options.sequences)}" if options.sequences else ""
         command = f"python -m evaluation.studies.negative_plans --out {options.out.name} --list {options.list}{names}"
-        told = f"{ABOUT}\n\n{text}\nBy {made_by(command)}."
-        write_section(options.benchmarks, "other-buildings", f"## Plans of other buildings\n\n{told}")
+        section = f"{ABOUT}\n\n{text}\nBy {made_by(command)}."
+        write_section(options.benchmarks, "negative-plans", f"## Plans of other buildings\n\n{section}")
     return 0
 
 

@@ -23,11 +23,11 @@ from evaluation.harness.record_file import Record, RecordFile
 from evaluation.harness.sequences import (
     Sequence,
     SequenceSpec,
-    chosen,
     odometry_alone,
     odometry_of_run,
     prepare,
     read_specs,
+    select_sequences,
 )
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.trajectories import ape, error_in_bim, rpe
@@ -70,7 +70,7 @@ def measure(specs: list[SequenceSpec], seeds: list[int], names: Iterable[str], o
     Raises UserError for what the simulator and the readers refuse.
     """
     out.mkdir(parents=True, exist_ok=True)
-    file, asked = RecordFile(out / "odometries.csv", Row), []
+    file, requested = RecordFile(out / "odometries.csv", Row), []
     for spec in specs:
         for seed in seeds:
             cpu_kiss: float | None = None
@@ -81,8 +81,8 @@ def measure(specs: list[SequenceSpec], seeds: list[int], names: Iterable[str], o
                     cpu_kiss = cpu_kiss or seconds_of_kiss_icp(sequence.scan_dir)["cpu"]
                     record = file.add(_row(sequence, name, cpu_kiss))
                     print(_short(record), flush=True)
-                asked.append(record)
-    return asked
+                requested.append(record)
+    return requested
 
 
 def _row(sequence: Sequence, name: str, cpu_kiss: float) -> Row:
@@ -175,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = chosen(read_specs(options.list), options.sequences)
+    specs = select_sequences(read_specs(options.list), options.sequences)
     text = table(measure(specs, options.seeds, options.odometries, options.out))
     write_atomically(options.out / "odometries.md", f"# Odometries\n\n{text}")
     print(text, end="")

@@ -45,15 +45,15 @@ COMPARED = ("matches.json", "deviations.json", "s_graph.json", "pose_graph.g2o")
 def measure(scans: Path, bim: Path | None, out: Path, kills: int, seed: int) -> list[Kill]:
     """Runs, kills and resumes; the folders are left in `out`. Raises UserError where a run fails."""
     out.mkdir(parents=True, exist_ok=True)
-    told = ["--scan-dir", str(scans), *([] if bim is None else ["--bim", str(bim)])]
+    arguments = ["--scan-dir", str(scans), *([] if bim is None else ["--bim", str(bim)])]
     whole = out / "whole"
-    _run([*told, "--out", str(whole)])
+    _run([*arguments, "--out", str(whole)])
     took = float(json.loads((whole / "metrics.json").read_text())["seconds"]["total"])
     rng, found = np.random.default_rng(seed), list[Kill]()
     while len(found) < kills:
         folder = out / f"killed-{len(found)}"
         shutil.rmtree(folder, ignore_errors=True)
-        process = subprocess.Popen(_command([*told, "--out", str(folder)]), stdout=subprocess.DEVNULL)
+        process = subprocess.Popen(_command([*arguments, "--out", str(folder)]), stdout=subprocess.DEVNULL)
         while not (folder / FILE).is_file() and process.poll() is None:
             sleep(0.02)
         after_s = float(rng.uniform(0.0, _LATEST * took))
@@ -84,16 +84,18 @@ def _compared(whole: Path, resumed: Path, after_s: float, keyframes: int) -> Kil
         return Kill(after_s, keyframes, np.inf, np.inf, ())
     chord = np.linalg.norm(a.poses[:, :3, :3] - b.poses[:, :3, :3], axis=(1, 2)).max() / np.sqrt(8)
     degrees = 2 * float(np.degrees(np.arcsin(min(float(chord), 1.0))))
-    same = tuple(name for name in COMPARED if _told(whole / name) == _told(resumed / name))
+    same = tuple(name for name in COMPARED if _content(whole / name) == _content(resumed / name))
     return Kill(after_s, keyframes, float(np.abs(a.positions - b.positions).max()), degrees, same)
 
 
-def _told(path: Path) -> object:
+def _content(path: Path) -> object:
     """What a file tells, but for how long the matcher took."""
     if path.suffix != ".json":
         return path.read_text()
-    told = json.loads(path.read_text())
-    return {name: value for name, value in told.items() if name != "seconds"} if isinstance(told, dict) else told
+    content = json.loads(path.read_text())
+    if not isinstance(content, dict):
+        return content
+    return {name: value for name, value in content.items() if name != "seconds"}
 
 
 def table(kills: list[Kill]) -> str:

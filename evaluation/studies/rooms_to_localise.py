@@ -4,8 +4,8 @@
 
 Of each start room, against pairs of the matching benchmark (regime `real`) that start there.
 The benchmark draws its own noise, and explores in any order, or with `--order near` the nearest rooms first, as was
-foretold. It is asked on both sides: in the first of its columns that holds so many rooms most pairs must be unique and
-right, in the last one before it most must not. Where it is foretold that the place is never known, most pairs of all
+predicted. It is asked on both sides: in the first of its columns that holds so many rooms most pairs must be unique and
+right, in the last one before it most must not. Where it is predicted that the place is never known, most pairs of all
 rooms must not. Few pairs decide by chance where about half of all maps are known.
 """
 
@@ -36,19 +36,19 @@ class Side:
     many the learned matcher knew: it named the true place alone."""
 
     rooms: int | None
-    foretold: bool
+    predicted: bool
     known: int
     of: int
 
     @property
     def agrees(self) -> bool:
-        """Whether most pairs are as foretold."""
-        return (2 * self.known > self.of) == self.foretold
+        """Whether most pairs are as predicted."""
+        return (2 * self.known > self.of) == self.predicted
 
 
 @dataclass(frozen=True)
 class Start:
-    """A start room, and both sides of what was foretold of it."""
+    """A start room, and both sides of what was predicted of it."""
 
     room: str
     needed: int | None
@@ -74,10 +74,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     inspection = read_json(options.inspection, "what inspect-bim wrote")
     graph = load_bim(options.bim).graph
-    foretold = {r["room"]: (r["outcome"], r["rooms"]) for r in _rooms(inspection, options.inspection)}
-    if unknown := sorted(foretold.keys() - graph.room_by_id.keys()):
+    predicted = {r["room"]: (r["outcome"], r["rooms"]) for r in _rooms(inspection, options.inspection)}
+    if unknown := sorted(predicted.keys() - graph.room_by_id.keys()):
         raise UserError(f"{options.inspection}: no room '{unknown[0]}' in {options.bim}; it is of another building")
-    chosen = {r: v for n, (r, v) in enumerate(foretold.items()) if n % options.every == 0 and v[0] in OUTCOMES}
+    chosen = {r: v for n, (r, v) in enumerate(predicted.items()) if n % options.every == 0 and v[0] in OUTCOMES}
     print(table(list(checked(graph, chosen, options.pairs, options.seed, options.order)), options.bim.name))
     return 0
 
@@ -90,18 +90,18 @@ def _rooms(inspection: Any, path: Path) -> list[dict[str, Any]]:
 
 
 def checked(
-    graph: SceneGraph, foretold: dict[str, tuple[str, int | None]], pairs: int, seed: int, order: str = "any"
+    graph: SceneGraph, predicted: dict[str, tuple[str, int | None]], pairs: int, seed: int, order: str = "any"
 ) -> Iterator[Start]:  # fmt: skip
-    """The start rooms in the plan's order, `foretold` by room id: the outcome and how many rooms."""
+    """The start rooms in the plan's order, `predicted` by room id: the outcome and how many rooms."""
     from data.synthetic_maps.exploration import Walk, storeys_of, walk
     from data.synthetic_maps.walks import nearest_first
 
     matcher = Matcher.load()
     for place, storey in enumerate(storeys_of(graph)):
         for start, room in enumerate(storey.rooms):
-            if room.id not in foretold:
+            if room.id not in predicted:
                 continue
-            needed, near = foretold[room.id][1], nearest_first(storey, start)[0]
+            needed, near = predicted[room.id][1], nearest_first(storey, start)[0]
             sides = []
             for count, should in sides_of(needed):
                 known = of = 0
@@ -133,13 +133,13 @@ def sides_of(needed: int | None) -> list[tuple[int | None, bool]]:
 
 
 def table(starts: Sequence[Start], building: str) -> str:
-    """Markdown: shares of start rooms for which the benchmark says what was foretold."""
+    """Markdown: shares of start rooms for which the benchmark says what was predicted."""
     if not starts:
         raise UserError("no start room to check; see --inspection")
-    lines = [f"| {building}, {len(starts)} start rooms | as foretold |", "|---|---|"]
+    lines = [f"| {building}, {len(starts)} start rooms | as predicted |", "|---|---|"]
     kinds = {"enough rooms: known": True, "fewer rooms, or never: not known": False}
     for label, known in kinds.items():
-        sides = [side.agrees for start in starts for side in start.sides if side.foretold == known]
+        sides = [side.agrees for start in starts for side in start.sides if side.predicted == known]
         lines.append(f"| {label} ({len(sides)}) | {_percent(sides)} |")
     lines.append(f"| both sides | {_percent([all(side.agrees for side in start.sides) for start in starts])} |")
     return "\n".join(lines)

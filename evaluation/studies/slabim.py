@@ -22,8 +22,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the results go")
     parser.add_argument("--lay-out-only", action="store_true", help="do not run")
     options, more = parser.parse_known_args(arguments)
-    if told := [x for x in more if x.partition("=")[0] in OWN]:
-        raise UserError(f"{told[0]}: the session tells; leave it out")
+    if fixed := [x for x in more if x.partition("=")[0] in OWN]:
+        raise UserError(f"{fixed[0]}: the session tells; leave it out")
     from data.datasets.slabim import SlabimSession
 
     sequence = options.out / "sequence"

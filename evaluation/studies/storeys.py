@@ -70,7 +70,7 @@ def measure(
                 write_json(path, asdict(_measured(bim, storeys, seed, size, out / name, config)))
             row = _read(path)
             rows.append(row)
-            print(_told(row), flush=True)
+            print(_summary(row), flush=True)
     return rows
 
 
@@ -93,7 +93,7 @@ def _measured(
         simulate(bim, storeys, drive, seed=seed, min_rooms=size[0], min_length=size[1])
     truth = Trajectory.read_tum(drive / "truth.tum")
     driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1))])
-    told = json.loads((drive / "run.json").read_text())
+    description = json.loads((drive / "run.json").read_text())
     a_graph = load_bim(bim).graph
     slam = SceneGraphSlam(a_graph, config=config)
     first, off = None, []
@@ -108,13 +108,13 @@ def _measured(
         first = len(truth) - 1 if first is None else first
     away = np.array(off).reshape(-1, 3)
     seconds = (truth.stamps_ns - truth.stamps_ns[0]) / 1e9
-    seen = [r for r in told["rooms"] if first is not None and r["entered_s"] <= seconds[first]]
+    seen = [r for r in description["rooms"] if first is not None and r["entered_s"] <= seconds[first]]
     on_floor, rooms = _on_their_floor(result, a_graph, truth)
-    rmse, largest, on_stair = _errors(result, a_graph, truth, told["sensor_height_m"])
+    rmse, largest, on_stair = _errors(result, a_graph, truth, description["sensor_height_m"])
     return Row(
         building=bim.stem, storeys=storeys, seed=seed,
         status="none" if result.matches is None else result.matches["status"],
-        length_m=float(driven[-1]), entered=int(told["rooms_entered"]),
+        length_m=float(driven[-1]), entered=int(description["rooms_entered"]),
         wrong_storey=bool((np.abs(away[:, 2]) > WRONG_STOREY_M).any()),
         wrong_place=bool((np.linalg.norm(away, axis=1) > WRONG_M).any()),
         unique_m=None if first is None else float(driven[first]),
@@ -203,7 +203,7 @@ def _metres(value: float | None) -> str:
     return "not anchored" if value is None else f"{value:.4f}"
 
 
-def _told(r: Row) -> str:
+def _summary(r: Row) -> str:
     unique = "never unique" if r.unique_m is None else f"unique after {r.unique_m:.0f} m, {r.unique_rooms} rooms"
     return (
         f"{r.building} {', '.join(r.storeys)} seed {r.seed}: {r.status}, {unique}; RMSE {_metres(r.rmse_m)}, "
@@ -252,8 +252,8 @@ def main() -> int:
     write_atomically(options.out / "storeys.md", f"# Storeys\n\n{text}")
     print(text)
     if options.benchmarks is not None:
-        said = made_by(f"python -m evaluation.studies.storeys --out {options.out.name}")
-        write_section(options.benchmarks, "storeys", f"## Storeys\n\n{_ABOUT}\n\n{text}\nBy {said}.")
+        made = made_by(f"python -m evaluation.studies.storeys --out {options.out.name}")
+        write_section(options.benchmarks, "storeys", f"## Storeys\n\n{_ABOUT}\n\n{text}\nBy {made}.")
     return 0
 
 

@@ -54,8 +54,8 @@ def _run(command: list[str], folder: str) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
         what = "sgslam.run" if "sgslam.run" in command else "KISS-ICP's pipeline"
-        said = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
-        raise UserError(f"{what} failed on this folder: {said[-1].strip() if said else 'it says nothing'}")
+        output = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
+        raise UserError(f"{what} failed on this folder: {output[-1].strip() if output else 'it says nothing'}")
 
 
 def main() -> int:

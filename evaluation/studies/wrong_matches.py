@@ -14,11 +14,11 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically
 from evaluation.harness.conditions import NORMAL, Conditions
-from evaluation.harness.sequences import SequenceSpec, chosen, read_specs
+from evaluation.harness.sequences import SequenceSpec, read_specs, select_sequences
 from evaluation.slam_ablation.rows import Record, Records
 from evaluation.slam_ablation.run import ablate
 
-ARM = "anchored"
+VARIANT = "anchored"
 
 
 def compare(specs: list[SequenceSpec], seeds: list[int], rooms: int, out: Path, list_: Path) -> Records:
@@ -26,9 +26,9 @@ def compare(specs: list[SequenceSpec], seeds: list[int], rooms: int, out: Path, 
     records: Records = []
     names = {spec.name for spec in specs}
     for conditions in (NORMAL, Conditions(wrong_matches=rooms)):
-        made = ablate(specs, seeds, [ARM], out, conditions, listed_in=list_)
+        made = ablate(specs, seeds, [VARIANT], out, conditions, listed_in=list_)
         records += [
-            r for r in made if r["conditions"] == conditions.name and r["sequence"] in names and r["arm"] == ARM
+            r for r in made if r["conditions"] == conditions.name and r["sequence"] in names and r["arm"] == VARIANT
             and int(r["seed"]) in seeds
         ]  # fmt: skip
     return records
@@ -75,7 +75,7 @@ def main() -> int:
     add("--rooms", type=int, default=5, metavar="N", help="that are matched wrongly (default 5)")
     add("--benchmarks", type=Path, metavar="FILE", help="page of results to write a section of")
     options = parser.parse_args()
-    specs = chosen(read_specs(options.list), options.sequences)
+    specs = select_sequences(read_specs(options.list), options.sequences)
     if options.rooms < 1:
         raise UserError(f"--rooms {options.rooms}: at least 1 must be matched wrongly")
     text = table(compare(specs, options.seeds, options.rooms, options.out, options.list))
@@ -86,8 +86,8 @@ def main() -> int:
 
         names = f" --sequences {' '.join(options.sequences)}" if options.sequences else ""
         command = f"python -m evaluation.studies.wrong_matches --out {options.out.name} --list {options.list}{names}"
-        told = f"{ABOUT.format(options.rooms)}\n\n{text}\nBy {made_by(f'{command} --rooms {options.rooms}')}."
-        write_section(options.benchmarks, "wrong-matches", f"## Wrong matches\n\n{told}")
+        section = f"{ABOUT.format(options.rooms)}\n\n{text}\nBy {made_by(f'{command} --rooms {options.rooms}')}."
+        write_section(options.benchmarks, "wrong-matches", f"## Wrong matches\n\n{section}")
     return 0
 
 

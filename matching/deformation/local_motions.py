@@ -17,7 +17,7 @@ from matching.arrays.walls import Index
 from matching.deformation.field import Fields, Scene, rigid_state
 from matching.search.proposals import TopK
 from matching.search.scoring import SIGMA_ALONG
-from matching.search.voting import ascending, most_of
+from matching.search.voting import ascending, upper_bound
 
 OPENING = float(np.radians(10))  # the angles between two S walls and their A walls differ by less
 LEAST_ANGLE = float(np.radians(35))
@@ -172,7 +172,7 @@ def _gathered(
         bins += key[n] != last
         total[bins - 1] += value[n]
         floor[bins - 1], last = cell[n, 0], key[n]
-    best = most_of(total[:bins, 0], np.arange(bins), MOST_PLACES)
+    best = upper_bound(total[:bins, 0], np.arange(bins), MOST_PLACES)
     motion = np.empty((len(best), 3))
     for n in range(len(best)):
         _, yaw, u, v = total[best[n]] / total[best[n], 0]

@@ -159,7 +159,7 @@ def _places(votes: Array, most: int) -> Array:
     low_x, low_y, stride = cell[:, 0].min() - 1, cell[:, 1].min() - 1, cell[:, 1].max() - cell[:, 1].min() + 3
     key = (cell[:, 0] - low_x) * stride + cell[:, 1] - low_y
     total, peak = _around(votes, key, ascending(key), stride)
-    best = most_of(total[:, 0], peak, most)
+    best = upper_bound(total[:, 0], peak, most)
     places = np.empty((len(best), 2))
     for n in range(len(best)):
         for d in range(2):
@@ -220,7 +220,7 @@ def _around(votes: Array, key: Index, order: Index, stride: int) -> tuple[Array,
 
 
 @compiled
-def most_of(total: Array, peak: Index, most: int) -> Index:
+def upper_bound(total: Array, peak: Index, most: int) -> Index:
     """The peaks of most votes, of equal ones the first ones first."""
     best, count = np.empty(min(most, len(peak)), dtype=np.int64), 0
     for n in peak:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 WIDTH = 110
 
 
-def explained(settings: "BaseModel", indent: str = "") -> str:
+def documented_yaml(settings: "BaseModel", indent: str = "") -> str:
     """YAML of all settings; above each stands, as a comment, what it is, and which values it may have."""
     from pydantic import BaseModel
 
@@ -21,7 +21,7 @@ def explained(settings: "BaseModel", indent: str = "") -> str:
         value = getattr(settings, name)
         if isinstance(value, BaseModel):
             lines += ["", *_comment(type(value).__doc__ or "", indent), f"{indent}{name}:"]
-            lines.append(explained(value, indent + "  ").rstrip("\n"))
+            lines.append(documented_yaml(value, indent + "  ").rstrip("\n"))
         else:
             lines += [*_comment(_meaning(field), indent), f"{indent}{name}: {plain_yaml(value)}"]
     return "\n".join(lines).lstrip("\n") + "\n"
