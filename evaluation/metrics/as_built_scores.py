@@ -74,9 +74,7 @@ def _offset_errors(
         yield float(np.median(errors))
 
 
-def _wall_under(
-    s_graph: SceneGraph, s_id: str, T_bim_map: Array | None, there: dict[str, TrueWall]
-) -> str | None:
+def _wall_under(s_graph: SceneGraph, s_id: str, T_bim_map: Array | None, there: dict[str, TrueWall]) -> str | None:
     """The wall on whose faces half of a surface of the map lies, or a metre of it."""
     assert T_bim_map is not None  # without a place in the plan nothing is told
     ends = np.array(s_graph.surface_by_id[s_id].ends())

@@ -53,9 +53,7 @@ def of_rings(rings: Sequence[Sequence[tuple[float, float]]]) -> SceneGraph:
         for n, (p, q) in enumerate(zip(points, np.roll(points, -1, axis=0), strict=True)):
             length = float(np.hypot(*(q - p)))
             along, middle = ((q - p) / length).tolist(), ((p + q) / 2).tolist()
-            walls.append(
-                WallSurface(f"room{k}/{n}", f"room{k}", (middle[0], middle[1]), (-along[1], along[0]), length)
-            )
+            walls.append(WallSurface(f"room{k}/{n}", f"room{k}", (middle[0], middle[1]), (-along[1], along[0]), length))
     return SceneGraph("bim", tuple(rooms), tuple(walls))
 
 
@@ -86,9 +84,7 @@ def seen(
             normal = se2.rotate(np.radians(rng.normal(0.0, noise.degrees)), np.array(w.normal))
             place = se2.rotate(turned, flip * (np.array(w.centroid) + d * np.array(w.normal)))
             facing = se2.rotate(turned, flip * normal)
-            walls.append(
-                replace(w, id=f"s:{w.id}", room=f"s:{room.id}", centroid=_xy(place), normal=_xy(facing))
-            )
+            walls.append(replace(w, id=f"s:{w.id}", room=f"s:{room.id}", centroid=_xy(place), normal=_xy(facing)))
     found = tuple(Room(f"s:{r.id}", _xy(centre[r.id])) for r in kept)
     return SceneGraph("map", found, tuple(walls))
 

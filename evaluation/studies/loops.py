@@ -103,9 +103,7 @@ def _drive(route: str, spec: SequenceSpec | None, seed: int, level: int) -> Driv
 
 
 def _row(drive: Drive, name: str, front_end: str, loops: bool) -> Row:
-    config = Config(
-        loops=LoopSettings(enabled=loops), tracking=TrackingSettings(correct=front_end != "trusted")
-    )
+    config = Config(loops=LoopSettings(enabled=loops), tracking=TrackingSettings(correct=front_end != "trusted"))
     slam = SceneGraphSlam(config=config)
     for stamp_ns, points, T_odom_sensor in drive.scans():
         slam.add_scan(stamp_ns, points, T_odom_sensor=T_odom_sensor)

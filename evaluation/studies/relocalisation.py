@@ -201,7 +201,6 @@ class _RunMonitor:
         turned = abs(np.arctan2(off[1, 0], off[0, 0]))
         self.wrong += bool(np.linalg.norm(off[:3, 3]) > WRONG[0] or turned > WRONG[1])
 
-
     def state(self, s_graph: SceneGraph) -> _MapState:
         """The state at the newest scan, with the S-graph of that scan."""
         return _MapState(self.stamp_ns, self.driven, np.array(self.places), s_graph, self.T_bim_map)

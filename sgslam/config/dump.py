@@ -1,4 +1,4 @@
-"""Every setting with what it means, as YAML that `--config` reads back."""
+"""All settings with their descriptions, as YAML for `--config`."""
 
 import textwrap
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ WIDTH = 110
 
 
 def documented_yaml(settings: "BaseModel", indent: str = "") -> str:
-    """YAML of all settings; above each stands, as a comment, what it is, and which values it may have."""
+    """YAML of all settings, each with its description and allowed values in a comment above."""
     from pydantic import BaseModel
 
     lines = []

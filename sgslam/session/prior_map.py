@@ -231,4 +231,3 @@ def plan_of(known: PriorMap, bim: SceneGraph | None) -> tuple[SceneGraph, bool]:
     if bim is not None and known.T_bim_map is not None:
         return bim, False
     return known.plan(), True
-

@@ -223,7 +223,8 @@ class RunScene:
     def _draw_hypotheses(self, now: Snapshot) -> None:
         """Draws the map's walls on the plan at each match hypothesis."""
         graphs = {graph.floors[0].id: graph for graph in now.graphs}
-        drawn = [(graphs[floor], match) for floor, match in now.hypotheses if floor in graphs and self._plan is not None]
+        matches = now.hypotheses if self._plan is not None else ()
+        drawn = [(graphs[floor], match) for floor, match in matches if floor in graphs]
         for number in range(GHOSTS):
             ends = np.empty((0, 2, 3))
             if number < len(drawn) and self._plan is not None:
