@@ -15,13 +15,13 @@ from evaluation.slam_ablation.tables import groups, values
 COLOURS = {
     "odometry": "#999999", "icp-to-bim": "#e69f00", "graph": "#56b4e9", "planes": "#009e73", "rooms": "#cc79a7",
     "anchored": "#0072b2", "oracle": "#222222",
-}  # fmt: skip  # Okabe and Ito's, told apart by the colour-blind
-MOST_POINTS = 600  # of a line
-OTHERS = ("#d55e00", "#f0e442")  # anchored by other matchers
+}  # fmt: skip  # Okabe and Ito's palette for colour-blind readers
+MOST_POINTS = 600  # per line
+OTHERS = ("#d55e00", "#f0e442")  # variants with other matchers
 
 
 def plots(records: Records, errors_of: Callable[[Record], Path], folder: Path) -> list[tuple[str, Path]]:
-    """Writes the plots into `folder`; returns (caption, file) of each. `errors_of` a record is its file of errors."""
+    """Writes the plots to `folder`; returns (caption, file) of each. `errors_of` gives a record's file of errors."""
     drawn = []
     for sequence, conditions in dict.fromkeys((r["sequence"], r["conditions"]) for r in records):
         own = [r for r in records if (r["sequence"], r["conditions"]) == (sequence, conditions)]

@@ -1,8 +1,8 @@
-"""Sequences x seeds x variants, a CSV row a run, tables, plots, one page.
+"""Ablation of the SLAM system: sequences x seeds x variants, with tables and plots.
 
     python -m evaluation.slam_ablation.run --out DIR
 
-What is in the CSV already is skipped, so that a run that was killed goes on where it was.
+Each run is a row of a CSV. Rows that exist already are skipped, so that an interrupted command can be repeated.
 """
 
 import argparse
@@ -31,11 +31,10 @@ def ablate(
     specs: list[SequenceSpec], seeds: list[int], variants: list[str], out: Path, conditions: Conditions = NORMAL,
     jobs: int = 1, listed_in: Path | None = None, scheduler: str | None = None,
 ) -> Records:  # fmt: skip
-    """Runs what is not in `out`/runs.csv yet and returns all of its records, those of this call in its order.
+    """Runs what `out`/runs.csv lacks and returns all of its records.
 
-    Each run has a process of its own, here or on the workers of a scheduler's cluster. `listed_in` is the file that the
-    sequences are from, for the rows' commands. Raises UserError for what a run refuses, and as `data.common.cluster`
-    does.
+    Each run has a process of its own, here or on the workers of the cluster `scheduler`. `listed_in` is the file that
+    lists the sequences, for the rows' commands. Raises UserError as a run and `data.common.cluster` do.
     """
     (out / "errors").mkdir(parents=True, exist_ok=True)
     (out / "configs").mkdir(exist_ok=True)
@@ -62,7 +61,7 @@ def ablate(
 
 
 def _tasks(specs: list[SequenceSpec], seeds: list[int], variants: list[str], conditions: Conditions) -> Iterator[Task]:
-    """A user's own drive is the same for every seed, so that it is run with the first one only."""
+    """The tasks; a recorded drive is the same for every seed and is run with the first one only."""
     units = [tuple(v for v in variants if v in WITHOUT_BIM), *((v,) for v in variants if v not in WITHOUT_BIM)]
     for spec in specs:
         for seed in seeds if spec.simulated else seeds[:1]:
@@ -70,7 +69,7 @@ def _tasks(specs: list[SequenceSpec], seeds: list[int], variants: list[str], con
 
 
 def _run_here(tasks: list[Task], out: Path, jobs: int) -> Iterator[tuple[Task, Answer]]:
-    """Drives are made one at a time, what is run on one of them `jobs` at a time."""
+    """Simulates one drive at a time and runs its tasks, `jobs` in parallel."""
     for group in _by_drive(tasks):
         first = group[0]
         prepare(first.spec, first.seed, out, first.conditions)
@@ -81,7 +80,7 @@ def _run_here(tasks: list[Task], out: Path, jobs: int) -> Iterator[tuple[Task, A
 
 
 def _run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, Answer]]:
-    """The workers make simulated drives for themselves; what is the user's own they must see."""
+    """Runs the tasks on a cluster; workers simulate drives themselves and need access to recorded ones."""
     from data.common.cluster import connected
 
     own = {task: replace(task, spec=task.spec.absolute()) for task in tasks}
@@ -101,7 +100,7 @@ def _by_drive(tasks: list[Task]) -> list[list[Task]]:
 
 
 def _command(task: Task, out: Path, variant: str, listed_in: Path | None) -> str:
-    """The command that makes the row anew; the graph goes with an anchored variant for its drift reduction."""
+    """The command that reproduces a row; an anchored variant needs the graph for its drift reduction."""
     variants = [variant] if variant in WITHOUT_BIM else ["graph", variant]
     words = ["python", "-m", "evaluation.slam_ablation.run", "--out", str(out)]
     words += [] if listed_in is None else ["--list", str(listed_in)]
@@ -110,7 +109,7 @@ def _command(task: Task, out: Path, variant: str, listed_in: Path | None) -> str
 
 
 def _with_drift_reduction(records: Records) -> Records:
-    """Filled in wherever the graph without anchors is known."""
+    """The records with their drift reduction, where the graph without anchors has been run."""
     drifted = {_key(r)[:3]: float(r["rmse_bim_m"]) for r in records if r["arm"] == "graph" and r["rmse_bim_m"]}
 
     def reduction(record: Record) -> str:
@@ -134,20 +133,20 @@ def _key(record: Record) -> tuple[str, ...]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog="python -m evaluation.slam_ablation.run", description="The system with parts of it left out, measured."
+        prog="python -m evaluation.slam_ablation.run", description="Measure the system with parts of it left out."
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for runs.csv, tables, plots, ablation.md and drives")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for runs.csv, tables, plots and drives")
     add("--list", type=Path, metavar="FILE", help="YAML list of sequences (default: the demo building)")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
     add("--variants", nargs="+", default=list(VARIANTS), metavar="NAME", help=f"{', '.join(VARIANTS)}, anchored:METHOD")
-    add("--weaken", action="store_true", help="a weak front end: its odometry's own error exceeds 0.5 m")
-    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls stand 10 to 30 cm off their plan")
-    add("--wrong-matches", type=int, default=0, metavar="N", help="rooms, with their walls, are matched wrongly")
-    add("--loops", action="store_true", help="the whole way is driven back again")
+    add("--weaken", action="store_true", help="degrade range and odometry until its error exceeds 0.5 m")
+    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="share of walls built 10 to 30 cm off the plan")
+    add("--wrong-matches", type=int, default=0, metavar="N", help="number of rooms that are matched wrongly")
+    add("--loops", action="store_true", help="drive the whole path back again")
     add_options(parser, "--jobs", "runs at a time (default 1)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'ablation' is to be written")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'ablation' is written")
     return parser
 
 

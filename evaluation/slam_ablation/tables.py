@@ -1,4 +1,4 @@
-"""The ablation's tables: mean and standard deviation over the seeds, as markdown and LaTeX."""
+"""The ablation's tables in Markdown and LaTeX: mean and standard deviation over the seeds."""
 
 import statistics
 from collections.abc import Callable
@@ -28,7 +28,7 @@ COST: Columns = {
 
 
 def groups(records: Records) -> dict[tuple[str, str, str], Records]:
-    """The runs of each sequence, condition and variant, which differ by their seeds only; in the records' order."""
+    """The runs by (sequence, conditions, variant), in the records' order."""
     found: dict[tuple[str, str, str], Records] = {}
     for record in records:
         found.setdefault((record["sequence"], record["conditions"], record["arm"]), []).append(record)
@@ -36,12 +36,12 @@ def groups(records: Records) -> dict[tuple[str, str, str], Records]:
 
 
 def values(records: Records, column: str) -> list[float]:
-    """A column's numbers, where there are any."""
+    """The numbers of a column, without empty cells."""
     return [float(r[column]) for r in records if r[column]]
 
 
 def markdown(records: Records, columns: Columns) -> str:
-    """A table with a line for each sequence, condition and variant."""
+    """Markdown table with a line for each sequence, condition and variant."""
     head = ["sequence", "conditions", "variant", "runs", "anchored", "poses matched", *(h for h, _ in columns.values())]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     lines += ["| " + " | ".join(row) + " |" for row in _rows(records, columns, _mean_and_deviation)]

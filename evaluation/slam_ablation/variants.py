@@ -1,4 +1,4 @@
-"""The variants of the ablation: one sequence run with a part of the system left out or given."""
+"""The variants of the ablation: a sequence is run with a part of the system left out or replaced by the truth."""
 
 import re
 from collections.abc import Iterator
@@ -26,30 +26,30 @@ from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
 VARIANTS = {
-    "odometry": "KISS-ICP alone, as the system is set to ask it, its first pose set to the truth",
-    "icp-to-bim": "each scan registered to the BIM's surfaces, the true start given",
+    "odometry": "KISS-ICP alone with the system's settings, its first pose set to the truth",
+    "icp-to-bim": "each scan registered to the BIM's surfaces, from the true initial pose",
     "graph": "the S-graph without anchors, its first pose set to the truth",
     "planes": "plane anchors only",
     "rooms": "room anchors only",
-    "anchored": "plane and room anchors; anchored:METHOD by another matcher",
-    "oracle": "plane and room anchors, the true matches given",
+    "anchored": "plane and room anchors; anchored:METHOD with another matcher",
+    "oracle": "plane and room anchors, from the true matches",
 }
 WITHOUT_BIM = ("odometry", "graph")
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A row, and (M, 2) seconds and position errors where there is a trajectory in the BIM frame."""
+    """A row, and (M, 2) seconds and position errors (m), None without a trajectory in the BIM frame."""
 
     row: Row
     errors: NDArray[np.float64] | None
 
 
 def check_variant(variant: str) -> str:
-    """The variant itself; raises UserError for one that does not exist."""
+    """Returns the variant. Raises UserError if it does not exist."""
     kind, _, method = variant.partition(":")
     if kind not in VARIANTS or (":" in variant and (kind != "anchored" or not method)):
-        raise UserError(f"no variant '{variant}'; there are {', '.join(VARIANTS)} and anchored:METHOD")
+        raise UserError(f"unknown variant '{variant}'; use {', '.join(VARIANTS)} or anchored:METHOD")
     if method:
         Matcher.load(method)
     return variant
@@ -63,7 +63,7 @@ def config_of(variant: str, sequence: Sequence) -> Config:
 
 
 def run_variants(variants: tuple[str, ...], sequence: Sequence) -> list[Run]:
-    """Runs one variant, or both that know no BIM."""
+    """Runs one variant, or both that use no BIM."""
     if variants == ("icp-to-bim",):
         return [_registered(sequence)]
     if variants[0] == "odometry":
@@ -81,7 +81,7 @@ def run_variants(variants: tuple[str, ...], sequence: Sequence) -> list[Run]:
 
 
 class _Scans:
-    """The sequence's scans, as the conditions leave them; `seconds` is the time their reading took."""
+    """The sequence's scans under its conditions; `seconds` is the time that reading them took."""
 
     def __init__(self, sequence: Sequence) -> None:
         self._folder, self._weak, self.seconds = ScanFolder(sequence.scan_dir), sequence.weak is not None, 0.0
@@ -135,7 +135,7 @@ def _registered(sequence: Sequence) -> Run:
     row = Row(
         **_heading("icp-to-bim", sequence), anchored=True, total_poses=len(estimate), scans=len(estimate),
         seconds=perf_counter() - began, seconds_reading=scans.seconds, peak_memory_mb=_peak_memory_mb(),
-        reason="the true start was given", **trajectory_numbers(estimate, sequence.truth),
+        reason="from the true initial pose", **trajectory_numbers(estimate, sequence.truth),
     )  # fmt: skip
     return Run(row, errors_over_time(estimate, sequence.truth))
 
@@ -169,14 +169,14 @@ def _heading(variant: str, sequence: Sequence) -> dict[str, Any]:
 
 
 def _estimate(variant: str, result: Result, T_bim_first: NDArray[np.float64]) -> Trajectory | None:
-    """The variant's trajectory in the BIM frame; None where a variant with anchors was not anchored."""
+    """The variant's trajectory in the BIM frame; None if a variant with anchors is not anchored."""
     if variant in WITHOUT_BIM:
         return _from_first(result.trajectory_map, T_bim_first)
     return result.trajectory if result.anchored else None
 
 
 def _peak_memory_mb() -> float | None:
-    """Of this process since its program began, from Linux; `getrusage` would count what it was forked from."""
+    """Peak memory (MB) of this process, from /proc; `getrusage` would include the parent of a fork."""
     try:
         status = Path("/proc/self/status").read_text()
     except OSError:

@@ -15,7 +15,7 @@ from evaluation.slam_ablation.variants import config_of, run_variants
 
 @dataclass(frozen=True)
 class Task:
-    """One run; `variants` are those that it gives rows of."""
+    """One run; it gives a row for each of its `variants`."""
 
     spec: SequenceSpec
     seed: int
@@ -23,33 +23,33 @@ class Task:
     conditions: Conditions
 
     def key(self, variant: str) -> tuple[str, ...]:
-        """What a record is known by."""
+        """The key of a variant's record."""
         return (self.spec.name, self.conditions.name, str(self.seed), variant)
 
     def describe(self) -> str:
-        """For messages."""
+        """A description for messages."""
         return f"{self.spec.name}, {self.conditions.name}, seed {self.seed}, {' and '.join(self.variants)}"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a run leaves: its rows, and the texts of files by their paths in the folder of the results."""
+    """The results of a run: its rows, and the texts of files by their paths in the folder of the results."""
 
     records: Records
     files: dict[str, str]
 
 
 def run_in_process(task: Task, drives: Path) -> Answer:
-    """Runs with the drive that is in the folder `drives`, or is made there. Raises what the run raises, and
-    ProcessEndedError."""
+    """Runs a task in a child process, with the drive in the folder `drives`, simulated there if missing. Raises
+    ProcessEndedError and what the run raises."""
     return apart(_run, task, drives, what=task.describe())
 
 
-_preparing, _ready = threading.Lock(), set[tuple[object, ...]]()  # of a worker of a cluster
+_preparing, _ready = threading.Lock(), set[tuple[object, ...]]()  # state of a cluster's worker
 
 
 def run_on_worker(task: Task) -> Answer:
-    """Runs on a worker of a cluster, which makes each drive once, in a folder of its own."""
+    """Runs a task on a worker of a cluster, which simulates each drive once, in a folder of its own."""
     may_have_children()
     drives, drive = scratch(), (task.spec, task.seed, task.conditions)
     with _preparing:
@@ -64,7 +64,7 @@ def _prepare(task: Task, drives: Path) -> None:
 
 
 def _run(task: Task, drives: Path) -> Answer:
-    """One run; the errors over time and the configuration go into files of their own."""
+    """One run; the errors over time and the configuration become files of their own."""
     import yaml
 
     from sgslam.config.loading import save_config

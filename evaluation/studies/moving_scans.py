@@ -1,9 +1,9 @@
-"""Scans of a moving sensor, as they are and deskewed, on fast drives.
+"""Effect of motion distortion and deskewing on fast drives.
 
     python -m evaluation.studies.moving_scans --out DIR
 
-Each drive is drawn twice, the same way: once in snapshots, once with the sensor moving while it turns. What is lacking
-to the snapshots' error is the motion's. One line of the CSV for each drive and variant; what is there is skipped.
+Each drive is simulated twice: with instantaneous scans, and with the sensor moving during each revolution. The
+difference in error is due to the motion. The CSV has a line for each drive and variant; existing lines are skipped.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ VARIANTS = {"snapshots": "snapshots", "as they are": "moving, as they are", "des
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One drive in one way: whether the run was anchored, and its errors in the BIM frame (m)."""
+    """One drive and variant (`arm`): whether the run was anchored, and its errors in the BIM frame (m)."""
 
     drive: str
     seed: int
@@ -45,7 +45,7 @@ class Row:
 
 
 def measure(seeds: list[int], out: Path) -> list[Record]:
-    """Runs what is not in `out`/moving_scans.csv yet and returns all records asked for."""
+    """Runs what `out`/moving_scans.csv lacks; returns all requested records."""
     out.mkdir(parents=True, exist_ok=True)
     file, requested = RecordFile(out / "moving_scans.csv", Row), []
     bim = out / "demo.ifc"
@@ -81,7 +81,7 @@ def _row(drive: str, seed: int, variant: str, bim: Path, out: Path) -> Row:
 
 
 def table(records: list[Record]) -> str:
-    """Markdown: a line for each kind of drive and variant, over its seeds."""
+    """Markdown table: a line for each kind of drive and variant, over its seeds."""
     lines = ["| drives | scans | anchored | RMSE (m) | largest error (m) |", "|---|---|---|---|---|"]
     groups: dict[tuple[str, str], list[Record]] = {}
     for record in records:
@@ -97,18 +97,18 @@ def table(records: list[Record]) -> str:
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.studies.moving_scans", description="Scans of a moving sensor, deskewed or not."
+        prog="python -m evaluation.studies.moving_scans", description="Measure the effect of deskewing on fast drives."
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for moving_scans.csv, moving_scans.md and the drives")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'moving' is to be written")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for the results and drives")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'moving' is written")
     options = parser.parse_args()
     text = table(measure(options.seeds, options.out))
     write_atomically(options.out / "moving_scans.md", f"# Scans of a moving sensor\n\n{text}")
     print(text, end="")
     if options.benchmarks is not None:
-        about = "Anchored runs through the demo building, errors in building coordinates without alignment. "
+        about = "Anchored runs through the demo building; errors in building coordinates without alignment. "
         about += "; ".join(f"{name}: {_robot_limits(robot)}" for name, robot in DRIVES.items()) + "; 10 scans a second."
         made = made_by(f"python -m evaluation.studies.moving_scans --out {options.out.name}")
         write_section(options.benchmarks, "moving", f"## Scans of a moving sensor\n\n{about}\n\n{text}\nBy {made}.")

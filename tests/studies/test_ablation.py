@@ -190,7 +190,8 @@ def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
 
 def test_mistakes_on_the_command_line(tmp_path: Path) -> None:
     assert "castle" in refused("evaluation.slam_ablation.run", "--out", tmp_path, "--sequences", "castle")
-    for variant, what in (("fast", "no arm"), ("oracle:x", "no arm"), ("anchored:guessing", "no matching method")):
+    unknown, no_method = "unknown variant", "no matching method"
+    for variant, what in (("fast", unknown), ("oracle:x", unknown), ("anchored:guessing", no_method)):
         with pytest.raises(UserError, match=what):
             check_variant(variant)
     with pytest.raises(UserError, match="share"):
