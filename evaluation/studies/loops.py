@@ -226,8 +226,8 @@ _ABOUT = (
     + "; ".join(f"{name}: {about}" for name, about in FRONT_ENDS.items())
     + f". The degraded odometry's steps are {LEVEL} % too long, its yaw has a random walk of {0.3 * LEVEL:.1f} degrees "
     "per square root of a metre. APE is over positions, aligned to the truth (a straight path by its first pose). A "
-    f"closure is false if it is more than {FALSE_M:g} m or {np.degrees(FALSE_RAD):.0f} degrees off the truth; withdrawn "
-    "closures count."
+    f"closure is false if it is more than {FALSE_M:g} m or {np.degrees(FALSE_RAD):.0f} degrees off the truth; "
+    "withdrawn ones count."
 )
 
 

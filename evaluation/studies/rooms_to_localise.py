@@ -26,14 +26,14 @@ from matching import Matcher
 
 OUTCOMES = ("known", "never")
 ORDERS = ("any", "near")
-CLEAR = 6  # pairs; where so many more are known than not, or fewer, no more are asked
-STREAM = 900_001  # of random numbers: no storey has this place, so whatever the seeds, inspect-bim draws others
+CLEAR = 6  # pairs; a majority of this size ends the check
+STREAM = 900_001  # of random numbers; not the index of a storey, so that inspect-bim never draws the same maps
 
 
 @dataclass(frozen=True)
 class Side:
-    """Pairs of one start room: how many rooms are seen (None: all), whether they should be known, and how many of so
-    many the learned matcher knew: it named the true place alone."""
+    """One side of a check: `rooms` seen (None: all), whether they are predicted to suffice, and in how many (`known`)
+    `of` the pairs the learned matcher found the true place uniquely."""
 
     rooms: int | None
     predicted: bool
@@ -58,17 +58,17 @@ class Start:
 def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError."""
     parser = Parser(
-        prog="python -m evaluation.studies.rooms_to_localise", description="What inspect-bim foretells, checked."
+        prog="python -m evaluation.studies.rooms_to_localise", description="Check the predictions of inspect-bim."
     )
-    parser.add_argument("bim", type=Path, metavar="FILE", help="the building, as inspect-bim was given it")
-    parser.add_argument("--inspection", type=Path, required=True, metavar="FILE", help="what inspect-bim wrote")
-    parser.add_argument("--pairs", type=int, default=31, metavar="N", help="on each side most of so many (default 31)")
-    parser.add_argument("--order", choices=ORDERS, default="any", help="in which rooms are entered (default: any)")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="only each Nth start room (default: all)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the pairs: never inspect-bim's own maps")
+    parser.add_argument("bim", type=Path, metavar="FILE", help="the building that was inspected")
+    parser.add_argument("--inspection", type=Path, required=True, metavar="FILE", help="inspection.json of inspect-bim")
+    parser.add_argument("--pairs", type=int, default=31, metavar="N", help="most pairs on each side (default 31)")
+    parser.add_argument("--order", choices=ORDERS, default="any", help="order of exploration (default: any)")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="check every Nth start room (default: all)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the pairs")
     options = parser.parse_args(arguments)
     if options.pairs < 1 or options.every < 1:
-        raise UserError("--pairs and --every: 1 or more")
+        raise UserError("--pairs and --every: must be 1 or more")
     from data.common.json_files import read_json
     from data.plans.bim import load_bim
 
@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
     graph = load_bim(options.bim).graph
     predicted = {r["room"]: (r["outcome"], r["rooms"]) for r in _rooms(inspection, options.inspection)}
     if unknown := sorted(predicted.keys() - graph.room_by_id.keys()):
-        raise UserError(f"{options.inspection}: no room '{unknown[0]}' in {options.bim}; it is of another building")
+        raise UserError(f"{options.inspection}: room '{unknown[0]}' is not in {options.bim}; give the same building")
     chosen = {r: v for n, (r, v) in enumerate(predicted.items()) if n % options.every == 0 and v[0] in OUTCOMES}
     print(table(list(checked(graph, chosen, options.pairs, options.seed, options.order)), options.bim.name))
     return 0
@@ -86,13 +86,13 @@ def _rooms(inspection: Any, path: Path) -> list[dict[str, Any]]:
     try:
         return [dict(r) for r in inspection["rooms"]]
     except (KeyError, TypeError, ValueError):
-        raise UserError(f"{path}: not what inspect-bim writes") from None
+        raise UserError(f"{path}: not an inspection; give the inspection.json of inspect-bim") from None
 
 
 def checked(
     graph: SceneGraph, predicted: dict[str, tuple[str, int | None]], pairs: int, seed: int, order: str = "any"
 ) -> Iterator[Start]:  # fmt: skip
-    """The start rooms in the plan's order, `predicted` by room id: the outcome and how many rooms."""
+    """Checks the start rooms in the plan's order; `predicted` by room id: the outcome and the number of rooms."""
     from data.synthetic_maps.exploration import Walk, storeys_of, walk
     from data.synthetic_maps.walks import nearest_first
 
@@ -124,7 +124,7 @@ def _known(matcher: Matcher, drawn: DrawnGraph, graph: SceneGraph) -> bool:
 
 
 def sides_of(needed: int | None) -> list[tuple[int | None, bool]]:
-    """The benchmark's columns on both sides (None: all rooms), and whether the place is known there."""
+    """The benchmark's columns on both sides (None: all rooms), and whether the rooms suffice there."""
     if needed is None:
         return [(None, False)]
     below, above = [c for c in COLUMNS if c < needed], [c for c in COLUMNS if c >= needed]

@@ -53,7 +53,7 @@ def test_a_drive_is_run_with_every_plan_but_its_own(folder: Path, tmp_path: Path
 
 
 def test_one_building_has_no_other(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="two buildings or more"):
+    with pytest.raises(UserError, match="only one building"):
         list(negative_plans.pairings([spec(folder, "own")], [0], tmp_path))
 
 
