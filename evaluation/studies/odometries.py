@@ -193,7 +193,7 @@ def main() -> int:
 _ABOUT = (
     "Alone: the odometry on the points that a run passes to it, without walls, floor or plan; its absolute error is "
     "after SE(3) alignment. The external odometry is a TUM file of KISS-ICP on whole scans (voxel 0.5 m). Anchored "
-    "runs get no initial pose; their errors are in building coordinates without alignment, one number per drive. CPU times "
+    "runs get no initial pose; their errors are in building coordinates without alignment, one per drive. CPU times "
     "are relative to KISS-ICP's own pipeline on the same drive (median over the drives)."
 )
 

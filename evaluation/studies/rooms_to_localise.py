@@ -1,12 +1,12 @@
-"""What inspect-bim foretells, on the benchmark's maps.
+"""Checks the number of rooms that inspect-bim predicts to be needed, on the matching benchmark's maps.
 
     python -m evaluation.studies.rooms_to_localise FILE --inspection FILE
 
-Of each start room, against pairs of the matching benchmark (regime `real`) that start there.
-The benchmark draws its own noise, and explores in any order, or with `--order near` the nearest rooms first, as was
-predicted. It is asked on both sides: in the first of its columns that holds so many rooms most pairs must be unique and
-right, in the last one before it most must not. Where it is predicted that the place is never known, most pairs of all
-rooms must not. Few pairs decide by chance where about half of all maps are known.
+Each start room is checked with pairs of the matching benchmark (regime `real`) that start there. The benchmark draws
+its own noise and explores rooms in any order or, with `--order near`, the nearest first, as in the prediction. Each
+prediction is checked on both sides: in the benchmark's first column with enough rooms, most pairs must be matched
+uniquely and correctly; in the column before it, most must not. If a room is predicted to be never localised, most pairs
+of all rooms must not be. Where about half of all maps are localised, the result is a matter of chance.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,7 +48,7 @@ class Side:
 
 @dataclass(frozen=True)
 class Start:
-    """A start room, and both sides of what was predicted of it."""
+    """A start room and both sides of its check."""
 
     room: str
     needed: int | None
@@ -133,7 +133,7 @@ def sides_of(needed: int | None) -> list[tuple[int | None, bool]]:
 
 
 def table(starts: Sequence[Start], building: str) -> str:
-    """Markdown: shares of start rooms for which the benchmark says what was predicted."""
+    """Markdown table: shares of start rooms for which the benchmark confirms the prediction."""
     if not starts:
         raise UserError("no start room to check; see --inspection")
     lines = [f"| {building}, {len(starts)} start rooms | as predicted |", "|---|---|"]

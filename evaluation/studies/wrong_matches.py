@@ -67,7 +67,7 @@ def _mean(numbers: list[str]) -> float | None:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.studies.wrong_matches", description="Measure runs with wrongly matched rooms.")
+    parser = Parser(prog="python -m evaluation.studies.wrong_matches", description="Runs with wrongly matched rooms.")
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder for wrong_matches.md and the runs")
     add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
