@@ -27,7 +27,7 @@ class Conditions:
         """Raises UserError for invalid values."""
         for kind, share in self._changed.items():
             if not 0 <= share <= 1:
-                raise UserError(f"--{kind}-walls {share:g}: must be from 0 to 1")
+                raise UserError(f"--{kind}-walls {share:g}: the share must be from 0 to 1")
         if self.wrong_matches < 0:
             raise UserError(f"--wrong-matches {self.wrong_matches}: must not be negative")
 

@@ -1,4 +1,4 @@
-"""The plots of the matching benchmark, as SVG, from its rows alone."""
+"""The plots of the matching benchmark, made from its rows, as SVG."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,11 +11,11 @@ from evaluation.matching_benchmark.rows import Row
 from evaluation.matching_benchmark.tables import in_order
 from evaluation.metrics.calibration import merged
 
-ALL = 24  # where "all" stands on the axis of rooms
+ALL = 24  # position of "all" on the axis of rooms
 
 
 def write_plots(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Wall F1 against rooms seen, the reliability of confidences, time against the plan's size; returns the files."""
+    """Plots wall F1 against rooms seen, the reliability diagram and time against plan size; returns the files."""
     import matplotlib  # slow to import
 
     matplotlib.use("Agg")

@@ -1,4 +1,4 @@
-"""The tables of the matching benchmark, in Markdown and LaTeX, from its rows alone."""
+"""The tables of the matching benchmark, made from its rows, in Markdown and LaTeX."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ REGIME_ORDER = ("paper", "real", "drift", "messy", "warped", "elsewhere", "sgsla
 
 @dataclass(frozen=True)
 class Table:
-    """A header and lines of text cells, under a title and with a note that says what they are."""
+    """A table of text cells with a title and an explanatory note."""
 
     title: str
     note: str
@@ -24,7 +24,7 @@ class Table:
 
 
 def tables(rows: Sequence[Row]) -> list[Table]:
-    """For each size of plan: wall F1 and answers against rooms seen, and all measures by regime and method; twins."""
+    """For each size of plan: wall F1 and answers by rooms seen, all measures by regime and method; symmetric plans."""
     found = []
     for group in SIZES:
         own = [r for r in rows if size_of(r.size) == group]
@@ -39,8 +39,8 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         if asked:
             found.append(_by_rooms(f"Unique answers, and the wrong of them, {about}", UNIQUE_NOTE, asked, _unique))
         found.append(_summary(f"All measures, {about}", own))
-        known = [r for r in to_find if not r.twin]  # of twins nobody but the oracle knows which it is
-        compared = [("on the same pairs", to_find), ("on the same pairs without a twin", known)]
+        known = [r for r in to_find if not r.twin]  # only the oracle can decide between alternative placements
+        compared = [("on the same pairs", to_find), ("on the same pairs without an alternative placement", known)]
         for which, pairs in compared if len(known) < len(to_find) else compared[:1]:
             gains = _gains(f"Wall F1 against `{BASE}`'s {which}, {about}", pairs)
             found += [gains] if gains.lines else []
@@ -51,7 +51,7 @@ def tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def full_tables(rows: Sequence[Row]) -> list[Table]:
-    """Wall F1 on each set of plans, and all measures of every cell: size of plan, regime, method, rooms seen."""
+    """Wall F1 on each set of plans, and all measures of every cell (size of plan, regime, method, rooms seen)."""
     found = []
     for name in sorted({r.plans for r in rows if r.regime != "elsewhere"}):
         own = [r for r in rows if r.plans == name and r.regime != "elsewhere"]
@@ -74,13 +74,13 @@ def full_tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def markdown(table: Table) -> str:
-    """The table with its title and note."""
+    """The table in Markdown, with its title and note."""
     head = f"**{table.title}.** {table.note}\n\n| {' | '.join(table.header)} |\n|{'---|' * len(table.header)}\n"
     return head + "".join(f"| {' | '.join(line)} |\n" for line in table.lines)
 
 
 def latex(table: Table) -> str:
-    """The table as a LaTeX table, as wide as the text; needs the packages booktabs and graphicx."""
+    """The table in LaTeX, as wide as the text; needs the packages booktabs and graphicx."""
     columns = "ll" + "r" * (len(table.header) - 2)
     body = "".join(f"  {' & '.join(map(_escaped, line))} \\\\\n" for line in table.lines)
     return (
@@ -93,7 +93,7 @@ def latex(table: Table) -> str:
 
 
 def format_estimate(estimate: Estimate | None, percent: bool = False) -> str:
-    """The value with its interval."""
+    """Formats a value with its interval; empty for None."""
     if estimate is None:
         return ""
     if percent:
@@ -107,9 +107,9 @@ WALL_NOTE = (
 )
 UNIQUE_NOTE = "Share of `unique` answers in percent, and how many of them are wrong, by the number of rooms seen"
 SUMMARY_NOTE = (
-    "P, R, F1: means over pairs; micro: over all nodes; acc: S nodes answered as they should be; shares in percent; "
-    "decided: `unique` among pairs without a twin; wrong: of the `unique`, with the share's 97.5 % upper bound; ECE: "
-    "expected calibration error of the confidences"
+    "P, R, F1: means over pairs; micro: over all nodes; acc: S nodes with a correct answer; shares in percent; "
+    "decided: `unique` among pairs without an alternative placement; wrong: of the `unique`, with the share's 97.5 % "
+    "upper bound; ECE: expected calibration error of the confidences"
 )
 GAIN_NOTE = (
     "Difference of the means with its 95 % interval (bootstrap over buildings); how much of the gap between the oracle "

@@ -1,4 +1,4 @@
-"""What the matching benchmark is asked for, as tasks: all pairs and methods that have no row yet."""
+"""The tasks of the matching benchmark: all pairs and methods without a row."""
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from evaluation.matching_benchmark.worker import Task
 
 @dataclass(frozen=True)
 class BenchmarkOptions:
-    """The options of the command, checked; `pairs` is for each method how many a cell."""
+    """The checked options of the command; `pairs` is the number of pairs per cell by method."""
 
     out: Path
     plans: tuple[Path, ...]
@@ -32,7 +32,7 @@ class BenchmarkOptions:
 
     @staticmethod
     def of(options: Any) -> "BenchmarkOptions":
-        """Raises UserError for what cannot be."""
+        """Checks the options. Raises UserError for invalid ones."""
         regimes = DRAWN if options.regimes is None else tuple(options.regimes)
         if unknown := set(regimes) - set(DRAWN):
             raise UserError(f"--regimes {' '.join(sorted(unknown))}: there are {', '.join(DRAWN)}")
@@ -66,7 +66,7 @@ def _rooms(text: str) -> int | None:
 
 
 def tasks_of(wanted: BenchmarkOptions, there: Set[tuple[Any, ...]]) -> list[Task]:
-    """All pairs with the methods whose row is not there, cells one after the other."""
+    """All pairs with the methods that have no row in `there`, cell by cell."""
     tasks = []
     for cell in _cells(wanted):
         for n, pair in enumerate(cell):

@@ -163,7 +163,7 @@ def _short(r: Record) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="python -m evaluation.studies.odometries", description="Measure the odometries, alone and in runs.")
+    parser = Parser(prog="python -m evaluation.studies.odometries", description="Measure the odometries.")
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="folder for odometries.csv, odometries.md, drives")
     add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
