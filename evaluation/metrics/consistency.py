@@ -1,4 +1,4 @@
-"""Whether the covariances that come with an estimate say how wrong it is: the normalised error squared (NEES)."""
+"""Consistency of an estimate's covariances with its errors: the normalised estimation error squared (NEES)."""
 
 from dataclasses import dataclass
 
@@ -17,10 +17,11 @@ DOF = 6
 
 @dataclass(frozen=True, eq=False)
 class Nees:
-    """`per_pose` (M,): e^T P^-1 e; `mean_per_dof`: its mean over 6, one where the covariances are right.
+    """The NEES of a trajectory.
 
-    `bounds_per_dof`: where the mean lies with 95 % for independent errors; `share_within`: of the poses, those below
-    the 95 % bound of one pose.
+    `per_pose` (M,) is e^T P^-1 e; `mean_per_dof` is its mean over 6, one for correct covariances. `bounds_per_dof` is
+    the mean's 95 % interval for independent errors; `share_within` is the share of poses below the 95 % bound of one
+    pose.
     """
 
     per_pose: Array
@@ -43,9 +44,9 @@ def nees(estimate: Trajectory, truth: Trajectory, covariances: Array, tolerance_
     """The normalised estimation error squared (Bar-Shalom, Li, Kirubarajan 2001, 5.4), without alignment.
 
     `covariances` (N, 6, 6), one for each pose of the estimate, as GTSAM's marginals: rotation (rad) first, then
-    translation (m), in the pose's own axes, T_true = T_estimate Exp(e). A trajectory's errors are correlated in
-    time, so that the mean scatters more than the bounds say. Raises UserError where no pose matches or a covariance
-    is not symmetric and positive definite.
+    translation (m), in the pose's own axes, T_true = T_estimate Exp(e). The errors of a trajectory are correlated in
+    time, so the mean scatters more than the bounds suggest. Raises UserError if no pose matches or a covariance is not
+    symmetric and positive definite.
     """
     covariances = np.asarray(covariances, dtype=float)
     if covariances.shape != (len(estimate), DOF, DOF):

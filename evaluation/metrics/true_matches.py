@@ -1,4 +1,4 @@
-"""Which wall of the plan each wall of the map is, and which room, when the map's place in the plan is known."""
+"""The true matches between a map's walls and rooms and the plan's, when the map's true pose is known."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from data.scene_graph import Room
 from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, overlaps, plan_motion, segments
 
 Array = NDArray[np.float64]
-LEAST_SHARE = 0.3  # of an S surface's length, or an S room's area, on the A surface or room that it is
-LEAST_VOTE = 0.5  # of an S room's matched wall length that faces one A room, where there are no polygons
+LEAST_SHARE = 0.3  # share of an S surface's length (S room's area) on its A surface (A room)
+LEAST_VOTE = 0.5  # share of an S room's matched wall length that faces one A room, without polygons
 
 
 @dataclass(frozen=True)
 class TrueMatches:
-    """S ids to A ids; what has no true match is not in them. `T_a_s` is (yaw, x, y), for a map that bends the best
+    """A ids by S ids; nodes without a true match are left out. `T_a_s` is (yaw, x, y), for a deformed map the best
     rigid fit of the matches; `floor` is the A-graph's; `s_centroid` is `SceneGraph.centroid` of the S-graph."""
 
     rooms: Mapping[str, str]
