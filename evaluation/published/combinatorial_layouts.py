@@ -1,4 +1,4 @@
-"""Layouts on which the combinatorial search was measured as published: grids of rooms, uneven or all equal."""
+"""Layouts like those on which the published combinatorial search was measured: grids of uneven or equal rooms."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,14 +13,14 @@ WALL_M, CELL_M = 0.2, 6.5
 
 @dataclass(frozen=True)
 class Noise:
-    """Of each wall: across it (metres) and of its normal (degrees), standard deviations."""
+    """Standard deviations of each wall's offset (m) and of its normal (degrees)."""
 
     metres: float = 0.03
     degrees: float = 0.5
 
 
 def grid(columns: int, rows: int, side_m: float | None = None, seed: int = 0) -> SceneGraph:
-    """An A-graph of rooms in columns and rows: squares of one side, or rectangles of sizes and offsets of their own."""
+    """An A-graph of rooms in columns and rows: squares with `side_m`, or rectangles of random sizes and offsets."""
     rng = np.random.default_rng(seed)
     rings = []
     for k in range(rows):
@@ -33,7 +33,7 @@ def grid(columns: int, rows: int, side_m: float | None = None, seed: int = 0) ->
 
 
 def polygons(count: int, walls: int, seed: int = 0) -> SceneGraph:
-    """An A-graph of rooms in a row with so many walls each, on circles of 2.5 m, of which no corner is regular."""
+    """An A-graph of `count` rooms in a row with `walls` walls each, irregular polygons on circles of 2.5 m."""
     rng = np.random.default_rng(seed)
     rings = []
     for k in range(count):
@@ -65,9 +65,9 @@ def seen(
     turned: float = 0.0,
     mirrored: bool = False,
 ) -> SceneGraph:
-    """An S-graph of some of the rooms, with noise, turned (radians) about the origin, or flipped in x.
+    """An S-graph of some of the rooms, with noise, rotated (rad) about the origin, or mirrored in x.
 
-    Ids are the plan's with "s:" before them. A room's centre is that of its walls as they were seen.
+    Ids are the plan's with the prefix "s:". The centre of a room is that of its noisy walls.
     """
     noise = noise or Noise()
     rng = np.random.default_rng([seed, 1])
@@ -90,7 +90,7 @@ def seen(
 
 
 def subset(plan: SceneGraph, count: int, seed: int = 0) -> list[int]:
-    """Some of the plan's rooms, at random."""
+    """The indices of `count` random rooms of the plan."""
     rng = np.random.default_rng([seed, 2])
     return [int(k) for k in rng.permutation(len(plan.rooms))[:count]]
 

@@ -1,8 +1,7 @@
-"""`python -m evaluation.published.tables --out DIR`: the published matcher's tables, beside other methods' numbers.
+"""`python -m evaluation.published.tables --out DIR`: the published matcher's tables, with the results of other methods.
 
-First the published perturbation (and what becomes of it when the start is not known), then maps that SLAM built.
-Every pair and method is a line in DIR/rows.jsonl, written at once; what is there already is skipped. Tables and the
-figure are made from the rows alone.
+First the published perturbation, also with an unknown start, then maps built by SLAM. Every match is a line in
+DIR/rows.jsonl; lines that exist already are skipped. Tables and the figure are made from the rows alone.
 """
 
 import json
@@ -40,11 +39,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog="python -m evaluation.published.tables", description="The published tables, and ours.")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for rows.jsonl and tables.md")
+    parser = Parser(prog="python -m evaluation.published.tables", description="Reproduce the published tables.")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for rows.jsonl and tables.md")
     parser.add_argument("--msd", type=Path, metavar="DIR", help="apartments of Modified Swiss Dwellings as JSON")
-    parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs a cell of them (default 100)")
-    parser.add_argument("--generated", type=int, default=0, metavar="N", help="generated apartments, a pair each")
+    parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs per cell of --msd (default 100)")
+    parser.add_argument("--generated", type=int, default=0, metavar="N", help="generated apartments, one pair each")
     parser.add_argument("--se2", type=Path, metavar="FILE", help="a known map, see evaluation.published.se2_subsets")
     parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.harness.slam_graphs")
     parser.add_argument("--methods", nargs="*", default=METHODS, metavar="NAME")
@@ -56,14 +55,14 @@ def _parser() -> Parser:
         help="networks of matching.published.train",
     )
     parser.add_argument(
-        "--slow-pairs", type=int, default=25, metavar="N", help="of combinatorial in the first table (default 25)"
+        "--slow-pairs", type=int, default=25, metavar="N", help="pairs of combinatorial in the first table (default 25)"
     )
-    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds a pair (default 60)")
+    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="time limit per pair (default 60)")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each (default 1)")
-    parser.add_argument("--report-only", action="store_true", help="the tables of the rows that are there")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="a page whose section 'published' is written too")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="F1 where the start is not known, as SVG")
+    parser.add_argument("--report-only", action="store_true", help="only write the tables of existing rows")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section 'published' is written")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="SVG file for F1 with an unknown start")
     return parser
 
 
@@ -92,7 +91,7 @@ def _run(options: Any, given: list[str]) -> None:
 
 
 def _methods(options: Any) -> tuple[str, ...]:
-    """All methods, tried once, so that a mistake is told before anything runs."""
+    """The networks of the ablation; loads all methods once, so that mistakes are reported before anything runs."""
     from matching import Matcher
 
     networks = []
@@ -163,7 +162,7 @@ def _report(options: Any) -> None:
 
     rows = read_rows(options.out / FILE)
     if not rows:
-        raise UserError(f"{options.out / FILE}: no rows; nothing has been measured")
+        raise UserError(f"{options.out / FILE}: no rows; run it without --report-only first")
     networks = [(name, file) for name, _, file in (text.partition("=") for text in options.ablation)]
     names = {f"paper@{file}": name for name, file in networks}
     path = options.out / COMMANDS
@@ -182,7 +181,7 @@ def _report(options: Any) -> None:
 
 
 def _trained_by(file: Path) -> str:
-    """The command that a network's card tells."""
+    """The training command in a network's model card."""
     card = file.with_name("model_card.json")
     return str(json.loads(card.read_text())["command"]) if card.exists() else file.name
 
