@@ -1,8 +1,8 @@
-"""Reads a factor graph that S-Graphs saved, finds its place in a building's plan, and anchors it there.
+"""Matches a factor graph saved by S-Graphs with a building's plan and anchors it there.
 
     python examples/anchor_s_graphs.py GRAPH.g2o PLAN.json
 
-PLAN is an A-graph (a run's a_graph.json, or a file that holds it as `a_graph`). Prints the keyframes in building
+PLAN is an A-graph: a run's a_graph.json, or a file with the key `a_graph`. Prints the keyframe poses in building
 coordinates, as `id x y z qx qy qz qw`.
 """
 
@@ -21,9 +21,9 @@ from sgslam.geometry.frames import se2_to_se3
 
 
 def main() -> None:
-    """Raises UserError where a file is bad, and where the map has no unique place in the plan."""
+    """Raises UserError for a damaged file and if the match is not unique."""
     if len(sys.argv) != 3:
-        raise UserError("give a graph and a plan: python examples/anchor_s_graphs.py GRAPH.g2o PLAN.json")
+        raise UserError("usage: python examples/anchor_s_graphs.py GRAPH.g2o PLAN.json")
     graph, plan = read_g2o(sys.argv[1]), SceneGraph.load(sys.argv[2], "a_graph")
     for line in graph.refused:
         print(f"left out, {line}", file=sys.stderr)
@@ -31,7 +31,7 @@ def main() -> None:
     match = Matcher.load().match(graph.scene_graph(), plan)
     print(f"{match.status}: {match.reason}", file=sys.stderr)
     if match.status != "unique" or match.T_a_s is None:
-        raise UserError(f"the map has no unique place in {sys.argv[2]}: {match.reason}")
+        raise UserError(f"the map has no unique match in {sys.argv[2]}: {match.reason}")
 
     pairs = [(plane_of(s_id), plan.surface_by_id[a_id]) for s_id, a_id, _ in match.wall_surfaces]
     anchored = anchor_plane_graph(graph, pairs, se2_to_se3(*match.T_a_s))
@@ -43,7 +43,7 @@ def main() -> None:
         for p, wall in pairs
     ]  # fmt: skip
     before, after = 1000 * np.median(off, axis=0)
-    print(f"walls off the plan, median: {before:.0f} mm laid on it, {after:.0f} mm anchored", file=sys.stderr)
+    print(f"median distance of walls from the plan: {before:.0f} mm matched, {after:.0f} mm anchored", file=sys.stderr)
     for number, pose in anchored.keyframes.items():
         print(number, *(f"{value:.6f}" for value in poses_to_xyzquat(pose)))
 

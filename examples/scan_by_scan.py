@@ -1,8 +1,8 @@
-"""Feeds scans one by one, as a robot would, and reads pose, graph and anchors between them.
+"""Runs SLAM scan by scan, as on a robot, and reads the pose, the graph and the anchors in between.
 
     python examples/scan_by_scan.py SCANS BUILDING.ifc
 
-`python -m sgslam.run --demo --out demo` leaves scans and a building: demo/demo_drive/scans demo/demo_building.ifc.
+`python -m sgslam.run --demo --out demo` makes example data: demo/demo_drive/scans demo/demo_building.ifc.
 """
 
 import sys
@@ -14,11 +14,11 @@ from sgslam import SceneGraphSlam, load_bim
 
 
 def main() -> None:
-    """Raises UserError for what cannot be read."""
+    """Raises UserError for unreadable input."""
     if len(sys.argv) != 3:
-        raise UserError("give scans and a building: python examples/scan_by_scan.py SCANS BUILDING.ifc")
+        raise UserError("usage: python examples/scan_by_scan.py SCANS BUILDING.ifc")
     scans, slam = ScanFolder(sys.argv[1]), SceneGraphSlam(bim=load_bim(sys.argv[2]))
-    for scan in scans:  # or: your driver's callback, with a stamp in int nanoseconds and (N, 3) points in metres
+    for scan in scans:  # or in your driver's callback: stamp in integer nanoseconds, points (N, 3) in metres
         update = slam.add_scan(scan.stamp_ns, scan.points)
         if scan.index % 50 and scan.index != len(scans) - 1:
             continue
@@ -28,7 +28,7 @@ def main() -> None:
         if slam.T_bim_map is not None:
             x, y, z = (slam.T_bim_map @ update.T_map_sensor)[:3, 3]
             tight = sum(anchor.state == "tight" for anchor in slam.anchors)
-            line += f"; at {x:.2f} {y:.2f} {z:.2f} in the building, held by {tight} anchors"
+            line += f"; at {x:.2f} {y:.2f} {z:.2f} in the building, {tight} anchors"
         print(line)
     result = slam.finish()
     print("anchored" if result.anchored else "not anchored", result.reason, sep=": ")

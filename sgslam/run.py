@@ -11,58 +11,58 @@ from data.common.errors import UserError
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command; returns 0 when done, also when nothing could be anchored. Raises UserError."""
+    """The command; returns 0 when done, even if nothing could be anchored. Raises UserError."""
     options = _parser().parse_args(arguments)
     if options.resume is None and options.scan_dir is None and not options.demo:
-        raise UserError("--scan-dir is missing: give the folder that holds the scans, or --demo")
-    # libraries are loaded only now, so that --help and a missing argument answer at once
+        raise UserError("--scan-dir is missing; give the folder that holds the scans, or --demo")
+    # imported only now, so that --help and a missing argument respond at once
     from threadpoolctl import threadpool_limits
 
     from sgslam.cli.run_job import Run, out_folder, read_job
-    from sgslam.cli.scan_loop import feed
+    from sgslam.cli.scan_loop import run_scans
     from sgslam.viewer.live import LiveView, open_page
 
-    threadpool_limits(1, user_api="blas")  # a scan is small: more threads only wait for each other
-    sys.setswitchinterval(1e-4)  # the thread that reads ahead gives way at once; by the default it holds the run up
+    threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
+    sys.setswitchinterval(1e-4)  # with the default interval the reading thread slows the run down
     page = None if options.view is None else open_page(options.view)
     job = read_job(options)
     out = out_folder(options)
     run = Run(job, out)
-    gc.freeze()  # what is loaded now stays: it need not be searched for garbage again and again
+    gc.freeze()  # the modules stay loaded: the garbage collector need not scan them
     view = None if page is None else LiveView(page, job.a_graph, job.truth)
-    onlooker = None if view is None else view.tell
-    broken = feed(run.slam, job.scans, run.progress, run.checkpoints, job.given, onlooker)
-    _show(run.finish(broken), out)
+    on_scan = None if view is None else view.add_scan
+    stopped = run_scans(run.slam, job.scans, run.progress, run.checkpoints, job.external_odometry, on_scan)
+    _print_summary(run.finish(stopped), out)
     if view is not None:
-        view.stay(out)
+        view.show_finished(out)
     return 0
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Scans and a building's IFC file in, a trajectory in building coordinates out."
+    about = "Estimate the trajectory of a LiDAR in building coordinates from its scans and the building's plan."
     parser = Parser(prog="python -m sgslam.run", description=about)
     add = parser.add_argument
-    add("--scan-dir", type=Path, metavar="DIR", help="folder of scans, or a bag; the formats: docs/formats.md")
-    add("--topic", metavar="NAME", help="the scans' topic in a bag, where it holds several")
+    add("--scan-dir", type=Path, metavar="DIR", help="folder of scans, or a bag; formats: docs/formats.md")
+    add("--topic", metavar="NAME", help="topic of the scans, if the bag has several")
     add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
-    add("--layer", action="append", default=[], metavar="NAME", help="a layer of a .dxf with walls; may be given again")
-    add("--map", type=Path, metavar="DIR", help="the --out folder of an earlier run, whose map this one goes on with")
-    add("--out", type=Path, metavar="DIR", help="where the results go (default: out/<date>)")
-    add("--ground-truth", type=Path, metavar="FILE", help="sensor poses in the BIM frame, TUM, the scans' clock")
-    add("--start", metavar="X,Y,YAW", help="rough start in the BIM frame, metres and radians; breaks ties")
-    add("--storey", metavar="NAME", help="the storey where the run begins, where it is known")
-    add("--odometry", metavar="NAME|FILE", help="kiss (the default), small_gicp, or a TUM file of T_odom_sensor")
+    add("--layer", action="append", default=[], metavar="NAME", help="wall layer of a .dxf file (repeatable)")
+    add("--map", type=Path, metavar="DIR", help="--out folder of an earlier run; its map is extended by this run")
+    add("--out", type=Path, metavar="DIR", help="folder for the results (default: out/<date>)")
+    add("--ground-truth", type=Path, metavar="FILE", help="true sensor poses in the BIM frame, TUM, clock of the scans")
+    add("--start", metavar="X,Y,YAW", help="rough initial pose in the BIM frame (m, rad); resolves ambiguous matches")
+    add("--storey", metavar="NAME", help="storey on which the run begins, if known")
+    add("--odometry", metavar="NAME|FILE", help="kiss (default), small_gicp, or a TUM file of T_odom_sensor")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
-    add("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
-    add("--resume", type=Path, metavar="DIR", help="go on with the run of that --out folder, which was broken off")
-    add("--demo", action="store_true", help="make a building, drive through it, and run on that; needs nothing else")
-    add("--seed", type=int, default=0, metavar="N", help="of the demo's drive")
-    add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser, until Ctrl-C")
-    add("--verbose", action="store_true", help="tell what happens")
+    add("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
+    add("--resume", type=Path, metavar="DIR", help="resume the interrupted run in this --out folder")
+    add("--demo", action="store_true", help="generate a building, simulate a drive through it and run on that")
+    add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive")
+    add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser until Ctrl-C")
+    add("--verbose", action="store_true", help="print log messages")
     return parser
 
 
-def _show(metrics: dict[str, Any], out: Path) -> None:
+def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
@@ -70,9 +70,9 @@ def _show(metrics: dict[str, Any], out: Path) -> None:
     rows = {"reason": metrics["reason"]}
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
     rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
-    if (returned := metrics["returned"]) is not None:
-        found = f"found in it after {returned['found_s']:.1f} s" if returned["found"] else "not found in it"
-        rows["earlier map"] = f"{found}: {returned['reason']}"
+    if (outcome := metrics["returned"]) is not None:
+        found = f"relocalised after {outcome['found_s']:.1f} s" if outcome["found"] else "not relocalised"
+        rows["prior map"] = f"{found}: {outcome['reason']}"
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
     for name, value in metrics.get("accuracy", {}).items():

@@ -20,7 +20,7 @@ from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.geometry.frames import inverse
 from sgslam.run import main as run
 from sgslam.slam import SceneGraphSlam
-from sgslam.viewer.finished import FinishedRun, FinishedView, told_truth
+from sgslam.viewer.finished import FinishedRun, FinishedView, stored_truth
 from sgslam.viewer.page import Page
 from tests.helpers.chromium import Chromium
 
@@ -62,7 +62,7 @@ def page(path: Path, name: str, profile: Path) -> None:
 def view(out: Path, profile: Path) -> None:
     """The ground floor of the plan, the map over it, half of the way driven."""
     opened = Page(("127.0.0.1", 0))
-    shown = FinishedView(opened, [FinishedRun(out, told_truth(out))])
+    shown = FinishedView(opened, [FinishedRun(out, stored_truth(out))])
     shown.panel.storey.value = next(iter(shown.scene.storeys.values()))
     shown.panel.lift.value = LIFT_M
     with Chromium(opened.url, profile, SIZE) as browser:

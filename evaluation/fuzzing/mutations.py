@@ -22,7 +22,7 @@ _VALUES: tuple[Any, ...] = (
 )  # fmt: skip
 
 
-def mutated(seeds: list[bytes], rng: random.Random) -> bytes:
+def mutate(seeds: list[bytes], rng: random.Random) -> bytes:
     """One of the seeds, damaged once to several times."""
     raw = rng.choice(seeds)
     for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
@@ -33,23 +33,23 @@ def mutated(seeds: list[bytes], rng: random.Random) -> bytes:
     return raw
 
 
-def mutated_json(seeds: list[bytes], rng: random.Random) -> bytes:
+def mutate_json(seeds: list[bytes], rng: random.Random) -> bytes:
     """A JSON seed with some of its values exchanged, doubled or taken out; now and then its text damaged."""
     if rng.random() < 0.25:
-        return mutated(seeds, rng)
+        return mutate(seeds, rng)
     value = json.loads(rng.choice(seeds))
     for _ in range(rng.choice((1, 1, 2, 5))):
         _change_node(value, rng)
     return json.dumps(value).encode()
 
 
-def mutated_zip(inner: Callable[[list[bytes], random.Random], bytes]) -> Callable[[list[bytes], random.Random], bytes]:
+def mutate_zip(inner: Callable[[list[bytes], random.Random], bytes]) -> Callable[[list[bytes], random.Random], bytes]:
     """Damages one member of an archive with `inner`, or the archive."""
 
     def mutate(seeds: list[bytes], rng: random.Random) -> bytes:
         """One of the archives with a file in it changed, or, three times in ten, changed itself."""
         if rng.random() < 0.3:
-            return mutated(seeds, rng)
+            return mutate(seeds, rng)
         packed = io.BytesIO()
         with zipfile.ZipFile(io.BytesIO(rng.choice(seeds))) as archive:
             names = archive.namelist()
@@ -63,9 +63,9 @@ def mutated_zip(inner: Callable[[list[bytes], random.Random], bytes]) -> Callabl
     return mutate
 
 
-def mutated_e57(seeds: list[bytes], rng: random.Random) -> bytes:
+def mutate_e57(seeds: list[bytes], rng: random.Random) -> bytes:
     """Mostly with the checksums of its pages made right again, since else nothing behind them is ever reached."""
-    raw = mutated(seeds, rng)
+    raw = mutate(seeds, rng)
     if rng.random() < 0.2:
         return raw
     pages = bytearray(raw)

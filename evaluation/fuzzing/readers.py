@@ -12,7 +12,7 @@ from data.common.errors import UserError
 from data.scans.formats import read_timed
 from data.scans.reading_errors import UnreadableScanError
 from evaluation.fuzzing import samples as samples
-from evaluation.fuzzing.mutations import mutated, mutated_e57, mutated_json, mutated_zip
+from evaluation.fuzzing.mutations import mutate, mutate_e57, mutate_json, mutate_zip
 
 REFUSED = (UserError, UnreadableScanError)
 
@@ -25,7 +25,7 @@ class Reader:
     suffix: str
     samples: Callable[[Path], list[bytes]]
     read: Callable[[Path], object]
-    mutate: Callable[[list[bytes], random.Random], bytes] = mutated
+    mutate: Callable[[list[bytes], random.Random], bytes] = mutate
     share: float = 1.0
 
 
@@ -186,24 +186,24 @@ READERS = (
     *(Reader(f"scans {s}", s, partial(samples.scan, s), read_timed, share=1.5)
       for s in (".bin", ".npy", ".pcd", ".ply")),
     *(Reader(f"scans {s}", s, partial(samples.las, s), read_timed) for s in (".las", ".laz")),
-    Reader("scans .e57", ".e57", samples.e57, _scans, mutated_e57, 0.3),
+    Reader("scans .e57", ".e57", samples.e57, _scans, mutate_e57, 0.3),
     *(Reader(f"bag {kind}", suffix, partial(samples.bag, kind), _scans, share=0.5)
       for kind, suffix in (("ros1", ".bag"), ("ros1-lz4", ".bag"), ("mcap", ".mcap"), ("sqlite3", ".db3"))),
     Reader("IFC", ".ifc", samples.ifc, _ifc, share=0.05),
-    Reader("IFC, packed", ".ifczip", lambda folder: samples.ifc(folder, packed=True), _ifc, mutated_zip(mutated), 0.02),
-    Reader("GeoJSON", ".geojson", lambda folder: samples.geojson(), _building, mutated_json, 0.2),
+    Reader("IFC, packed", ".ifczip", lambda folder: samples.ifc(folder, packed=True), _ifc, mutate_zip(mutate), 0.02),
+    Reader("GeoJSON", ".geojson", lambda folder: samples.geojson(), _building, mutate_json, 0.2),
     Reader("DXF", ".dxf", samples.dxf, _building, share=0.1),
-    Reader("floor plan", ".json", lambda folder: samples.floor_plan(), _plans, mutated_json, 0.5),
+    Reader("floor plan", ".json", lambda folder: samples.floor_plan(), _plans, mutate_json, 0.5),
     Reader("mesh .stl", ".stl", lambda folder: samples.mesh(folder, ".stl"), _mesh, share=0.05),
     Reader("mesh .obj", ".obj", lambda folder: samples.mesh(folder, ".obj"), _mesh, share=0.05),
-    Reader("scene graph", ".json", _graph_sample, _graph, mutated_json),
+    Reader("scene graph", ".json", _graph_sample, _graph, mutate_json),
     Reader("trajectory", ".tum", _rows(8), _tum),
     Reader("times", ".txt", _rows(1), _times),
     Reader("g2o", ".g2o", _g2o_lines, _g2o),
     Reader("settings", ".yaml", _config_sample, _config, share=0.3),
-    Reader("network", ".npz", partial(_weights_sample, ".npz"), _learned, mutated_zip(mutated), 0.5),
-    Reader("network of torch", ".pt", partial(_weights_sample, ".pt"), _weights, mutated_zip(mutated), 0.2),
-    Reader("network's input", ".json", _graph_sample, _match, mutated_json, 0.02),
-    Reader("state", ".npz", _state_sample, _state, mutated_zip(mutated), 0.5),
+    Reader("network", ".npz", partial(_weights_sample, ".npz"), _learned, mutate_zip(mutate), 0.5),
+    Reader("network of torch", ".pt", partial(_weights_sample, ".pt"), _weights, mutate_zip(mutate), 0.2),
+    Reader("network's input", ".json", _graph_sample, _match, mutate_json, 0.02),
+    Reader("state", ".npz", _state_sample, _state, mutate_zip(mutate), 0.5),
     Reader("keyframe clouds", ".bin", _clouds_sample, _clouds),
 )  # fmt: skip

@@ -1,8 +1,8 @@
-"""`python -m evaluation.fuzzing.run --inputs N --out DIR`: damaged files of every format, to every reader.
+"""`python -m evaluation.fuzzing.run --inputs N --out DIR`: feeds damaged files of every format to every reader.
 
-Each input is made from a whole small file by its number and the seed alone, and read in a process with limits on memory
-and time. A reader may read it or refuse it (UserError; of single scans UnreadableScanError); any other exception, a
-signal, a hang and memory that runs out are crashes. Their inputs are kept in DIR.
+Each input is a mutated small file, determined by its number and the seed. It is read in a process with limits on memory
+and time. A reader may read the file or refuse it (UserError; for single scans UnreadableScanError). Any other
+exception, a signal, a hang or running out of memory is a crash. Inputs that crash a reader are written to DIR.
 """
 
 import multiprocessing
@@ -23,23 +23,23 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from evaluation.fuzzing.readers import READERS, REFUSED, Reader
 
-MEMORY = 3 << 30  # bytes that an input may make a reader map, beside what the libraries take
-HANG = 20.0  # s of the processor
-WAIT = 20  # times as long by the clock, on a machine that others use too
+MEMORY = 3 << 30  # bytes a reader may allocate for an input, on top of the libraries
+HANG = 20.0  # s of CPU time
+WAIT = 20  # wall-clock limit as a multiple of HANG: the machine may be shared
 OUTCOMES = ("read", "refused", "crashes")
 
 
 class Hang(BaseException):
-    """The time is over; no `except Exception` may take it."""
+    """The time limit is exceeded. A BaseException, so that no `except Exception` of a reader catches it."""
 
 
 def input_of(reader: Reader, seeds: list[bytes], seed: int, number: int) -> bytes:
-    """The same bytes each time."""
+    """The bytes of an input; the same for the same arguments."""
     return reader.mutate(seeds, random.Random(f"{seed} {reader.name} {number}"))
 
 
 def outcome_of(reader: Reader, path: Path) -> tuple[str, str]:
-    """What a reader makes of a file: one of OUTCOMES, and of a crash what it was."""
+    """Reads a file; returns one of OUTCOMES and, for a crash, its description."""
     signal.setitimer(signal.ITIMER_PROF, HANG)
     signal.setitimer(signal.ITIMER_REAL, WAIT * HANG)
     try:
@@ -57,15 +57,15 @@ def outcome_of(reader: Reader, path: Path) -> tuple[str, str]:
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
-def _work(name: str, numbers: list[int], seed: int, said: Connection) -> None:
-    """Tells each input's number before it is read and its outcome after."""
+def _read_inputs(name: str, numbers: list[int], seed: int, results: Connection) -> None:
+    """Reads the inputs; sends each number before it is read and the outcome afterwards."""
     reader = next(r for r in READERS if r.name == name)
-    ring_on_time()
+    raise_on_timeout()
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
     with tempfile.TemporaryDirectory(prefix="fuzz-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:
         seeds = reader.samples(Path(folder))
         path = Path(folder) / "input"
-        for at, whole in enumerate(seeds):  # loads the libraries, and shows that the samples are whole
+        for at, whole in enumerate(seeds):  # loads the libraries and checks that the samples are valid
             (path := path.with_name(f"whole{at}{reader.suffix}")).write_bytes(whole)
             reader.read(path)
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -73,25 +73,25 @@ def _work(name: str, numbers: list[int], seed: int, said: Connection) -> None:
         path = Path(folder) / f"input{reader.suffix}"
         for number in numbers:
             path.write_bytes(input_of(reader, seeds, seed, number))
-            said.send((number, "began", ""))
-            said.send((number, *outcome_of(reader, path)))
-    said.close()
+            results.send((number, "began", ""))
+            results.send((number, *outcome_of(reader, path)))
+    results.close()
 
 
-def ring_on_time() -> None:
-    """Makes a hang of this process an exception."""
+def raise_on_timeout() -> None:
+    """Raises `Hang` in this process when a timer expires."""
     for number in (signal.SIGALRM, signal.SIGPROF):
-        signal.signal(number, _ring)
+        signal.signal(number, _raise_hang)
 
 
-def _ring(*_: Any) -> None:
+def _raise_hang(*_: Any) -> None:
     raise Hang
 
 
 def fuzz(
     names: list[str], inputs: int, seconds: float, seed: int, out: Path | None, processes: int
 ) -> dict[str, Counter[str]]:
-    """The counts by reader. Ends after `seconds`, whatever has been tried by then."""
+    """Fuzzes the readers for at most `seconds`; returns the counts of outcomes by reader."""
     chosen = [r for r in READERS if r.name in names]
     total = sum(r.share for r in chosen)
     jobs = [(r.name, list(range(max(1, round(inputs * r.share / total))))) for r in chosen]
@@ -101,32 +101,33 @@ def fuzz(
     while (jobs or running) and monotonic() < ends:
         while jobs and len(running) < processes:
             run = _Run(*jobs.pop(0), seed)
-            running[run.hears] = run
+            running[run.connection] = run
         for heard in wait(list(running), timeout=1.0):
             if not running[heard].listen(counts, seed, out):
-                rest = running.pop(heard).ended(counts, seed, out)
+                rest = running.pop(heard).after_exit(counts, seed, out)
                 jobs[:0] = [rest] if rest is not None else []
         for run in [r for r in running.values() if monotonic() - r.since > 2 * WAIT * HANG]:
-            run.process.kill()  # it does not even hear the alarm
+            run.process.kill()  # it does not react to the timer
     for run in running.values():
         run.process.kill()
     return counts
 
 
 class _Run:
-    """A process at work, and what it was last heard to do."""
+    """A child process and the input that it reads now."""
 
     def __init__(self, name: str, numbers: list[int], seed: int) -> None:
         self.name, self.numbers, self.since, self.current = name, numbers, monotonic(), -1
-        self.hears, said = multiprocessing.Pipe(duplex=False)
-        self.process = multiprocessing.get_context("fork").Process(target=_work, args=(name, numbers, seed, said))
+        self.connection, results = multiprocessing.Pipe(duplex=False)
+        arguments = (name, numbers, seed, results)
+        self.process = multiprocessing.get_context("fork").Process(target=_read_inputs, args=arguments)
         self.process.start()
-        said.close()
+        results.close()
 
     def listen(self, counts: dict[str, Counter[str]], seed: int, out: Path | None) -> bool:
-        """Takes one message; False where there are no more."""
+        """Handles one message; returns False when the connection is closed."""
         try:
-            number, outcome, what = self.hears.recv()
+            number, outcome, what = self.connection.recv()
         except EOFError:
             return False
         self.since = monotonic()
@@ -135,22 +136,22 @@ class _Run:
             counts[self.name][outcome] += 1
             self.numbers = self.numbers[self.numbers.index(number) + 1 :]
             if outcome == "crashes":
-                _keep(self.name, number, seed, what, out)
+                _report_crash(self.name, number, seed, what, out)
         return True
 
-    def ended(self, counts: dict[str, Counter[str]], seed: int, out: Path | None) -> tuple[str, list[int]] | None:
-        """What remains to be done after the process has ended, with an input or without one."""
+    def after_exit(self, counts: dict[str, Counter[str]], seed: int, out: Path | None) -> tuple[str, list[int]] | None:
+        """Records what the process was doing when it ended; returns the reader's name and the inputs left, or None."""
         self.process.join()
         if self.current >= 0:
             counts[self.name]["crashes"] += 1
-            _keep(self.name, self.current, seed, f"the process ended with {self.process.exitcode}", out)
+            _report_crash(self.name, self.current, seed, f"the process ended with {self.process.exitcode}", out)
             self.numbers = [n for n in self.numbers if n > self.current]
         elif self.numbers:
-            raise UserError(f"{self.name}: a whole sample cannot be read (exit {self.process.exitcode})")
+            raise UserError(f"{self.name}: cannot read an undamaged sample (exit code {self.process.exitcode})")
         return (self.name, self.numbers) if self.numbers else None
 
 
-def _keep(name: str, number: int, seed: int, what: str, out: Path | None) -> None:
+def _report_crash(name: str, number: int, seed: int, what: str, out: Path | None) -> None:
     print(f"crash: {name}, input {number}: {what}", file=sys.stderr, flush=True)
     if out is not None:
         reader = next(r for r in READERS if r.name == name)
@@ -160,7 +161,7 @@ def _keep(name: str, number: int, seed: int, what: str, out: Path | None) -> Non
 
 
 def table(counts: dict[str, Counter[str]]) -> str:
-    """A line for each reader, Markdown."""
+    """Markdown table with a line for each reader."""
     lines = ["| reader | inputs | read | refused | crashes |", "|---|---|---|---|---|"]
     total: Counter[str] = Counter()
     for name, count in counts.items():
@@ -171,17 +172,17 @@ def table(counts: dict[str, Counter[str]]) -> str:
 
 
 def main() -> int:
-    """The command line; 1 where a reader crashed. Raises UserError."""
+    """The command line; returns 1 if a reader crashed. Raises UserError."""
     parser = Parser(
-        prog="python -m evaluation.fuzzing.run", description="Damaged files of every format, to every reader."
+        prog="python -m evaluation.fuzzing.run", description="Feed damaged files of every format to every reader."
     )
     add = parser.add_argument
-    add("--inputs", type=int, default=10_000, metavar="N", help="over all readers")
-    add("--seconds", type=float, default=3600.0, metavar="S", help="ends then, whatever was tried")
+    add("--inputs", type=int, default=10_000, metavar="N", help="inputs in total (default 10000)")
+    add("--seconds", type=float, default=3600.0, metavar="S", help="time limit (default 3600)")
     add("--seed", type=int, default=0, metavar="N", help="the same seed gives the same inputs")
     add("--reader", action="append", metavar="NAME", help=f"one of: {', '.join(r.name for r in READERS)}")
-    add("--processes", type=int, default=1, metavar="N", help="at once")
-    add("--out", type=Path, metavar="DIR", help="where inputs are kept that crash, and the table")
+    add("--processes", type=int, default=1, metavar="N", help="processes in parallel (default 1)")
+    add("--out", type=Path, metavar="DIR", help="folder for the table and the inputs that crash")
     options = parser.parse_args()
     names = options.reader or [r.name for r in READERS]
     if unknown := [n for n in names if n not in {r.name for r in READERS}]:

@@ -128,9 +128,10 @@ def ifc(folder: Path, packed: bool = False) -> list[bytes]:
 
 def geojson() -> list[bytes]:
     """Rooms with walls and a door, and walls alone as lines."""
-    told = {"storey": "1", "elevation": 3.0, "height": 2.8}
-    rooms = [_feature(room, {"type": "room", "name": str(k), **told}) for k, room in enumerate(_ROOMS)]
-    rooms += [_feature(_WALLS, {"type": "wall", **told}), _feature(shapely.Point(4.05, 1.4), {"type": "door", **told})]
+    properties = {"storey": "1", "elevation": 3.0, "height": 2.8}
+    rooms = [_feature(room, {"type": "room", "name": str(k), **properties}) for k, room in enumerate(_ROOMS)]
+    rooms.append(_feature(_WALLS, {"type": "wall", **properties}))
+    rooms.append(_feature(shapely.Point(4.05, 1.4), {"type": "door", **properties}))
     rings = [r for p in shapely.get_parts(_WALLS) for r in (p.exterior, *p.interiors)]
     lines = [_feature(shapely.LineString(ring.coords), {"kind": "wall"}) for ring in rings]
     return [json.dumps({"type": "FeatureCollection", "features": f}).encode() for f in (rooms, lines)]

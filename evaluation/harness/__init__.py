@@ -1,1 +1,1 @@
-"""What the studies share: sequences, records, pages, stand-ins."""
+"""Shared parts of the measurements: sequences, records, pages, stand-in matchers."""

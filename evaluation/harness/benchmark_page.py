@@ -1,4 +1,4 @@
-"""A page of results (BENCHMARKS.md) whose sections the commands that measure write themselves."""
+"""The page of results (BENCHMARKS.md), whose sections are written by the measuring commands."""
 
 import os
 import platform
@@ -13,18 +13,17 @@ NAME = re.compile(r"[a-z0-9-]+")
 
 
 def write_section(path: Path, name: str, markdown: str) -> None:
-    """Replaces what stands between `<!-- name -->` and `<!-- /name -->` in the page, or adds the section at its end.
+    """Replaces the text between `<!-- name -->` and `<!-- /name -->` in the page, or appends the section.
 
-    Everything else on the page stays as it is. The page is written whole or not at all; it is made where it is missing.
-
-    Raises UserError for a name that is no marker (lower-case letters, digits, hyphens), for a text that holds the
-    markers itself, and for a page that holds one of the two markers only, or one of them twice.
+    The rest of the page does not change. The page is written atomically and created if it is missing. Raises UserError
+    for an invalid name (allowed: lower-case letters, digits, hyphens), a text that contains the markers, and a page in
+    which the two markers do not form one pair.
     """
     if not NAME.fullmatch(name):
-        raise UserError(f"'{name}' is no name of a section: lower-case letters, digits and hyphens only")
+        raise UserError(f"'{name}': invalid section name; use lower-case letters, digits and hyphens only")
     begin, end = f"<!-- {name} -->", f"<!-- /{name} -->"
     if begin in markdown or end in markdown:
-        raise UserError(f"the text for section '{name}' holds the marker of the section")
+        raise UserError(f"the text for section '{name}' contains the section's marker; remove it")
     page = path.read_text() if path.exists() else ""
     section = f"{begin}\n{markdown.strip()}\n{end}"
     counts = (page.count(begin), page.count(end))
@@ -38,18 +37,18 @@ def write_section(path: Path, name: str, markdown: str) -> None:
 
 
 def made_by(command: str) -> str:
-    """One line for under a table: the command that made it, the machine and the date."""
+    """The source of a table in one line: the command, the machine and the date."""
     return f"`{command}` on {machine()}, {date.today().isoformat()}"
 
 
 def machine() -> str:
-    """The processor and how many cores of it there are."""
+    """The processor and its number of cores."""
     return f"{_processor()}, {os.cpu_count()} cores"
 
 
 def wall_clock() -> str:
-    """What seconds are worth: how busy the machine has been lately."""
-    return f"Seconds of the wall clock, on a machine whose load has been {os.getloadavg()[2]:.1f} for 15 minutes."
+    """A note on wall-clock times: the machine's load average."""
+    return f"Wall-clock seconds on a machine with a load average (15 minutes) of {os.getloadavg()[2]:.1f}."
 
 
 def _processor() -> str:

@@ -1,4 +1,4 @@
-"""The switches of the ablation: what is made harder in a run, and what it is called in the tables."""
+"""The conditions of a measurement: how a run is made harder, and the name for the tables."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,13 +8,12 @@ from data.common.errors import UserError
 
 @dataclass(frozen=True)
 class Conditions:
-    """What is made harder; the defaults make nothing so.
+    """How a run is made harder; by default not at all.
 
-    `weaken`: the scans end at a few metres and the odometry's steps are worsened until its own error exceeds 0.5 m
-    (`evaluation.harness.weakened`). `moved_walls`: the share of the storey's walls that stand 10 to 30 cm from their
-    planned place; `absent_walls`: of those that were never built; `unplanned_walls`: of those that the plan lacks.
-    `wrong_matches`: rooms, with their walls, that the matcher's answer gets wrong. `loops`: the whole way is driven
-    back again, so that every place is seen twice.
+    `weaken`: the range is cut to a few metres and the odometry is degraded until its error exceeds 0.5 m
+    (`evaluation.harness.weakened`). `moved_walls`, `absent_walls`, `unplanned_walls`: shares of the storey's walls that
+    are built 10 to 30 cm off the plan, not built, and missing in the plan. `wrong_matches`: number of rooms that are
+    matched wrongly. `loops`: the whole path is driven back again, so that every place is seen twice.
     """
 
     weaken: bool = False
@@ -25,20 +24,20 @@ class Conditions:
     unplanned_walls: float = 0.0
 
     def __post_init__(self) -> None:
-        """Raises UserError for what cannot be."""
+        """Raises UserError for invalid values."""
         for kind, share in self._changed.items():
             if not 0 <= share <= 1:
-                raise UserError(f"--{kind}-walls {share:g}: a share from 0 to 1 is needed")
+                raise UserError(f"--{kind}-walls {share:g}: the share must be from 0 to 1")
         if self.wrong_matches < 0:
             raise UserError(f"--wrong-matches {self.wrong_matches}: must not be negative")
 
     @property
     def name(self) -> str:
-        """For tables and files; `normal` where nothing is made harder."""
+        """The name for tables and files; `normal` by default."""
         return " ".join(option.removeprefix("--").replace(" ", "-") for option in self.options()) or "normal"
 
     def options(self) -> Iterator[str]:
-        """The command line's options that ask for these conditions."""
+        """The command-line options for these conditions."""
         if self.weaken:
             yield "--weaken"
         for kind, share in self._changed.items():
@@ -51,7 +50,7 @@ class Conditions:
 
     @property
     def of_the_drive(self) -> str:
-        """What of them changes the drive itself; a folder's name ends in it."""
+        """The suffix of the drive's folder: the conditions that change the drive itself."""
         changed = "".join(f"-{kind}{share:g}" for kind, share in self._changed.items() if share)
         return changed + ("-loops" if self.loops else "")
 

@@ -1,4 +1,4 @@
-"""A simulated drive of any length, scanned a part at a time: half an hour of scans is gigabytes, a part is not."""
+"""A simulated drive of any length, produced in parts: half an hour of scans takes gigabytes."""
 
 import shutil
 import tempfile
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 _PART = 250  # scans
 _HEIGHT = 0.8  # m of the sensor above the floor
-_SHARE = 0.55  # of a robot's top speed that it has on average, turns on the spot counted
+_SHARE = 0.55  # mean speed as a share of the top speed, turns on the spot included
 
 
 @dataclass(frozen=True)
-class Way:
-    """Which drive: so many `scans` through a storey of `bim` (IFC file or mesh), or `standing` where it begins."""
+class DriveSpec:
+    """A drive of `scans` scans through a storey of `bim` (IFC file or mesh), or `standing` still at its start."""
 
     bim: Path
     storey: str
@@ -35,14 +35,14 @@ class Way:
 
 
 class EndlessDrive:
-    """The drive, as a context. Each scan has a noise of its own, and no place is stood at twice but by chance.
+    """A simulated drive, as a context. Each scan has its own noise.
 
-    A process of its own casts the rays, and only while it is waited for, so that neither its memory nor its time is
-    that of whoever reads the scans. `truth` is T_bim_sensor of all scans.
+    Another process casts the rays, only while the caller waits for it, so that it adds neither memory nor time to the
+    measured process. `truth` is T_bim_sensor of all scans.
     """
 
-    def __init__(self, way: Way) -> None:
-        """Raises UserError for a building or a storey that cannot be driven."""
+    def __init__(self, way: DriveSpec) -> None:
+        """Raises UserError for a building or a storey that cannot be driven through."""
         self._way, self._folder = way, Path(tempfile.mkdtemp(prefix="drive."))
         context = get_context("spawn")
         self._ours, theirs = context.Pipe()
@@ -52,7 +52,7 @@ class EndlessDrive:
         self.truth: Trajectory = self._answer()
 
     def parts(self) -> Iterator[Path]:
-        """Folders of scans one after another; each is gone when the next is asked for."""
+        """Folders of scans, one after another; each is deleted when the next is requested."""
         for first in range(0, self._way.scans, _PART):
             folder = self._folder / f"{first:08d}"
             self._ours.send((first, min(first + _PART, self._way.scans), folder))
@@ -64,7 +64,7 @@ class EndlessDrive:
         try:
             answer = self._ours.recv()
         except EOFError:
-            raise UserError("the simulator ended early; it has told why above") from None
+            raise UserError("the simulator ended early; see its message above") from None
         if isinstance(answer, UserError):
             self.__exit__(None, None, None)
             raise answer
@@ -81,8 +81,8 @@ class EndlessDrive:
         shutil.rmtree(self._folder, ignore_errors=True)
 
 
-def _simulate(asked: Connection, way: Way) -> None:
-    """The process that casts the rays: answers with the truth, then with each part that it is asked for."""
+def _simulate(requests: Connection, way: DriveSpec) -> None:
+    """The simulator's process: sends the truth, then writes each requested part."""
     from data.scans.writers import SCAN_WRITERS
     from data.simulation.simulate import SENSOR
     from data.trajectory.stamps import ns_to_seconds
@@ -90,12 +90,12 @@ def _simulate(asked: Connection, way: Way) -> None:
     try:
         truth, scene = _planned(way)
     except UserError as error:
-        asked.send(error)
+        requests.send(error)
         return
-    asked.send(truth)
+    requests.send(truth)
     while True:
         try:
-            first, last, folder = asked.recv()
+            first, last, folder = requests.recv()
         except EOFError:
             return
         folder.mkdir(parents=True)
@@ -104,11 +104,11 @@ def _simulate(asked: Connection, way: Way) -> None:
             SCAN_WRITERS["bin"](folder / f"{i:08d}.bin", points, None)
         stamps = truth.stamps_ns[first:last].tolist()
         (folder / "times.txt").write_text("".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
-        asked.send(None)
+        requests.send(None)
 
 
-def _planned(way: Way) -> "tuple[Trajectory, TriangleScene]":
-    """The way by the simulator's parts, for one storey."""
+def _planned(way: DriveSpec) -> "tuple[Trajectory, TriangleScene]":
+    """The true poses and the scene of a drive through one storey."""
     from data.geometry.raycast import TriangleScene
     from data.plans.mesh_files import is_mesh
     from data.simulation.drive import drive

@@ -1,4 +1,4 @@
-"""Drawn buildings that tempt a loop closure: a long corridor and a ring of corridors, with equal offices and doors."""
+"""Synthetic buildings with strong perceptual aliasing: a corridor and a ring of corridors with identical offices."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,9 +16,12 @@ _TALL = 1.4  # m from the corridor's wall to a cupboard in each office
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """`triangles` (M, 3, 3), metres, floor at z = 0; `doors` (D, 2) their middles, `inside` (D, 2) a place in the
-    office behind each; `way` (N, 2) along the middle of the corridor."""
+class LoopBuilding:
+    """A building for loop-closure tests, in metres.
+
+    `triangles` (M, 3, 3), the floor at z = 0; `doors` (D, 2) the middles of the doors; `inside` (D, 2) a point in the
+    office behind each door; `way` (N, 2) the centre line of the corridor.
+    """
 
     triangles: Floats
     doors: Floats
@@ -26,8 +29,8 @@ class Drawn:
     way: Floats
 
 
-def long_corridor(offices: int = 18) -> Drawn:
-    """A straight corridor with so many equal offices on either side; only its two ends differ from the rest."""
+def long_corridor(offices: int = 18) -> LoopBuilding:
+    """A straight corridor with `offices` identical offices on either side; only its ends are distinctive."""
     length = offices * PITCH
     along = (np.arange(offices) + 0.5) * PITCH
     cells = [(x, side) for side in (-1.0, 1.0) for x in along]
@@ -36,8 +39,8 @@ def long_corridor(offices: int = 18) -> Drawn:
     return _drawn([corridor], rows, np.array([[1.0, 0.0], [length - 1.0, 0.0]]))
 
 
-def ring(across: int = 12, deep: int = 8) -> Drawn:
-    """Four corridors about a core, with so many equal offices along the outside of the long and of the short ones."""
+def ring(across: int = 12, deep: int = 8) -> LoopBuilding:
+    """Four corridors around a core, with `across` and `deep` identical offices along the outside of each side."""
     half = np.array([across * PITCH, deep * PITCH]) / 2
     rows = []
     for axis, count in ((0, across), (1, deep)):
@@ -64,7 +67,7 @@ class _Room:
 
 
 def _office(place: Floats, tangent: Floats, out: Floats) -> _Room:
-    """The office whose door is beside `place` (2,) in the corridor's middle; `out` leads into it."""
+    """The office whose door is beside `place` (2,) on the centre line; `out` (2,) points into the office."""
 
     def area(low: float, high: float, near: float, far: float) -> shapely.Polygon:
         corners = [place + a * tangent + b * out for a, b in ((low, near), (high, near), (high, far), (low, far))]
@@ -77,7 +80,7 @@ def _office(place: Floats, tangent: Floats, out: Floats) -> _Room:
     return _Room(area(-half, half, near, near + DEPTH), door, cupboard, middle, place + (near + 1.6) * out)
 
 
-def _drawn(corridors: Sequence[shapely.Polygon], rooms: Sequence[_Room], way: Floats) -> Drawn:
+def _drawn(corridors: Sequence[shapely.Polygon], rooms: Sequence[_Room], way: Floats) -> LoopBuilding:
     open_above = shapely.union_all([*corridors, *(r.area for r in rooms)])
     furnished = open_above.difference(shapely.union_all([r.cupboard for r in rooms]))
     doors = [r.door for r in rooms]
@@ -88,7 +91,8 @@ def _drawn(corridors: Sequence[shapely.Polygon], rooms: Sequence[_Room], way: Fl
     for door in doors:
         x0, y0, x1, y1 = door.bounds
         triangles += _level(x0, y0, x1, y1, DOOR_HEIGHT)
-    return Drawn(np.array(triangles), np.array([r.middle for r in rooms]), np.array([r.inside for r in rooms]), way)
+    middles, insides = np.array([r.middle for r in rooms]), np.array([r.inside for r in rooms])
+    return LoopBuilding(np.array(triangles), middles, insides, way)
 
 
 def _upright(area: shapely.Geometry, low: float, high: float) -> list[Floats]:

@@ -1,4 +1,4 @@
-"""Drives for the measurement of loop closure: scans made as they are asked for, the truth, and the odometry given."""
+"""Simulated drives for measuring loop closure: scans on demand, the truth, and an external odometry."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from data.simulation.drive import Robot, drive
 from data.simulation.sensor import SpinningSensor
 from data.simulation.simulate import ROBOT_TOP
 from data.trajectory import Trajectory
-from evaluation.harness.loop_buildings import Drawn, long_corridor, ring
+from evaluation.harness.loop_buildings import LoopBuilding, long_corridor, ring
 from evaluation.harness.weakened import shortened, worsened
 
 Floats = NDArray[np.float64]
@@ -32,8 +32,8 @@ PAST_THE_START = 12.0  # m
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """`truth` are sensor poses in the building's frame; with a `level` above 0 the sensor sees a few metres only and
-    `odometry` (N, 4, 4) is given, T_odom_sensor."""
+    """A drive: `truth` is T_bim_sensor. With a `level` above 0 the range is a few metres and `odometry` (N, 4, 4) is a
+    degraded T_odom_sensor."""
 
     scene: TriangleScene
     truth: Trajectory
@@ -42,7 +42,7 @@ class Drive:
     odometry: Floats | None
 
     def scans(self) -> Iterator[tuple[int, Floats, Floats | None]]:
-        """Stamp (ns), points (N, 3) in the sensor frame, and T_odom_sensor (4, 4) where it is given, of each scan."""
+        """Stamp (ns), points (N, 3) in the sensor frame, and T_odom_sensor (4, 4) or None, of each scan."""
         sensor = SpinningSensor()
         for k, (stamp_ns, pose) in enumerate(zip(self.truth.stamps_ns.tolist(), self.truth.poses, strict=True)):
             points = sensor.scan(self.scene, pose, np.random.default_rng([self.seed, k])).astype(float)
@@ -53,11 +53,10 @@ class Drive:
 def drive_along(route: str, seed: int, level: int = 0) -> Drive:
     """Drives one of `ROUTES`; the same seed gives the same scans.
 
-    With a `level` above 0 the front end is weak: see `evaluation.harness.weakened`. Raises UserError for an unknown
-    route.
+    A `level` above 0 degrades the front end, see `evaluation.harness.weakened`. Raises UserError for an unknown route.
     """
     if route not in ROUTES:
-        raise UserError(f"no route '{route}'; there are {', '.join(ROUTES)}")
+        raise UserError(f"unknown route '{route}'; use one of {', '.join(ROUTES)}")
     rng = np.random.default_rng([seed, 11])
     building = ring() if route == "ring" else long_corridor()
     legs = [_leg(a, b) for a, b in pairwise(_places(route, building, rng))]
@@ -65,9 +64,9 @@ def drive_along(route: str, seed: int, level: int = 0) -> Drive:
 
 
 def drive_through(bim: Path, storey: str, length: float, seed: int, level: int = 0) -> Drive:
-    """A tour of `length` metres or more through the rooms of an IFC model's storey, and back to where it began.
+    """A round trip of at least `length` metres through the rooms of an IFC model's storey.
 
-    Raises UserError for what the simulator refuses.
+    Raises UserError as the simulator does.
     """
     from data.simulation.occupancy import build_grid
     from data.simulation.route import plan_tour
@@ -91,8 +90,8 @@ def _driven(
     return Drive(scene, truth, seed, level, worsened(truth.poses, level, seed) if level else None)
 
 
-def _places(route: str, building: Drawn, rng: np.random.Generator) -> Floats:
-    """(N, 2) where the robot turns: each leg between two is straight."""
+def _places(route: str, building: LoopBuilding, rng: np.random.Generator) -> Floats:
+    """(N, 2) the turning points of the path; the legs between them are straight."""
     if route == "ring":
         way = building.way + rng.uniform(-0.2, 0.2, building.way.shape)
         ahead = (way[1] - way[0]) / np.linalg.norm(way[1] - way[0])
@@ -103,8 +102,8 @@ def _places(route: str, building: Drawn, rng: np.random.Generator) -> Floats:
     return np.concatenate([there, _row(building, rng, 4 if "visits" in route else 0)[::-1]])
 
 
-def _row(building: Drawn, rng: np.random.Generator, visits: int) -> Floats:
-    """Along the corridor, with so many offices entered on the way."""
+def _row(building: LoopBuilding, rng: np.random.Generator, visits: int) -> Floats:
+    """(N, 2) turning points along the corridor, with `visits` offices entered on the way."""
     chosen = rng.choice(len(building.doors), visits, replace=False)
     chosen = chosen[np.argsort(building.doors[chosen, 0], kind="stable")]
     places = [building.way[0] + rng.uniform(-0.2, 0.2, 2)]

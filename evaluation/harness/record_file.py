@@ -1,4 +1,4 @@
-"""A measurement's rows in a CSV file, rewritten after each, so that one that was killed goes on where it was."""
+"""The rows of a measurement in a CSV file, written after each row, so that it can be interrupted and repeated."""
 
 import csv
 import io
@@ -13,15 +13,15 @@ Record = dict[str, str]  # a row as the file has it; empty for None
 
 
 class RecordFile:
-    """The rows of one dataclass in a file; those it holds already are read at once."""
+    """A CSV file with rows of one dataclass; existing rows are read at once."""
 
     def __init__(self, path: Path, row: type) -> None:
-        """Raises UserError for a file of other columns."""
+        """Raises UserError for a file with other columns."""
         self._path, self._columns = path, tuple(f.name for f in fields(row))
         self.records = read_records(path, self._columns)
 
     def find(self, **values: Any) -> Record | None:
-        """The row with these values."""
+        """The first row with these values; None if there is none."""
         wanted = {name: str(value) for name, value in values.items()}
         return next((r for r in self.records if wanted.items() <= r.items()), None)
 
@@ -35,7 +35,7 @@ class RecordFile:
 
 
 def read_records(path: Path, columns: tuple[str, ...]) -> list[Record]:
-    """The rows of a file, none where there is no file; raises UserError for one of other columns."""
+    """The rows of a file; empty without a file. Raises UserError for a file with other columns."""
     if not path.exists():
         return []
     with path.open(newline="") as file:
@@ -46,7 +46,7 @@ def read_records(path: Path, columns: tuple[str, ...]) -> list[Record]:
 
 
 def write_records(path: Path, columns: tuple[str, ...], records: list[Record]) -> None:
-    """Writes the rows, atomically."""
+    """Writes the rows atomically."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()

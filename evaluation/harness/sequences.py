@@ -1,4 +1,4 @@
-"""What is measured on: scans, building and truth; simulated by seed, or a user's own, listed in YAML."""
+"""The sequences of a measurement (scans, building and truth): simulated by seed, or recorded ones, listed in YAML."""
 
 import shutil
 from collections.abc import Callable, Iterable
@@ -25,13 +25,16 @@ if TYPE_CHECKING:
     from sgslam.config import Config
     from sgslam.odometry import Odometry
 
-INDOOR_VOXEL = 0.5  # m, of KISS-ICP alone
+INDOOR_VOXEL = 0.5  # m, for KISS-ICP alone
 
 
 @dataclass(frozen=True)
 class SequenceSpec:
-    """A line of the list. With `scans` and `truth` it is a user's own and the same for every seed; else the storey of
-    the building is driven by the simulator. `demo` stands for the demo building's path."""
+    """An entry of the list.
+
+    With `scans` and `truth` it is a recorded sequence, the same for every seed; else a drive through `storey` is
+    simulated. `demo` as `bim` stands for the demo building.
+    """
 
     name: str
     bim: str
@@ -43,7 +46,7 @@ class SequenceSpec:
 
     @property
     def simulated(self) -> bool:
-        """Whether it is driven by the simulator."""
+        """Whether the drive is simulated."""
         return self.scans is None
 
     @property
@@ -52,11 +55,11 @@ class SequenceSpec:
         return is_mesh(self.bim)
 
     def files(self) -> set[str]:
-        """What it reads and does not make."""
+        """The paths of its input files."""
         return {path for path in (self.bim, self.scans, self.truth) if path is not None and path != "demo"}
 
     def absolute(self) -> "SequenceSpec":
-        """The same, whatever folder it is used in."""
+        """The same with absolute paths."""
 
         def whole(path: str) -> str:
             return path if path == "demo" else str(Path(path).resolve())
@@ -67,10 +70,9 @@ class SequenceSpec:
 
 @dataclass(frozen=True)
 class Sequence:
-    """Ready to run: the whole building's A-graph, and the truth (sensor poses in the BIM frame).
+    """A sequence that is ready to run: the whole building's A-graph and the true sensor poses in the BIM frame.
 
-    `bim` is the file that the A-graph was made from. `weak` is the odometry to be used where the conditions ask for a
-    weak one.
+    `bim` is the file of the A-graph. `weak` is the degraded odometry, None unless the conditions ask for one.
     """
 
     name: str
@@ -84,10 +86,10 @@ class Sequence:
 
 
 def read_specs(path: Path) -> list[SequenceSpec]:
-    """Reads a YAML list of sequences; raises UserError for what is missing or unknown.
+    """Reads a YAML list of sequences. Raises UserError for missing or unknown entries.
 
-    Paths are taken from the folder that the command is run in. A user's own takes five lines (for an IFC file or an
-    A-graph; the truth in TUM format, sensor poses in the building's frame):
+    Paths are relative to the working directory. A recorded sequence takes five lines (`bim` is an IFC file or an
+    A-graph; `truth` has sensor poses in the building's frame, TUM format):
 
         - name: my building
           bim: building.ifc
@@ -98,7 +100,7 @@ def read_specs(path: Path) -> list[SequenceSpec]:
     try:
         rows = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{path}: cannot be read as YAML ({type(error).__name__})") from None
+        raise UserError(f"{path}: cannot read this file ({type(error).__name__}); give a YAML list") from None
     if not isinstance(rows, list) or not rows:
         raise UserError(f"{path}: not a list of sequences")
     try:
@@ -109,15 +111,15 @@ def read_specs(path: Path) -> list[SequenceSpec]:
         if (spec.scans is None) != (spec.truth is None):
             raise UserError(f"{path}: '{spec.name}' needs both scans and truth, or neither")
         if spec.simulated and spec.storey is None and spec.bim != "demo" and not spec.is_mesh:
-            raise UserError(f"{path}: '{spec.name}' is to be simulated and names no storey")
+            raise UserError(f"{path}: '{spec.name}' is simulated but has no storey; add one")
     names = [spec.name for spec in specs]
     if len(set(names)) != len(names):
         raise UserError(f"{path}: two sequences have the same name")
     return specs
 
 
-def chosen(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceSpec]:
-    """Those of the names of `--sequences`, all where it is not given; raises UserError for a name that there is not."""
+def select_sequences(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceSpec]:
+    """The sequences with the names of `--sequences`, all by default. Raises UserError for an unknown name."""
     if names is None:
         return specs
     if unknown := sorted(set(names) - {spec.name for spec in specs}):
@@ -127,34 +129,34 @@ def chosen(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceS
 
 
 def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions = NORMAL) -> Sequence:
-    """Simulates what is not there yet, into `folder`, and loads the rest.
+    """Loads a sequence; a drive that is missing in `folder` is simulated there first.
 
-    Raises UserError for conditions that the sequence cannot have, and for what the simulator and the readers refuse.
+    Raises UserError for conditions that the sequence cannot have, and as the simulator and the readers do.
     """
     bim, storey = _building(spec, folder)
     graph = _a_graph(bim)
     if spec.scans is not None and spec.truth is not None:
         if conditions.of_the_drive:
-            raise UserError(f"'{spec.name}' is not simulated: its walls cannot be moved and its way stays as it is")
-        scan_dir, truth_path, kept = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-{seed}.odometry.tum"
+            raise UserError(f"'{spec.name}': not simulated, so its walls and its path cannot be changed; leave it out")
+        scan_dir, truth_path, cache = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-{seed}.odometry.tum"
     else:
         drive = folder / f"{spec.name}-{seed}{conditions.of_the_drive}"
         if not drive.exists():
             _simulate(spec, bim, storey, drive, seed, conditions)
-        scan_dir, truth_path, kept = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
-        if (drive / PLAN).exists():  # the plan that lacks walls
+        scan_dir, truth_path, cache = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
+        if (drive / PLAN).exists():  # the plan without the added walls
             bim, graph = drive / PLAN, _a_graph(drive / PLAN)
     truth = Trajectory.read_tum(truth_path)
     sequence = Sequence(spec.name, seed, scan_dir, bim, graph, truth, conditions)
     if not conditions.weaken:
         return sequence
-    if not kept.exists():
-        odometry_of_run(ScanFolder(scan_dir)).write_tum(kept)
-    return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(kept), truth, seed))
+    if not cache.exists():
+        odometry_of_run(ScanFolder(scan_dir)).write_tum(cache)
+    return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(cache), truth, seed))
 
 
 def plan_of(spec: SequenceSpec, folder: Path) -> SceneGraph:
-    """The whole building's A-graph; the demo building is written into `folder` where it is not there."""
+    """The whole building's A-graph; the demo building is written to `folder` if missing."""
     return _a_graph(_building(spec, folder)[0])
 
 
@@ -180,7 +182,7 @@ def _a_graph(bim: Path) -> SceneGraph:
 def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int, conditions: Conditions) -> None:
     from data.simulation.simulate import simulate
 
-    for unfinished in drive.parent.glob(f".{drive.name}.*"):  # of a run that was killed
+    for unfinished in drive.parent.glob(f".{drive.name}.*"):  # left by an interrupted run
         shutil.rmtree(unfinished)
     changes = Changes(conditions.moved_walls, conditions.absent_walls, conditions.unplanned_walls)
     simulate(
@@ -190,7 +192,7 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
 
 
 def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
-    """KISS-ICP alone on whole scans, with a voxel for indoors: its default of 1 m is for streets; T_odom_sensor."""
+    """T_odom_sensor of KISS-ICP alone on whole scans, with a voxel for indoors: the default of 1 m is for streets."""
     from sgslam.config import OdometrySettings
     from sgslam.odometry.kiss import KissOdometry
 
@@ -198,9 +200,9 @@ def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
 
 
 def odometry_of_run(scans: Iterable[Scan], config: "Config | None" = None) -> Trajectory:
-    """The odometry on the points and with the settings that a run would give it, without walls or floor; T_odom_sensor.
+    """T_odom_sensor of the odometry alone, on the points and with the settings of a run, without walls or floor.
 
-    `config` says which one, KISS-ICP by default. Scans are taken as they are, not deskewed.
+    `config` selects the odometry, KISS-ICP by default. Scans are not deskewed.
     """
     from sgslam.config import Config
     from sgslam.odometry import make_odometry
@@ -227,6 +229,6 @@ def _registered(
 
 
 def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:
-    """The storey whose floor lies next below a sensor pose (4, 4)."""
+    """The id of the storey whose floor is next below a sensor pose (4, 4); None if there is none."""
     below = [f for f in a_graph.floors if f.elevation is not None and f.elevation <= T_bim_sensor[2, 3]]
     return max(below, key=lambda f: f.elevation or 0.0).id if below else None

@@ -1,4 +1,4 @@
-"""S-graphs that our own pipeline built, with their truth: a file for each drive, and for each building's A-graph."""
+"""Files of S-graphs built by the SLAM system, with their truth: one for each drive and each building's A-graph."""
 
 import json
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ SUFFIX = ".s_graphs.json"
 
 @dataclass(frozen=True)
 class SlamGraph:
-    """What the matcher was given `seconds` after the start of a drive; `whole` at its end, with all that was seen."""
+    """The S-graph passed to the matcher `seconds` after the start of a drive; `whole` at its end."""
 
     seconds: float
     whole: bool
@@ -25,7 +25,7 @@ class SlamGraph:
 
 @dataclass(frozen=True)
 class SlamDrive:
-    """The S-graphs of one drive, in the order they were built, and the whole building's A-graph."""
+    """The S-graphs of one drive in order of time, and the whole building's A-graph."""
 
     sequence: str
     seed: int
@@ -34,7 +34,7 @@ class SlamDrive:
 
 
 def write_drive(folder: Path, drive: SlamDrive, building: str) -> None:
-    """Writes `SEQUENCE-SEED.s_graphs.json`, and `BUILDING.a_graph.json` where it is not there yet."""
+    """Writes `SEQUENCE-SEED.s_graphs.json`, and `BUILDING.a_graph.json` if it is missing."""
     plan = folder / f"{building}.a_graph.json"
     if not plan.exists():
         drive.a_graph.save(plan)
@@ -47,15 +47,15 @@ def write_drive(folder: Path, drive: SlamDrive, building: str) -> None:
 
 
 def drive_file(folder: Path, sequence: str, seed: int) -> Path:
-    """Where a drive's S-graphs are."""
+    """The file of a drive's S-graphs."""
     return folder / f"{sequence}-{seed}{SUFFIX}"
 
 
 def read_drives(folder: Path) -> Iterator[SlamDrive]:
-    """All drives of a folder, by name; raises UserError where there is none or a file cannot be read."""
+    """All drives of a folder, by name. Raises UserError if there is none or a file cannot be read."""
     files = sorted(folder.glob(f"*{SUFFIX}"))
     if not files:
-        raise UserError(f"{folder}: no *{SUFFIX} in it; make some with python -m evaluation.harness.slam_graphs")
+        raise UserError(f"{folder}: no *{SUFFIX} files; make them with python -m evaluation.harness.slam_graphs")
     plans: dict[str, SceneGraph] = {}
     for file in files:
         try:
@@ -69,7 +69,7 @@ def read_drives(folder: Path) -> Iterator[SlamDrive]:
             )
             yield SlamDrive(value["sequence"], value["seed"], plans[plan], graphs)
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{file}: not a drive's S-graphs ({type(error).__name__}); make it anew") from None
+            raise UserError(f"{file}: not a drive's S-graphs ({type(error).__name__}); make it again") from None
 
 
 def _truth(drawn: DrawnGraph) -> dict[str, Any]:

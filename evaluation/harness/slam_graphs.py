@@ -1,9 +1,9 @@
-"""S-graphs that our own pipeline builds on simulated drives, for reports on matching: nothing is tuned on them.
+"""Records the S-graphs that the SLAM system builds on simulated drives, as test data for matching.
 
     python -m evaluation.harness.slam_graphs --out DIR [--bims demo FILE ...] [--list FILE] [--seeds N ...]
 
-Every S-graph is one that the pipeline gave its matcher, which answered nothing, so that no map is anchored: the first
-of each number of rooms, and the last. Drives that are in DIR already are left as they are.
+The graphs are those passed to the matcher, which never answers, so that no map is anchored: the first with each number
+of rooms, and the last one. Nothing is tuned on them. Drives that exist in DIR already are skipped.
 """
 
 import shutil
@@ -22,31 +22,31 @@ from evaluation.harness.slam_graph_files import SlamDrive, SlamGraph, drive_file
 from evaluation.metrics.true_matches import true_matches
 from matching import MatchResult
 
-LEAST_ROOMS = 3  # of a storey that is driven
-LEAST_WALLS = 4  # of an S-graph
+LEAST_ROOMS = 3  # of a storey, to drive through it
+LEAST_WALLS = 4  # of an S-graph, to record it
 
 
 class Recorder:
-    """A matcher that answers nothing and keeps what it was asked: (seconds since the start, S-graph)."""
+    """A matcher that finds no match and records its `calls`: (seconds since the start, S-graph)."""
 
     def __init__(self) -> None:
-        self.asked: list[tuple[float, SceneGraph]] = []
+        self.calls: list[tuple[float, SceneGraph]] = []
         self.seconds = 0.0
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
-        """As any matcher."""
-        self.asked.append((self.seconds, s))
-        return MatchResult("none", "the map is to stay as it is")
+        """Records the S-graph; returns no match."""
+        self.calls.append((self.seconds, s))
+        return MatchResult("none", "recording only")
 
     def chosen(self) -> list[tuple[float, SceneGraph]]:
         """The first S-graph of each number of rooms, and the last one."""
-        first = {len(s.rooms): (seconds, s) for seconds, s in reversed(self.asked) if len(s.rooms)}
-        kept = sorted([*first.values(), self.asked[-1]], key=lambda asked: asked[0])
-        return [k for n, k in enumerate(kept) if k[1] is not kept[n - 1][1] or not n]
+        first = {len(s.rooms): (seconds, s) for seconds, s in reversed(self.calls) if len(s.rooms)}
+        calls = sorted([*first.values(), self.calls[-1]], key=lambda call: call[0])
+        return [k for n, k in enumerate(calls) if k[1] is not calls[n - 1][1] or not n]
 
 
 def record(sequence: Sequence) -> SlamDrive:
-    """Runs the pipeline on a drive and gives the S-graphs on its way, without their keyframes, and their truth."""
+    """Runs the system on a drive; returns the recorded S-graphs, without keyframes, and their truth."""
     from data.scans import ScanFolder
     from evaluation.harness.sequences import storey_of
     from sgslam.slam import SceneGraphSlam
@@ -66,7 +66,7 @@ def record(sequence: Sequence) -> SlamDrive:
     for seconds, s_graph in recorder.chosen():
         if len(s_graph.wall_surfaces) >= LEAST_WALLS:
             drawn = _with_truth(replace(s_graph, keyframes=()), storey, T_bim_map, floor)
-            graphs.append(SlamGraph(seconds, s_graph is recorder.asked[-1][1], drawn))
+            graphs.append(SlamGraph(seconds, s_graph is recorder.calls[-1][1], drawn))
     return SlamDrive(sequence.name, sequence.seed, sequence.a_graph, tuple(graphs))
 
 
@@ -77,7 +77,7 @@ def _with_truth(s_graph: SceneGraph, storey: SceneGraph, T_bim_map: np.ndarray, 
 
 
 def specs_of(bims: list[str]) -> list[SequenceSpec]:
-    """A drive of every storey with rooms enough; `demo` stands for the demo building. Raises UserError."""
+    """A drive through every storey with enough rooms; `demo` stands for the demo building. Raises UserError."""
     from data.plans.bim import load_bim
 
     specs = []
@@ -93,10 +93,10 @@ def specs_of(bims: list[str]) -> list[SequenceSpec]:
 
 
 def make(specs: list[SequenceSpec], seeds: list[int], out: Path) -> int:
-    """Drives, records and writes what is not there yet; returns how many drives are there then.
+    """Drives, records and writes what `out` lacks; returns the number of drives in it.
 
-    The scans of a simulated drive are removed when its S-graphs are written. A storey on which the robot cannot move
-    is told and left out.
+    The scans of a simulated drive are deleted after its S-graphs are written. A storey on which the robot cannot move
+    is reported and left out.
     """
     drives = out / "drives"
     drives.mkdir(parents=True, exist_ok=True)
@@ -119,17 +119,17 @@ def make(specs: list[SequenceSpec], seeds: list[int], out: Path) -> int:
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.harness.slam_graphs", description="S-graphs of our own pipeline, with truth."
+        prog="python -m evaluation.harness.slam_graphs", description="Record S-graphs of the system, with truth."
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the S-graphs are written")
-    parser.add_argument("--bims", nargs="+", metavar="FILE", help="IFC files, all storeys; 'demo': the demo building")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the S-graphs")
+    parser.add_argument("--bims", nargs="+", metavar="FILE", help="IFC files (all storeys), or 'demo'")
     parser.add_argument("--list", type=Path, metavar="FILE", help="YAML list of sequences")
     parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1], metavar="N")
     options = parser.parse_args()
     specs = [] if options.list is None else read_specs(options.list)
     specs += specs_of(options.bims or ([] if options.list else ["demo"]))
     if not make(specs, options.seeds, options.out):
-        raise UserError("no drive could be made")
+        raise UserError("no drive could be simulated; give other buildings or sequences")
     return 0
 
 

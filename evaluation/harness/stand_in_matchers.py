@@ -1,4 +1,4 @@
-"""Matchers for experiments: one that knows the truth, and one that spoils another's answer."""
+"""Matchers for experiments: an oracle, and one that corrupts another matcher's answers."""
 
 from dataclasses import replace
 
@@ -16,13 +16,13 @@ LEAST_WALLS = 4
 
 
 class OracleMatcher:
-    """Answers with the true matches, from the true T_bim_map (4, 4)."""
+    """Returns the true matches, from the true T_bim_map (4, 4)."""
 
     def __init__(self, T_bim_map: Array, floor: str | None) -> None:
         self._T, self._floor = T_bim_map, floor
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
-        """As any matcher."""
+        """The true match of an S-graph; status `none` with too few walls."""
         truth = true_matches(s, a.on_floor(self._floor), self._T)
         if len(truth.wall_surfaces) < LEAST_WALLS:
             return MatchResult("none", f"fewer than {LEAST_WALLS} true matches so far")
@@ -33,13 +33,13 @@ class OracleMatcher:
 
 
 class WrongMatches:
-    """Another matcher's answers, with some rooms given to wrong planned rooms, together with all their walls."""
+    """Another matcher's answers in which `count` rooms with all their walls are assigned to wrong planned rooms."""
 
     def __init__(self, matcher: AnyMatcher, count: int, seed: int) -> None:
         self._matcher, self._count, self._seed = matcher, count, seed
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
-        """As any matcher; answers that are not unique stay as they are."""
+        """The corrupted answer; answers that are not unique are not changed."""
         answer = self._matcher.match(s, a)
         assert isinstance(answer, MatchResult)
         if answer.status != "unique" or answer.T_a_s is None:
@@ -58,7 +58,7 @@ class WrongMatches:
 
 
 def _spoiled(pair: Pair, s: SceneGraph, a: SceneGraph, spoiled: dict[str, str], yaw: float) -> Pair:
-    """The wall of a spoiled room goes to the surface of the wrong room that faces most nearly the same way."""
+    """Assigns the wall of a corrupted room to the wrong room's surface with the most similar normal."""
     surface = s.surface_by_id[pair[0]]
     if surface.room not in spoiled:
         return pair

@@ -1,7 +1,7 @@
-"""A front end made weak in a known way, so that a map without the plan drifts.
+"""A front end degraded in a known way, so that a map without the plan drifts.
 
-The tracking corrects each scan by the walls in sight, which removes the drift of any odometry where a long-range LiDAR
-sees a whole corridor. Hence both are made worse: the scans end at a few metres, and the odometry's steps are wrong.
+The tracker aligns each scan to visible walls, which removes the drift of any odometry when a long-range LiDAR sees a
+whole corridor. Therefore both are degraded: the range of the scans and the odometry.
 """
 
 from dataclasses import dataclass
@@ -14,22 +14,22 @@ from data.trajectory import Trajectory
 from evaluation.metrics.trajectories import ape
 
 Array = NDArray[np.float64]
-RANGE_M = 6.0  # farther points are dropped; a level sensor at 0.8 m needs 3 m to see the floor at all
-SCALE, YAW_RAD = 0.01, float(np.radians(0.3))  # at level 1: share of each step; of a metre driven
+RANGE_M = 6.0  # points beyond are dropped; a level sensor at 0.8 m needs 3 m to see the floor
+SCALE, YAW_RAD = 0.01, float(np.radians(0.3))  # at level 1: relative step error; yaw random walk per sqrt(m)
 LEAST_ERROR_M = 0.5
 MOST_LEVEL = 64
 
 
 @dataclass(frozen=True, eq=False)
 class WeakOdometry:
-    """T_odom_sensor of all scans, its `level`, and its RMSE against the truth, first poses made to coincide."""
+    """A degraded odometry: T_odom_sensor of all scans, its `level`, and its RMSE with the first poses aligned."""
 
     trajectory: Trajectory
     level: int
     rmse_m: float
 
-    def told(self) -> str:
-        """What was done, in a line for the table."""
+    def describe(self) -> str:
+        """A one-line description for the table."""
         return (
             f"points beyond {RANGE_M:g} m dropped; odometry: steps {100 * SCALE * self.level:g} % too long, yaw random "
             f"walk {np.degrees(YAW_RAD) * self.level:.1f} deg per sqrt(m); its RMSE {self.rmse_m:.2f} m"
@@ -37,10 +37,10 @@ class WeakOdometry:
 
 
 def weaken_odometry(odometry: Trajectory, truth: Trajectory, seed: int) -> WeakOdometry:
-    """Worsens an odometry's steps, the level doubled from 1 until its RMSE exceeds 0.5 m.
+    """Degrades an odometry, doubling the level from 1 until its RMSE exceeds 0.5 m.
 
-    At level k each step is k % too long and its heading errs by a random walk of 0.3 k degrees per square root of a
-    metre. Raises UserError where no level is enough (a robot that hardly moves).
+    At level k each step is k % too long and the heading has a random walk of 0.3 k degrees per square root of a metre.
+    Raises UserError if no level is enough (a robot that hardly moves).
     """
     level = 1
     while level <= MOST_LEVEL:
@@ -53,14 +53,14 @@ def weaken_odometry(odometry: Trajectory, truth: Trajectory, seed: int) -> WeakO
 
 
 def shortened(points: Array) -> Array:
-    """The points (N, 3), sensor frame, within the weak sensor's range; the nearest ones where hardly any is."""
+    """The points (N, 3), sensor frame, within the reduced range; the nearest 50 if there are fewer."""
     ranges = np.linalg.norm(points, axis=1)
     near = ranges < RANGE_M
     return points[near] if near.sum() >= 50 else points[np.argsort(ranges)[:50]]
 
 
 def worsened(poses: Array, level: int, seed: int) -> Array:
-    """(N, 4, 4) the same motion with steps as wrong as `weaken_odometry` has them at a level."""
+    """(N, 4, 4) the poses with the step errors of `weaken_odometry` at a level."""
     steps = np.linalg.inv(poses[:-1]) @ poses[1:]
     lengths = np.linalg.norm(steps[:, :3, 3], axis=1)
     yaw = level * YAW_RAD * np.sqrt(lengths) * np.random.default_rng([seed, 7]).standard_normal(len(lengths))

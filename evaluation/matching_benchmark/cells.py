@@ -1,4 +1,4 @@
-"""The measures of a cell of the matching benchmark, from its rows."""
+"""The measures of a cell of the matching benchmark, computed from its rows."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,25 +6,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from evaluation.matching_benchmark.rows import Row, Tally
-from evaluation.metrics.bootstrap import Estimate, most_of, ratio
+from evaluation.metrics.bootstrap import Estimate, ratio, upper_bound
 from evaluation.metrics.calibration import Bin, calibration_error, merged
 from evaluation.metrics.statistics import Score
 
-LARGE = 34  # rooms of a large plan, and more
+LARGE = 34  # rooms from which a plan is large
 SIZES = ("small", "large")
 
 
 def size_of(rooms: int) -> str:
-    """The size of a plan of so many rooms: "small" below 34, "large" from there on."""
+    """The size class of a plan: "small" below 34 rooms, else "large"."""
     return SIZES[rooms >= LARGE]
 
 
 @dataclass(frozen=True)
 class NodeMeasures:
-    """Of rooms or of wall surfaces. Means over pairs; `micro_f1` is that of all nodes together.
+    """The measures of rooms or of wall surfaces: means over pairs; `micro_f1` is that of all nodes together.
 
-    Accuracy is the share of the S nodes that are answered as they should be: matched with their true match, or left
-    alone where they have none.
+    Accuracy is the share of S nodes with a correct answer: matched with their true match, or unmatched if they have
+    none.
     """
 
     precision: Estimate | None
@@ -38,10 +38,13 @@ class NodeMeasures:
 
 @dataclass(frozen=True)
 class Measures:
-    """Of a set of rows. `unique`, `ambiguous` and `none` are shares of all pairs; a pair is `perfect` where all
-    rooms and walls that have a true match are matched with it and nothing else is matched; `decided` is the share of
-    unique answers among the pairs that no other place of the plan explains as well. `wrong` of `uniques` unique
-    answers are wrong, a share of at most `wrong_bound` (one-sided 97.5 %)."""
+    """The measures of a set of rows.
+
+    `unique`, `ambiguous` and `none` are shares of all pairs. A pair is `perfect` if all rooms and walls with a true
+    match are matched with it and nothing else is matched. `decided` is the share of unique answers among pairs without
+    an alternative placement. `wrong` of the `uniques` unique answers are wrong, a share of at most `wrong_bound`
+    (one-sided 97.5 %). `slow_s` is the 95th percentile of the time, `completed` the share answered within the limit.
+    """
 
     pairs: int
     rooms: NodeMeasures
@@ -55,7 +58,7 @@ class Measures:
     uniques: int
     wrong_bound: float
     median_s: float
-    slow_s: float  # 95 % are faster
+    slow_s: float
     completed: float
     failed: int
 
@@ -77,7 +80,7 @@ def measure(rows: Sequence[Row]) -> Measures:
         to_find, share(lambda r: r.status == "unique"), share(lambda r: r.status == "ambiguous"),
         share(lambda r: r.status == "none"),
         decided=share(lambda r: r.status == "unique", lambda r: r.twin is False), wrong=wrong, uniques=uniques,
-        wrong_bound=most_of(wrong, uniques), median_s=float(np.median(seconds)),
+        wrong_bound=upper_bound(wrong, uniques), median_s=float(np.median(seconds)),
         slow_s=float(np.percentile(seconds, 95)), completed=sum(r.completed for r in rows) / len(rows),
         failed=sum(r.status == "failed" for r in rows),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""One answer against the truth, as a row of the benchmark."""
+"""Scores one answer against the truth."""
 
 from collections.abc import Mapping, Set
 
@@ -12,7 +12,7 @@ from matching.result import MatchResult, Pair
 
 
 def tallies(result: MatchResult, truth: TrueMatches, s_graph: SceneGraph) -> tuple[Tally, Tally]:
-    """Of rooms and of wall surfaces. Raises UserError where the answer does not keep the contract."""
+    """The tallies of rooms and of wall surfaces. Raises UserError if the answer violates the contract."""
     scores = matching_scores(result, truth, s_graph)
     return (
         _tally(scores.rooms, result.rooms, truth.rooms, s_graph.room_by_id.keys()),
@@ -21,7 +21,7 @@ def tallies(result: MatchResult, truth: TrueMatches, s_graph: SceneGraph) -> tup
 
 
 def is_wrong(result: MatchResult, truth: TrueMatches, bent: bool) -> bool:
-    """Whether the answer is `unique` and wrong; where nothing of the map is in the plan every unique answer is."""
+    """Whether the answer is `unique` and wrong; if nothing of the map is in the plan, every unique answer is wrong."""
     if not truth.rooms and not truth.wall_surfaces:
         return result.status == "unique"
     return unique_is_wrong(result, truth, bent)

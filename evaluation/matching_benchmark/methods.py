@@ -1,8 +1,8 @@
-"""The methods of the matching benchmark: the matcher's own, and three that show what the network's proposals are worth.
+"""The methods of the matching benchmark: those of `Matcher`, and three ablations of the network's proposals.
 
-These lay proposals into the plan, verify and complete them as `learned` does. `proposals-voting`: the proposals are
-those that the map's corners vote for, as in `voting`; `proposals-parts`: each room and its neighbours vote as well,
-which `voting` does not do; `proposals-shuffled`: they are the network's, each wall's given to another wall.
+The ablations verify and complete their proposals as `learned` does. `proposals-voting`: the map's corners vote, as in
+`voting`. `proposals-parts`: each room with its neighbours votes too. `proposals-shuffled`: the network's proposals,
+permuted over the walls.
 """
 
 from collections.abc import Callable
@@ -17,12 +17,12 @@ from matching.search.proposals import Proposals, TopK
 
 
 def load_method(name: str) -> Matcher:
-    """The matcher of a name; raises UserError for one that does not exist."""
-    arms: dict[str, Callable[[], Matcher]] = {
+    """The matcher with this name. Raises UserError for an unknown name."""
+    variants: dict[str, Callable[[], Matcher]] = {
         "proposals-voting": lambda: _voting(by_parts=False), "proposals-parts": lambda: _voting(by_parts=True),
         "proposals-shuffled": _shuffled,
     }  # fmt: skip
-    return arms[name]() if name in arms else Matcher.load(name)
+    return variants[name]() if name in variants else Matcher.load(name)
 
 
 def _voting(by_parts: bool) -> Matcher:

@@ -1,7 +1,7 @@
-"""The method `oracle`: each room's true motion is given, our own assignment of walls and rooms does the rest.
+"""The method `oracle`: gets each room's true motion and assigns walls and rooms like our matchers.
 
-What it misses is what the noise leaves to no method that assigns as we do: walls that lie beside a wrong wall, or
-none, though the room is where it truly is. It is no bound: a method may do better by knowing more than places.
+It misses what this assignment cannot find because of the noise: walls next to a wrong wall or to none although the room
+is at its true place. It is not an upper bound: a method may use more than positions.
 """
 
 import time
@@ -19,9 +19,9 @@ from matching.search.scoring import SIGMA_SCORE, Pairing, fit
 
 
 def oracle_match(drawn: DrawnGraph, a: SceneGraph) -> MatchResult:
-    """The answer of the oracle, always `unique`, for an S-graph whose truth is known, and its A-graph.
+    """The oracle's answer for an S-graph with known truth and its A-graph; `none` only if the true floor has no walls.
 
-    A surface without a room moves as the nearest one that has a room, a room whose motion is not known as the map.
+    A surface without a room moves with the nearest one that has a room; a room with unknown motion moves with the map.
     """
     began = time.perf_counter()
     s = arrays(drawn.s_graph, None, list(drawn.s_graph.wall_surfaces))

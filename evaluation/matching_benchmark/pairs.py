@@ -1,4 +1,4 @@
-"""The pairs of the matching benchmark: which plans, which S-graphs of them, drawn the same whatever the order."""
+"""The pairs of the matching benchmark: plans and S-graphs drawn from them, independent of the plans' order."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,30 +19,29 @@ from matching.ambiguity.symmetries import symmetries
 
 NEGATIVE, SGSLAM = "negative", "sgslam"
 DRAWN = (*NOISE_MODELS, NEGATIVE)
-COLUMNS = (1, 2, 3, 4, 6, 9, 14)  # rooms seen; and all
-FIRST_SEED = 900_000  # of generated plans, so that none is one that a matcher was trained on
+COLUMNS = (1, 2, 3, 4, 6, 9, 14)  # rooms seen; the last column is "all"
+FIRST_SEED = 900_000  # of generated plans; beyond the seeds of the training data
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A plan and the set it came from; names are unique within a set."""
+    """A plan and the name of its set; plan names are unique within a set."""
 
     plans: str
     plan: Plan
 
     @property
     def size(self) -> int:
-        """How many rooms the whole plan has: all of them are searched."""
+        """The number of rooms of the whole plan, all of which are searched."""
         return len(self.plan.graph.rooms)
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """An S-graph as it was drawn, the plan to be searched, and the true matches of the one in the other.
+    """A drawn S-graph, the plan to search, and their true matches.
 
-    `twin`: whether another place of the plan explains the S-graph as well as the true one; None where there is no
-    true one. `rival`: the evidence to be expected for the truth over the nearest such place, nats; None where there is
-    no such place.
+    `twin`: whether an alternative placement explains the S-graph as well as the true one; None without a true one.
+    `rival`: the expected evidence (nats) for the truth over the nearest alternative placement; None without one.
     """
 
     drawn: DrawnGraph
@@ -53,13 +52,13 @@ class Prepared:
 
     @staticmethod
     def of(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
-        """An S-graph of this A-graph."""
+        """A pair whose S-graph was drawn from this A-graph."""
         nats = [twin.nats for twin in symmetries(drawn, a_graph)]
         return Prepared(drawn, a_graph, truth_of(drawn), bool(nats), min(nats, default=None))
 
     @staticmethod
     def negative(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
-        """An S-graph of another building: it has no place in this A-graph."""
+        """A pair whose S-graph is of another building."""
         return Prepared(drawn, a_graph, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None, None)
 
 
@@ -70,11 +69,11 @@ def truth_of(drawn: DrawnGraph) -> TrueMatches:
 
 
 class Pair(Protocol):
-    """An S-graph and a plan, told by names until they are needed. `rooms` is the column of the tables; None: all."""
+    """An S-graph and a plan, identified by names until they are drawn. `rooms` is the table's column; None: all."""
 
     @property
     def regime(self) -> str:
-        """How the S-graph came to be."""
+        """The regime that the S-graph is drawn by."""
 
     @property
     def target(self) -> Candidate:
@@ -82,19 +81,19 @@ class Pair(Protocol):
 
     @property
     def source_name(self) -> str:
-        """What the S-graph is of."""
+        """The name of the plan that the S-graph is drawn from."""
 
     @property
     def rooms(self) -> int | None:
-        """Rooms seen."""
+        """The number of rooms seen."""
 
     @property
     def index(self) -> int:
-        """Which of those that are otherwise the same."""
+        """The index among otherwise identical pairs."""
 
     @property
     def seed(self) -> int:
-        """Of the random numbers."""
+        """The seed of the random numbers."""
 
     def prepare(self) -> Prepared:
         """Draws or reads the S-graph."""
@@ -102,7 +101,7 @@ class Pair(Protocol):
 
 @dataclass(frozen=True)
 class DrawnPair:
-    """`rooms` neighbouring rooms (None: a whole floor) of `source`, to be matched with `target`."""
+    """A pair of an S-graph of `rooms` neighbouring rooms (None: a whole floor) of `source`, and the plan `target`."""
 
     target: Candidate
     source: Candidate
@@ -117,7 +116,7 @@ class DrawnPair:
         return f"{self.source.plans}/{self.source.plan.name}"
 
     def prepare(self) -> Prepared:
-        """Draws the S-graph; what is drawn depends on seed, plan, regime, rooms and index alone."""
+        """Draws the S-graph; it depends only on seed, plan, regime, rooms and index."""
         plan = self.source.plan
         name = written_as(self.regime)
         rng = np.random.default_rng(_hash(self.seed, plan.building, plan.name, name, self.rooms, self.index))
@@ -130,7 +129,7 @@ class DrawnPair:
 
 @dataclass(frozen=True)
 class SlamPair:
-    """An S-graph that the pipeline built of a simulated drive, and the building's plan."""
+    """A pair of an S-graph that the SLAM system built on a simulated drive, and the building's plan."""
 
     target: Candidate
     drawn: DrawnGraph
@@ -145,19 +144,19 @@ class SlamPair:
 
     @property
     def source_name(self) -> str:
-        """As the plan's."""
+        """The name of the plan."""
         return f"{self.target.plans}/{self.target.plan.name}"
 
     def prepare(self) -> Prepared:
-        """With what is known already."""
+        """The recorded S-graph with its truth."""
         return Prepared.of(self.drawn, self.target.plan.graph)
 
 
 def read_candidates(paths: Sequence[Path], generated: Sequence[str]) -> list[Candidate]:
-    """The plans of files and folders, and generated ones (KIND:COUNT, or KIND:COUNT:SKIPPED for the COUNT plans after
-    the first SKIPPED); those without a room are left out.
+    """The plans of files and folders, and generated ones: KIND:COUNT, or KIND:COUNT:SKIPPED for the COUNT plans after
+    the first SKIPPED. Plans without rooms are left out.
 
-    Raises UserError for a kind that does not exist, for two sets of one name, and where there is no plan.
+    Raises UserError for an unknown kind, for two sets or two plans of one name, and if there is no plan.
     """
     sets: dict[str, Iterator[Plan]] = {}
     for path in paths:
@@ -169,7 +168,7 @@ def read_candidates(paths: Sequence[Path], generated: Sequence[str]) -> list[Can
     names = [(c.plans, c.plan.name) for c in found]
     if len(set(names)) < len(names):
         twice = next(n for n in names if names.count(n) > 1)
-        raise UserError(f"{twice[0]}: the plan '{twice[1]}' is there twice")
+        raise UserError(f"{twice[0]}: two plans are named '{twice[1]}'; rename one")
     if not found:
         raise UserError("no plan: give --plans PATH or --generated KIND:COUNT")
     return found
@@ -187,17 +186,17 @@ def _generated(text: str) -> Iterator[Plan]:
 
 def _add(sets: dict[str, Iterator[Plan]], name: str, plans: Iterator[Plan]) -> None:
     if name in sets:
-        raise UserError(f"two sets of plans are called '{name}'; rename one")
+        raise UserError(f"two sets of plans are named '{name}'; rename one")
     sets[name] = plans
 
 
 def pairs_of_cell(
     candidates: Sequence[Candidate], regime: str, rooms: int | None, count: int, seed: int
 ) -> list[DrawnPair]:
-    """`count` pairs, spread evenly over the plans that have a floor of so many rooms; none where no plan has.
+    """`count` pairs, distributed evenly over the plans with a floor of at least `rooms` rooms; none if no plan has one.
 
-    Which plan gets one more than another, and which other building an `negative` map is of, is told by hashes of the
-    names, so that neither depends on the order of the plans.
+    Hashes of the names decide which plans get one pair more and which building an `negative` map is of, so that
+    neither depends on the order of the plans.
     """
     fit = [c for c in candidates if floors_of(c.plan.graph, rooms)]
     targets = candidates if regime == NEGATIVE else fit
@@ -212,10 +211,10 @@ def pairs_of_cell(
 
 
 def slam_pairs(folder: Path) -> list[SlamPair]:
-    """The S-graphs that `evaluation.harness.slam_graphs` left in a folder. Their column is the largest of the table's
-    that they fill; all that a drive saw is "all"."""
+    """The S-graphs that `evaluation.harness.slam_graphs` wrote to a folder. Their column is the largest one that they
+    fill; the last graph of a drive is in the column "all"."""
     found = []
-    buildings: dict[int, str] = {}  # drives of one building share its A-graph
+    buildings: dict[int, str] = {}  # drives through one building share its A-graph
     for drive in read_drives(folder):
         building = buildings.setdefault(id(drive.a_graph), drive.sequence)
         target = Candidate(folder.resolve().name, Plan(drive.sequence, building, drive.a_graph))
@@ -226,7 +225,7 @@ def slam_pairs(folder: Path) -> list[SlamPair]:
 
 
 def floors_of(graph: SceneGraph, rooms: int | None) -> list[str | None]:
-    """The floors with at least so many rooms that have walls (None: at least one), in the graph's order."""
+    """The floors with at least `rooms` rooms that have walls (None: at least one), in the graph's order."""
     count: dict[str | None, int] = {}
     for room in graph.rooms:
         if graph.surfaces_of_room[room.id]:
@@ -237,7 +236,7 @@ def floors_of(graph: SceneGraph, rooms: int | None) -> list[str | None]:
 def _another(
     sources: Sequence[Candidate], target: Candidate, rooms: int | None, index: int, seed: int
 ) -> Candidate | None:
-    """A plan of another building, by the highest of the hashes: it stays the same while it is among them."""
+    """The plan of another building with the highest hash, which does not depend on the other plans."""
     others = [c for c in sources if (c.plans, c.plan.building) != (target.plans, target.plan.building)]
     names = (target.plan.building, target.plan.name)
     return max(others, key=lambda c: _hash(seed, rooms, index, *names, c.plan.building, c.plan.name), default=None)

@@ -1,4 +1,4 @@
-"""The plots of the matching benchmark, as SVG, from its rows alone."""
+"""The plots of the matching benchmark, made from its rows, as SVG."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,11 +11,11 @@ from evaluation.matching_benchmark.rows import Row
 from evaluation.matching_benchmark.tables import in_order
 from evaluation.metrics.calibration import merged
 
-ALL = 24  # where "all" stands on the axis of rooms
+ALL = 24  # position of "all" on the axis of rooms
 
 
 def write_plots(rows: Sequence[Row], out: Path) -> list[Path]:
-    """Wall F1 against rooms seen, the reliability of confidences, time against the plan's size; returns the files."""
+    """Plots wall F1 against rooms seen, the reliability diagram and time against plan size; returns the files."""
     import matplotlib  # slow to import
 
     matplotlib.use("Agg")
@@ -35,10 +35,10 @@ def write_plots(rows: Sequence[Row], out: Path) -> list[Path]:
 def _f1(rows: Sequence[Row], colour: dict[str, str]) -> Any:
     from matplotlib import pyplot as plt
 
-    told = [r for r in rows if r.regime != "negative"]
-    groups = [g for g in SIZES if any(size_of(r.size) == g for r in told)]
-    regimes = in_order(told)
-    if not told:
+    to_find = [r for r in rows if r.regime != "negative"]
+    groups = [g for g in SIZES if any(size_of(r.size) == g for r in to_find)]
+    regimes = in_order(to_find)
+    if not to_find:
         return None
     figure, axes = plt.subplots(
         len(groups), len(regimes), figsize=(3.2 * len(regimes), 2.8 * len(groups)), sharey=True, squeeze=False
@@ -46,7 +46,7 @@ def _f1(rows: Sequence[Row], colour: dict[str, str]) -> Any:
     for line, group in zip(axes, groups, strict=True):
         for ax, regime in zip(line, regimes, strict=True):
             for method in colour:
-                own = [r for r in told if (size_of(r.size), r.regime, r.method) == (group, regime, method)]
+                own = [r for r in to_find if (size_of(r.size), r.regime, r.method) == (group, regime, method)]
                 _curve(ax, own, colour[method], method)
             ax.set_title(f"{regime}, {group} plans", fontsize=9)
             ax.set_xscale("log")

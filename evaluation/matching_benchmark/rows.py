@@ -1,4 +1,4 @@
-"""The rows of the matching benchmark: one line of JSON a pair and method, appended, so that a killed run goes on."""
+"""The rows of the matching benchmark: a line of JSON for each pair and method, appended as they are computed."""
 
 import json
 import os
@@ -25,9 +25,9 @@ def written_as(regime: str) -> str:
 
 @dataclass(frozen=True)
 class Tally:
-    """Rooms or wall surfaces of one pair, by the contract: of `answered`, `right` are true; `true` were to be found.
+    """The counts of one pair's rooms or wall surfaces: `right` of the `answered` are true, `true` were to be found.
 
-    `spare` S nodes have no true match, `left` of them were left alone. `bins` are the confidences of all answers.
+    `spare` S nodes have no true match; `left` of them are unmatched. `bins` are the confidences of all answers.
     """
 
     right: int = 0
@@ -40,12 +40,12 @@ class Tally:
 
 @dataclass(frozen=True)
 class Row:
-    """One pair, one method. `rooms` is how many were to be seen (None: all), `size` how many rooms the plan has.
+    """One pair and one method. `rooms` is the number of rooms seen (None: all), `size` the plan's number of rooms.
 
-    `source` is the plan that the S-graph was drawn from; `status` is the answer's, "late" where the limit of time
-    stopped the method, "failed" where it raised. `twin` says whether another place explains the map as well, None
-    where that is not known; `rival` is the evidence for the truth over the nearest twin that is to be expected, nats
-    (`matching.ambiguity.symmetries`), None where there is no twin. `seconds` are the matcher's alone.
+    `source` is the plan that the S-graph was drawn from. `status` is the answer's, "late" if the time limit stopped the
+    method, "failed" if it raised. `twin`: whether an alternative placement explains the map as well, None if unknown.
+    `rival`: the expected evidence (nats) for the truth over the nearest alternative (`matching.ambiguity.symmetries`),
+    None without one. `seconds` is the matcher's time.
     """
 
     method: str
@@ -71,12 +71,12 @@ class Row:
 
     @property
     def key(self) -> tuple[Any, ...]:
-        """What makes a row one of its kind."""
+        """The identity of the row."""
         return self.method, self.regime, self.plans, self.plan, self.source, self.rooms, self.index, self.seed
 
     @property
     def completed(self) -> bool:
-        """Whether the method came to an answer within the limit of time."""
+        """Whether the method answered within the time limit."""
         return self.status not in ("late", "failed")
 
 
@@ -88,8 +88,8 @@ class Append(Protocol):
 
 
 def read_rows(path: Path) -> list[Row]:
-    """All whole rows of the file, the last of each key; none where there is no file. A half-written last line is
-    not one. Raises UserError for a line that is no row."""
+    """All rows of the file, the last one for each key; empty without a file. An incomplete last line is ignored. Raises
+    UserError for an invalid line."""
     if not path.exists():
         return []
     rows = {}
@@ -98,14 +98,14 @@ def read_rows(path: Path) -> list[Row]:
         try:
             row = _row(json.loads(line))
         except (ValueError, KeyError, TypeError):
-            raise UserError(f"{path}:{number}: no row that this version writes; give another --out") from None
+            raise UserError(f"{path}:{number}: not a row of this version; give another --out") from None
         rows[row.key] = row
     return list(rows.values())
 
 
 @contextmanager
 def appending(path: Path) -> Iterator[Append]:
-    """Opens the file for more rows; what a killed run left of a last line is cut off first."""
+    """Opens the file for appending rows; an incomplete last line is removed first."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("ab+") as file:
         file.seek(0)

@@ -1,9 +1,9 @@
-"""How good matchers are, on plans and S-graphs whose truth is known.
+"""The matching benchmark: matchers on plans and S-graphs with known truth.
 
     python -m evaluation.matching_benchmark.run --out DIR
 
-Methods x regimes x plans x rooms seen. Every pair is a line in DIR/rows.jsonl, written at once; what is there already
-is skipped, so that a run that was killed goes on where it was. Tables and plots are made from the rows alone.
+Methods x regimes x plans x rooms seen. Every match is a line in DIR/rows.jsonl; lines that exist already are skipped,
+so that an interrupted run can be repeated. Tables and plots are made from the rows alone.
 """
 
 import json
@@ -22,7 +22,7 @@ from evaluation.harness.benchmark_page import machine, write_section
 
 ROOMS = ["1", "2", "3", "4", "6", "9", "14", "all"]
 COMMANDS = "commands.jsonl"
-TOLD_EVERY_S = 10.0
+PROGRESS_EVERY_S = 10.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -37,68 +37,68 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(
-        prog="python -m evaluation.matching_benchmark.run", description="Matchers measured on maps of known truth."
+        prog="python -m evaluation.matching_benchmark.run", description="Measure matchers on maps with known truth."
     )
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for rows.jsonl, tables and plots")
-    parser.add_argument("--plans", type=Path, nargs="+", default=[], metavar="PATH", help="plans of any kind we read")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for rows, tables and plots")
+    parser.add_argument("--plans", type=Path, nargs="+", default=[], metavar="PATH", help="plans in any known format")
     parser.add_argument("--generated", nargs="+", default=[], metavar="KIND:COUNT[:SKIPPED]", help="generated plans")
     parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.harness.slam_graphs")
     parser.add_argument(
         "--methods", nargs="+", default=["learned", "voting", "oracle"], metavar="NAME",
         help="learned, voting, oracle, ...",
     )  # fmt: skip
-    parser.add_argument("--regimes", nargs="+", metavar="NAME", help="of the S-graphs (default: all)")
+    parser.add_argument("--regimes", nargs="+", metavar="NAME", help="regimes of the S-graphs (default: all)")
     parser.add_argument("--rooms", nargs="+", default=ROOMS, metavar="N", help="rooms seen, or 'all'")
     parser.add_argument(
         "--sizes", nargs="+", default=["small", "large"], metavar="SIZE", help="small plans, large, or both"
     )
-    parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs a cell (default 100)")
+    parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs per cell (default 100)")
     parser.add_argument("--pairs-of", nargs="+", default=[], metavar="METHOD:N", help="fewer pairs for a slow method")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
-    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds a pair (default 60)")
+    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="time limit per pair (default 60)")
     add_options(parser, "--jobs", "processes of one thread each (default 1)")
-    parser.add_argument("--report-only", action="store_true", help="tables and plots of the rows that are there")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="a page of which a section is written too")
-    parser.add_argument("--section", default="matching", metavar="NAME", help="of the page (default: matching)")
+    parser.add_argument("--report-only", action="store_true", help="only write tables and plots of existing rows")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section is written")
+    parser.add_argument("--section", default="matching", metavar="NAME", help="section of the page (default: matching)")
     return parser
 
 
 def _run(options: object, arguments: Sequence[str]) -> None:
-    """Runs what is not there yet."""
+    """Runs the matches that are missing."""
     from evaluation.matching_benchmark.rows import FILE, appending, read_rows
-    from evaluation.matching_benchmark.tasks import Wanted, tasks_of
+    from evaluation.matching_benchmark.tasks import BenchmarkOptions, tasks_of
     from evaluation.matching_benchmark.worker import run_tasks
 
-    wanted = Wanted.of(options)
+    wanted = BenchmarkOptions.of(options)
     path = wanted.out / FILE
     tasks = tasks_of(wanted, {r.key for r in read_rows(path)})
     total = sum(len(t.methods) for t in tasks)
     print(f"{total} matches to make", flush=True)
     if total:
         _remember(wanted.out, arguments)
-    began = told = monotonic()
+    began = printed = monotonic()
     with appending(path) as append:
         for done, row in enumerate(run_tasks(tasks, wanted.jobs, wanted.limit_s, wanted.scheduler), 1):
             append(row)
-            if monotonic() - told > TOLD_EVERY_S or done == total:
-                told = monotonic()
-                left = (told - began) / done * (total - done) / 60
+            if monotonic() - printed > PROGRESS_EVERY_S or done == total:
+                printed = monotonic()
+                left = (printed - began) / done * (total - done) / 60
                 where = f"{row.regime} {row.plan}, {row.rooms or 'all'} rooms, {row.method}: {row.status}"
                 print(f"{done}/{total} {where}; about {left:.0f} min left", flush=True)
 
 
 def _remember(out: Path, arguments: Sequence[str]) -> None:
-    """Before the first row, so that it is known of a killed run too; a run that goes on is not told twice."""
+    """Appends the command to the list of commands, once, before the first row."""
     line = {
         "command": shlex.join(["python", "-m", "evaluation.matching_benchmark.run", *arguments]),
         "machine": machine(),
     }
     path = out / COMMANDS
     before = path.read_text().splitlines(keepends=True) if path.exists() else []
-    told = json.dumps(line | {"date": date.today().isoformat()}) + "\n"
+    entry = json.dumps(line | {"date": date.today().isoformat()}) + "\n"
     out.mkdir(parents=True, exist_ok=True)
-    if told not in before:
-        write_atomically(path, "".join([*before, told]))
+    if entry not in before:
+        write_atomically(path, "".join([*before, entry]))
 
 
 def _report(out: Path, page: Path | None, section: str) -> None:
@@ -108,7 +108,7 @@ def _report(out: Path, page: Path | None, section: str) -> None:
 
     rows = read_rows(out / FILE)
     if not rows:
-        raise UserError(f"{out / FILE}: no rows; nothing has been measured")
+        raise UserError(f"{out / FILE}: no rows; run the benchmark without --report-only first")
     made = _made(out)
     short, full = tables(rows), full_tables(rows)
     text = "\n".join(map(markdown, short)) + made

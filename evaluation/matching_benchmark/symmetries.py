@@ -1,4 +1,4 @@
-"""Maps of which another place of the plan is a twin: what is answered, and how much could be known."""
+"""Results on maps with an alternative placement in the plan, against what an ideal observer could decide."""
 
 from collections.abc import Sequence
 
@@ -8,17 +8,16 @@ from scipy.special import ndtr
 from evaluation.matching_benchmark.rows import ORACLE, Row
 from matching.ambiguity.symmetries import EQUAL, SURE
 
-HEADER = ("method", "twins", "pairs", "unique", "wrong", "one who knows the noise", "ambiguous", "none")
+HEADER = ("method", "alternatives", "pairs", "unique", "wrong", "ideal observer", "ambiguous", "none")
 NOTE = (
-    "Equal: the evidence to be expected for the truth over the nearest other place is less than a nat; alike: up to "
-    f"{SURE:.1f} nats (odds of 199 to 1), of which what is seen may tell them apart. `one who knows the noise`: how "
-    "many of the pairs an observer must expect to tell apart, by such odds, who knows the noise that maps are drawn "
-    "with. Small and large plans and all regimes together"
+    "Equal: the expected evidence for the truth over the nearest alternative placement is less than a nat; alike: up "
+    f"to {SURE:.1f} nats (odds of 199 to 1). Ideal observer: the expected number of pairs that an observer who knows "
+    "the noise model can decide at these odds. Small and large plans and all regimes together"
 )
 
 
 def lines(rows: Sequence[Row]) -> list[tuple[str, ...]]:
-    """The lines of the table, for each method but the oracle those of equal twins and those of alike ones."""
+    """The lines of the table: for each method but the oracle, pairs with equal and with alike alternatives."""
     found = list[tuple[str, ...]]()
     for method in dict.fromkeys(r.method for r in rows if r.method != ORACLE):
         twins = [r for r in rows if r.method == method and r.rival is not None]
@@ -36,7 +35,7 @@ def _equal(row: Row) -> bool:
 
 
 def to_be_sure(rows: Sequence[Row]) -> float:
-    """In how many of the pairs the evidence comes to `SURE`: between two Gaussian hypotheses for which a nats are to be
-    expected it is normal about a, with the variance 2 a. What is below nothing, for the twin, counts as nothing."""
+    """The expected number of pairs whose evidence reaches `SURE`: between two Gaussian hypotheses with an expected
+    evidence of a nats it is normal with mean a and variance 2 a. Negative expected evidence counts as zero."""
     nats = np.array([max(r.rival, 1e-9) for r in rows if r.rival is not None])
     return float(ndtr((nats - SURE) / np.sqrt(2 * nats)).sum())

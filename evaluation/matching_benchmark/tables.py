@@ -1,9 +1,9 @@
-"""The tables of the matching benchmark, in Markdown and LaTeX, from its rows alone."""
+"""The tables of the matching benchmark, made from its rows, in Markdown and LaTeX."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from evaluation.matching_benchmark import symmetries as matching_twins
+from evaluation.matching_benchmark import symmetries as matching_symmetries
 from evaluation.matching_benchmark.cells import LARGE, SIZES, Measures, measure, size_of
 from evaluation.matching_benchmark.gains import BASE, difference, gap_closed
 from evaluation.matching_benchmark.rows import ORACLE, Row
@@ -15,7 +15,7 @@ REGIME_ORDER = ("paper", "real", "drift", "mis_segmented", "heavy_drift", "negat
 
 @dataclass(frozen=True)
 class Table:
-    """A header and lines of text cells, under a title and with a note that says what they are."""
+    """A table of text cells with a title and an explanatory note."""
 
     title: str
     note: str
@@ -24,7 +24,7 @@ class Table:
 
 
 def tables(rows: Sequence[Row]) -> list[Table]:
-    """For each size of plan: wall F1 and answers against rooms seen, and all measures by regime and method; twins."""
+    """For each size of plan: wall F1 and answers by rooms seen, all measures by regime and method; symmetric plans."""
     found = []
     for group in SIZES:
         own = [r for r in rows if size_of(r.size) == group]
@@ -33,29 +33,31 @@ def tables(rows: Sequence[Row]) -> list[Table]:
         about = f"{group} plans ({_about(own)})"
         to_find = [r for r in own if r.regime != "negative"]
         if to_find:
-            found.append(_by_rooms(f"Wall F1, {about}", WALL_NOTE, to_find, lambda m: told(m.walls.f1)))
-            found.append(_by_rooms(f"Room F1, {about}", WALL_NOTE, to_find, lambda m: told(m.rooms.f1)))
+            found.append(_by_rooms(f"Wall F1, {about}", WALL_NOTE, to_find, lambda m: format_estimate(m.walls.f1)))
+            found.append(_by_rooms(f"Room F1, {about}", WALL_NOTE, to_find, lambda m: format_estimate(m.rooms.f1)))
         asked = [r for r in own if r.method != ORACLE]
         if asked:
             found.append(_by_rooms(f"Unique answers, and the wrong of them, {about}", UNIQUE_NOTE, asked, _unique))
         found.append(_summary(f"All measures, {about}", own))
-        known = [r for r in to_find if not r.twin]  # of twins nobody but the oracle knows which it is
-        compared = [("on the same pairs", to_find), ("on the same pairs without a twin", known)]
-        for which, told_of in compared if len(known) < len(to_find) else compared[:1]:
-            gains = _gains(f"Wall F1 against `{BASE}`'s {which}, {about}", told_of)
+        known = [r for r in to_find if not r.twin]  # only the oracle can decide between alternative placements
+        compared = [("on the same pairs", to_find), ("on the same pairs without an alternative placement", known)]
+        for which, pairs in compared if len(known) < len(to_find) else compared[:1]:
+            gains = _gains(f"Wall F1 against `{BASE}`'s {which}, {about}", pairs)
             found += [gains] if gains.lines else []
-    twins = matching_twins.lines(rows)
-    return [*found, Table("Twins", matching_twins.NOTE, matching_twins.HEADER, tuple(twins))] if twins else found
+    twins = matching_symmetries.lines(rows)
+    if twins:
+        found.append(Table("Symmetric plans", matching_symmetries.NOTE, matching_symmetries.HEADER, tuple(twins)))
+    return found
 
 
 def full_tables(rows: Sequence[Row]) -> list[Table]:
-    """Wall F1 on each set of plans, and all measures of every cell: size of plan, regime, method, rooms seen."""
+    """Wall F1 on each set of plans, and all measures of every cell (size of plan, regime, method, rooms seen)."""
     found = []
     for name in sorted({r.plans for r in rows if r.regime != "negative"}):
         own = [r for r in rows if r.plans == name and r.regime != "negative"]
         sizes = sorted({(r.size, r.plan) for r in own})
         title = f"Wall F1, `{name}` ({len(sizes)} plans of {sizes[0][0]} to {sizes[-1][0]} rooms)"
-        found.append(_by_rooms(title, WALL_NOTE, own, lambda m: told(m.walls.f1)))
+        found.append(_by_rooms(title, WALL_NOTE, own, lambda m: format_estimate(m.walls.f1)))
     for group in SIZES:
         for regime in in_order(rows):
             own = [r for r in rows if size_of(r.size) == group and r.regime == regime]
@@ -72,13 +74,13 @@ def full_tables(rows: Sequence[Row]) -> list[Table]:
 
 
 def markdown(table: Table) -> str:
-    """The table with its title and note."""
+    """The table in Markdown, with its title and note."""
     head = f"**{table.title}.** {table.note}\n\n| {' | '.join(table.header)} |\n|{'---|' * len(table.header)}\n"
     return head + "".join(f"| {' | '.join(line)} |\n" for line in table.lines)
 
 
 def latex(table: Table) -> str:
-    """The table as a LaTeX table, as wide as the text; needs the packages booktabs and graphicx."""
+    """The table in LaTeX, as wide as the text; needs the packages booktabs and graphicx."""
     columns = "ll" + "r" * (len(table.header) - 2)
     body = "".join(f"  {' & '.join(map(_escaped, line))} \\\\\n" for line in table.lines)
     return (
@@ -90,8 +92,8 @@ def latex(table: Table) -> str:
     )
 
 
-def told(estimate: Estimate | None, percent: bool = False) -> str:
-    """The value with its interval."""
+def format_estimate(estimate: Estimate | None, percent: bool = False) -> str:
+    """Formats a value with its interval; empty for None."""
     if estimate is None:
         return ""
     if percent:
@@ -105,9 +107,9 @@ WALL_NOTE = (
 )
 UNIQUE_NOTE = "Share of `unique` answers in percent, and how many of them are wrong, by the number of rooms seen"
 SUMMARY_NOTE = (
-    "P, R, F1: means over pairs; micro: over all nodes; acc: S nodes answered as they should be; shares in percent; "
-    "decided: `unique` among pairs without a twin; wrong: of the `unique`, with the share's 97.5 % upper bound; ECE: "
-    "expected calibration error of the confidences"
+    "P, R, F1: means over pairs; micro: over all nodes; acc: S nodes with a correct answer; shares in percent; "
+    "decided: `unique` among pairs without an alternative placement; wrong: of the `unique`, with the share's 97.5 % "
+    "upper bound; ECE: expected calibration error of the confidences"
 )
 GAIN_NOTE = (
     "Difference of the means with its 95 % interval (bootstrap over buildings); how much of the gap between the oracle "
@@ -122,14 +124,16 @@ COLUMNS = (
 def _all_measures(m: Measures) -> tuple[str, ...]:
     nodes = []
     for n in (m.walls, m.rooms):
-        nodes += [told(n.precision), told(n.recall), told(n.f1), _value(n.micro_f1), told(n.accuracy)]
+        nodes += [format_estimate(value) for value in (n.precision, n.recall, n.f1)]
+        nodes += [_value(n.micro_f1), format_estimate(n.accuracy)]
     shares = (m.perfect, m.unique, m.ambiguous, m.none, m.decided)
     bound = f" (≤ {100 * m.wrong_bound:.1f} %)" if m.uniques else ""
     failed = f", {m.failed} failed" if m.failed else ""
     errors = ("" if e is None else f"{e:.3f}" for e in (m.walls.calibration_error, m.rooms.calibration_error))
     return (
-        str(m.pairs), *nodes, *(told(s, percent=True) for s in shares), f"{m.wrong} of {m.uniques}{bound}", *errors,
-        f"{m.median_s:.3f}", f"{m.slow_s:.3f}", f"{100 * m.completed:.0f} %{failed}",
+        str(m.pairs), *nodes, *(format_estimate(s, percent=True) for s in shares),
+        f"{m.wrong} of {m.uniques}{bound}", *errors, f"{m.median_s:.3f}", f"{m.slow_s:.3f}",
+        f"{100 * m.completed:.0f} %{failed}",
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What the matching benchmark is asked for, as tasks: all pairs and methods that have no row yet."""
+"""The tasks of the matching benchmark: all pairs and methods without a row."""
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from evaluation.matching_benchmark.worker import Task
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """The options of the command, checked; `pairs` is for each method how many a cell."""
+class BenchmarkOptions:
+    """The checked options of the command; `pairs` is the number of pairs per cell by method."""
 
     out: Path
     plans: tuple[Path, ...]
@@ -31,8 +31,8 @@ class Wanted:
     scheduler: str | None
 
     @staticmethod
-    def of(options: Any) -> "Wanted":
-        """Raises UserError for what cannot be."""
+    def of(options: Any) -> "BenchmarkOptions":
+        """Checks the options. Raises UserError for invalid ones."""
         regimes = DRAWN if options.regimes is None else tuple(options.regimes)
         if unknown := set(regimes) - set(DRAWN):
             raise UserError(f"--regimes {' '.join(sorted(unknown))}: there are {', '.join(DRAWN)}")
@@ -50,7 +50,7 @@ class Wanted:
         for method in pairs:
             if method != ORACLE:
                 load_method(method)  # raises for a name that does not exist
-        return Wanted(
+        return BenchmarkOptions(
             options.out, tuple(options.plans), tuple(options.generated), options.slam_graphs, pairs, regimes,
             tuple(map(_rooms, options.rooms)), tuple(options.sizes), options.seed, options.limit, options.jobs,
             options.scheduler,
@@ -65,8 +65,8 @@ def _rooms(text: str) -> int | None:
     return int(text)
 
 
-def tasks_of(wanted: Wanted, there: Set[tuple[Any, ...]]) -> list[Task]:
-    """All pairs with the methods whose row is not there, cells one after the other."""
+def tasks_of(wanted: BenchmarkOptions, there: Set[tuple[Any, ...]]) -> list[Task]:
+    """All pairs with the methods that have no row in `there`, cell by cell."""
     tasks = []
     for cell in _cells(wanted):
         for n, pair in enumerate(cell):
@@ -80,7 +80,7 @@ def tasks_of(wanted: Wanted, there: Set[tuple[Any, ...]]) -> list[Task]:
     return tasks
 
 
-def _cells(wanted: Wanted) -> list[Sequence[Pair]]:
+def _cells(wanted: BenchmarkOptions) -> list[Sequence[Pair]]:
     cells: list[Sequence[Pair]] = []
     most = max(wanted.pairs.values())
     if wanted.plans or wanted.generated or wanted.slam_graphs is None:

@@ -1,10 +1,10 @@
-"""What a match costs on one core, beside the published model's forward pass.
+"""Time of a match on one core, against the published model's forward pass.
 
     python -m evaluation.matching_benchmark.timing
 
-The two are run in turns, in one process, on generated plans and drifting maps of the published sizes; seconds of the
-processor, the least of several runs, because a busy machine can only add to them. Then a large plan: seconds, and
-the most memory that a process of its own has held.
+Both run alternately in one process, on generated plans and drifting maps of the published sizes. The time is the
+minimum CPU time of several runs, since a busy machine only adds to it. For a large plan also the peak memory of a
+process of its own.
 """
 
 import multiprocessing
@@ -49,7 +49,7 @@ LARGE_NOTE = "One core, a process of its own; its memory begins with Python, PyT
 
 @dataclass(frozen=True)
 class Case:
-    """A generated plan, a part of so many wall surfaces of it (all: None), and a map of so many rooms."""
+    """A generated plan, reduced to `surfaces` wall surfaces (None: all), and a map of `rooms` rooms."""
 
     kind: str
     seed: int
@@ -72,7 +72,7 @@ LARGE = Case("campus", 9833, None, 44)  # 4,982 and about 200 wall surfaces
 
 @dataclass(frozen=True)
 class Times:
-    """Seconds of the processor; sizes are of the plan, then the map."""
+    """CPU seconds; sizes are (plan, map)."""
 
     nodes: tuple[int, int]
     surfaces: tuple[int, int]
@@ -86,7 +86,7 @@ class Times:
 
 @dataclass(frozen=True)
 class Large:
-    """Seconds of the processor, and megabytes."""
+    """CPU seconds and megabytes."""
 
     surfaces: tuple[int, int]
     match: float
@@ -97,7 +97,7 @@ class Large:
 
 
 def measured(case: Case, repeat: int) -> Times:
-    """Everything in turns."""
+    """Measures everything alternately."""
     from matching.learned.proposer import LearnedProposer
     from matching.published.forward import paper_forward  # imports torch
 
@@ -112,22 +112,22 @@ def measured(case: Case, repeat: int) -> Times:
     least = [float("inf")] * len(turns)
     for _ in range(repeat + 1):
         for k, run in enumerate(turns):
-            run()  # of another's turn the processor's caches are full
+            run()  # warms the CPU caches, which hold another method's data
             least[k] = min(least[k], _seconds(run))
     forward, whole, match, proposals = least
     answer = learned.match(s, a).status
     return Times(*_sizes(s, a), forward, whole, match, proposals, max(first - match, 0.0), answer)
 
 
-def measured_large(case: Case, repeat: int) -> Large:
-    """By itself; meant for a new process, whose memory it tells."""
+def measure_large(case: Case, repeat: int) -> Large:
+    """Measures a large case; call it in a new process, since it reports the process's memory."""
     s, a = case.graphs()
     learned, small = Matcher.load("learned"), CASES[0].graphs()
     learned.match(*small)  # what is loaded when it is first needed
-    before = _most_memory()
+    before = _peak_memory()
     first = _seconds(lambda: learned.match(s, a))
     match = min(_seconds(lambda: learned.match(s, a)) for _ in range(repeat))
-    memory = _most_memory()
+    memory = _peak_memory()
     return Large(_sizes(s, a)[1], match, first, memory, memory - before, learned.match(s, a).status)
 
 
@@ -142,14 +142,14 @@ def _seconds(run: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def _most_memory() -> float:
-    """Megabytes that this process has held at most."""
+def _peak_memory() -> float:
+    """The peak memory (MB) of this process."""
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return most / (1e6 if sys.platform == "darwin" else 1e3)
 
 
 def in_new_process(work: Callable[..., T], *arguments: object) -> T:
-    """What a function returns, of a process of one thread."""
+    """The result of a function called in a new process with one thread."""
     os.environ.update(dict.fromkeys(THREADS, "1"))
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(work, *arguments).result()
@@ -175,14 +175,14 @@ def _ms(*seconds: float) -> tuple[str, ...]:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog=COMMAND, description="What a match costs on one core, beside the published forward pass.")
-    parser.add_argument("--repeat", type=int, default=20, metavar="N", help="times that each is run (default 20)")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="page of benchmarks whose section is written")
+    parser = Parser(prog=COMMAND, description="Time a match on one core against the published forward pass.")
+    parser.add_argument("--repeat", type=int, default=20, metavar="N", help="repetitions (default 20)")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section is written")
     options = parser.parse_args()
     if options.repeat < 1:
         raise UserError(f"--repeat {options.repeat}: must be at least 1")
     times = [in_new_process(measured, case, options.repeat) for case in CASES]
-    page = page_of(times, in_new_process(measured_large, LARGE, min(options.repeat, 5)), options.repeat)
+    page = page_of(times, in_new_process(measure_large, LARGE, min(options.repeat, 5)), options.repeat)
     print(page)
     if options.page is not None:
         write_section(options.page, SECTION, page)

@@ -1,4 +1,4 @@
-"""Methods run on pairs in child processes, so that a limit of time holds whatever a method does."""
+"""Runs methods on pairs in child processes, so that the time limit holds whatever a method does."""
 
 import multiprocessing
 import os
@@ -26,17 +26,17 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 @dataclass(frozen=True)
 class Task:
-    """A pair and the methods that are still to be run on it."""
+    """A pair and the methods still to run on it."""
 
     pair: Pair
     methods: tuple[str, ...]
 
 
 def run_tasks(tasks: Sequence[Task], jobs: int, limit_s: float, scheduler: str | None = None) -> Iterator[Row]:
-    """The rows of all tasks as they come, by so many processes of one thread each, or by a scheduler's cluster.
+    """The rows of all tasks as they are ready, from `jobs` processes of one thread each or a scheduler's cluster.
 
-    A method that takes longer than the limit is stopped with its process; its row is "late", and the pair's other
-    methods are run by a new process. Raises UserError as `data.common.cluster` does.
+    A method that exceeds the time limit is stopped with its process: its row is "late", and a new process runs the
+    pair's other methods. Raises UserError as `data.common.cluster` does.
     """
     if scheduler is not None:
         yield from _run_on_cluster(tasks, limit_s, scheduler)
@@ -67,16 +67,16 @@ def _rows(workers: Sequence["_Worker"], tasks: Iterable[Task], limit_s: float) -
 def _run_on_cluster(tasks: Sequence[Task], limit_s: float, scheduler: str) -> Iterator[Row]:
     from data.common.cluster import connected
 
-    weights = {told for task in tasks for m in task.methods if Path(told := m.partition("@")[2]).is_file()}
+    weights = {file for task in tasks for m in task.methods if Path(file := m.partition("@")[2]).is_file()}
     with connected(scheduler) as cluster:
-        for _, rows in cluster.over(tasks, partial(rows_there, limit_s), describe, sorted(weights)):
+        for _, rows in cluster.over(tasks, partial(rows_on_worker, limit_s), describe, sorted(weights)):
             yield from rows
 
 
-def rows_there(limit_s: float, task: Task) -> list[Row]:
-    """The rows of a task, on a worker of a cluster: by a child that stays for the next task, since methods load
-    slowly. As many children stay as the worker has threads."""
-    with _starting:  # the environment, which a child is started with, is the whole process's
+def rows_on_worker(limit_s: float, task: Task) -> list[Row]:
+    """The rows of a task on a cluster's worker, computed by a child process that is kept for the next task, since
+    methods load slowly. There is one child for each thread of the worker."""
+    with _starting:  # the environment passed to the child belongs to the whole process
         may_have_children()
         worker = _idle.pop() if _idle else _Worker()
     try:
@@ -89,7 +89,7 @@ def rows_there(limit_s: float, task: Task) -> list[Row]:
 
 
 class _Worker:
-    """A child process; `task` is what it has still to do, None where it waits."""
+    """A child process and its current `task`, None while it is idle."""
 
     def __init__(self) -> None:
         self.task: Task | None = None
@@ -115,7 +115,7 @@ class _Worker:
         self.pipe.send(task)
 
     def receive(self, limit_s: float) -> Row | None:
-        """The row that has come, if it is one."""
+        """Handles a message; returns its row, None for other messages."""
         assert self.task is not None
         try:
             kind, row = self.pipe.recv()
@@ -131,7 +131,7 @@ class _Worker:
         return row if isinstance(row, Row) else None
 
     def late(self, limit_s: float) -> Row | None:
-        """The row of a method whose time is over, if it is; its process ends."""
+        """If the time limit is exceeded, restarts the process and returns the "late" row; else None."""
         if time.monotonic() < self.deadline or self.task is None or self._late is None:
             return None
         row = replace(self._late, seconds=limit_s, reason=f"stopped after {limit_s:g} s")
@@ -154,17 +154,17 @@ class _Worker:
         self.pipe.close()
 
 
-_starting, _idle = threading.Lock(), list[_Worker]()  # of a worker of a cluster
+_starting, _idle = threading.Lock(), list[_Worker]()  # state of a cluster's worker
 
 
 def describe(task: Task) -> str:
-    """One line that names the pair."""
+    """One line that identifies the pair."""
     pair = task.pair
     return f"{task.methods[0]} on {pair.regime} {pair.target.plan.name}, {pair.rooms} rooms, index {pair.index}"
 
 
 def serve(pipe: Connection) -> None:
-    """What the child does: for every task the rows of its methods, until the pipe is closed."""
+    """The child process: sends the rows of each task's methods until the pipe is closed."""
     end_with_parent()
     matchers: dict[str, Matcher] = {}
     try:
@@ -177,7 +177,7 @@ def serve(pipe: Connection) -> None:
                     if method != ORACLE and method not in matchers:
                         matchers[method] = load_method(method)
                     pipe.send(("began", blank))
-                    pipe.send(("row", judged(blank, prepared, matchers.get(method))))
+                    pipe.send(("row", score_answer(blank, prepared, matchers.get(method))))
             except Exception:
                 import traceback
 
@@ -187,7 +187,7 @@ def serve(pipe: Connection) -> None:
 
 
 def blank_row(pair: Pair, prepared: Prepared, method: str) -> Row:
-    """The row of a method that does not answer."""
+    """The row of a method without an answer."""
     rooms, walls = tallies(MatchResult("none", ""), prepared.truth, prepared.drawn.s_graph)
     return Row(
         method, pair.regime, pair.target.plans, pair.target.plan.name, pair.target.plan.building, pair.source_name,
@@ -197,8 +197,8 @@ def blank_row(pair: Pair, prepared: Prepared, method: str) -> Row:
     )  # fmt: skip
 
 
-def judged(blank: Row, prepared: Prepared, matcher: Any) -> Row:
-    """The row of a method's answer; one that raises has failed, and the run goes on."""
+def score_answer(blank: Row, prepared: Prepared, matcher: Any) -> Row:
+    """The row of a method's answer; a method that raises gets the status "failed"."""
     began = time.perf_counter()
     try:
         if matcher is None:
@@ -209,8 +209,8 @@ def judged(blank: Row, prepared: Prepared, matcher: Any) -> Row:
         rooms, walls = tallies(result, prepared.truth, prepared.drawn.s_graph)
         wrong = is_wrong(result, prepared.truth, prepared.drawn.deformed)
     except Exception as error:
-        told = f"{type(error).__name__}: {error}".splitlines()[0]
-        return replace(blank, status="failed", reason=told, seconds=time.perf_counter() - began)
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        return replace(blank, status="failed", reason=reason, seconds=time.perf_counter() - began)
     return replace(
         blank, status=result.status, reason=result.reason, wrong=wrong, seconds=seconds, room_tally=rooms,
         wall_tally=walls,

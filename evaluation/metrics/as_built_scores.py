@@ -1,4 +1,4 @@
-"""What a run says of walls that stand otherwise than planned, against what became of them."""
+"""Scores of a run's reported deviations against the true changes of the walls."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,18 +14,18 @@ from evaluation.metrics.statistics import Score
 from evaluation.metrics.true_walls import TrueWall
 
 Array = NDArray[np.float64]
-KINDS = {"moved": "moved", "absent": "absent", "extra": "unplanned"}  # as it is told, and what it is
+KINDS = {"moved": "moved", "absent": "absent", "extra": "unplanned"}  # reported kind: true kind
 LEAST_VIEWS = 3
 _ON_WALL = 0.1  # m
-_ENOUGH = 1.0  # m of a long surface of which a wall is a part
+_ENOUGH = 1.0  # m of overlap that suffice for a long surface
 
 
 @dataclass(frozen=True)
-class Told:
-    """What was told of one kind: of IFC walls, an extra one of wall surfaces.
+class DeviationScore:
+    """The score of one kind of deviation, counted in IFC walls (reports of extra walls: in wall surfaces).
 
-    To be found are the walls of the kind that three keyframes or more see. `offset_errors` (m) are those of the moved
-    walls that were found. `missed` and `false` are ids.
+    The walls to find are those that at least three keyframes see. `offset_errors` (m) are those of the moved walls that
+    were found. `missed` and `false` are ids.
     """
 
     score: Score
@@ -34,13 +34,13 @@ class Told:
     false: tuple[str, ...]
 
 
-def told_of(
+def deviation_scores(
     deviations: Sequence[Mapping[str, Any]], s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array | None,
     walls: list[TrueWall],
-) -> dict[str, Told]:  # fmt: skip
-    """By kind (`moved`, `absent`, `extra`), what the significant ones of deviations.json are worth.
+) -> dict[str, DeviationScore]:  # fmt: skip
+    """The scores of the significant entries of deviations.json, by kind (`moved`, `absent`, `extra`).
 
-    `a_graph` is the plan's, `T_bim_map` (4, 4) places the map, None where the run was not anchored.
+    `a_graph` is the plan's; `T_bim_map` (4, 4) is None if the run is not anchored.
     """
     significant = [d for d in deviations if d["significant"]]
     result = {}
@@ -53,18 +53,18 @@ def told_of(
             found, false = set(lies_on.values()) - {None}, [s for s, wall in lies_on.items() if wall is None]
             answered = len(lies_on)
         else:
-            told = {d["source"] for d in own}
-            found, false, answered = told & there.keys(), sorted(told - there.keys()), len(told)
+            reported = {d["source"] for d in own}
+            found, false, answered = reported & there.keys(), sorted(reported - there.keys()), len(reported)
         score = Score(answered - len(false), answered, len(found & expected), len(expected))
         errors = tuple(_offset_errors(own, a_graph, there)) if kind == "moved" else ()
-        result[kind] = Told(score, errors, tuple(sorted(expected - found)), tuple(false))
+        result[kind] = DeviationScore(score, errors, tuple(sorted(expected - found)), tuple(false))
     return result
 
 
 def _offset_errors(
     moved: Sequence[Mapping[str, Any]], a_graph: SceneGraph, there: dict[str, TrueWall]
 ) -> Iterator[float]:
-    """For each wall that was rightly told, the median over its surfaces of how wrong the offset is."""
+    """For each wall that was correctly reported, the median offset error (m) over its surfaces."""
     by_wall = defaultdict(list)
     for d in moved:
         if d["source"] in there:
@@ -74,11 +74,9 @@ def _offset_errors(
         yield float(np.median(errors))
 
 
-def _wall_under(
-    s_graph: SceneGraph, s_id: str, T_bim_map: Array | None, there: dict[str, TrueWall]
-) -> str | None:
-    """The wall on whose faces half of a surface of the map lies, or a metre of it."""
-    assert T_bim_map is not None  # without a place in the plan nothing is told
+def _wall_under(s_graph: SceneGraph, s_id: str, T_bim_map: Array | None, there: dict[str, TrueWall]) -> str | None:
+    """The wall on whose faces half of a map surface, or a metre of it, lies; None if there is none."""
+    assert T_bim_map is not None  # a run that is not anchored reports nothing
     ends = np.array(s_graph.surface_by_id[s_id].ends())
     line = shapely.LineString(ends @ T_bim_map[:2, :2].T + T_bim_map[:2, 3])
     on = {key: _near(wall).intersection(line).length for key, wall in there.items()}

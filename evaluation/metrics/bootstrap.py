@@ -1,4 +1,4 @@
-"""Intervals of shares and means by resampling whole buildings, and the bound of a rare event's share."""
+"""Confidence intervals of shares and means by bootstrap over buildings, and the bound of a rare event's share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ class Estimate:
 
 
 def ratio(numerator: ArrayLike, denominator: ArrayLike, cluster: Sequence[str], seed: int = 0) -> Estimate | None:
-    """The ratio of two sums (N,), with the percentile interval of B. Efron's bootstrap over clusters.
+    """The ratio of two sums over (N,) pairs, with the percentile interval of Efron's bootstrap over clusters.
 
-    Pairs of one building are not independent, so that buildings (`cluster`, N names) are drawn with replacement, each
-    with all of its pairs; where there is but one, its pairs are. A mean over pairs has ones as its denominator. None
-    where the denominators sum to nothing.
+    Pairs of one building are not independent, so buildings (`cluster`, N names) are resampled with all of their pairs;
+    with a single building, its pairs are resampled. For a mean over pairs the denominators are ones. None if the
+    denominators sum to zero.
     """
     sums = np.stack((np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)), axis=1)
     if not len(sums) or sums[:, 1].sum() <= 0:
@@ -42,10 +42,10 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, cluster: Sequence[str], 
     return Estimate(float(total[0] / total[1]), float(low), float(high))
 
 
-def most_of(count: int, of: int) -> float:
-    """The exact 97.5 % upper bound of a share of which `count` of `of` were seen (Clopper and Pearson, 1934).
+def upper_bound(count: int, of: int) -> float:
+    """The exact 97.5 % upper bound of a share, given `count` of `of` (Clopper and Pearson, 1934).
 
-    A resampled interval of what was never seen is empty; this one is not.
+    Unlike a bootstrap interval, it is meaningful for a count of zero.
     """
     from scipy.special import betaincinv  # slow to import
 

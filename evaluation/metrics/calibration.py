@@ -1,4 +1,4 @@
-"""Whether confidences are probabilities: answers by confidence in bins, and the expected calibration error."""
+"""Calibration of confidences: bins of answers by confidence, and the expected calibration error."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ BINS = 20
 
 @dataclass(frozen=True)
 class Bin:
-    """The answers with a confidence in [index, index + 1) / 20 (1 is in the last): how many, how many are right, and
-    the sum of their confidences."""
+    """The answers with a confidence in [index, index + 1) / 20 (1 is in the last bin): their number, the number of
+    right ones, and the sum of their confidences."""
 
     index: int
     count: int
@@ -32,10 +32,10 @@ class Bin:
 
 
 def binned(confidences: Sequence[float], right: Sequence[bool]) -> tuple[Bin, ...]:
-    """The bins that hold something. Raises UserError for a confidence that is no probability."""
+    """The non-empty bins. Raises UserError for a confidence outside [0, 1]."""
     value = np.asarray(confidences, dtype=float)
     if not ((value >= 0) & (value <= 1)).all():
-        raise UserError("a confidence is not in [0, 1]")
+        raise UserError("matches: a confidence is not in [0, 1]; correct the matcher")
     at = np.minimum((value * BINS).astype(int), BINS - 1)
     hit = np.asarray(right, dtype=float)
     count, good, total = (np.bincount(at, w, BINS) for w in (np.ones(len(value)), hit, value))
@@ -43,7 +43,7 @@ def binned(confidences: Sequence[float], right: Sequence[bool]) -> tuple[Bin, ..
 
 
 def merged(every: Iterable[tuple[Bin, ...]]) -> tuple[Bin, ...]:
-    """The bins of several answers together."""
+    """Merges the bins of several answers."""
     sums: dict[int, list[float]] = {}
     for bins in every:
         for b in bins:
@@ -55,6 +55,6 @@ def merged(every: Iterable[tuple[Bin, ...]]) -> tuple[Bin, ...]:
 
 def calibration_error(bins: tuple[Bin, ...]) -> float | None:
     """The mean over all answers of |mean confidence - share that is right| of their bin (M. P. Naeini, G. F. Cooper
-    and M. Hauskrecht, AAAI 2015); None where nothing was answered."""
+    and M. Hauskrecht, AAAI 2015); None without answers."""
     count = sum(b.count for b in bins)
     return sum(abs(b.confidence - b.right) for b in bins) / count if count else None

@@ -1,4 +1,4 @@
-"""Whether the covariances that come with an estimate say how wrong it is: the normalised error squared (NEES)."""
+"""Consistency of an estimate's covariances with its errors: the normalised estimation error squared (NEES)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
-"""How good a map is: an S-graph's walls and rooms against the plan, under the true T_bim_map. Pure functions.
+"""Quality of a map: an S-graph's walls and rooms against the plan, under the true T_bim_map. Pure functions.
 
-The place is given, nothing is fitted: a map that is right but misplaced scores badly, as it should.
+The map's pose is given and not fitted: a map that is correct but misplaced scores badly.
 """
 
 from collections.abc import Collection
@@ -16,20 +16,20 @@ from data.geometry.areas import overlap, united
 from data.geometry.intervals import united as united_intervals
 from evaluation.metrics.statistics import Score, Statistics
 from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, plan_motion
-from evaluation.metrics.true_matches import bearers, lie_over, own_surface, room_area, true_matches
+from evaluation.metrics.true_matches import best_surfaces, overlaps_in_plan, representatives, room_area, true_matches
 
 Array = NDArray[np.float64]
-LEAST_COVER = 0.5  # of a surface's length, for it to be found (A) or true (S)
+LEAST_COVER = 0.5  # share of a surface's length for it to be found (A) or true (S)
 LEAST_IOU = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class WallScores:
-    """`score` counts surfaces.
+    """The score of wall surfaces: `score` counts surfaces.
 
-    `pairs` (K) are (S id, A id), each S surface with the A surface that it is; `offset_m` (K,) its distance along the
-    plan's inward normal, `angle_rad` (K,) its turn against the plan; `offset_mm` and `angle_deg` their statistics,
-    None where there is no pair.
+    `pairs` (K) are (S id, A id) of corresponding surfaces; `offset_m` (K,) is the distance along the plan's inward
+    normal, `angle_rad` (K,) the rotation against the plan; `offset_mm` and `angle_deg` are their statistics,
+    None without pairs.
     """
 
     score: Score
@@ -44,8 +44,8 @@ class WallScores:
 
 @dataclass(frozen=True)
 class RoomScores:
-    """`pairs` are (S id, A id), for each A room the S room that bears its answer; `centroid_m` and `iou` belong to
-    them. An IoU is None where a polygon is missing. `centroid` is None where there is no pair."""
+    """The score of rooms. `pairs` are (S id, A id), for each A room the S room that represents it; `centroid_m` and
+    `iou` belong to them. An IoU is None if a polygon is missing; `centroid` is None without pairs."""
 
     score: Score
     missed: tuple[str, ...]
@@ -62,20 +62,19 @@ def wall_scores(
 ) -> WallScores:  # fmt: skip
     """Precision, recall and errors of the wall surfaces.
 
-    An A surface is found where S surfaces within the limits cover half of it, in one piece or several; it counts where
-    its id is among `visible` (all count without it). An S surface is true where half of it lies on A surfaces within
-    the limits, visible or not. Raises UserError for a plan of several storeys, ids that are not in it, and a matrix
-    that is no motion.
+    An A surface is found if S surfaces within the limits cover half of it, in one or several pieces; it counts if its
+    id is in `visible` (default: all). An S surface is true if half of it lies on A surfaces within the limits, visible
+    or not. Raises UserError for a plan with several storeys, unknown ids, and a matrix that is not a rigid motion.
     """
     limits = limits or Limits()
     _known(visible, a_graph.surface_by_id, "wall surface")
-    lying = lie_over(s_graph, one_storey(a_graph), plan_motion(T_bim_map), limits)
+    lying = overlaps_in_plan(s_graph, one_storey(a_graph), plan_motion(T_bim_map), limits)
     a_length, s_length = 2 * lying.a.half, 2 * lying.s.half
     counts = np.array([visible is None or key in visible for key in lying.a.ids], dtype=bool)
     covered = np.array([_covered(lying, j) for j in range(len(a_length))])
     on_plan = np.array([_on_plan(lying, i) for i in range(len(s_length))])
     found, true = covered >= LEAST_COVER * a_length, on_plan >= LEAST_COVER * s_length
-    chosen = own_surface(lying, limits)
+    chosen = best_surfaces(lying, limits)
     i = np.flatnonzero(chosen >= 0)
     offset, angle = lying.offset[i, chosen[i]], lying.angle[i, chosen[i]]
     return WallScores(
@@ -92,14 +91,13 @@ def room_scores(
 ) -> RoomScores:
     """Precision, recall and errors of the rooms.
 
-    An A room is found where the S room that bears its answer (`true_matches`, the larger of two parts) has an
-    intersection over union of at least 0.5 with it; where a polygon is missing, the true match is enough. Those S
-    rooms are true, the others are not. A centroid's error is between the centroids that the graphs give.
-    Raises as `wall_scores` does.
+    An A room is found if the S room that represents it (`true_matches`, the larger of two parts) has an intersection
+    over union of at least 0.5 with it; if a polygon is missing, the true match suffices. These S rooms are true, the
+    others are not. The centroid error is between the centroids in the graphs. Raises as `wall_scores` does.
     """
     _known(visible, a_graph.room_by_id, "room")
     truth = true_matches(s_graph, a_graph, T_bim_map)
-    bearing = bearers(truth, s_graph)[0]
+    bearing = representatives(truth, s_graph)[0]
     T_a_s = np.array(truth.T_a_s)
     pairs = tuple((r.id, truth.rooms[r.id]) for r in s_graph.rooms if r.id in bearing)
     ious = tuple(_iou(s_graph, a_graph, pair, T_a_s) for pair in pairs)
@@ -123,13 +121,13 @@ def _known(visible: Collection[str] | None, ids: Collection[str], what: str) -> 
 
 
 def _covered(lying: Overlaps, j: int) -> float:
-    """Metres of an A surface that S surfaces cover."""
+    """The length (m) of an A surface that is covered by S surfaces."""
     i = np.flatnonzero(lying.length[:, j])
     return sum(b - a for a, b in united_intervals(list(zip(lying.low[i, j], lying.high[i, j], strict=True))))
 
 
 def _on_plan(lying: Overlaps, i: int) -> float:
-    """Metres of an S surface that lie on A surfaces."""
+    """The length (m) of an S surface that lies on A surfaces."""
     parts = []
     for j in np.flatnonzero(lying.length[i]):
         # From the A surface's tangent to the S surface's own, both from the S surface's middle.

@@ -1,4 +1,4 @@
-"""How good a matcher's answer is, by the contract of `matches.json`."""
+"""Quality of a matcher's answer, by the contract of `matches.json`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from data import SceneGraph
 from data.common.errors import UserError
 from data.geometry import se2
 from evaluation.metrics.statistics import Score
-from evaluation.metrics.true_matches import TrueMatches, bearers
+from evaluation.metrics.true_matches import TrueMatches, representatives
 from matching.result import MatchResult, Pair
 
 MISPLACED_M, TURNED_RAD = 0.5, float(np.radians(5))
@@ -18,7 +18,7 @@ MISPLACED_BENT_M, TURNED_BENT_RAD = 1.0, float(np.radians(8))
 
 @dataclass(frozen=True)
 class MatchingScores:
-    """Of the pairs that an answer gives, whatever its status."""
+    """The scores of an answer's pairs, whatever its status."""
 
     rooms: Score
     wall_surfaces: Score
@@ -27,13 +27,13 @@ class MatchingScores:
 def matching_scores(result: MatchResult, truth: TrueMatches, s_graph: SceneGraph) -> MatchingScores:
     """Precision, recall and F1 of an answer's pairs.
 
-    Several S surfaces (rooms) may be pieces of one A surface (room): the longest (largest) bears the answer and the
-    others count neither way. An answer for what has no true match is wrong. Only a `unique` answer is ever committed
-    to: what the pairs of another are worth is for the caller to say.
+    Several S surfaces (rooms) may be pieces of one A surface (room): the longest (largest) represents it and the others
+    do not count. A pair for a node without a true match is wrong. Only `unique` answers are ever used; whether to count
+    the pairs of others is up to the caller.
 
-    Raises UserError where the answer or the truth names what is not in the S-graph, or the answer names it twice.
+    Raises UserError if the answer or the truth has ids that are not in the S-graph, or the answer has an id twice.
     """
-    rooms, walls = bearers(truth, s_graph)
+    rooms, walls = representatives(truth, s_graph)
     return MatchingScores(
         _score(result.rooms, truth.rooms, rooms, set(s_graph.room_by_id), "room"),
         _score(result.wall_surfaces, truth.wall_surfaces, walls, set(s_graph.surface_by_id), "wall surface"),
@@ -41,16 +41,16 @@ def matching_scores(result: MatchResult, truth: TrueMatches, s_graph: SceneGraph
 
 
 def unique_is_wrong(result: MatchResult, truth: TrueMatches, bent: bool = False) -> bool:
-    """Whether a `unique` answer is wrong; False for any other status, which claims nothing.
+    """Whether a `unique` answer is wrong; False for any other status.
 
-    Wrong is: the S-graph's centroid misplaced by more than 0.5 m or turned by more than 5 degrees (1 m and 8 degrees
-    for a map that bends, whose true T_a_s is the best rigid fit of the true matches), another floor, or one room
-    matched that is not so in truth.
+    An answer is wrong if it misplaces the S-graph's centroid by more than 0.5 m or rotates it by more than 5 degrees (1
+    m and 8 degrees for a deformed map, whose true T_a_s is the best rigid fit of the true matches), gives another
+    floor, or matches one room wrongly.
     """
     if result.status != "unique":
         return False
     if result.T_a_s is None:
-        raise UserError("the answer is unique and has no T_a_s")
+        raise UserError("matches: the answer is unique but has no T_a_s; correct the matcher")
     ours, true, centre = np.array(result.T_a_s), np.array(truth.T_a_s), np.array(truth.s_centroid)
     misplaced = np.hypot(*(se2.apply(ours, centre) - se2.apply(true, centre)))
     turned = abs(se2.wrap(ours[:1] - true[:1])[0])

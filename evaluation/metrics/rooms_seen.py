@@ -1,4 +1,4 @@
-"""How many rooms a run had seen, and how many the matching benchmark says that it needs from where it began."""
+"""The rooms that a run has seen, and the number that the matching benchmark needs from the same start room."""
 
 from dataclasses import dataclass
 
@@ -14,14 +14,14 @@ from matching.ambiguity.match_cache import is_correct
 from matching.protocol import AnyMatcher
 
 Array = NDArray[np.float64]
-MOST_ASKED = 9  # rooms; the benchmark's walks go no further
-PAIRS = 5  # maps drawn for each number of rooms, of which most are to be known,
-SURE_PAIRS, MISSED = 40, 2  # and of which 95 % are: so many are drawn, and so many may be missed
-LEAST_SEEN = 0.5  # of a room's walls, by length
+MOST_ASKED = 9  # largest number of rooms that is tried
+PAIRS = 5  # maps drawn for each number of rooms; most of them must be matched
+SURE_PAIRS, MISSED = 40, 2  # maps drawn for the 95 % criterion, and how many of them may fail
+LEAST_SEEN = 0.5  # share of a room's walls, by length
 
 
 def rooms_entered(floor: SceneGraph, places: Array) -> list[str]:
-    """The rooms of a storey that hold places (N, 2 or 3) of a way, in the order in which they were entered."""
+    """The rooms of a storey that a path through `places` (N, 2 or 3) enters, in order."""
     if not len(places):
         return []
     inside = {
@@ -32,7 +32,7 @@ def rooms_entered(floor: SceneGraph, places: Array) -> list[str]:
 
 
 def rooms_seen(s_graph: SceneGraph, floor: SceneGraph, T_bim_map: Array, places: Array) -> set[str]:
-    """The rooms of a storey that were entered, and those of whose walls an S-graph at `T_bim_map` (4, 4) has most."""
+    """The rooms of a storey that were entered or most of whose walls are in the S-graph at `T_bim_map` (4, 4)."""
     missed = set(wall_scores(s_graph, floor, T_bim_map).missed)
     seen = set(rooms_entered(floor, places))
     for room, walls in floor.surfaces_of_room.items():
@@ -43,26 +43,24 @@ def rooms_seen(s_graph: SceneGraph, floor: SceneGraph, T_bim_map: Array, places:
 
 
 @dataclass(frozen=True)
-class Needed:
-    """The fewest rooms of which most maps are known, and of which at least 95 % are; None where so many as are asked
-    after are too few."""
+class RoomsNeeded:
+    """The smallest number of rooms at which most maps are matched, and at which 95 % are; None if none is enough."""
 
     most: int | None = None
     sure: int | None = None
 
 
-def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int = 0) -> Needed:
-    """The fewest rooms, from this one on, of which the matcher knows the one true place in the maps that the matching
-    benchmark draws (regime `real`, rooms entered in any order); none for a room without walls in the plan.
-    """
+def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int = 0) -> RoomsNeeded:
+    """The number of rooms, from `room` on, that the matcher needs for a unique and correct match of the matching
+    benchmark's maps (regime `real`, rooms in any order); empty for a room without walls in the plan."""
     for storey in storeys_of(a_graph):
         start = next((k for k, r in enumerate(storey.rooms) if r.id == room), None)
         if start is not None:
             return _needed(a_graph, storey, start, matcher, seed)
-    return Needed()
+    return RoomsNeeded()
 
 
-def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher, seed: int) -> Needed:
+def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher, seed: int) -> RoomsNeeded:
     most = None
     for count in range(1, min(MOST_ASKED, len(storey.rooms)) + 1):
         known: list[bool] = []
@@ -73,5 +71,5 @@ def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher
         if most is None and 2 * sum(known[:PAIRS]) > PAIRS:
             most = count
         if known.count(False) <= MISSED:
-            return Needed(most, count)
-    return Needed(most)
+            return RoomsNeeded(most, count)
+    return RoomsNeeded(most)

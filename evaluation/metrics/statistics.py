@@ -1,4 +1,4 @@
-"""The statistics that every error is told by."""
+"""Statistics of errors, and scores of counts."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from data.common.errors import UserError
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of errors' magnitudes, in their unit; `std` is that of the sample about its mean (divided by N)."""
+    """Statistics of error magnitudes, in their unit; `std` is the standard deviation about the mean (divided by N)."""
 
     rmse: float
     mean: float
@@ -21,7 +21,7 @@ class Statistics:
 
     @staticmethod
     def of(values: NDArray[np.float64]) -> "Statistics":
-        """Of the magnitudes of (N,) values; raises UserError where there is none or one is not finite."""
+        """The statistics of the magnitudes of (N,) values. Raises UserError if there are none or one is not finite."""
         size = np.abs(values)
         if not len(size) or not np.isfinite(size).all():
             raise UserError(f"no statistics of {len(size)} errors: there must be one, and all must be finite")
@@ -33,7 +33,7 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Score:
-    """Of `answered`, `right` are true; of `expected`, `found` were found. A share of nothing is None."""
+    """Counts of answers: `right` of the `answered` are true, `found` of the `expected` were found."""
 
     right: int
     answered: int
@@ -42,17 +42,17 @@ class Score:
 
     @property
     def precision(self) -> float | None:
-        """The share of the answers that is right."""
+        """The share of right answers; None without answers."""
         return self.right / self.answered if self.answered else None
 
     @property
     def recall(self) -> float | None:
-        """The share of what was to be found that was."""
+        """The share of the expected items that was found; None if nothing was expected."""
         return self.found / self.expected if self.expected else None
 
     @property
     def f1(self) -> float | None:
-        """The harmonic mean of precision and recall: 0 where nothing was answered, None where nothing was expected."""
+        """The harmonic mean of precision and recall: 0 without answers, None if nothing was expected."""
         precision, recall = self.precision or 0.0, self.recall
         if recall is None:
             return None

@@ -1,4 +1,4 @@
-"""How the wall surfaces of an S-graph lie over those of an A-graph, in plan, under a known motion."""
+"""Overlaps in plan between the wall surfaces of an S-graph and of an A-graph, under a known motion."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Limits:
-    """When an S surface lies on an A surface: offset (m) along the A surface's normal where they overlap, angle (rad)
-    between the normals, `least_overlap` in metres."""
+    """The limits for an S surface to lie on an A surface: offset (m) along the A surface's normal at the overlap, angle
+    (rad) between the normals, and length of the overlap (m)."""
 
     offset_m: float = 0.3
     angle_rad: float = float(np.radians(10))
@@ -70,7 +70,7 @@ def plan_motion(T_bim_map: Array) -> Array:
 
 
 def one_storey(a_graph: SceneGraph) -> SceneGraph:
-    """The graph itself; raises UserError where it has several storeys, which would lie on each other in plan."""
+    """Returns the graph. Raises UserError if it has several storeys, which would overlap in plan."""
     floors = {w.floor for w in a_graph.wall_surfaces} | {r.floor for r in a_graph.rooms}
     if len(floors) > 1:
         raise UserError(f"the plan has {len(floors)} storeys; give the one of the map: a_graph.on_floor(...)")
@@ -78,7 +78,7 @@ def one_storey(a_graph: SceneGraph) -> SceneGraph:
 
 
 def segments(graph: SceneGraph, T_out_graph: Array) -> Segments:
-    """The graph's wall surfaces under a motion (yaw, x, y); unknown lengths are told by the rooms' other walls."""
+    """The graph's wall surfaces under a motion (yaw, x, y); unknown lengths are derived from the rooms' other walls."""
     if not graph.wall_surfaces:
         return Segments((), np.empty((0, 2)), np.empty(0), np.empty(0))
     walls = arrays(graph, None, list(graph.wall_surfaces))

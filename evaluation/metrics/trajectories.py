@@ -1,8 +1,8 @@
-"""How far a trajectory is from the truth, whole and in parts. Pure functions: no files, no plots.
+"""Trajectory errors: absolute, relative and drift. Pure functions: no files, no plots.
 
-Poses are paired by time (`sgslam.report.accuracy.associate`); every result says how many of the estimate's poses were.
-Translation errors are in metres, rotation errors are angles in radians. Where a result can be computed by evo
-(https://github.com/MichaelGrupp/evo) as well, it is the same number.
+Poses are paired by time (`sgslam.report.accuracy.associate`); every result has the number of paired poses. Translation
+errors are in metres, rotation errors are angles in radians. Results that evo (https://github.com/MichaelGrupp/evo) also
+computes have the same values.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.report.accuracy import TOLERANCE_NS, associate, yaw_errors
 
 Array = NDArray[np.float64]
-SUB_LENGTHS_M = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)  # KITTI's, by a tenth: buildings are no roads
+SUB_LENGTHS_M = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)  # a tenth of KITTI's, for buildings
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class Drift:
 
 
 def matched(estimate: Trajectory, truth: Trajectory, tolerance_ns: int = TOLERANCE_NS) -> Matched:
-    """Pairs the poses by time; raises UserError where none is."""
+    """Pairs the poses by time. Raises UserError if there is no pair."""
     ours, true = associate(estimate.stamps_ns, truth.stamps_ns, tolerance_ns)
     if not len(ours):
         apart = f"{len(estimate)} poses and {len(truth)} true poses"
@@ -139,9 +139,9 @@ def rpe(
     """The relative pose error between poses that lie `delta_m` of travelled way apart; needs no alignment.
 
     Sturm et al., IROS 2012; E = (Q_i^-1 Q_j)^-1 (P_i^-1 P_j). All pairs, as evo takes them: for each pose the one
-    whose way from it is nearest to `delta_m`, if within `relative_tolerance` of it. The way is measured along the
-    truth, so that all estimates are judged by the same pairs; evo measures along the estimate unless told otherwise.
-    Raises UserError for a length that is not positive and where no two poses lie so far apart.
+    whose path length from it is nearest to `delta_m`, if within `relative_tolerance` of it. The path length is measured
+    along the truth, so that all estimates use the same pairs; evo measures along the estimate by default. Raises
+    UserError for a length that is not positive and if no two poses lie that far apart.
     """
     if not (np.isfinite(delta_m) and delta_m > 0 and relative_tolerance >= 0):
         raise UserError(f"RPE over {delta_m:g} m: give a positive length and a tolerance of 0 or more")

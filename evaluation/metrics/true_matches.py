@@ -1,4 +1,4 @@
-"""Which wall of the plan each wall of the map is, and which room, when the map's place in the plan is known."""
+"""The true matches between a map's walls and rooms and the plan's, when the map's true pose is known."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from data.scene_graph import Room
 from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, overlaps, plan_motion, segments
 
 Array = NDArray[np.float64]
-LEAST_SHARE = 0.3  # of an S surface's length, or an S room's area, on the A surface or room that it is
-LEAST_VOTE = 0.5  # of an S room's matched wall length that faces one A room, where there are no polygons
+LEAST_SHARE = 0.3  # share of an S surface's length (S room's area) on its A surface (A room)
+LEAST_VOTE = 0.5  # share of an S room's matched wall length that faces one A room, without polygons
 
 
 @dataclass(frozen=True)
 class TrueMatches:
-    """S ids to A ids; what has no true match is not in them. `T_a_s` is (yaw, x, y), for a map that bends the best
+    """A ids by S ids; nodes without a true match are left out. `T_a_s` is (yaw, x, y), for a deformed map the best
     rigid fit of the matches; `floor` is the A-graph's; `s_centroid` is `SceneGraph.centroid` of the S-graph."""
 
     rooms: Mapping[str, str]
@@ -43,8 +43,8 @@ def true_matches(
     """
     limits = limits or Limits()
     T_a_s = plan_motion(T_bim_map)
-    lying = lie_over(s_graph, one_storey(a_graph), T_a_s, limits)
-    chosen = own_surface(lying, limits)
+    lying = overlaps_in_plan(s_graph, one_storey(a_graph), T_a_s, limits)
+    chosen = best_surfaces(lying, limits)
     walls = {lying.s.ids[i]: lying.a.ids[j] for i, j in enumerate(chosen.tolist()) if j >= 0}
     floors = {w.floor for w in a_graph.wall_surfaces} | {r.floor for r in a_graph.rooms}
     x, y = s_graph.centroid().tolist()
@@ -54,12 +54,12 @@ def true_matches(
     )
 
 
-def lie_over(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array, limits: Limits) -> Overlaps:
+def overlaps_in_plan(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array, limits: Limits) -> Overlaps:
     """The overlaps of all S surfaces, under the motion (yaw, x, y), with all A surfaces."""
     return overlaps(segments(s_graph, T_a_s), segments(a_graph, np.zeros(3)), limits)
 
 
-def own_surface(lying: Overlaps, limits: Limits) -> NDArray[np.int64]:
+def best_surfaces(lying: Overlaps, limits: Limits) -> NDArray[np.int64]:
     """(S,) the index of the A surface that each S surface is, -1 for none."""
     if not lying.length.size:
         return np.full(len(lying.s.ids), -1)
@@ -68,7 +68,7 @@ def own_surface(lying: Overlaps, limits: Limits) -> NDArray[np.int64]:
     return np.where(score.max(axis=1) > 0, score.argmax(axis=1), -1)
 
 
-def bearers(truth: TrueMatches, s_graph: SceneGraph) -> tuple[set[str], set[str]]:
+def representatives(truth: TrueMatches, s_graph: SceneGraph) -> tuple[set[str], set[str]]:
     """The S rooms and the S wall surfaces that bear the answer for their true A room or surface.
 
     Of several pieces of one wall the longest, of several parts of one room the largest (by area, by length of walls

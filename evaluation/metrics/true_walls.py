@@ -1,4 +1,4 @@
-"""What became of each wall of a simulated storey, and from how many keyframes it could be seen."""
+"""Ground truth of each wall of a simulated storey: how it was built, and how many keyframes can see it."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -22,17 +22,17 @@ _ELEVATIONS = np.radians([0.0, 4.0, 8.0, 12.0, 15.0])
 _AZIMUTHS = 720
 _LEAST_SEEN = 0.5, 8  # m of a wall, and columns that meet it, in one stretch of one view
 _GAP = 0.35  # m between columns that ends a stretch
-_BEHIND = 0.5  # m; what ends nearer behind an absent wall does not show that it is absent
+_BEHIND = 0.5  # m that a ray must reach behind an absent wall to show that it is absent
 _SAME = 0.01  # m
 
 
 @dataclass(frozen=True)
 class TrueWall:
-    """An IfcWall: `kind` is `as planned`, `moved`, `absent` or `unplanned`, `offset_in_bim` its shift in plan (m).
+    """An IfcWall as built.
 
-    `views` counts the keyframes that see half a metre of it in one stretch; of an absent one, that see something well
-    behind half a metre of its place. `footprint` is the smallest rectangle around it as built (corners in x y, BIM
-    frame).
+    `kind` is `as planned`, `moved`, `absent` or `unplanned`; `offset_in_bim` is its shift in plan (m). `views` counts
+    the keyframes that see half a metre of it in one stretch; for an absent wall, those that see through half a metre
+    of its planned place. `footprint` is its minimum rectangle (corners in x y, BIM frame).
     """
 
     id: str
@@ -43,14 +43,14 @@ class TrueWall:
 
 
 def true_walls(
-    ifc: Path, storey: str, changes: Changes, seed: int, truth: Trajectory, keyframes: list[int], kept: Path
+    ifc: Path, storey: str, changes: Changes, seed: int, truth: Trajectory, keyframes: list[int], cache: Path
 ) -> list[TrueWall]:
-    """The storey's walls as a drive met them; `keyframes` are the numbers of the scans that are looked from.
+    """The storey's walls as built; `keyframes` are the indices of the scans used as viewpoints.
 
-    What has been found is kept in the file `kept` and read from there. Raises UserError for what cannot be read.
+    The result is cached in the file `cache`. Raises UserError if that file cannot be read.
     """
-    if kept.exists():
-        return [_read(row) for row in json.loads(kept.read_text())]
+    if cache.exists():
+        return [_read(row) for row in json.loads(cache.read_text())]
     from data.simulation.storey_model import load_storey
 
     model = load_storey(ifc, storey, changes, seed)
@@ -67,7 +67,7 @@ def true_walls(
         change = change_of.get(wall.global_id)
         offset = change.offset_in_bim if change is not None else (0.0, 0.0)
         walls.append(TrueWall(wall.global_id, _kind(wall, change_of), offset, count, _footprint(triangles)))
-    write_json(kept, [asdict(wall) for wall in walls])
+    write_json(cache, [asdict(wall) for wall in walls])
     return walls
 
 
@@ -77,7 +77,7 @@ def _read(row: dict[str, Any]) -> TrueWall:
         corners = tuple((float(u), float(v)) for u, v in row["footprint"])
         return TrueWall(row["id"], row["kind"], (float(x), float(y)), int(row["views"]), corners)
     except (KeyError, TypeError, ValueError):
-        raise UserError("what a drive's walls are cannot be read; remove the drive's walls.json") from None
+        raise UserError("the drive's walls.json is damaged; delete it to compute it again") from None
 
 
 def _kind(wall: IfcProduct, change_of: dict[str, Change]) -> str:
@@ -85,7 +85,7 @@ def _kind(wall: IfcProduct, change_of: dict[str, Change]) -> str:
 
 
 def _as_built(wall: IfcProduct, change: Change | None) -> Array:
-    """(M, 3, 3) the wall where it stands; an absent one where it should."""
+    """(M, 3, 3) triangles of the wall as built; of an absent wall, as planned."""
     offset = (0.0, 0.0) if change is None else change.offset_in_bim
     return np.asarray((wall.vertices + np.array([*offset, 0.0]))[wall.faces])
 
@@ -107,8 +107,10 @@ def _views(
     walls: list[TriangleScene], axes: list[Array], stands: list[bool], whole: TriangleScene, built: TriangleScene,
     poses: Array, level: float,
 ) -> NDArray[np.int64]:  # fmt: skip
-    """(N,) from how many of the sensor poses (K, 4, 4) each wall is seen, or seen through where it does not stand:
-    `whole` is the building with all walls, `built` with those that stand."""
+    """(N,) from how many of the sensor poses (K, 4, 4) each wall is seen, or, if absent, seen through.
+
+    `whole` is the building with all walls, `built` only with those that were built.
+    """
     azimuth = np.linspace(0, 2 * np.pi, _AZIMUTHS, endpoint=False)
     a, e = np.meshgrid(azimuth, _ELEVATIONS, indexing="ij")
     rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
@@ -117,23 +119,23 @@ def _views(
         reached = whole.distances(origin, rays)
         height = origin[2] + np.where(np.isfinite(reached), reached, 0.0) * rays[:, 2] - level
         there = np.isfinite(reached) & (height > _BAND[0]) & (height < _BAND[1])
-        # of each column the nearest thing in the band, as the front end sees it
+        # the nearest return in the height band for each column, as in the front end
         away = np.where(there, reached * np.cos(e).ravel(), np.inf).reshape(a.shape)
-        asked = np.arange(_AZIMUTHS) * a.shape[1] + np.argmin(away, axis=1)
-        asked = asked[there[asked]]
-        if not len(asked):
+        nearest = np.arange(_AZIMUTHS) * a.shape[1] + np.argmin(away, axis=1)
+        nearest = nearest[there[nearest]]
+        if not len(nearest):
             continue
-        hits = origin[:2] + reached[asked, None] * rays[asked, :2]
-        beyond = built.distances(origin, rays[asked])
-        through = np.isfinite(beyond) & (beyond > reached[asked] + _BEHIND)
+        hits = origin[:2] + reached[nearest, None] * rays[nearest, :2]
+        beyond = built.distances(origin, rays[nearest])
+        through = np.isfinite(beyond) & (beyond > reached[nearest] + _BEHIND)
         for k, (wall, axis) in enumerate(zip(walls, axes, strict=True)):
-            its = wall.distances(origin, rays[asked]) < reached[asked] + _SAME
+            its = wall.distances(origin, rays[nearest]) < reached[nearest] + _SAME
             views[k] += _enough(hits[its & (through | stands[k])] @ axis)
     return views
 
 
 def _enough(along: Array) -> bool:
-    """Whether columns that meet a wall at these places (N,) show it."""
+    """Whether columns that hit a wall at these positions along it (N,) are enough to see it."""
     least, columns = _LEAST_SEEN
     along = np.sort(along)
     stretches = np.split(along, np.flatnonzero(np.diff(along) > _GAP) + 1)

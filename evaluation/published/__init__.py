@@ -1,1 +1,1 @@
-"""Published methods and tables, reproduced beside ours."""
+"""Published methods and tables, reproduced and compared with ours."""

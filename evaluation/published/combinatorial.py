@@ -1,4 +1,4 @@
-"""Our build of iS-Graphs' search beside what was measured on its public code.
+"""Our implementation of iS-Graphs' search against measurements of its public code.
 
 python -m evaluation.published.combinatorial
 """
@@ -15,10 +15,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command line. Raises UserError."""
     parser = Parser(
         prog="python -m evaluation.published.combinatorial",
-        description="iS-Graphs' search: what it answers, how long it takes.",
+        description="Measure answers and times of iS-Graphs' search.",
     )
-    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds an answer (default 60)")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="a page whose section 'combinatorial' is written too")
+    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="time limit per answer (default 60)")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section is written")
     options = parser.parse_args(arguments)
     if not options.limit > 0:
         raise UserError(f"--limit {options.limit:g}: must be more than 0")
@@ -42,15 +42,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 HEAD = (
     "## The combinatorial search\n\n"
-    "`combinatorial` is iS-Graphs' search as its public code does it, `combinatorial-grid` its later branch. Both were "
-    "asked what the public code had been asked on synthetic layouts of the same description: grids of rooms, uneven "
-    "ones unless said otherwise, A rooms:S rooms, walls seen with 3 cm and 0.5° of noise. The public code breaks ties "
-    "in random order; which of them is the first means nothing."
+    "`combinatorial` is iS-Graphs' search as in its public code, `combinatorial-grid` its later branch. Both were run "
+    "on synthetic layouts of the same description as the public code: grids of rooms, uneven unless stated otherwise, "
+    "A rooms:S rooms, walls with 3 cm and 0.5° of noise. The public code breaks ties in random order, so which answer "
+    "comes first has no meaning."
 )
 TIMES = (
-    "Seconds for one answer, ours of one processor core (the limit is of the wall clock). The public code was measured "
-    "on 2 cores; ours tries the same sets of pairs, thousands at once. At most {worst:.2f} times as long as the "
-    "public code. Where one of the two was stopped, the time is a bound."
+    "Seconds for one answer, ours in CPU time of one core (the limit is in wall-clock time). The public code was "
+    "measured on 2 cores; ours tries the same sets of pairs, thousands at once. Ours takes at most {worst:.2f} times "
+    "as long as the public code. Where one of the two was stopped, the time is a bound."
 )
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the combinatorial search answers to twins, mirrors, spurious walls, turns; and what its public code did."""
+"""Answers of the combinatorial search and of its public code to symmetries, mirrored maps and spurious walls."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,14 +10,14 @@ from evaluation.published.combinatorial_layouts import Noise, grid, seen, subset
 from matching.result import MatchResult
 
 Match = Callable[[SceneGraph, SceneGraph], MatchResult]
-L_SHAPE = (0, 1, 5)  # rooms of the plan of 8 that no mirror and no turn lays on each other
+L_SHAPE = (0, 1, 5)  # rooms of the plan of 8 without a mirror or rotational symmetry
 EXACT = Noise(0.0, 0.0)
 SEEDS = 10
 
 
 @dataclass(frozen=True)
 class Question:
-    """Pairs of an S-graph and an A-graph, and what the released public code and its later branch answered."""
+    """Pairs of an S-graph and an A-graph, with the answers of the released public code and of its later branch."""
 
     what: str
     pairs: tuple[tuple[SceneGraph, SceneGraph], ...]
@@ -26,10 +26,10 @@ class Question:
 
 
 def questions() -> list[Question]:
-    """All that is asked."""
+    """All questions."""
     plan = grid(4, 2)
     s = seen(plan, L_SHAPE)
-    found = [_twins(*shape, *told) for shape, told in TWINS]
+    found = [_twins(*shape, *answers) for shape, answers in TWINS]
     spurious = WallSurface("spurious", s.rooms[0].id, s.rooms[0].centroid, (1.0, 0.0), 1.0)
     found += [
         Question("as built, 8:3", ((s, plan),), "unique, right", "unique, right"),
@@ -73,17 +73,17 @@ def _twins(columns: int, rows: int, rooms: int, released: str, later: str) -> Qu
 
 
 def behaviour(released: Match, later: Match) -> str:
-    """The table in Markdown."""
+    """The Markdown table of questions and answers."""
     lines = ["| asked | public code, released | ours | public code, later branch | ours |", "|---|---|---|---|---|"]
     for q in questions():
-        ours = (told(q, [match(*pair) for pair in q.pairs]) for match in (released, later))
+        ours = (describe_answer(q, [match(*pair) for pair in q.pairs]) for match in (released, later))
         first, second = ours
         lines.append(f"| {q.what} | {q.released} | {first} | {q.later} | {second} |")
     return "\n".join(lines) + "\n"
 
 
-def told(question: Question, results: Sequence[MatchResult]) -> str:
-    """One answer in words; of several how many are unique and perfect."""
+def describe_answer(question: Question, results: Sequence[MatchResult]) -> str:
+    """A single answer in words; for several, the number of unique and perfect ones."""
     if len(results) > 1:
         pairs = zip(results, question.pairs, strict=True)
         return str(sum(r.status == "unique" and not wrong(r) and complete(r, s) for r, (s, _) in pairs))
@@ -98,10 +98,10 @@ def told(question: Question, results: Sequence[MatchResult]) -> str:
 
 
 def wrong(result: MatchResult) -> int:
-    """How many pairs are not what `seen` drew from the plan."""
+    """The number of wrong pairs."""
     return sum(s != f"s:{a}" for s, a, _ in (*result.rooms, *result.wall_surfaces))
 
 
 def complete(result: MatchResult, s: SceneGraph) -> bool:
-    """Whether all rooms and walls have a partner."""
+    """Whether all rooms and walls are matched."""
     return len(result.rooms) == len(s.rooms) and len(result.wall_surfaces) == len(s.wall_surfaces)

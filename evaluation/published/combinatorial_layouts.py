@@ -1,4 +1,4 @@
-"""Layouts on which the combinatorial search was measured as published: grids of rooms, uneven or all equal."""
+"""Layouts like those on which the published combinatorial search was measured: grids of uneven or equal rooms."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,14 +13,14 @@ WALL_M, CELL_M = 0.2, 6.5
 
 @dataclass(frozen=True)
 class Noise:
-    """Of each wall: across it (metres) and of its normal (degrees), standard deviations."""
+    """Standard deviations of each wall's offset (m) and of its normal (degrees)."""
 
     metres: float = 0.03
     degrees: float = 0.5
 
 
 def grid(columns: int, rows: int, side_m: float | None = None, seed: int = 0) -> SceneGraph:
-    """An A-graph of rooms in columns and rows: squares of one side, or rectangles of sizes and offsets of their own."""
+    """An A-graph of rooms in columns and rows: squares with `side_m`, or rectangles of random sizes and offsets."""
     rng = np.random.default_rng(seed)
     rings = []
     for k in range(rows):
@@ -33,7 +33,7 @@ def grid(columns: int, rows: int, side_m: float | None = None, seed: int = 0) ->
 
 
 def polygons(count: int, walls: int, seed: int = 0) -> SceneGraph:
-    """An A-graph of rooms in a row with so many walls each, on circles of 2.5 m, of which no corner is regular."""
+    """An A-graph of `count` rooms in a row with `walls` walls each, irregular polygons on circles of 2.5 m."""
     rng = np.random.default_rng(seed)
     rings = []
     for k in range(count):
@@ -53,9 +53,7 @@ def of_rings(rings: Sequence[Sequence[tuple[float, float]]]) -> SceneGraph:
         for n, (p, q) in enumerate(zip(points, np.roll(points, -1, axis=0), strict=True)):
             length = float(np.hypot(*(q - p)))
             along, middle = ((q - p) / length).tolist(), ((p + q) / 2).tolist()
-            walls.append(
-                WallSurface(f"room{k}/{n}", f"room{k}", (middle[0], middle[1]), (-along[1], along[0]), length)
-            )
+            walls.append(WallSurface(f"room{k}/{n}", f"room{k}", (middle[0], middle[1]), (-along[1], along[0]), length))
     return SceneGraph("bim", tuple(rooms), tuple(walls))
 
 
@@ -67,9 +65,9 @@ def seen(
     turned: float = 0.0,
     mirrored: bool = False,
 ) -> SceneGraph:
-    """An S-graph of some of the rooms, with noise, turned (radians) about the origin, or flipped in x.
+    """An S-graph of some of the rooms, with noise, rotated (rad) about the origin, or mirrored in x.
 
-    Ids are the plan's with "s:" before them. A room's centre is that of its walls as they were seen.
+    Ids are the plan's with the prefix "s:". The centre of a room is that of its noisy walls.
     """
     noise = noise or Noise()
     rng = np.random.default_rng([seed, 1])
@@ -86,15 +84,13 @@ def seen(
             normal = se2.rotate(np.radians(rng.normal(0.0, noise.degrees)), np.array(w.normal))
             place = se2.rotate(turned, flip * (np.array(w.centroid) + d * np.array(w.normal)))
             facing = se2.rotate(turned, flip * normal)
-            walls.append(
-                replace(w, id=f"s:{w.id}", room=f"s:{room.id}", centroid=_xy(place), normal=_xy(facing))
-            )
+            walls.append(replace(w, id=f"s:{w.id}", room=f"s:{room.id}", centroid=_xy(place), normal=_xy(facing)))
     found = tuple(Room(f"s:{r.id}", _xy(centre[r.id])) for r in kept)
     return SceneGraph("map", found, tuple(walls))
 
 
 def subset(plan: SceneGraph, count: int, seed: int = 0) -> list[int]:
-    """Some of the plan's rooms, at random."""
+    """The indices of `count` random rooms of the plan."""
     rng = np.random.default_rng([seed, 2])
     return [int(k) for k in rng.permutation(len(plan.rooms))[:count]]
 

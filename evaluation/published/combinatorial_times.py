@@ -1,4 +1,4 @@
-"""How long the combinatorial search takes, beside what its public code took on layouts of the same kind."""
+"""Times of the combinatorial search against its public code on layouts of the same kind."""
 
 import time
 from collections.abc import Sequence
@@ -9,12 +9,12 @@ from evaluation.published.combinatorial_behaviour import EXACT, Match
 from evaluation.published.combinatorial_layouts import grid, polygons, seen, subset
 
 SHAPES = {2: (2, 1), 4: (2, 2), 8: (4, 2), 12: (4, 3)}
-LATE_S = 300.0  # where the measurement of the public code was given up; 120 s for the walls
+LATE_S = 300.0  # time limit of the public code's measurement; 120 s for many walls
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A pair, and the seconds that the released public code and its later branch took; None: not measured."""
+    """A pair, with the seconds of the released public code and of its later branch (None: not measured)."""
 
     name: str
     s: SceneGraph
@@ -24,7 +24,7 @@ class Layout:
 
 
 def layouts() -> list[Layout]:
-    """Uneven rooms A:S, rooms of many walls, equal squares."""
+    """All layouts: uneven rooms A:S, rooms with many walls, equal squares."""
     found = []
     for (a, s), released, later in GRIDS:
         plan = grid(*SHAPES[a])
@@ -50,9 +50,9 @@ GIVEN_UP = (LATE_S, 120.0)
 
 
 def times(released: Match, later: Match, limit_s: float) -> tuple[str, float]:
-    """The table in Markdown, and the largest of the ratios of our time to the public code's.
+    """The Markdown table, and the largest ratio of our time to the public code's.
 
-    A time at which one of the two was stopped is a bound; such a row has no ratio.
+    If ours was stopped, its time is a bound and the row has no ratio.
     """
     lines = ["| layout | released: public code s | ours s | ratio | later branch: public code s | ours s | ratio |"]
     lines.append("|---|---|---|---|---|---|---|")

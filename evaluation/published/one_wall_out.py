@@ -1,11 +1,10 @@
-"""How far a wall stands from its plan that nobody was told of.
+"""Leave-one-out test of anchoring: distance of each wall from the plan when it has no anchor itself.
 
     python -m evaluation.published.one_wall_out GRAPH.g2o PLAN.json
 
-GRAPH is a factor graph of S-Graphs, PLAN the building's A-graph (or JSON that holds it as `a_graph`). The graph is
-matched and anchored once for each wall, that wall left out; then it is measured, at the planned wall's middle, how far
-the map has it off the plan: laid there rigidly by the match, rigidly by the best fit of all other walls, and anchored
-to them, so that it may bend.
+GRAPH is a factor graph of S-Graphs, PLAN the building's A-graph (or JSON with the key `a_graph`). For each wall, the
+graph is matched and anchored without it. Then the wall's distance from the plan is measured at the planned wall's
+centre: with the map placed rigidly by the match, rigidly by the best fit of all other walls, and anchored to them.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +25,7 @@ Pairs = list[tuple[int, WallSurface]]
 
 @dataclass(frozen=True)
 class LeftOut:
-    """One wall of the plan and the planes that are it; metres off the plan, means over its planned surfaces."""
+    """One wall of the plan and its planes; distances (m) from the plan are means over its planned surfaces."""
 
     wall: str
     planes: tuple[int, ...]
@@ -36,8 +35,8 @@ class LeftOut:
 
 
 def one_wall_out(graph: PlaneGraph, a: SceneGraph, method: str = "learned") -> list[LeftOut]:
-    """Every matched wall left out in its turn. Raises UserError where the map, or it without a wall, has no unique
-    place in the plan."""
+    """Leaves out every matched wall in turn. Raises UserError if the map, with or without a wall, has no unique
+    match."""
     s, matcher = graph.scene_graph(), Matcher.load(method)
     matched = matcher.match(s, a)
     if matched.status != "unique":
@@ -60,14 +59,14 @@ def one_wall_out(graph: PlaneGraph, a: SceneGraph, method: str = "learned") -> l
 
 
 def _stiff(graph: PlaneGraph) -> PlaneGraph:
-    """The same map where nothing can move: all planes as if seen at once, without an error."""
+    """The same map as a rigid body: all planes observed from one keyframe without error."""
     sure = np.diag([1e10] * 3)
     seen = tuple(PlaneSeen(0, number, plane, sure) for number, plane in graph.planes.items())
     return replace(graph, keyframes={0: np.eye(4)}, steps=(), seen=seen, same=())
 
 
 def _walls(pairs: Pairs) -> list[Pairs]:
-    """The pairs by wall: those that share a plane of the map, or a wall of the plan, are of one wall."""
+    """The pairs grouped by wall: pairs with a common plane of the map or a common wall of the plan."""
     walls: list[Pairs] = []
     for pair in pairs:
         mine = [w for w in walls if any(plane == pair[0] or _name(planned) == _name(pair[1]) for plane, planned in w)]
@@ -76,7 +75,7 @@ def _walls(pairs: Pairs) -> list[Pairs]:
 
 
 def _name(surface: WallSurface) -> str:
-    """Of the wall that a surface is a side of."""
+    """The name of a surface's wall."""
     return surface.source or surface.id.partition("@")[0]
 
 
@@ -86,7 +85,7 @@ def _off(pairs: Pairs, planes_in_bim: dict[int, np.ndarray]) -> float:
 
 
 def table(found: list[LeftOut]) -> str:
-    """Markdown: a line for each wall, and the medians."""
+    """Markdown table: a line for each wall, and the medians."""
     head = ("wall of the plan", "planes of the map", "laid by the match (mm)", "rigid, best fit (mm)", "anchored (mm)")
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     off = np.array([(f.laid, f.rigid, f.anchored) for f in found])
@@ -99,12 +98,12 @@ def table(found: list[LeftOut]) -> str:
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.published.one_wall_out", description="Each wall of a map left out of its anchors."
+        prog="python -m evaluation.published.one_wall_out", description="Measure anchoring with each wall left out."
     )
     parser.add_argument("graph", type=Path, metavar="GRAPH.g2o", help="a factor graph that S-Graphs saved")
     parser.add_argument("plan", type=Path, metavar="PLAN.json", help="the building's A-graph")
-    parser.add_argument("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
-    parser.add_argument("--benchmarks", type=Path, metavar="FILE", help="page of results to write a section of")
+    parser.add_argument("--method", default="learned", metavar="NAME", help="matching method (default learned)")
+    parser.add_argument("--benchmarks", type=Path, metavar="FILE", help="page of results; its section is written")
     options = parser.parse_args()
     text = table(one_wall_out(read_g2o(options.graph), SceneGraph.load(options.plan, "a_graph"), options.method))
     if options.benchmarks is not None:
@@ -119,10 +118,10 @@ def main() -> int:
 
 
 HEAD = (
-    "### A published system's map, anchored: each wall left out in its turn\n\n"
-    "How far a wall that no anchor was given for stands off its plan: with the map laid rigidly on it by the match "
-    "of all other walls, by their best fit (six degrees of freedom, the same robust losses), and with the map anchored "
-    "to them. Planes of one wall are left out together."
+    "### A published system's map, anchored: leave-one-out\n\n"
+    "Distance of a wall without an anchor from the plan: with the map placed rigidly by the match of all other walls, "
+    "by their best fit (six degrees of freedom, the same robust losses), and with the map anchored to them. Planes of "
+    "one wall are left out together."
 )
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The text of the published tables beside ours, from rows alone."""
+"""The page with the published tables and ours, made from the rows."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,12 +8,12 @@ import numpy as np
 
 from evaluation.matching_benchmark.cells import measure
 from evaluation.matching_benchmark.rows import Row, Tally
-from evaluation.matching_benchmark.tables import Table, markdown, told
+from evaluation.matching_benchmark.tables import Table, format_estimate, markdown
 from evaluation.published.pairs import SE2, SE2_ANYWHERE, STARTS, start_regime
 
 HEADER = ("pairs of", "method", "pairs", "precision", "recall", "F1", "accuracy", "time (s)", "completed",
           "F1 of the completed")  # fmt: skip
-LIMIT_S = 60.0  # what takes longer is not completed, as in the paper
+LIMIT_S = 60.0  # above, a pair is not completed, as in the paper
 NAMES = {
     "combinatorial": "iS-Graphs' search, `combinatorial`", "paper@published": "the paper's matcher, `paper@published`",
     "paper@repository": "its repository's better parameters, `paper@repository`", "voting": "ours, `voting`",
@@ -24,7 +24,7 @@ NAMES = {
 
 @dataclass(frozen=True)
 class Published:
-    """What the paper prints in a table of its own."""
+    """A row of the paper's tables."""
 
     method: str
     precision: float
@@ -34,7 +34,7 @@ class Published:
     completed: int
 
     def line(self, pairs: str) -> tuple[str, ...]:
-        """As one of the table's lines."""
+        """The row as a line of our table."""
         p, r, f = (f"{v:g}" for v in (self.precision, self.recall, self.f1))
         seconds = "" if self.seconds is None else f"{self.seconds:g}"
         return pairs, self.method, "", p, r, f, "", seconds, f"{self.completed} %", ""
@@ -55,7 +55,7 @@ REAL_TABLE = (
 
 
 def page_of(rows: Sequence[Row], ablation: Mapping[str, str], figure: Path | None) -> str:
-    """The section as Markdown. `ablation` names methods that are parts of the published matcher left out."""
+    """The section as Markdown. `ablation` names the methods with parts of the published matcher left out."""
     whole = [r for r in rows if r.method not in ablation]
     parts = [HEAD]
     drawn = [r for r in whole if r.regime == "paper"]
@@ -80,14 +80,14 @@ def page_of(rows: Sequence[Row], ablation: Mapping[str, str], figure: Path | Non
 
 
 def joint(row: Row) -> Row:
-    """The row with rooms and wall surfaces together as one kind of node, told as wall surfaces."""
+    """The row with rooms and wall surfaces counted together, as wall surfaces."""
     r, w = row.room_tally, row.wall_tally
     both = Tally(r.right + w.right, r.answered + w.answered, r.true + w.true, r.spare + w.spare, r.left + w.left)
     return replace(row, wall_tally=both, room_tally=Tally())
 
 
 def f1_of(rows: Sequence[Row]) -> float:
-    """Mean over pairs of the F1 of all nodes."""
+    """The mean over pairs of the F1 of all nodes."""
     found = measure([joint(r) for r in rows]).walls.f1
     return found.value if found is not None else float("nan")
 
@@ -106,7 +106,7 @@ def _measured(rows: Sequence[Row]) -> tuple[str, ...]:
     m = measure([joint(r) for r in rows])
     done = [r for r in rows if r.completed and r.seconds < LIMIT_S]
     n = m.walls
-    nodes = tuple(told(v) for v in (n.precision, n.recall, n.f1, n.accuracy))
+    nodes = tuple(format_estimate(v) for v in (n.precision, n.recall, n.f1, n.accuracy))
     seconds = float(np.mean([r.seconds for r in rows]))
     of_done = f"{f1_of(done):.3f}" if done and len(done) < len(rows) else ""
     return str(m.pairs), *nodes, f"{seconds:.3f}", f"{100 * len(done) / len(rows):.0f} %", of_done
@@ -140,9 +140,9 @@ HEAD = (
     "plans than those below; `combinatorial` is the search that it is compared with. Precision, recall and F1 are of "
     "rooms and wall surfaces together, means over pairs with their 95 % intervals (bootstrap over buildings), also of "
     "pairs that were not completed in 60 s, where nothing was answered; accuracy is the share of S nodes answered as "
-    "they should be; time is the mean of a pair on one thread. `combinatorial`, which takes long, was run on the first "
-    "of the pairs only, as many as are told. The machine was busy with other work: times are several times those of an "
-    "idle one, and more of `combinatorial` would be completed there."
+    "they should be; time is the mean of a pair on one thread. `combinatorial`, which is slow, was run only on the "
+    "first pairs, whose number is given. The machine was busy with other work: times are several times those of an "
+    "idle one, on which more of `combinatorial` would be completed."
 )
 FIRST = "Published table 1: the published perturbation"
 FIRST_NOTE = "Rooms and walls dropped, noise, any turn about the plan's own origin, the same origin"

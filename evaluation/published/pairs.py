@@ -1,4 +1,4 @@
-"""The pairs of the published tables: the published perturbation, its start moved away, and maps that SLAM built."""
+"""The pairs of the published tables: the published perturbation, with the start moved, and maps built by SLAM."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,18 +18,18 @@ from evaluation.published.se2_subsets import Known, parts
 
 SE2, SE2_ANYWHERE = "se2", "se2-anywhere"
 STARTS = (1.0, 5.0, 20.0)  # metres
-REACH = 20.0  # metres, of a map that is laid anywhere
-SITE = 15.0  # metres: the middle of a plan of the published data is as near to its origin
+REACH = 20.0  # metres, largest shift of a map along each axis
+SITE = 15.0  # metres, largest distance of a published plan's centre from its origin, along each axis
 
 
 def start_regime(metres: float) -> str:
-    """The name of the published perturbation with a start that is known to within so many metres, each axis."""
+    """The name of the published perturbation with a start known to within `metres` along each axis."""
     return f"paper+{metres:g}m" if metres else "paper"
 
 
 @dataclass(frozen=True)
 class MovedPair:
-    """Another pair whose S-graph is laid elsewhere: shifted by at most `reach` along each axis, `turned` or not."""
+    """Another pair with its S-graph moved: shifted by at most `reach` (m) along each axis, and rotated if `turned`."""
 
     pair: Pair
     regime: str
@@ -62,7 +62,7 @@ class MovedPair:
         return self.pair.seed
 
     def prepare(self) -> Prepared:
-        """Lays the S-graph elsewhere; where depends on the pair and the regime alone."""
+        """Moves the S-graph by a motion that depends only on the pair and the regime."""
         prepared = self.pair.prepare()
         rng = np.random.default_rng(_hash(self.regime, self.source_name, self.rooms, self.index, self.seed))
         yaw = rng.uniform(-np.pi, np.pi) if self.turned else 0.0
@@ -84,8 +84,8 @@ class MovedPair:
 
 
 @dataclass(frozen=True)
-class KnownPair:
-    """A part of a map of which the true pairs are known, in the map's own frame."""
+class KnownMapPair:
+    """A part of a map with known true matches, in the map's own frame."""
 
     target: Candidate
     drawn: DrawnGraph
@@ -96,23 +96,23 @@ class KnownPair:
 
     @property
     def source_name(self) -> str:
-        """As the plan's."""
+        """The name of the plan."""
         return f"{self.target.plans}/{self.target.plan.name}"
 
     def prepare(self) -> Prepared:
-        """With what is known already."""
+        """The part with its truth."""
         return Prepared.of(self.drawn, self.target.plan.graph)
 
 
-def known_pairs(file: Path) -> list[Pair]:
-    """Every part of 2 and more rooms of a known map, in its own frame and laid anywhere."""
+def known_map_pairs(file: Path) -> list[Pair]:
+    """Every part of a known map with at least 2 rooms, in its own frame and moved."""
     known = Known.load(file)
     name = file.stem
     target = Candidate(name, Plan(name, name, known.a_graph))
     found: list[Pair] = []
     for index, part in enumerate(parts(known)):
         rooms = None if len(part.rooms) == len(known.s_graph.rooms) else len(part.rooms)
-        pair = KnownPair(target, _drawn(known, part), rooms, index)
+        pair = KnownMapPair(target, _drawn(known, part), rooms, index)
         found += [pair, MovedPair(pair, SE2_ANYWHERE, REACH, turned=True)]
     return found
 
@@ -126,13 +126,13 @@ def _drawn(known: Known, part: SceneGraph) -> DrawnGraph:
 
 
 def published_candidates(folder: Path) -> list[Candidate]:
-    """The plans of a folder with every edge of a room as a wall surface, as in the published data."""
+    """The plans of a folder, with every edge of a room as a wall surface as in the published data."""
     plans = (p for p in read_plans(folder, merge_collinear=False) if p.graph.rooms)
     return [Candidate(f"{folder.resolve().name}-edges", p) for p in plans]
 
 
 def generated_candidates(count: int) -> list[Candidate]:
-    """Generated apartments on which nothing was trained, laid as near to the origin as the published data are."""
+    """Generated apartments outside the training data, as close to the origin as the published data."""
     return [replace(c, plan=replace(c.plan, graph=_near_origin(c.plan))) for c in _apartments(count)]
 
 
@@ -146,12 +146,12 @@ def _near_origin(plan: Plan) -> SceneGraph:
 
 
 def with_starts(pairs: Sequence[DrawnPair]) -> list[Pair]:
-    """The pairs, and each of them with its start moved by less and by more."""
+    """The pairs, and each of them with its start moved by the distances `STARTS`."""
     return [*pairs, *(MovedPair(p, start_regime(m), m) for m in STARTS for p in pairs)]
 
 
 def real_pairs(folder: Path, rooms: Sequence[int | None], count: int, seed: int) -> list[Pair]:
-    """Maps as of real scans of the plans of a folder, whose walls are whole: `count` for each number of rooms."""
+    """Maps of the regime `real` of the plans of a folder: `count` for each number of rooms."""
     candidates = read_candidates([folder], [])
     return [p for n in rooms for p in pairs_of_cell(candidates, "real", n, count, seed)]
 

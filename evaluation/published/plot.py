@@ -1,4 +1,4 @@
-"""The figure of the published matcher where the start is not known."""
+"""The figure of the published matcher with an unknown start."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ METHODS = {"paper@published": "C3", "paper@repository": "C1", "voting": "C0", "l
 
 
 def write_collapse(rows: Sequence[Row], path: Path) -> None:
-    """F1 against how far away the start may be, and in the regime `real` against the rooms seen, as SVG."""
+    """Plots F1 against the uncertainty of the start and, in the regime `real`, against the rooms seen, as SVG."""
     import matplotlib  # slow to import
 
     matplotlib.use("Agg")

@@ -1,4 +1,4 @@
-"""`python -m evaluation.published.se2_subsets FILE`: every part of one known map, laid anywhere, matched with its plan.
+"""`python -m evaluation.published.se2_subsets FILE`: matches every part of a known map, randomly moved, with its plan.
 
 FILE is JSON with `s_graph`, `a_graph` and `matches` ({"rooms", "wall_surfaces"}: [[S id, A id], ...]).
 """
@@ -19,7 +19,7 @@ from data.geometry import se2
 from data.scene_graph.motion import moved
 from evaluation.matching_benchmark.judge import is_wrong, tallies
 from evaluation.matching_benchmark.rows import Tally
-from evaluation.metrics.bootstrap import most_of
+from evaluation.metrics.bootstrap import upper_bound
 from evaluation.metrics.calibration import calibration_error, merged
 from evaluation.metrics.statistics import Score
 from evaluation.metrics.surface_overlap import best_rigid_fit
@@ -31,7 +31,7 @@ REACH = 20.0  # metres
 
 @dataclass(frozen=True)
 class Known:
-    """A map, its plan, and the true pairs of their rooms and wall surfaces."""
+    """A map, its plan, and the true matches of rooms and wall surfaces."""
 
     s_graph: SceneGraph
     a_graph: SceneGraph
@@ -40,7 +40,7 @@ class Known:
 
     @staticmethod
     def load(path: Path) -> "Known":
-        """Raises UserError for a file that is not of this form."""
+        """Reads a file. Raises UserError if it does not have this form."""
         try:
             value = json.loads(path.read_text())
             s_graph, a_graph = (SceneGraph.from_dict(value[of]) for of in ("s_graph", "a_graph"))
@@ -51,7 +51,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one part under one motion."""
+    """The outcome of one part under one motion."""
 
     rooms_seen: int
     status: str
@@ -62,7 +62,7 @@ class Outcome:
 
 
 def parts(known: Known) -> list[SceneGraph]:
-    """The map's parts of 2 and more of its rooms, with the walls that face them."""
+    """The map's parts with at least 2 rooms, with the walls that face them."""
     every = (
         c for k in range(FEWEST, len(known.s_graph.rooms) + 1) for c in itertools.combinations(known.s_graph.rooms, k)
     )
@@ -75,7 +75,7 @@ def parts(known: Known) -> list[SceneGraph]:
 
 
 def outcomes(known: Known, matcher: Any, motions: int, seed: int = 0) -> Iterator[Outcome]:
-    """Every part under so many random motions."""
+    """Matches every part under `motions` random motions."""
     rng = np.random.default_rng(seed)
     for part in parts(known):
         pairs = {w.id: known.wall_surfaces[w.id] for w in part.wall_surfaces if w.id in known.wall_surfaces}
@@ -94,7 +94,7 @@ def outcomes(known: Known, matcher: Any, motions: int, seed: int = 0) -> Iterato
 
 
 def table(found: list[Outcome]) -> str:
-    """Markdown: a line for each number of rooms, and one for all; F1 over all nodes together."""
+    """Markdown table: a line for each number of rooms, and one for all; F1 is over all nodes."""
     head = (
         "rooms",
         "matches",
@@ -117,7 +117,7 @@ def table(found: list[Outcome]) -> str:
             calibration_error(merged(t.bins for t in of)) or 0.0
             for of in ([o.walls for o in own], [o.rooms for o in own])
         ]
-        bound = f" (≤ {100 * most_of(wrong, unique):.1f} %)" if unique else ""
+        bound = f" (≤ {100 * upper_bound(wrong, unique):.1f} %)" if unique else ""
         cells = (
             "all" if rooms is None else str(rooms), str(len(own)), f"{_f1([o.rooms for o in own]):.3f}",
             f"{_f1([o.walls for o in own]):.3f}", f"{100 * perfect / len(own):.1f} %",
@@ -136,20 +136,20 @@ def _f1(tallies_: list[Tally]) -> float:
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.published.se2_subsets", description="All parts of one known map, matched."
+        prog="python -m evaluation.published.se2_subsets", description="Match all parts of a known map."
     )
     parser.add_argument("file", type=Path, metavar="FILE", help="JSON with s_graph, a_graph and matches")
     parser.add_argument("--method", default="learned", metavar="NAME")
-    parser.add_argument("--motions", type=int, default=20, metavar="N", help="for each part (default 20)")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="a page whose section 'se2' is written too")
+    parser.add_argument("--motions", type=int, default=20, metavar="N", help="motions of each part (default 20)")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section 'se2' is written")
     options = parser.parse_args()
     from evaluation.harness.benchmark_page import made_by, write_section
     from matching import Matcher
 
     text = table(list(outcomes(Known.load(options.file), Matcher.load(options.method), options.motions)))
     if options.page is not None:
-        told = f"{options.file} --method {options.method} --motions {options.motions}"
-        command = f"python -m evaluation.published.se2_subsets {told}"
+        arguments = f"{options.file} --method {options.method} --motions {options.motions}"
+        command = f"python -m evaluation.published.se2_subsets {arguments}"
         write_section(options.page, "se2", f"{HEAD}\n\n{text}\n{made_by(command)}")
     print(text, end="")
     return 0
@@ -157,8 +157,8 @@ def main() -> int:
 
 HEAD = (
     "### A map that a published system built\n\n"
-    "All parts of 2 and more rooms of one S-graph made by the published LiDAR SLAM, each laid anywhere by random "
-    "motions. F1 over all nodes together."
+    "All parts with at least 2 rooms of one S-graph built by the published LiDAR SLAM, each moved by random motions. "
+    "F1 is over all nodes."
 )
 
 

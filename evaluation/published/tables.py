@@ -1,8 +1,7 @@
-"""`python -m evaluation.published.tables --out DIR`: the published matcher's tables, beside other methods' numbers.
+"""`python -m evaluation.published.tables --out DIR`: the published matcher's tables, with the results of other methods.
 
-First the published perturbation (and what becomes of it when the start is not known), then maps that SLAM built.
-Every pair and method is a line in DIR/rows.jsonl, written at once; what is there already is skipped. Tables and the
-figure are made from the rows alone.
+First the published perturbation, also with an unknown start, then maps built by SLAM. Every match is a line in
+DIR/rows.jsonl; lines that exist already are skipped. Tables and the figure are made from the rows alone.
 """
 
 import json
@@ -26,7 +25,7 @@ METHODS = ["combinatorial", "paper@published", "paper@repository", "voting", "le
 SLOW = ("combinatorial",)
 REAL_ROOMS: tuple[int | None, ...] = (2, 4, 6, None)
 COMMANDS = "commands.jsonl"
-TOLD_EVERY_S = 10.0
+PROGRESS_EVERY_S = 10.0
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -40,11 +39,11 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog="python -m evaluation.published.tables", description="The published tables, and ours.")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="for rows.jsonl and tables.md")
+    parser = Parser(prog="python -m evaluation.published.tables", description="Reproduce the published tables.")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for rows.jsonl and tables.md")
     parser.add_argument("--msd", type=Path, metavar="DIR", help="apartments of Modified Swiss Dwellings as JSON")
-    parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs a cell of them (default 100)")
-    parser.add_argument("--generated", type=int, default=0, metavar="N", help="generated apartments, a pair each")
+    parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs per cell of --msd (default 100)")
+    parser.add_argument("--generated", type=int, default=0, metavar="N", help="generated apartments, one pair each")
     parser.add_argument("--se2", type=Path, metavar="FILE", help="a known map, see evaluation.published.se2_subsets")
     parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.harness.slam_graphs")
     parser.add_argument("--methods", nargs="*", default=METHODS, metavar="NAME")
@@ -56,14 +55,14 @@ def _parser() -> Parser:
         help="networks of matching.published.train",
     )
     parser.add_argument(
-        "--slow-pairs", type=int, default=25, metavar="N", help="of combinatorial in the first table (default 25)"
+        "--slow-pairs", type=int, default=25, metavar="N", help="pairs of combinatorial in the first table (default 25)"
     )
-    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="seconds a pair (default 60)")
+    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="time limit per pair (default 60)")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each (default 1)")
-    parser.add_argument("--report-only", action="store_true", help="the tables of the rows that are there")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="a page whose section 'published' is written too")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="F1 where the start is not known, as SVG")
+    parser.add_argument("--report-only", action="store_true", help="only write the tables of existing rows")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section 'published' is written")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="SVG file for F1 with an unknown start")
     return parser
 
 
@@ -81,18 +80,18 @@ def _run(options: Any, given: list[str]) -> None:
     print(f"{total} matches to make", flush=True)
     if total:
         _remember(options.out, given)
-    began = told = monotonic()
+    began = printed = monotonic()
     with appending(path) as append:
         for done, row in enumerate(run_tasks(tasks, options.jobs, options.limit), 1):
             append(row)
-            if monotonic() - told > TOLD_EVERY_S or done == total:
-                told = monotonic()
-                left = (told - began) / done * (total - done) / 60
+            if monotonic() - printed > PROGRESS_EVERY_S or done == total:
+                printed = monotonic()
+                left = (printed - began) / done * (total - done) / 60
                 print(f"{done}/{total} {row.regime} {row.plan}, {row.method}: {row.status}; about {left:.0f} min left")
 
 
 def _methods(options: Any) -> tuple[str, ...]:
-    """All methods, tried once, so that a mistake is told before anything runs."""
+    """The networks of the ablation; loads all methods once, so that mistakes are reported before anything runs."""
     from matching import Matcher
 
     networks = []
@@ -139,7 +138,7 @@ def _cells(options: Any) -> list[list["Pair"]]:
         candidates = of.generated_candidates(options.generated)
         cells.append(list(pairs_of_cell(candidates, "paper", None, options.generated, options.seed)))
     if options.se2 is not None:
-        cells.append(of.known_pairs(options.se2))
+        cells.append(of.known_map_pairs(options.se2))
     if options.slam_graphs is not None:
         cells.append(list(slam_pairs(options.slam_graphs)))
     if not cells:
@@ -151,10 +150,10 @@ def _remember(out: Path, given: list[str]) -> None:
     command = shlex.join(["python", "-m", "evaluation.published.tables", *given])
     path = out / COMMANDS
     before = path.read_text().splitlines(keepends=True) if path.exists() else []
-    told = json.dumps({"command": command, "machine": machine(), "date": date.today().isoformat()}) + "\n"
+    entry = json.dumps({"command": command, "machine": machine(), "date": date.today().isoformat()}) + "\n"
     out.mkdir(parents=True, exist_ok=True)
-    if told not in before:
-        write_atomically(path, "".join([*before, told]))
+    if entry not in before:
+        write_atomically(path, "".join([*before, entry]))
 
 
 def _report(options: Any) -> None:
@@ -163,13 +162,13 @@ def _report(options: Any) -> None:
 
     rows = read_rows(options.out / FILE)
     if not rows:
-        raise UserError(f"{options.out / FILE}: no rows; nothing has been measured")
-    told = [(name, file) for name, _, file in (text.partition("=") for text in options.ablation)]
-    names = {f"paper@{file}": name for name, file in told}
+        raise UserError(f"{options.out / FILE}: no rows; run it without --report-only first")
+    networks = [(name, file) for name, _, file in (text.partition("=") for text in options.ablation)]
+    names = {f"paper@{file}": name for name, file in networks}
     path = options.out / COMMANDS
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     made = "".join(f"\n- `{v['command']}` on {v['machine']}, {v['date']}" for v in lines)
-    made += "".join(f"\n- {name}: `{_trained_by(Path(file))}`" for name, file in told)
+    made += "".join(f"\n- {name}: `{_trained_by(Path(file))}`" for name, file in networks)
     text = page_of(rows, names, options.figure) + made + "\n"
     write_atomically(options.out / "tables.md", text)
     if options.figure is not None:
@@ -182,7 +181,7 @@ def _report(options: Any) -> None:
 
 
 def _trained_by(file: Path) -> str:
-    """The command that a network's card tells."""
+    """The training command in a network's model card."""
     card = file.with_name("model_card.json")
     return str(json.loads(card.read_text())["command"]) if card.exists() else file.name
 

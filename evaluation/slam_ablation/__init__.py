@@ -1,1 +1,1 @@
-"""The ablation of the SLAM system."""
+"""Ablation of the SLAM system: variants with parts of it left out."""

@@ -1,7 +1,7 @@
-"""What many would do instead: each scan registered to the surfaces of the BIM, from a start that is given.
+"""Baseline: registers each scan to the surfaces of the BIM, from the true initial pose.
 
-GICP (Segal et al., RSS 2009) of small_gicp, predicted by constant velocity. No map of its own, no matching: what the
-plan says is taken for true.
+GICP (Segal et al., RSS 2009) of small_gicp with constant-velocity prediction. It builds no map, needs no matching and
+assumes that the plan is correct.
 """
 
 from collections.abc import Iterable
@@ -20,23 +20,21 @@ CLASSES = (
     "IfcWall", "IfcCurtainWall", "IfcSlab", "IfcRoof", "IfcCovering", "IfcColumn", "IfcWindow", "IfcStair",
     "IfcStairFlight",
 )  # fmt: skip
-DENSITY = 400.0  # points a square metre of the target: thin walls have two sides
+DENSITY = 400.0  # points per square metre of the target: enough for both sides of thin walls
 SOURCE_VOXEL_M = 0.2
-CORRESPONDENCE_M = 0.3  # furniture stands higher than that above the floor
-BELOW_M, ABOVE_M = 2.5, 4.0  # of the sensor, that the target reaches
+CORRESPONDENCE_M = 0.3  # below the height of furniture
+BELOW_M, ABOVE_M = 2.5, 4.0  # extent of the target below and above the sensor
 
 
 def register_to_bim(scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: Array) -> Trajectory:
-    """T_bim_sensor of all scans; `surfaces_in_bim` (M, 3, 3) triangles, `T_bim_first` (4, 4) the true first pose.
-
-    Raises UserError where there is no surface around the start.
-    """
+    """T_bim_sensor of all scans, from `surfaces_in_bim` (M, 3, 3) triangles and `T_bim_first` (4, 4), the true first
+    pose. Raises UserError if there is no surface around the start."""
     import small_gicp
 
     z = surfaces_in_bim[:, :, 2] - T_bim_first[2, 3]
     near = surfaces_in_bim[(z.max(axis=1) > -BELOW_M) & (z.min(axis=1) < ABOVE_M)]
     if not len(near):
-        raise UserError("arm icp-to-bim: the BIM has no surface around the start")
+        raise UserError("variant icp-to-bim: the BIM has no surface around the start; use another sequence")
     origin = T_bim_first[:3, 3].copy()  # a site may lie kilometres from zero
     target, tree = small_gicp.preprocess_points(_sampled(near) - origin, downsampling_resolution=0.05)
     T = T_bim_first.copy()
@@ -61,16 +59,16 @@ def register_to_bim(scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: 
 
 
 def surfaces_of_ifc(path: Path) -> Array:
-    """(M, 3, 3) triangles of what a building is made of: walls, slabs, columns, windows; no doors, no furniture.
+    """(M, 3, 3) triangles of walls, slabs, columns and windows, without doors and furniture.
 
-    The spaces lend their lower and upper faces, since many models have no floors and ceilings of their own.
+    Floors and ceilings are also taken from the spaces, since many models lack them. Raises UserError if there are none.
     """
     from data.ifc.products import open_ifc, products
 
     model = open_ifc(path)
     parts = [p.vertices[p.faces] for p in products(model, CLASSES)]
     if not parts:
-        raise UserError(f"{path}: no walls and slabs to register to")
+        raise UserError(f"{path}: no walls and slabs; give a model with building elements")
     return np.concatenate([*parts, *(_level(p.vertices[p.faces]) for p in products(model, ("IfcSpace",)))])
 
 
@@ -103,7 +101,7 @@ def _fan(polygon: Array, z: float) -> list[list[list[float]]]:
 
 
 def _sampled(triangles: Array) -> Array:
-    """Points (N, 3) spread evenly over the triangles, the same each time."""
+    """Points (N, 3) sampled uniformly over the triangles, with a fixed seed."""
     u, v = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
     area = np.linalg.norm(np.cross(u, v), axis=1) / 2
     rng = np.random.default_rng(0)

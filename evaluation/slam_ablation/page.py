@@ -1,4 +1,4 @@
-"""The ablation's results on one page: tables, plots, what was switched on; and as a section of BENCHMARKS.md."""
+"""The page of the ablation's results (tables, plots, conditions) and its section of BENCHMARKS.md."""
 
 import shutil
 from pathlib import Path
@@ -8,9 +8,9 @@ from evaluation.harness.benchmark_page import machine, made_by, wall_clock, writ
 from evaluation.slam_ablation.plots import plots
 from evaluation.slam_ablation.rows import Records, errors_file
 from evaluation.slam_ablation.tables import ACCURACY, COST, MAP, against_oracle, latex, markdown
-from evaluation.slam_ablation.variants import ARMS
+from evaluation.slam_ablation.variants import VARIANTS
 
-FIGURES = "docs"  # beside the page of results
+FIGURES = "docs"  # folder next to the page of results
 
 
 def write_page(records: Records, out: Path, benchmarks: Path | None = None) -> str:
@@ -32,45 +32,45 @@ def write_page(records: Records, out: Path, benchmarks: Path | None = None) -> s
 
 
 def _in_order(records: Records) -> Records:
-    """Normal conditions first, arms as they are listed; sequences and others as they were first run."""
+    """Sorted by conditions, normal ones first, sequence, variant and seed."""
     conditions = ["normal", *dict.fromkeys(r["conditions"] for r in records)]
     sequences = list(dict.fromkeys(r["sequence"] for r in records))
-    arms = [*ARMS, *dict.fromkeys(r["arm"] for r in records)]
+    variants = [*VARIANTS, *dict.fromkeys(r["arm"] for r in records)]
 
     def key(record: dict[str, str]) -> tuple[int, int, int, int]:
         places = conditions.index(record["conditions"]), sequences.index(record["sequence"])
-        return (*places, arms.index(record["arm"]), int(record["seed"]))
+        return (*places, variants.index(record["arm"]), int(record["seed"]))
 
     return sorted(records, key=key)
 
 
 def _sections(records: Records, accuracy: str) -> list[str]:
-    arms = "\n".join(f"- `{arm}`: {what}" for arm, what in ARMS.items())
+    variants = "\n".join(f"- `{variant}`: {what}" for variant, what in VARIANTS.items())
     oracle = against_oracle(records)
     return [
-        f"Arms:\n\n{arms}\n",
+        f"Variants:\n\n{variants}\n",
         "Errors are in the BIM frame, without alignment, over all scans; mean ± standard deviation over the seeds. "
         "Drift reduction: 1 - RMSE / RMSE of the same graph without anchors, its first pose set to the truth.\n",
         "### Trajectory\n", accuracy, *(["### Against the oracle\n", oracle] if oracle else []),
         "### Map and matches\n",
-        "Of the S-graph against the storey's A-graph; recall over the rooms that were entered.\n",
+        "S-graph against the storey's A-graph; recall over the rooms that were entered.\n",
         markdown([r for r in records if r["arm"] not in ("odometry", "icp-to-bim")], MAP),
-        "### Seconds by stage, memory\n", f"{wall_clock()}\n", markdown(records, COST), _weakenings(records),
+        "### Seconds by stage, memory\n", f"{wall_clock()}\n", markdown(records, COST), _weakening_lines(records),
     ]  # fmt: skip
 
 
-def _weakenings(records: Records) -> str:
+def _weakening_lines(records: Records) -> str:
     weak = [r for r in records if r["weakening"] and r["arm"] != "icp-to-bim"]
-    told = dict.fromkeys(f"- {r['sequence']}, seed {r['seed']}: {r['weakening']}" for r in weak)
-    return "### How the front end was weakened\n\n" + "\n".join(told) + "\n" if told else ""
+    lines = dict.fromkeys(f"- {r['sequence']}, seed {r['seed']}: {r['weakening']}" for r in weak)
+    return "### How the front end was weakened\n\n" + "\n".join(lines) + "\n" if lines else ""
 
 
 def _commands(records: Records) -> str:
-    return "## Commands\n\nEach makes its row anew:\n\n```\n" + "\n".join(r["command"] for r in records) + "\n```\n"
+    return "## Commands\n\nEach reproduces one row:\n\n```\n" + "\n".join(r["command"] for r in records) + "\n```\n"
 
 
 def _benchmark(sections: list[str], drawn: list[tuple[str, Path]], out: Path, benchmarks: Path) -> str:
-    """The tables and the bar charts; the charts are copied beside the page."""
+    """The section with tables and bar charts; copies the charts next to the page."""
     folder = benchmarks.parent / FIGURES
     folder.mkdir(parents=True, exist_ok=True)
     pictures = []

@@ -1,4 +1,4 @@
-"""One run of the ablation as a row: its numbers, and how they come from a run's result."""
+"""One run of the ablation as a row of numbers, computed from the run's result."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -24,11 +24,11 @@ RPE_M = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One run. Errors in the BIM frame without alignment, over all scans; None where there is nothing to measure.
+    """One run. Errors are in the BIM frame without alignment, over all scans; None if there is nothing to measure.
 
-    `drift_reduction` is against the same graph without anchors. Walls and rooms: of the S-graph against the storey's
-    A-graph under the true motion; their recall is over the rooms that were entered. Matches: of the final answer.
-    `seconds` are those of the run without the loading of the plan, `peak_memory_mb` is the whole process's.
+    `drift_reduction` is relative to the same graph without anchors. Walls and rooms compare the S-graph with the
+    storey's A-graph under the true motion; their recall is over the rooms that were entered. Matches are those of the
+    final answer. `seconds` excludes loading the plan; `peak_memory_mb` is that of the whole process.
     """
 
     sequence: str
@@ -83,17 +83,17 @@ Records = list[Record]
 
 
 def as_record(row: Row) -> Record:
-    """A CSV line's values by column; empty for None."""
+    """The row as CSV values by column; empty for None."""
     return {name: "" if (value := getattr(row, name)) is None else str(value) for name in COLUMNS}
 
 
 def errors_file(out: Path, record: Record) -> Path:
-    """Where a run's errors over time are."""
+    """The file of a run's errors over time."""
     return out / "errors" / ("_".join(record[k].replace(" ", "-").replace(":", "-") for k in KEY) + ".csv")
 
 
 def trajectory_numbers(estimate: Trajectory | None, truth: Trajectory) -> dict[str, Any]:
-    """The columns that tell of a trajectory in the BIM frame; of none where there is no estimate."""
+    """The columns on the trajectory in the BIM frame; empty without an estimate."""
     if estimate is None:
         return {}
     error = error_in_bim(estimate, truth)
@@ -121,7 +121,7 @@ def errors_over_time(estimate: Trajectory, truth: Trajectory) -> NDArray[np.floa
 
 
 def map_numbers(result: Result, sequence: Sequence) -> dict[str, Any]:
-    """The columns that tell of the map and of the matches."""
+    """The columns on the map and the matches."""
     T_bim_map = sequence.truth.poses[0]
     floor = sequence.a_graph.on_floor(storey_of(sequence.a_graph, T_bim_map))
     entered = _entered(floor, sequence.truth)
@@ -145,7 +145,7 @@ def _match_numbers(result: Result, floor: SceneGraph, T_bim_map: NDArray[np.floa
     pairs: dict[str, tuple[tuple[str, str, float], ...]] = {}
     answers = {"rooms": result.matches["rooms"], "wall_surfaces": result.matches["wall_surfaces"]}
     for kind, found in answers.items():
-        # of several answers the first
+        # the first of several answers
         first = {str(s): (str(s), str(a), float(c)) for s, a, c in reversed(found)}
         pairs[kind] = tuple(first.values())
     answer = MatchResult("unique", "", pairs["rooms"], pairs["wall_surfaces"])
@@ -155,7 +155,7 @@ def _match_numbers(result: Result, floor: SceneGraph, T_bim_map: NDArray[np.floa
 
 
 def _entered(floor: SceneGraph, truth: Trajectory) -> set[str]:
-    """The rooms of a storey in which the sensor has been."""
+    """The ids of a storey's rooms in which the sensor has been."""
     places = shapely.points(truth.positions[::5, :2])
     areas = {r.id: shapely.Polygon(r.polygon) for r in floor.rooms if r.polygon is not None and len(r.polygon) > 2}
     return {key for key, area in areas.items() if shapely.contains(area, places).any()}

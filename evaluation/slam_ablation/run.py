@@ -1,8 +1,8 @@
-"""Sequences x seeds x arms, a CSV row a run, tables, plots, one page.
+"""Ablation of the SLAM system: sequences x seeds x variants, with tables and plots.
 
     python -m evaluation.slam_ablation.run --out DIR
 
-What is in the CSV already is skipped, so that a run that was killed goes on where it was.
+Each run is a row of a CSV. Rows that exist already are skipped, so that an interrupted command can be repeated.
 """
 
 import argparse
@@ -19,32 +19,31 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from evaluation.harness.conditions import NORMAL, Conditions
 from evaluation.harness.record_file import read_records, write_records
-from evaluation.harness.sequences import SequenceSpec, chosen, prepare, read_specs
+from evaluation.harness.sequences import SequenceSpec, prepare, read_specs, select_sequences
 from evaluation.slam_ablation.rows import COLUMNS, KEY, Record, Records
-from evaluation.slam_ablation.variants import ARMS, WITHOUT_BIM, checked_arm
-from evaluation.slam_ablation.worker import Answer, Task, run_apart, run_there
+from evaluation.slam_ablation.variants import VARIANTS, WITHOUT_BIM, check_variant
+from evaluation.slam_ablation.worker import Answer, Task, run_in_process, run_on_worker
 
 DEMO = [SequenceSpec("demo", "demo", min_rooms=6, min_length=50.0)]
 
 
 def ablate(
-    specs: list[SequenceSpec], seeds: list[int], arms: list[str], out: Path, conditions: Conditions = NORMAL,
+    specs: list[SequenceSpec], seeds: list[int], variants: list[str], out: Path, conditions: Conditions = NORMAL,
     jobs: int = 1, listed_in: Path | None = None, scheduler: str | None = None,
 ) -> Records:  # fmt: skip
-    """Runs what is not in `out`/runs.csv yet and returns all of its records, those of this call in its order.
+    """Runs what `out`/runs.csv lacks and returns all of its records.
 
-    Each run has a process of its own, here or on the workers of a scheduler's cluster. `listed_in` is the file that the
-    sequences are from, for the rows' commands. Raises UserError for what a run refuses, and as `data.common.cluster`
-    does.
+    Each run has a process of its own, here or on the workers of the cluster `scheduler`. `listed_in` is the file that
+    lists the sequences, for the rows' commands. Raises UserError as a run and `data.common.cluster` do.
     """
     (out / "errors").mkdir(parents=True, exist_ok=True)
     (out / "configs").mkdir(exist_ok=True)
     path = out / "runs.csv"
     records = read_records(path, COLUMNS)
-    planned = list(_tasks(specs, seeds, arms, conditions))
-    order = {task.key(arm): k for k, (task, arm) in enumerate((t, a) for t in planned for a in t.arms)}
+    planned = list(_tasks(specs, seeds, variants, conditions))
+    order = {task.key(variant): k for k, (task, variant) in enumerate((t, a) for t in planned for a in t.variants)}
     known = {_key(r) for r in records}
-    todo = [task for task in planned if any(task.key(arm) not in known for arm in task.arms)]
+    todo = [task for task in planned if any(task.key(variant) not in known for variant in task.variants)]
     began = perf_counter()
     answers = _run_here(todo, out, jobs) if scheduler is None else _run_on_cluster(todo, scheduler)
     for done, (task, answer) in enumerate(answers, 1):
@@ -55,41 +54,41 @@ def ablate(
         records.sort(key=lambda r: order.get(_key(r), -1))
         write_records(path, COLUMNS, _with_drift_reduction(records))
         left = (perf_counter() - began) / done * (len(todo) - done)
-        told = ", ".join(f"{r['arm']} {_metres(r)}" for r in new)
+        errors = ", ".join(f"{r['arm']} {_metres(r)}" for r in new)
         where = f"{done}/{len(todo)} {task.spec.name} {task.conditions.name} seed {task.seed}"
-        print(f"{where}: {told}; about {left / 60:.0f} min left", flush=True)
+        print(f"{where}: {errors}; about {left / 60:.0f} min left", flush=True)
     return _with_drift_reduction(records)
 
 
-def _tasks(specs: list[SequenceSpec], seeds: list[int], arms: list[str], conditions: Conditions) -> Iterator[Task]:
-    """A user's own drive is the same for every seed, so that it is run with the first one only."""
-    units = [tuple(arm for arm in arms if arm in WITHOUT_BIM), *((arm,) for arm in arms if arm not in WITHOUT_BIM)]
+def _tasks(specs: list[SequenceSpec], seeds: list[int], variants: list[str], conditions: Conditions) -> Iterator[Task]:
+    """The tasks; a recorded drive is the same for every seed and is run with the first one only."""
+    units = [tuple(v for v in variants if v in WITHOUT_BIM), *((v,) for v in variants if v not in WITHOUT_BIM)]
     for spec in specs:
         for seed in seeds if spec.simulated else seeds[:1]:
             yield from (Task(spec, seed, unit, conditions) for unit in units if unit)
 
 
 def _run_here(tasks: list[Task], out: Path, jobs: int) -> Iterator[tuple[Task, Answer]]:
-    """Drives are made one at a time, what is run on one of them `jobs` at a time."""
+    """Simulates one drive at a time and runs its tasks, `jobs` in parallel."""
     for group in _by_drive(tasks):
         first = group[0]
         prepare(first.spec, first.seed, out, first.conditions)
         with ThreadPoolExecutor(jobs) as pool:
-            running = {pool.submit(run_apart, task, out): task for task in group}
+            running = {pool.submit(run_in_process, task, out): task for task in group}
             for future in as_completed(running):
                 yield running[future], future.result()
 
 
 def _run_on_cluster(tasks: list[Task], scheduler: str) -> Iterator[tuple[Task, Answer]]:
-    """The workers make simulated drives for themselves; what is the user's own they must see."""
+    """Runs the tasks on a cluster; workers simulate drives themselves and need access to recorded ones."""
     from data.common.cluster import connected
 
     own = {task: replace(task, spec=task.spec.absolute()) for task in tasks}
-    weights = {told for task in tasks for arm in task.arms if Path(told := arm.partition("@")[2]).is_file()}
+    weights = {file for task in tasks for variant in task.variants if Path(file := variant.partition("@")[2]).is_file()}
     files = weights.union(*(task.spec.files() for task in own.values()))
     given = {mine: task for task, mine in own.items()}
     with connected(scheduler) as cluster:
-        for mine, answer in cluster.over(own.values(), run_there, Task.told, sorted(files)):
+        for mine, answer in cluster.over(own.values(), run_on_worker, Task.describe, sorted(files)):
             yield given[mine], answer
 
 
@@ -100,17 +99,17 @@ def _by_drive(tasks: list[Task]) -> list[list[Task]]:
     return list(groups.values())
 
 
-def _command(task: Task, out: Path, arm: str, listed_in: Path | None) -> str:
-    """The command that makes the row anew; the graph goes with an anchored arm for its drift reduction."""
-    arms = [arm] if arm in WITHOUT_BIM else ["graph", arm]
+def _command(task: Task, out: Path, variant: str, listed_in: Path | None) -> str:
+    """The command that reproduces a row; an anchored variant needs the graph for its drift reduction."""
+    variants = [variant] if variant in WITHOUT_BIM else ["graph", variant]
     words = ["python", "-m", "evaluation.slam_ablation.run", "--out", str(out)]
     words += [] if listed_in is None else ["--list", str(listed_in)]
-    words += ["--sequences", task.spec.name, "--seeds", str(task.seed), "--arms", *arms]
+    words += ["--sequences", task.spec.name, "--seeds", str(task.seed), "--variants", *variants]
     return shlex.join([*words, *" ".join(task.conditions.options()).split()])
 
 
 def _with_drift_reduction(records: Records) -> Records:
-    """Filled in wherever the graph without anchors is known."""
+    """The records with their drift reduction, where the graph without anchors has been run."""
     drifted = {_key(r)[:3]: float(r["rmse_bim_m"]) for r in records if r["arm"] == "graph" and r["rmse_bim_m"]}
 
     def reduction(record: Record) -> str:
@@ -134,20 +133,20 @@ def _key(record: Record) -> tuple[str, ...]:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(
-        prog="python -m evaluation.slam_ablation.run", description="The system with parts of it left out, measured."
+        prog="python -m evaluation.slam_ablation.run", description="Measure the system with parts of it left out."
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for runs.csv, tables, plots, ablation.md and drives")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for runs.csv, tables, plots and drives")
     add("--list", type=Path, metavar="FILE", help="YAML list of sequences (default: the demo building)")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
-    add("--arms", nargs="+", default=list(ARMS), metavar="ARM", help=f"{', '.join(ARMS)}, anchored:METHOD")
-    add("--weaken", action="store_true", help="a weak front end: its odometry's own error exceeds 0.5 m")
-    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls stand 10 to 30 cm off their plan")
-    add("--wrong-matches", type=int, default=0, metavar="N", help="rooms, with their walls, are matched wrongly")
-    add("--loops", action="store_true", help="the whole way is driven back again")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
+    add("--variants", nargs="+", default=list(VARIANTS), metavar="NAME", help=f"{', '.join(VARIANTS)}, anchored:METHOD")
+    add("--weaken", action="store_true", help="degrade range and odometry until its error exceeds 0.5 m")
+    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="share of walls built 10 to 30 cm off the plan")
+    add("--wrong-matches", type=int, default=0, metavar="N", help="number of rooms that are matched wrongly")
+    add("--loops", action="store_true", help="drive the whole path back again")
     add_options(parser, "--jobs", "runs at a time (default 1)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'ablation' is to be written")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'ablation' is written")
     return parser
 
 
@@ -156,12 +155,14 @@ def main() -> int:
     from evaluation.slam_ablation.page import write_page
 
     options = _parser().parse_args()
-    specs = chosen(DEMO if options.list is None else read_specs(options.list), options.sequences)
+    specs = select_sequences(DEMO if options.list is None else read_specs(options.list), options.sequences)
     if options.jobs < 1:
         raise UserError(f"--jobs {options.jobs}: must be at least 1")
-    arms = list(dict.fromkeys(checked_arm(arm) for arm in options.arms))
+    variants = list(dict.fromkeys(check_variant(variant) for variant in options.variants))
     conditions = Conditions(options.weaken, options.moved_walls, options.wrong_matches, options.loops)
-    records = ablate(specs, options.seeds, arms, options.out, conditions, options.jobs, options.list, options.scheduler)
+    records = ablate(
+        specs, options.seeds, variants, options.out, conditions, options.jobs, options.list, options.scheduler
+    )
     print(write_page(records, options.out, options.benchmarks))
     return 0
 

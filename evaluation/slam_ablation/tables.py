@@ -1,4 +1,4 @@
-"""The ablation's tables: mean and standard deviation over the seeds, as markdown and LaTeX."""
+"""The ablation's tables in Markdown and LaTeX: mean and standard deviation over the seeds."""
 
 import statistics
 from collections.abc import Callable
@@ -28,7 +28,7 @@ COST: Columns = {
 
 
 def groups(records: Records) -> dict[tuple[str, str, str], Records]:
-    """The runs of each sequence, condition and arm, which differ by their seeds only; in the records' order."""
+    """The runs by (sequence, conditions, variant), in the records' order."""
     found: dict[tuple[str, str, str], Records] = {}
     for record in records:
         found.setdefault((record["sequence"], record["conditions"], record["arm"]), []).append(record)
@@ -36,13 +36,13 @@ def groups(records: Records) -> dict[tuple[str, str, str], Records]:
 
 
 def values(records: Records, column: str) -> list[float]:
-    """A column's numbers, where there are any."""
+    """The numbers of a column, without empty cells."""
     return [float(r[column]) for r in records if r[column]]
 
 
 def markdown(records: Records, columns: Columns) -> str:
-    """A table with a line for each sequence, condition and arm."""
-    head = ["sequence", "conditions", "arm", "runs", "anchored", "poses matched", *(h for h, _ in columns.values())]
+    """Markdown table with a line for each sequence, condition and variant."""
+    head = ["sequence", "conditions", "variant", "runs", "anchored", "poses matched", *(h for h, _ in columns.values())]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     lines += ["| " + " | ".join(row) + " |" for row in _rows(records, columns, _mean_and_deviation)]
     return "\n".join(lines) + "\n"
@@ -50,7 +50,7 @@ def markdown(records: Records, columns: Columns) -> str:
 
 def latex(records: Records, columns: Columns) -> str:
     r"""The same as a `tabular` with booktabs' rules; needs \usepackage{booktabs}."""
-    head = ["sequence", "conditions", "arm", "runs", "anchored", "poses matched", *(h for h, _ in columns.values())]
+    head = ["sequence", "conditions", "variant", "runs", "anchored", "poses matched", *(h for h, _ in columns.values())]
     lines = [rf"\begin{{tabular}}{{lll{'r' * (len(head) - 3)}}}", r"\toprule"]
     lines += [" & ".join(map(_escaped, head)) + r" \\", r"\midrule"]
     lines += [" & ".join(map(_escaped, row)) + r" \\" for row in _rows(records, columns, _mean_and_deviation)]
@@ -58,28 +58,28 @@ def latex(records: Records, columns: Columns) -> str:
 
 
 def against_oracle(records: Records) -> str:
-    """How far each anchored arm's drift reduction is behind the oracle's, as a markdown table; empty without one."""
+    """Markdown table of each anchored variant's RMSE against the oracle's; empty without an oracle."""
     found = groups(records)
     lines = []
-    for (sequence, conditions, arm), own in found.items():
+    for (sequence, conditions, variant), own in found.items():
         best = values(found.get((sequence, conditions, "oracle"), []), "rmse_bim_m")
         mine = values(own, "rmse_bim_m")
-        if arm.startswith("anchored") and best and mine:
+        if variant.startswith("anchored") and best and mine:
             oracle, error = statistics.mean(best), statistics.mean(mine)
             behind = f"{100 * (error / oracle - 1):+.0f} %"
-            lines.append(f"| {sequence} | {conditions} | {arm} | {error:.4f} | {oracle:.4f} | {behind} |")
+            lines.append(f"| {sequence} | {conditions} | {variant} | {error:.4f} | {oracle:.4f} | {behind} |")
     if not lines:
         return ""
-    head = "| sequence | conditions | arm | RMSE (m) | oracle's RMSE (m) | behind the oracle |"
+    head = "| sequence | conditions | variant | RMSE (m) | oracle's RMSE (m) | behind the oracle |"
     return "\n".join([head, "|---|---|---|---|---|---|", *lines]) + "\n"
 
 
-def _rows(records: Records, columns: Columns, told: Callable[[list[float]], str]) -> list[list[str]]:
+def _rows(records: Records, columns: Columns, format_cell: Callable[[list[float]], str]) -> list[list[str]]:
     rows = []
     for key, own in groups(records).items():
         anchored = sum(r["anchored"] == "True" for r in own)
         poses = f"{sum(int(r['matched_poses']) for r in own)} of {sum(int(r['total_poses']) for r in own)}"
-        cells = [told([factor * v for v in values(own, c)]) for c, (_, factor) in columns.items()]
+        cells = [format_cell([factor * v for v in values(own, c)]) for c, (_, factor) in columns.items()]
         rows.append([*key, str(len(own)), str(anchored), poses, *cells])
     return rows
 

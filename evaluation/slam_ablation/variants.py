@@ -1,4 +1,4 @@
-"""The arms of the ablation: one sequence run with a part of the system left out or given."""
+"""The variants of the ablation: a sequence is run with a part of the system left out or replaced by the truth."""
 
 import re
 from collections.abc import Iterator
@@ -25,64 +25,63 @@ from sgslam.config import AnchorSettings, Config, MatchingSettings
 from sgslam.session.result import Result
 from sgslam.slam import SceneGraphSlam
 
-ARMS = {
-    "odometry": "KISS-ICP alone, as the system is set to ask it, its first pose set to the truth",
-    "icp-to-bim": "each scan registered to the BIM's surfaces, the true start given",
+VARIANTS = {
+    "odometry": "KISS-ICP alone with the system's settings, its first pose set to the truth",
+    "icp-to-bim": "each scan registered to the BIM's surfaces, from the true initial pose",
     "graph": "the S-graph without anchors, its first pose set to the truth",
     "planes": "plane anchors only",
     "rooms": "room anchors only",
-    "anchored": "plane and room anchors; anchored:METHOD by another matcher",
-    "oracle": "plane and room anchors, the true matches given",
+    "anchored": "plane and room anchors; anchored:METHOD with another matcher",
+    "oracle": "plane and room anchors, from the true matches",
 }
 WITHOUT_BIM = ("odometry", "graph")
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A row, and (M, 2) seconds and position errors where there is a trajectory in the BIM frame."""
+    """A row, and (M, 2) seconds and position errors (m), None without a trajectory in the BIM frame."""
 
     row: Row
     errors: NDArray[np.float64] | None
 
 
-def checked_arm(arm: str) -> str:
-    """The arm itself; raises UserError for one that does not exist."""
-    kind, _, method = arm.partition(":")
-    if kind not in ARMS or (":" in arm and (kind != "anchored" or not method)):
-        raise UserError(f"no arm '{arm}'; there are {', '.join(ARMS)} and anchored:METHOD")
+def check_variant(variant: str) -> str:
+    """Returns the variant. Raises UserError if it does not exist."""
+    kind, _, method = variant.partition(":")
+    if kind not in VARIANTS or (":" in variant and (kind != "anchored" or not method)):
+        raise UserError(f"unknown variant '{variant}'; use {', '.join(VARIANTS)} or anchored:METHOD")
     if method:
         Matcher.load(method)
-    return arm
+    return variant
 
 
-def config_of(arm: str, sequence: Sequence) -> Config:
-    """The settings of an arm's run."""
-    method = arm.partition(":")[2] or Config().matching.method
-    return Config(
-        anchors=AnchorSettings(planes=arm != "rooms", rooms=arm != "planes"), matching=MatchingSettings(method=method)
-    )
+def config_of(variant: str, sequence: Sequence) -> Config:
+    """The settings of a variant's run."""
+    method = variant.partition(":")[2] or Config().matching.method
+    anchors = AnchorSettings(planes=variant != "rooms", rooms=variant != "planes")
+    return Config(anchors=anchors, matching=MatchingSettings(method=method))
 
 
-def run_arms(arms: tuple[str, ...], sequence: Sequence) -> list[Run]:
-    """Runs one arm, or both that know no BIM."""
-    if arms == ("icp-to-bim",):
+def run_variants(variants: tuple[str, ...], sequence: Sequence) -> list[Run]:
+    """Runs one variant, or both that use no BIM."""
+    if variants == ("icp-to-bim",):
         return [_registered(sequence)]
-    if arms[0] == "odometry":
-        return [_odometry_alone(sequence), *(run_arms(arms[1:], sequence) if arms[1:] else [])]
-    config = config_of(arms[0], sequence)
-    bim = None if arms[0] in WITHOUT_BIM else sequence.a_graph
-    slam = SceneGraphSlam(bim, _matcher(arms[0], sequence, config), config)
+    if variants[0] == "odometry":
+        return [_odometry_alone(sequence), *(run_variants(variants[1:], sequence) if variants[1:] else [])]
+    config = config_of(variants[0], sequence)
+    bim = None if variants[0] in WITHOUT_BIM else sequence.a_graph
+    slam = SceneGraphSlam(bim, _matcher(variants[0], sequence, config), config)
     odometry = None if sequence.weak is None else sequence.weak.trajectory.poses
     began = perf_counter()
     for k, scan in enumerate(scans := _Scans(sequence)):
         slam.add_scan(scan.stamp_ns, scan.points, T_odom_sensor=None if odometry is None else odometry[k])
     result = slam.finish()
     seconds = perf_counter() - began
-    return [_measured(arm, sequence, result, seconds, scans.seconds) for arm in arms]
+    return [_measured(variant, sequence, result, seconds, scans.seconds) for variant in variants]
 
 
 class _Scans:
-    """The sequence's scans, as the conditions leave them; `seconds` is the time their reading took."""
+    """The sequence's scans under its conditions; `seconds` is the time that reading them took."""
 
     def __init__(self, sequence: Sequence) -> None:
         self._folder, self._weak, self.seconds = ScanFolder(sequence.scan_dir), sequence.weak is not None, 0.0
@@ -98,22 +97,22 @@ class _Scans:
             yield replace(scan, points=shortened(scan.points)) if self._weak else scan
 
 
-def _matcher(arm: str, sequence: Sequence, config: Config) -> AnyMatcher | None:
-    if arm in WITHOUT_BIM:
+def _matcher(variant: str, sequence: Sequence, config: Config) -> AnyMatcher | None:
+    if variant in WITHOUT_BIM:
         return None
     T_bim_map = sequence.truth.poses[0]
-    if arm == "oracle":
+    if variant == "oracle":
         return OracleMatcher(T_bim_map, storey_of(sequence.a_graph, T_bim_map))
     matcher: AnyMatcher = Matcher.load(config.matching.method)
     wrong = sequence.conditions.wrong_matches
     return WrongMatches(matcher, wrong, sequence.seed) if wrong else matcher
 
 
-def _measured(arm: str, sequence: Sequence, result: Result, seconds: float, reading: float) -> Run:
-    estimate = _estimate(arm, result, sequence.truth.poses[0])
+def _measured(variant: str, sequence: Sequence, result: Result, seconds: float, reading: float) -> Run:
+    estimate = _estimate(variant, result, sequence.truth.poses[0])
     stages: dict[str, Any] = {f"seconds_{stage}": spent for stage, spent in result.seconds.items()}
     row = Row(
-        **_heading(arm, sequence), anchored=result.anchored, total_poses=len(result.trajectory),
+        **_heading(variant, sequence), anchored=result.anchored, total_poses=len(result.trajectory),
         scans=len(result.trajectory), seconds=seconds, seconds_reading=reading, **stages,
         first_anchor_s=result.first_anchor_s, reason=result.reason, peak_memory_mb=_peak_memory_mb(),
         **trajectory_numbers(estimate, sequence.truth), **map_numbers(result, sequence),
@@ -136,7 +135,7 @@ def _registered(sequence: Sequence) -> Run:
     row = Row(
         **_heading("icp-to-bim", sequence), anchored=True, total_poses=len(estimate), scans=len(estimate),
         seconds=perf_counter() - began, seconds_reading=scans.seconds, peak_memory_mb=_peak_memory_mb(),
-        reason="the true start was given", **trajectory_numbers(estimate, sequence.truth),
+        reason="from the true initial pose", **trajectory_numbers(estimate, sequence.truth),
     )  # fmt: skip
     return Run(row, errors_over_time(estimate, sequence.truth))
 
@@ -159,25 +158,25 @@ def _from_first(own: Trajectory, T_bim_first: NDArray[np.float64]) -> Trajectory
     return own.transformed(T_bim_first @ np.linalg.inv(own.poses[0]))
 
 
-def _heading(arm: str, sequence: Sequence) -> dict[str, Any]:
-    weakening = "" if sequence.weak is None else sequence.weak.told()
-    if arm == "icp-to-bim" and weakening:
+def _heading(variant: str, sequence: Sequence) -> dict[str, Any]:
+    weakening = "" if sequence.weak is None else sequence.weak.describe()
+    if variant == "icp-to-bim" and weakening:
         weakening = weakening.split(";")[0] + "; it uses no odometry"
     return {
-        "sequence": sequence.name, "conditions": sequence.conditions.name, "seed": sequence.seed, "arm": arm,
+        "sequence": sequence.name, "conditions": sequence.conditions.name, "seed": sequence.seed, "arm": variant,
         "weakening": weakening,
     }  # fmt: skip
 
 
-def _estimate(arm: str, result: Result, T_bim_first: NDArray[np.float64]) -> Trajectory | None:
-    """The arm's trajectory in the BIM frame; None where an arm with anchors was not anchored."""
-    if arm in WITHOUT_BIM:
+def _estimate(variant: str, result: Result, T_bim_first: NDArray[np.float64]) -> Trajectory | None:
+    """The variant's trajectory in the BIM frame; None if a variant with anchors is not anchored."""
+    if variant in WITHOUT_BIM:
         return _from_first(result.trajectory_map, T_bim_first)
     return result.trajectory if result.anchored else None
 
 
 def _peak_memory_mb() -> float | None:
-    """Of this process since its program began, from Linux; `getrusage` would count what it was forked from."""
+    """Peak memory (MB) of this process, from /proc; `getrusage` would include the parent of a fork."""
     try:
         status = Path("/proc/self/status").read_text()
     except OSError:

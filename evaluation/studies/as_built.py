@@ -1,8 +1,8 @@
-"""`python -m evaluation.studies.as_built --out DIR`: is what stands otherwise than planned told, and is nothing else?
+"""`python -m evaluation.studies.as_built --out DIR`: precision and recall of reported deviations from the plan.
 
-Each building is driven twice a seed: with a share of its walls moved by 10 to 30 cm, and with some walls absent and
-some that the plan lacks. The storey is told, since it alone stands otherwise: a like one would explain the map better.
-One line of the CSV for each drive and kind of deviation; what is there already is skipped.
+Each building is driven twice per seed: with a share of its walls moved by 10 to 30 cm, and with some walls absent and
+some added that the plan lacks. The storey is given, since a similar unchanged storey would explain the map better. The
+CSV has a line for each drive and kind of deviation; lines that exist already are skipped.
 """
 
 import argparse
@@ -21,20 +21,23 @@ from data.simulation.changes import Changes
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.conditions import Conditions
 from evaluation.harness.record_file import Record, read_records, write_records
-from evaluation.harness.sequences import Sequence, SequenceSpec, chosen, prepare, read_specs, storey_of
-from evaluation.metrics.as_built_scores import KINDS, LEAST_VIEWS, told_of
+from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs, select_sequences, storey_of
+from evaluation.metrics.as_built_scores import KINDS, LEAST_VIEWS, deviation_scores
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from sgslam.config import Config, MatchingSettings
 
 DEMO = [SequenceSpec("demo", "demo", min_rooms=14, min_length=90.0)]
-MOVED, GONE = 0.3333, 0.12  # shares of a storey's walls: moved; absent, and as many unplanned
+MOVED, GONE = 0.3333, 0.12  # shares of a storey's walls: moved; absent, and as many added
 WITHIN_M = 0.03  # of a moved wall's true offset
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One kind of deviation in one drive: `expected` walls are to be found, `found` of them were; of those `told`,
-    `right` are true. `offsets_mm` are the errors of the offsets of the moved walls rightly told."""
+    """One kind of deviation in one drive.
+
+    `found` of the `expected` walls were reported; of the `told` reports, `right` are true. `offsets_mm` are the offset
+    errors of the moved walls that were found.
+    """
 
     sequence: str
     conditions: str
@@ -57,29 +60,29 @@ COLUMNS = tuple(f.name for f in fields(Row))
 def measure(
     specs: list[SequenceSpec], seeds: list[int], shares: tuple[float, float], out: Path, config: Config
 ) -> list[Record]:
-    """Runs what is not in `out`/as_built.csv yet and returns all records asked for.
+    """Runs what `out`/as_built.csv lacks; returns all requested records.
 
-    `shares` are those of the moved walls, and of the absent and of the unplanned ones; `config` is the runs'. Raises
-    UserError for what the simulator and the readers refuse.
+    `shares` are those of the moved walls, and of the absent and of the added ones; `config` is the runs'. Raises
+    UserError as the simulator and the readers do.
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "as_built.csv"
     records = read_records(path, COLUMNS)
-    asked = []
+    requested = []
     for spec in specs:
         if not spec.simulated or spec.is_mesh:
-            raise UserError(f"'{spec.name}': only a simulated IFC model can stand otherwise than planned")
+            raise UserError(f"'{spec.name}': not a simulated IFC model; leave it out, only those can be changed")
         for seed in seeds:
             for conditions in _conditions(shares):
                 key = (spec.name, conditions.name, str(seed))
-                asked.append(key)
+                requested.append(key)
                 if any(_key(r) == key for r in records):
                     continue
                 fresh = [_record(row) for row in _rows(spec, seed, conditions, out, config)]
                 records += fresh
                 write_records(path, COLUMNS, records)
                 print("; ".join(_short(r) for r in fresh), flush=True)
-    return [r for r in records if _key(r) in set(asked)]
+    return [r for r in records if _key(r) in set(requested)]
 
 
 def _conditions(shares: tuple[float, float]) -> Iterator[Conditions]:
@@ -101,9 +104,9 @@ def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path, conf
         slam.add_scan(scan.stamp_ns, scan.points)
     result = slam.finish()
     write_atomically(sequence.scan_dir.parent / "deviations.json", json.dumps(result.deviations, indent=1))
-    told = told_of(result.deviations, result.s_graph, sequence.a_graph, result.T_bim_map, walls)
+    scores = deviation_scores(result.deviations, result.s_graph, sequence.a_graph, result.T_bim_map, walls)
     rmse = error_in_bim(result.trajectory, sequence.truth).position.rmse if result.anchored else None
-    for kind, of_kind in told.items():
+    for kind, of_kind in scores.items():
         s = of_kind.score
         yield Row(
             sequence=spec.name, conditions=conditions.name, seed=seed, kind=kind, anchored=result.anchored,
@@ -114,7 +117,7 @@ def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path, conf
 
 
 def walls_of(spec: SequenceSpec, sequence: Sequence) -> list[TrueWall]:
-    """What became of the storey's walls in a drive, looked from where keyframes would be taken."""
+    """The true walls of a drive's storey, with the poses of would-be keyframes as viewpoints."""
     from sgslam.mapping.keyframes import KeyframeRule
 
     drive, c = sequence.scan_dir.parent, sequence.conditions
@@ -127,8 +130,8 @@ def walls_of(spec: SequenceSpec, sequence: Sequence) -> list[TrueWall]:
 
 
 def table(records: list[Record]) -> str:
-    """Markdown: a line for each sequence and kind, over its seeds, and what was told falsely where nothing was so."""
-    head = ("sequence", "drives", "walls", "told of", "to find", "recall", "precision", "offset error, median",
+    """Markdown table: a line for each sequence and kind, over its seeds."""
+    head = ("sequence", "drives", "walls", "kind", "to find", "recall", "precision", "offset error, median",
             "within 3 cm", "RMSE (m)")  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     groups: dict[tuple[str, str, str], list[Record]] = {}
@@ -170,25 +173,25 @@ def _record(row: Row) -> Record:
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Walls that stand otherwise than planned: which are told, and what is told falsely."
+    about = "Measure which deviations of walls from the plan are reported, and how many reports are false."
     parser = Parser(prog="python -m evaluation.studies.as_built", description=about)
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for as_built.csv, as_built.md and the drives")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for as_built.csv, as_built.md and drives")
     add("--list", type=Path, metavar="FILE", help="YAML list of sequences (default: the demo building)")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
-    add("--moved", type=float, default=MOVED, metavar="SHARE", help=f"of the walls, moved (default {MOVED})")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
+    add("--moved", type=float, default=MOVED, metavar="SHARE", help=f"share of walls moved (default {MOVED})")
     add("--gone", type=float, default=GONE, metavar="SHARE",
-        help=f"of the walls, absent, and of those that the plan lacks, each (default {GONE})")  # fmt: skip
-    add("--method", default=MatchingSettings().method, metavar="NAME", help="of matching (default %(default)s)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'as-built' is to be written")
+        help=f"share of walls absent, and added, each (default {GONE})")  # fmt: skip
+    add("--method", default=MatchingSettings().method, metavar="NAME", help="matching method (default %(default)s)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'as-built' is written")
     return parser
 
 
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = chosen(DEMO if options.list is None else read_specs(options.list), options.sequences)
+    specs = select_sequences(DEMO if options.list is None else read_specs(options.list), options.sequences)
     config = Config(matching=MatchingSettings(method=options.method))
     text = table(measure(specs, options.seeds, (options.moved, options.gone), options.out, config))
     write_atomically(options.out / "as_built.md", f"# As built against as planned\n\n{text}")
@@ -202,11 +205,11 @@ def main() -> int:
 
 
 _ABOUT = (
-    f"Walls are counted by IFC wall. To find: those that {LEAST_VIEWS} keyframes or more could see, half a metre each "
-    "(through the place of an absent one). Moved ones stand 10 to 30 cm off their plan; extra ones stand though the "
-    "plan lacks them. Precision is over all that was told as significant, seen well or not; of extra ones over wall "
-    f"surfaces. Kinds: {', '.join(KINDS)}; in each drive all three may be told falsely. The storey is told, the start "
-    "is not."
+    f"Walls are counted by IFC wall. To find: walls of which {LEAST_VIEWS} keyframes or more could see half a metre "
+    "(through the place of an absent wall). Moved walls are built 10 to 30 cm off the plan; extra walls are missing in "
+    "the plan. Precision is over all significant reports, for extra walls over wall surfaces. Kinds: "
+    f"{', '.join(KINDS)}; in each drive all three may be reported falsely. The run gets the storey, but no initial "
+    "pose."
 )
 
 

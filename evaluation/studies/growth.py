@@ -1,7 +1,7 @@
-"""`python -m evaluation.studies.growth --out DIR`: how time and memory grow with the length of a drive.
+"""`python -m evaluation.studies.growth --out DIR`: growth of time and memory with the length of a drive.
 
-Drives of growing length through one storey, each anchored in a process of its own; seconds by stage and peak memory
-against scans, keyframes and rooms. It goes on where it was killed, as the ablation does.
+Drives of increasing length through one storey, each run in a process of its own: seconds by stage and peak memory
+against scans, keyframes and rooms. Like the ablation, it can be interrupted and repeated.
 """
 
 import io
@@ -24,17 +24,17 @@ PICTURE = "growth.svg"
 
 
 def measure(bim: str, storey: str | None, lengths: list[float], out: Path) -> Records:
-    """The records of the drives, shortest first. Raises UserError as the ablation does, and for lengths that are not
-    positive."""
+    """The records of the drives, shortest first. Raises UserError for lengths that are not positive, and as the
+    ablation does."""
     if not all(length > 0 for length in lengths):
-        raise UserError(f"--lengths {' '.join(f'{length:g}' for length in lengths)}: metres above 0 are needed")
+        raise UserError(f"--lengths {' '.join(f'{length:g}' for length in lengths)}: give metres above 0")
     specs = [SequenceSpec(f"{m:g}m", bim, storey, min_rooms=1, min_length=m) for m in sorted(set(lengths))]
     names = {spec.name for spec in specs}
     return [r for r in ablate(specs, [0], ["anchored"], out) if r["sequence"] in names]
 
 
 def table(records: Records) -> str:
-    """Markdown: a line for each drive."""
+    """Markdown table: a line for each drive."""
     counted = ["drive", "scans", "keyframes", "rooms", "wall surfaces"]
     head = [*counted, "seconds", "ms a scan", *STAGES, "peak memory (MB)"]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
@@ -48,7 +48,7 @@ def table(records: Records) -> str:
 
 
 def picture(records: Records, path: Path) -> None:
-    """Seconds by stage against scans, keyframes and rooms, and memory against scans, as SVG."""
+    """Plots seconds by stage against scans, keyframes and rooms, and memory against scans, as SVG."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -82,14 +82,15 @@ def _numbers(records: Records, column: str) -> Any:
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.studies.growth", description="How time and memory grow with a drive's length."
+        prog="python -m evaluation.studies.growth",
+        description="Measure how time and memory grow with the length of a drive.",
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for runs.csv, growth.md, the plot and the drives")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for runs.csv, growth.md, the plot and drives")
     add("--bim", default="demo", metavar="FILE", help="IFC file or mesh (default: the demo building)")
-    add("--storey", metavar="NAME", help="to drive; needed for an IFC file")
-    add("--lengths", nargs="+", type=float, default=list(LENGTHS), metavar="M", help="of the drives, at least")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'growth' is to be written")
+    add("--storey", metavar="NAME", help="storey to drive through; needed for an IFC file")
+    add("--lengths", nargs="+", type=float, default=list(LENGTHS), metavar="M", help="least lengths of the drives (m)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'growth' is written")
     options = parser.parse_args()
     records = measure(options.bim, options.storey, options.lengths, options.out)
     text = table(records)
@@ -100,8 +101,8 @@ def main() -> int:
         docs.mkdir(exist_ok=True)
         picture(records, docs / PICTURE)
         command = f"python -m evaluation.studies.growth --out {options.out.name} --benchmarks {options.benchmarks.name}"
-        told = f"{wall_clock()}\n\n{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
-        write_section(options.benchmarks, "growth", f"## Growth with scans, keyframes and rooms\n\n{told}")
+        section = f"{wall_clock()}\n\n{text}\n![Growth](docs/{PICTURE})\n\nBy {made_by(command)}."
+        write_section(options.benchmarks, "growth", f"## Growth with scans, keyframes and rooms\n\n{section}")
     print(text)
     return 0
 

@@ -1,9 +1,8 @@
-"""`python -m evaluation.studies.long_run --out DIR`: what half an hour of scans costs, in time and in memory.
+"""`python -m evaluation.studies.long_run --out DIR`: time and memory of half an hour of scans.
 
-20,000 scans of a simulated drive (`--standing`: of a robot that stands still), each of 14,400 beams and with a noise of
-its own, are read from files and fed to a run, whose state is kept meanwhile, and that is then finished and written to a
-folder, as `sgslam.run` does.
-Time is counted from the first file to the last line of the report, without the simulation, which is another process.
+20,000 scans of a simulated drive (`--standing`: of a robot that stands still), each of 14,400 beams with its own noise,
+are read from files and processed as `sgslam.run` does, checkpoints and results included. Time counts from the first
+file to the end of the report, without the simulation, which runs in another process.
 """
 
 import gc
@@ -24,7 +23,7 @@ from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
 from data.plans.bim import load_bim
 from data.scans import ScanFolder
-from evaluation.harness.endless_drive import EndlessDrive, Way
+from evaluation.harness.endless_drive import DriveSpec, EndlessDrive
 from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
 from sgslam.session.checkpoints import Checkpoints
 from sgslam.session.result import prepare_folder
@@ -36,8 +35,8 @@ _ROWS = 10
 
 @dataclass(frozen=True)
 class Sample:
-    """After so many scans: seconds by the clock and of the processor (all threads) so far, of it those of the
-    optimisation, and the memory in use (MB)."""
+    """The state after `scans` scans: seconds of wall clock and CPU (all threads) so far, CPU seconds of the
+    optimisation among them, and the memory in use (MB)."""
 
     scans: int
     keyframes: int
@@ -48,7 +47,7 @@ class Sample:
 
 
 class _Meter:
-    """Clock and processor, which can be stopped."""
+    """A stopwatch for wall-clock and CPU time."""
 
     def __init__(self) -> None:
         self.seconds = self.cpu = 0.0
@@ -61,37 +60,37 @@ class _Meter:
         self.cpu += process_time() - used
 
 
-def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
-    """The samples, and what is told of the whole; the run's results are left in `out`/run.
+def measure(way: DriveSpec, out: Path) -> tuple[list[Sample], dict[str, Any]]:
+    """The samples and the numbers of the whole run; its results are written to `out`/run.
 
-    Raises UserError for a building or a storey that cannot be driven.
+    Raises UserError for a building or a storey that cannot be driven through.
     """
     bim, meter, samples, folder = load_bim(way.bim), _Meter(), list[Sample](), prepare_folder(out / "run")
     slam = SceneGraphSlam(bim, clouds=KeyframeClouds(folder / FILE), stopwatch=Stopwatch(process_time))
     checkpoints = Checkpoints(folder, {})
     gc.freeze()
     with EndlessDrive(way) as drive:
-        fed = 0
+        count = 0
         for part in drive.parts():
             with meter.running():
                 for scan in ScanFolder(part):
                     update = slam.add_scan(scan.stamp_ns, scan.points)
-                    fed += 1
-                    checkpoints.write_if_due(slam, {"fed": fed})
+                    count += 1
+                    checkpoints.write_if_due(slam, {"fed": count})
             optimised = slam.seconds["optimisation"]
-            samples.append(Sample(fed, update.keyframes, meter.seconds, meter.cpu, optimised, memory_in_use()))
-            print(_told(samples), flush=True)
-        feeding = meter.seconds
+            samples.append(Sample(count, update.keyframes, meter.seconds, meter.cpu, optimised, memory_in_use()))
+            print(_progress_line(samples), flush=True)
+        adding = meter.seconds
         with meter.running():
             result = slam.finish()
-        finishing = meter.seconds - feeding
+        finishing = meter.seconds - adding
         with meter.running():
             result.save(folder)
         errors = np.linalg.norm(result.trajectory.positions - drive.truth.positions, axis=1)
     whole = {
-        "scans": fed, "keyframes": result.keyframes, "seconds": meter.seconds, "cpu_seconds": meter.cpu,
-        "scans_per_second": fed / meter.seconds, "finish_seconds": finishing,
-        "writing_seconds": meter.seconds - feeding - finishing, "memory_mb": memory_in_use(),
+        "scans": count, "keyframes": result.keyframes, "seconds": meter.seconds, "cpu_seconds": meter.cpu,
+        "scans_per_second": count / meter.seconds, "finish_seconds": finishing,
+        "writing_seconds": meter.seconds - adding - finishing, "memory_mb": memory_in_use(),
         "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
         "report_mb": (folder / "report.html").stat().st_size / 1e6, "anchored": result.anchored,
         "rmse_m": float(np.sqrt(np.mean(errors**2))) if result.anchored else None,
@@ -101,18 +100,18 @@ def measure(way: Way, out: Path) -> tuple[list[Sample], dict[str, Any]]:
 
 
 def memory_in_use() -> float:
-    """MB of this process that are in memory now."""
+    """The resident memory (MB) of this process."""
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return pages * resource.getpagesize() / 2**20
 
 
-def _told(samples: list[Sample]) -> str:
+def _progress_line(samples: list[Sample]) -> str:
     s = samples[-1]
     return f"{s.scans} scans, {s.keyframes} keyframes, {s.scans / s.seconds:.0f} scans/s, {s.memory:.0f} MB"
 
 
 def table(samples: list[Sample]) -> str:
-    """Markdown: a line for each tenth of the run, its times those of that tenth."""
+    """Markdown table: a line for each tenth of the run, with the times of that tenth."""
     each = ("processor, ms a scan", "optimisation, ms a keyframe")
     head = ("scans", "keyframes", "scans a second", *each, "memory (MB)")
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
@@ -128,7 +127,7 @@ def table(samples: list[Sample]) -> str:
 
 
 def summary(whole: dict[str, Any]) -> str:
-    """What is told of the whole, in two lines."""
+    """A paragraph on the whole run."""
     rmse = f"RMSE {1000 * whole['rmse_m']:.1f} mm in building coordinates" if whole["anchored"] else "not anchored"
     return (
         f"**{whole['scans']} scans in {whole['seconds']:.0f} s: {whole['scans_per_second']:.0f} scans a second** "
@@ -140,7 +139,7 @@ def summary(whole: dict[str, Any]) -> str:
 
 
 def picture(samples: list[Sample], path: Path) -> None:
-    """Memory and scans a second against scans, as SVG."""
+    """Plots memory and scans per second against scans, as SVG."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -163,21 +162,21 @@ def picture(samples: list[Sample], path: Path) -> None:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.studies.long_run", description="What half an hour of scans costs.")
+    parser = Parser(prog="python -m evaluation.studies.long_run", description="Measure time and memory of a long run.")
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for the run, the numbers and the plot")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for the run, the numbers and the plot")
     add("--bim", default="demo", metavar="FILE", help="IFC file (default: the demo building)")
-    add("--storey", metavar="NAME", help="to drive; needed for an IFC file")
-    add("--scans", type=int, default=20_000, metavar="N", help="10 a second (default 20000)")
-    add("--standing", action="store_true", help="stand still all the time")
-    add("--seed", type=int, default=0, metavar="N", help="of the drive")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section is to be written")
+    add("--storey", metavar="NAME", help="storey to drive through; needed for an IFC file")
+    add("--scans", type=int, default=20_000, metavar="N", help="number of scans, 10 per second (default 20000)")
+    add("--standing", action="store_true", help="a robot that stands still")
+    add("--seed", type=int, default=0, metavar="N", help="seed of the drive")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section is written")
     options = parser.parse_args()
     if options.scans < 1:
-        raise UserError(f"--scans {options.scans}: at least 1 is needed")
+        raise UserError(f"--scans {options.scans}: must be at least 1")
     options.out.mkdir(parents=True, exist_ok=True)
     bim, storey = _building(options.bim, options.storey, options.out)
-    samples, whole = measure(Way(bim, storey, options.scans, options.standing, options.seed), options.out)
+    samples, whole = measure(DriveSpec(bim, storey, options.scans, options.standing, options.seed), options.out)
     write_json(options.out / "samples.json", {"samples": [asdict(s) for s in samples], "whole": whole})
     name = "standing" if options.standing else "long-run"
     picture(samples, options.out / f"{name}.svg")
@@ -192,7 +191,7 @@ def _building(bim: str, storey: str | None, out: Path) -> tuple[Path, str]:
 
     if bim != "demo":
         if storey is None:
-            raise UserError("--storey is missing: name the one to drive")
+            raise UserError("--storey is missing; name the storey to drive through")
         return Path(bim), storey
     path = out / "demo_building.ifc"
     write_demo_building(path)

@@ -1,10 +1,10 @@
-"""Without a plan, what closing loops is worth, and is any closed falsely?
+"""Benefit of loop closure without a plan, and the number of false closures.
 
     python -m evaluation.studies.loops --out DIR
 
-Drives along equal offices (once along, to and fro, round a ring of corridors), and tours through the storeys of a list,
-with loops closed and not. A closure is false where its motion is more than 0.5 m or 5 degrees off the truth. One line
-of the CSV for each run; what is there already is skipped.
+Drives along identical offices (once along, back and forth, around a ring of corridors) and tours through the storeys of
+a list, each with and without loop closure. A closure is false if it is more than 0.5 m or 5 degrees off the truth. The
+CSV has a line for each run; lines that exist already are skipped.
 """
 
 import argparse
@@ -21,7 +21,7 @@ from data.trajectory import Trajectory
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
 from evaluation.harness.record_file import Record, read_records, write_records
-from evaluation.harness.sequences import SequenceSpec, chosen, read_specs
+from evaluation.harness.sequences import SequenceSpec, read_specs, select_sequences
 from evaluation.metrics.trajectories import ape, drift, rpe
 from sgslam.config import Config, TrackingSettings
 from sgslam.config.loop_settings import LoopSettings
@@ -31,19 +31,22 @@ from sgslam.slam import SceneGraphSlam
 
 FRONT_ENDS = {
     "normal": "the system as it is",
-    "weak": "points beyond 6 m dropped, a bad odometry given, each scan corrected by the walls",
-    "trusted": "the same, and the odometry is believed from scan to scan",
+    "weak": "points beyond 6 m dropped, a degraded external odometry, each scan aligned to the walls",
+    "trusted": "the same without aligning the scans to the walls",
 }
-LEVEL = 4  # of the bad odometry: steps 4 % too long, yaw walks by 1.2 degrees per square root of a metre
+LEVEL = 4  # of the degraded odometry: steps 4 % too long, yaw random walk of 1.2 degrees per square root of a metre
 LENGTH = 150.0  # m of a tour
 FALSE_M, FALSE_RAD = 0.5, float(np.radians(5.0))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One run. `ape_m` is over the positions, aligned to the truth; `end_m` that of the last one,
-    first poses made to coincide, `end_percent` of the way. `closure_m` is the worst error of a closure that was
-    believed; `withdrawn` of them were given up."""
+    """One run.
+
+    `ape_m` is the position error after alignment to the truth; `end_m` the error of the last position with the first
+    poses aligned, `end_percent` relative to the path length. `closure_m` is the largest error of a closure, `withdrawn`
+    the number of closures that were withdrawn again.
+    """
 
     drive: str
     front_end: str
@@ -71,19 +74,19 @@ _KEY = ("drive", "front_end", "seed", "loops")
 def measure(
     routes: list[str], specs: list[SequenceSpec], front_ends: list[str], seeds: list[int], out: Path
 ) -> list[Record]:
-    """Runs what is not in `out`/loops.csv yet and returns all records asked for.
+    """Runs what `out`/loops.csv lacks; returns all requested records.
 
-    Raises UserError for what the simulator refuses, and for sequences that are not simulated.
+    Raises UserError for sequences that are not simulated, and as the simulator does.
     """
     out.mkdir(parents=True, exist_ok=True)
     path = out / "loops.csv"
-    records, asked = read_records(path, COLUMNS), set()
+    records, requested = read_records(path, COLUMNS), set()
     for name in (*routes, *(spec.name for spec in specs)):
         for front_end, seed, loops in ((f, s, on) for f in front_ends for s in seeds for on in (True, False)):
             if not loops and name in ONCE:  # there is nothing to close
                 continue
             key = (name, front_end, str(seed), str(loops))
-            asked.add(key)
+            requested.add(key)
             if any(_key(r) == key for r in records):
                 continue
             spec = next((spec for spec in specs if spec.name == name), None)
@@ -91,21 +94,19 @@ def measure(
             records.append(_record(_row(drive, name, front_end, loops)))
             write_records(path, COLUMNS, records)
             print(_short(records[-1]), flush=True)
-    return [r for r in records if _key(r) in asked]
+    return [r for r in records if _key(r) in requested]
 
 
 def _drive(route: str, spec: SequenceSpec | None, seed: int, level: int) -> Drive:
     if spec is None:
         return drive_along(route, seed, level)
     if not spec.simulated or spec.storey is None:
-        raise UserError(f"'{spec.name}': only a named storey of an IFC model can be driven through")
+        raise UserError(f"'{spec.name}': needs an IFC model and a storey's name to simulate a drive")
     return drive_through(Path(spec.bim), spec.storey, LENGTH, seed, level)
 
 
 def _row(drive: Drive, name: str, front_end: str, loops: bool) -> Row:
-    config = Config(
-        loops=LoopSettings(enabled=loops), tracking=TrackingSettings(correct=front_end != "trusted")
-    )
+    config = Config(loops=LoopSettings(enabled=loops), tracking=TrackingSettings(correct=front_end != "trusted"))
     slam = SceneGraphSlam(config=config)
     for stamp_ns, points, T_odom_sensor in drive.scans():
         slam.add_scan(stamp_ns, points, T_odom_sensor=T_odom_sensor)
@@ -129,12 +130,12 @@ def _row(drive: Drive, name: str, front_end: str, loops: bool) -> Row:
 def _ape(estimate: Trajectory, truth: Trajectory) -> float:
     try:
         return ape(estimate, truth, "se3").translation.rmse
-    except UserError:  # a straight way does not tell how it is turned
+    except UserError:  # a straight path does not determine the rotation
         return ape(estimate, truth, "origin").translation.rmse
 
 
 def errors_of(closures: Iterable[Closure], stamps: list[int], truth: Trajectory) -> list[tuple[float, float]]:
-    """Metres and radians by which each closure's motion is off the truth; `stamps` (ns) are those of the keyframes."""
+    """The error (m, rad) of each closure's motion; `stamps` (ns) are those of the keyframes."""
     at = {stamp: pose for stamp, pose in zip(truth.stamps_ns.tolist(), truth.poses, strict=True)}
     errors = []
     for closure in closures:
@@ -146,7 +147,7 @@ def errors_of(closures: Iterable[Closure], stamps: list[int], truth: Trajectory)
 
 
 def table(records: list[Record]) -> str:
-    """Markdown: a line for each drive and front end over its seeds, without and with loops closed."""
+    """Markdown table: a line for each drive and front end over its seeds, without and with loop closure."""
     head = ("drive", "front end", "runs", "way (m)", "APE (m), open", "closed", "RPE 1 m (mm), open", "closed",
             "end (% of the way), open", "closed", "wall surfaces, open", "closed", "closures", "withdrawn", "false",
             "worst closure (m)", "time of loops")  # fmt: skip
@@ -189,25 +190,25 @@ def _record(row: Row) -> Record:
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Runs without a plan, with loops closed and not; which closures are false."
+    about = "Measure runs without a plan, with and without loop closure."
     parser = Parser(prog="python -m evaluation.studies.loops", description=about)
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for loops.csv and loops.md")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for loops.csv and loops.md")
     add("--routes", nargs="*", default=list(ROUTES), choices=ROUTES, metavar="NAME",
-        help=f"along equal offices ({', '.join(ROUTES)}; default all)")  # fmt: skip
-    add("--list", type=Path, metavar="FILE", help="YAML list of storeys to be driven through as well")
+        help=f"drives along identical offices ({', '.join(ROUTES)}; default all)")  # fmt: skip
+    add("--list", type=Path, metavar="FILE", help="YAML list of further storeys to drive through")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
     add("--front-ends", nargs="+", default=list(FRONT_ENDS), choices=FRONT_ENDS, metavar="NAME",
         help=f"{', '.join(FRONT_ENDS)} (default all)")  # fmt: skip
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'loops' is to be written")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'loops' is written")
     return parser
 
 
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = chosen([] if options.list is None else read_specs(options.list), options.sequences)
+    specs = select_sequences([] if options.list is None else read_specs(options.list), options.sequences)
     text = table(measure(options.routes, specs, options.front_ends, options.seeds, options.out))
     write_atomically(options.out / "loops.md", f"# Loops\n\n{text}")
     if options.benchmarks is not None:
@@ -220,12 +221,13 @@ def main() -> int:
 
 _ABOUT = (
     "No plan is given. Drives: "
-    + "; ".join(f"{name}: {told}" for name, told in ROUTES.items())
+    + "; ".join(f"{name}: {about}" for name, about in ROUTES.items())
     + f"; others: a tour of {LENGTH:g} m through rooms and corridors and back to its start. Front ends: "
-    + "; ".join(f"{name}: {told}" for name, told in FRONT_ENDS.items())
-    + f". The bad odometry's steps are {LEVEL} % too long, its yaw walks by {0.3 * LEVEL:.1f} degrees per square root "
-    "of a metre. APE is over positions, aligned to the truth (a straight way by its first pose). A closure is false "
-    f"that is more than {FALSE_M:g} m or {np.degrees(FALSE_RAD):.0f} degrees off the truth; those given up later count."
+    + "; ".join(f"{name}: {about}" for name, about in FRONT_ENDS.items())
+    + f". The degraded odometry's steps are {LEVEL} % too long, its yaw has a random walk of {0.3 * LEVEL:.1f} degrees "
+    "per square root of a metre. APE is over positions, aligned to the truth (a straight path by its first pose). A "
+    f"closure is false if it is more than {FALSE_M:g} m or {np.degrees(FALSE_RAD):.0f} degrees off the truth; "
+    "withdrawn ones count."
 )
 
 

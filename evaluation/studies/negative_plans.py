@@ -1,8 +1,8 @@
-"""Each drive with the plans of the other buildings.
+"""False anchors: each drive is run with the plans of the other buildings.
 
     python -m evaluation.studies.negative_plans --out DIR --list FILE
 
-No map may be anchored to a plan that is not its building's, not for a single scan; said is why it was not.
+No map may be anchored to another building's plan, not even for a single scan.
 """
 
 from collections import Counter
@@ -15,17 +15,17 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
-from evaluation.harness.sequences import Sequence, SequenceSpec, chosen, plan_of, prepare, read_specs
+from evaluation.harness.sequences import Sequence, SequenceSpec, plan_of, prepare, read_specs, select_sequences
 from matching import Matcher, MatchResult
 from sgslam.slam import SceneGraphSlam
 
-HEAD = ("scans of", "seed", "plan of", "scans", "rooms seen", "rooms planned", "answers", "anchored", "what was said")
+HEAD = ("scans of", "seed", "plan of", "scans", "rooms seen", "rooms planned", "answers", "anchored", "reason")
 STATUSES = ("unique", "ambiguous", "none")
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """One drive with another building's plan. `anchored_scans`: after how many scans it was anchored (none may be)."""
+    """One drive with another building's plan; `anchored_scans` counts the scans after which it was anchored."""
 
     sequence: str
     seed: int
@@ -33,13 +33,13 @@ class Pairing:
     scans: int
     rooms_seen: int
     rooms_planned: int
-    answers: dict[str, int]  # how often the matcher gave each status
+    answers: dict[str, int]  # number of answers by status
     anchored_scans: int
     reason: str
 
     def cells(self) -> tuple[str, ...]:
-        """By HEAD."""
-        answers = ", ".join(f"{self.answers[s]} {s}" for s in STATUSES if self.answers.get(s)) or "none was asked for"
+        """The table's cells, in the order of HEAD."""
+        answers = ", ".join(f"{self.answers[s]} {s}" for s in STATUSES if self.answers.get(s)) or "not matched"
         anchored = f"**for {self.anchored_scans} scans**" if self.anchored_scans else "never"
         return (
             self.sequence, str(self.seed), self.plan, str(self.scans), str(self.rooms_seen), str(self.rooms_planned),
@@ -48,20 +48,20 @@ class Pairing:
 
 
 class _Counting:
-    """A matcher whose answers are counted by their status."""
+    """A matcher that counts its answers by status."""
 
     def __init__(self, method: str) -> None:
         self._matcher, self.answers = Matcher.load(method), Counter[str]()
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
-        """As any matcher."""
+        """Matches like any matcher."""
         answer = self._matcher.match(s, a)
         self.answers[answer.status] += 1
         return answer
 
 
 def run_with(sequence: Sequence, plan: str, a_graph: SceneGraph, method: str = "learned") -> Pairing:
-    """Runs the scans of `sequence` with another building's A-graph, called `plan`."""
+    """Runs the scans of `sequence` with another building's A-graph, named `plan`."""
     matcher = _Counting(method)
     slam = SceneGraphSlam(a_graph, matcher)
     anchored = sum(slam.add_scan(scan.stamp_ns, scan.points).anchored for scan in ScanFolder(sequence.scan_dir))
@@ -73,12 +73,12 @@ def run_with(sequence: Sequence, plan: str, a_graph: SceneGraph, method: str = "
 
 
 def pairings(specs: list[SequenceSpec], seeds: list[int], folder: Path, method: str = "learned") -> Iterator[Pairing]:
-    """Every drive with the plan of every other building of the list; drives that `folder` lacks are simulated.
+    """Runs every drive with the plan of every other building; drives missing in `folder` are simulated.
 
-    Raises UserError where all are of one building.
+    Raises UserError if there is only one building.
     """
     if len({spec.bim for spec in specs}) < 2:
-        raise UserError("sequences of two buildings or more are needed; name more with --sequences")
+        raise UserError("--sequences: only one building; name sequences of at least two")
     for spec in specs:
         others = {other.bim: other for other in reversed(specs) if other.bim != spec.bim}
         for seed in seeds if spec.simulated else seeds[:1]:
@@ -88,7 +88,7 @@ def pairings(specs: list[SequenceSpec], seeds: list[int], folder: Path, method: 
 
 
 def table(found: list[Pairing]) -> str:
-    """Markdown: a line for each pairing, and what they come to."""
+    """Markdown table: a line for each pairing, and the total."""
     rows = [HEAD, ("---",) * len(HEAD), *(pairing.cells() for pairing in found)]
     wrong = sum(pairing.anchored_scans > 0 for pairing in found)
     lines = [f"| {' | '.join(row)} |" for row in rows]
@@ -98,37 +98,37 @@ def table(found: list[Pairing]) -> str:
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.studies.negative_plans", description="Drives with other buildings' plans."
+        prog="python -m evaluation.studies.negative_plans", description="Run drives with other buildings' plans."
     )
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for other_buildings.md, and the drives")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for negative_plans.md and drives")
     add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0], metavar="N", help="of the drives (default 0)")
-    add("--method", default="learned", metavar="NAME", help="the matcher (default learned)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section is to be written")
+    add("--seeds", nargs="+", type=int, default=[0], metavar="N", help="seeds of the drives (default 0)")
+    add("--method", default="learned", metavar="NAME", help="matching method (default learned)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'negative-plans' is written")
     options = parser.parse_args()
-    specs = chosen(read_specs(options.list), options.sequences)
+    specs = select_sequences(read_specs(options.list), options.sequences)
     options.out.mkdir(parents=True, exist_ok=True)
     found: list[Pairing] = []
     for pairing in pairings(specs, options.seeds, options.out, options.method):
         print("  ".join(pairing.cells()), flush=True)
         found.append(pairing)
     text = table(found)
-    write_atomically(options.out / "other_buildings.md", f"# Plans of other buildings\n\n{text}")
+    write_atomically(options.out / "negative_plans.md", f"# Plans of other buildings\n\n{text}")
     if options.benchmarks is not None:
         from evaluation.harness.benchmark_page import made_by, write_section
 
         names = f" --sequences {' '.join(options.sequences)}" if options.sequences else ""
         command = f"python -m evaluation.studies.negative_plans --out {options.out.name} --list {options.list}{names}"
-        told = f"{ABOUT}\n\n{text}\nBy {made_by(command)}."
-        write_section(options.benchmarks, "other-buildings", f"## Plans of other buildings\n\n{told}")
+        section = f"{ABOUT}\n\n{text}\nBy {made_by(command)}."
+        write_section(options.benchmarks, "negative-plans", f"## Plans of other buildings\n\n{section}")
     return 0
 
 
 ABOUT = (
-    "Each drive with the plan of every other building of the list. It is looked at after every scan whether the map is "
-    "anchored, not at the end only."
+    "Each drive with the plan of every other building of the list. Whether the map is anchored is checked after every "
+    "scan, not only at the end."
 )
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""KISS-ICP, small_gicp, a given one; alone and in runs.
+"""KISS-ICP, small_gicp and an external odometry, alone and in runs.
 
     python -m evaluation.studies.odometries --out DIR --list FILE
 
-Alone: on the points that a run hands it, without walls, floor or plan. The given one is a TUM file that KISS-ICP wrote
-on whole scans. One line of the CSV for each drive and odometry; what is there already is skipped.
+Alone: on the points that a run passes to it, without walls, floor or plan. The external odometry is a TUM file of
+KISS-ICP on whole scans. The CSV has a line for each drive and odometry; lines that exist already are skipped.
 """
 
 import argparse
@@ -23,11 +23,11 @@ from evaluation.harness.record_file import Record, RecordFile
 from evaluation.harness.sequences import (
     Sequence,
     SequenceSpec,
-    chosen,
     odometry_alone,
     odometry_of_run,
     prepare,
     read_specs,
+    select_sequences,
 )
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.trajectories import ape, error_in_bim, rpe
@@ -40,14 +40,16 @@ from sgslam.slam import SceneGraphSlam
 
 ODOMETRIES = {"kiss": "KISS-ICP", "small_gicp": "small_gicp", "given": "a TUM file"}
 RPE_M = 1.0
-WRONG_M = 0.5  # an anchored run that is this far off is anchored to the wrong place
+WRONG_M = 0.5  # RMSE above which an anchored run counts as anchored to a wrong place
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One drive with one odometry. `alone_*`: of the odometry itself, the relative error over a metre and the absolute
-    one after SE(3) alignment, metres. `cpu_*` are seconds of the processor, the reading of the scans included;
-    `cpu_kiss` those of KISS-ICP's own pipeline on the same drive."""
+    """One drive with one odometry.
+
+    `alone_*` are the odometry's relative error over a metre and its absolute error after SE(3) alignment (m). `cpu_*`
+    are CPU seconds, reading the scans included; `cpu_kiss` are those of KISS-ICP's own pipeline on the same drive.
+    """
 
     sequence: str
     seed: int
@@ -65,12 +67,12 @@ class Row:
 
 
 def measure(specs: list[SequenceSpec], seeds: list[int], names: Iterable[str], out: Path) -> list[Record]:
-    """Runs what is not in `out`/odometries.csv yet and returns all records asked for.
+    """Runs what `out`/odometries.csv lacks; returns all requested records.
 
-    Raises UserError for what the simulator and the readers refuse.
+    Raises UserError as the simulator and the readers do.
     """
     out.mkdir(parents=True, exist_ok=True)
-    file, asked = RecordFile(out / "odometries.csv", Row), []
+    file, requested = RecordFile(out / "odometries.csv", Row), []
     for spec in specs:
         for seed in seeds:
             cpu_kiss: float | None = None
@@ -81,8 +83,8 @@ def measure(specs: list[SequenceSpec], seeds: list[int], names: Iterable[str], o
                     cpu_kiss = cpu_kiss or seconds_of_kiss_icp(sequence.scan_dir)["cpu"]
                     record = file.add(_row(sequence, name, cpu_kiss))
                     print(_short(record), flush=True)
-                asked.append(record)
-    return asked
+                requested.append(record)
+    return requested
 
 
 def _row(sequence: Sequence, name: str, cpu_kiss: float) -> Row:
@@ -107,7 +109,7 @@ def _row(sequence: Sequence, name: str, cpu_kiss: float) -> Row:
 
 
 def _given(sequence: Sequence) -> Trajectory:
-    """What somebody else's odometry said of the drive; kept beside the scans."""
+    """The external odometry of the drive, cached next to the scans."""
     kept = sequence.scan_dir.parent / f"{sequence.scan_dir.name}.given.tum"
     if not kept.exists():
         odometry_alone(ScanFolder(sequence.scan_dir)).write_tum(kept)
@@ -123,7 +125,7 @@ def _run(sequence: Sequence, config: Config, given: ExternalOdometry | None) -> 
 
 
 def table(records: list[Record]) -> str:
-    """Markdown: a line for each sequence and odometry, over its seeds."""
+    """Markdown table: a line for each sequence and odometry, over its seeds."""
     head = ("sequence", "odometry", "drives", "alone: RPE over 1 m (m)", "alone: APE (m)", "anchored", "wrong",
             "RMSE in the BIM frame (m)", "largest error (m)", "NEES per dof", "alone, times KISS-ICP",
             "whole run, times KISS-ICP")  # fmt: skip
@@ -161,21 +163,21 @@ def _short(r: Record) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="python -m evaluation.studies.odometries", description="The odometries, alone and in runs.")
+    parser = Parser(prog="python -m evaluation.studies.odometries", description="Measure the odometries.")
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for odometries.csv, odometries.md and the drives")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for odometries.csv, odometries.md, drives")
     add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
     add("--odometries", nargs="+", choices=ODOMETRIES, default=list(ODOMETRIES), metavar="NAME", help="only these")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'odometries' is to be written")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'odometries' is written")
     return parser
 
 
 def main() -> int:
     """The command line."""
     options = _parser().parse_args()
-    specs = chosen(read_specs(options.list), options.sequences)
+    specs = select_sequences(read_specs(options.list), options.sequences)
     text = table(measure(specs, options.seeds, options.odometries, options.out))
     write_atomically(options.out / "odometries.md", f"# Odometries\n\n{text}")
     print(text, end="")
@@ -189,10 +191,10 @@ def main() -> int:
 
 
 _ABOUT = (
-    "Alone: the odometry on the points that a run hands it, without walls, floor or plan; its absolute error after "
-    "SE(3) alignment. The given one is a TUM file that KISS-ICP wrote on whole scans (voxel 0.5 m). Anchored runs are "
-    "told nothing of the start; their errors are in building coordinates, no alignment, one number a drive. Times are "
-    "of the processor, those of KISS-ICP's own pipeline on the same drive being one (median over the drives)."
+    "Alone: the odometry on the points that a run passes to it, without walls, floor or plan; its absolute error is "
+    "after SE(3) alignment. The external odometry is a TUM file of KISS-ICP on whole scans (voxel 0.5 m). Anchored "
+    "runs get no initial pose; their errors are in building coordinates without alignment, one per drive. CPU times "
+    "are relative to KISS-ICP's own pipeline on the same drive (median over the drives)."
 )
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""What inspect-bim foretells, on the benchmark's maps.
+"""Checks the number of rooms that inspect-bim predicts to be needed, on the matching benchmark's maps.
 
     python -m evaluation.studies.rooms_to_localise FILE --inspection FILE
 
-Of each start room, against pairs of the matching benchmark (regime `real`) that start there.
-The benchmark draws its own noise, and explores in any order, or with `--order near` the nearest rooms first, as was
-foretold. It is asked on both sides: in the first of its columns that holds so many rooms most pairs must be unique and
-right, in the last one before it most must not. Where it is foretold that the place is never known, most pairs of all
-rooms must not. Few pairs decide by chance where about half of all maps are known.
+Each start room is checked with pairs of the matching benchmark (regime `real`) that start there. The benchmark draws
+its own noise and explores rooms in any order or, with `--order near`, the nearest first, as in the prediction. Each
+prediction is checked on both sides: in the benchmark's first column with enough rooms, most pairs must be matched
+uniquely and correctly; in the column before it, most must not. If a room is predicted to be never localised, most pairs
+of all rooms must not be. Where about half of all maps are localised, the result is a matter of chance.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,29 +26,29 @@ from matching import Matcher
 
 OUTCOMES = ("known", "never")
 ORDERS = ("any", "near")
-CLEAR = 6  # pairs; where so many more are known than not, or fewer, no more are asked
-STREAM = 900_001  # of random numbers: no storey has this place, so whatever the seeds, inspect-bim draws others
+CLEAR = 6  # pairs; a majority of this size ends the check
+STREAM = 900_001  # of random numbers; not the index of a storey, so that inspect-bim never draws the same maps
 
 
 @dataclass(frozen=True)
 class Side:
-    """Pairs of one start room: how many rooms are seen (None: all), whether they should be known, and how many of so
-    many the learned matcher knew: it named the true place alone."""
+    """One side of a check: `rooms` seen (None: all), whether they are predicted to suffice, and in how many (`known`)
+    `of` the pairs the learned matcher found the true place uniquely."""
 
     rooms: int | None
-    foretold: bool
+    predicted: bool
     known: int
     of: int
 
     @property
     def agrees(self) -> bool:
-        """Whether most pairs are as foretold."""
-        return (2 * self.known > self.of) == self.foretold
+        """Whether most pairs are as predicted."""
+        return (2 * self.known > self.of) == self.predicted
 
 
 @dataclass(frozen=True)
 class Start:
-    """A start room, and both sides of what was foretold of it."""
+    """A start room and both sides of its check."""
 
     room: str
     needed: int | None
@@ -58,26 +58,26 @@ class Start:
 def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError."""
     parser = Parser(
-        prog="python -m evaluation.studies.rooms_to_localise", description="What inspect-bim foretells, checked."
+        prog="python -m evaluation.studies.rooms_to_localise", description="Check the predictions of inspect-bim."
     )
-    parser.add_argument("bim", type=Path, metavar="FILE", help="the building, as inspect-bim was given it")
-    parser.add_argument("--inspection", type=Path, required=True, metavar="FILE", help="what inspect-bim wrote")
-    parser.add_argument("--pairs", type=int, default=31, metavar="N", help="on each side most of so many (default 31)")
-    parser.add_argument("--order", choices=ORDERS, default="any", help="in which rooms are entered (default: any)")
-    parser.add_argument("--every", type=int, default=1, metavar="N", help="only each Nth start room (default: all)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the pairs: never inspect-bim's own maps")
+    parser.add_argument("bim", type=Path, metavar="FILE", help="the building that was inspected")
+    parser.add_argument("--inspection", type=Path, required=True, metavar="FILE", help="inspection.json of inspect-bim")
+    parser.add_argument("--pairs", type=int, default=31, metavar="N", help="most pairs on each side (default 31)")
+    parser.add_argument("--order", choices=ORDERS, default="any", help="order of exploration (default: any)")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="check every Nth start room (default: all)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the pairs")
     options = parser.parse_args(arguments)
     if options.pairs < 1 or options.every < 1:
-        raise UserError("--pairs and --every: 1 or more")
+        raise UserError("--pairs and --every: must be 1 or more")
     from data.common.json_files import read_json
     from data.plans.bim import load_bim
 
     inspection = read_json(options.inspection, "what inspect-bim wrote")
     graph = load_bim(options.bim).graph
-    foretold = {r["room"]: (r["outcome"], r["rooms"]) for r in _rooms(inspection, options.inspection)}
-    if unknown := sorted(foretold.keys() - graph.room_by_id.keys()):
-        raise UserError(f"{options.inspection}: no room '{unknown[0]}' in {options.bim}; it is of another building")
-    chosen = {r: v for n, (r, v) in enumerate(foretold.items()) if n % options.every == 0 and v[0] in OUTCOMES}
+    predicted = {r["room"]: (r["outcome"], r["rooms"]) for r in _rooms(inspection, options.inspection)}
+    if unknown := sorted(predicted.keys() - graph.room_by_id.keys()):
+        raise UserError(f"{options.inspection}: room '{unknown[0]}' is not in {options.bim}; give the same building")
+    chosen = {r: v for n, (r, v) in enumerate(predicted.items()) if n % options.every == 0 and v[0] in OUTCOMES}
     print(table(list(checked(graph, chosen, options.pairs, options.seed, options.order)), options.bim.name))
     return 0
 
@@ -86,22 +86,22 @@ def _rooms(inspection: Any, path: Path) -> list[dict[str, Any]]:
     try:
         return [dict(r) for r in inspection["rooms"]]
     except (KeyError, TypeError, ValueError):
-        raise UserError(f"{path}: not what inspect-bim writes") from None
+        raise UserError(f"{path}: not an inspection; give the inspection.json of inspect-bim") from None
 
 
 def checked(
-    graph: SceneGraph, foretold: dict[str, tuple[str, int | None]], pairs: int, seed: int, order: str = "any"
+    graph: SceneGraph, predicted: dict[str, tuple[str, int | None]], pairs: int, seed: int, order: str = "any"
 ) -> Iterator[Start]:  # fmt: skip
-    """The start rooms in the plan's order, `foretold` by room id: the outcome and how many rooms."""
+    """Checks the start rooms in the plan's order; `predicted` by room id: the outcome and the number of rooms."""
     from data.synthetic_maps.exploration import Walk, storeys_of, walk
     from data.synthetic_maps.walks import nearest_first
 
     matcher = Matcher.load()
     for place, storey in enumerate(storeys_of(graph)):
         for start, room in enumerate(storey.rooms):
-            if room.id not in foretold:
+            if room.id not in predicted:
                 continue
-            needed, near = foretold[room.id][1], nearest_first(storey, start)[0]
+            needed, near = predicted[room.id][1], nearest_first(storey, start)[0]
             sides = []
             for count, should in sides_of(needed):
                 known = of = 0
@@ -124,7 +124,7 @@ def _known(matcher: Matcher, drawn: DrawnGraph, graph: SceneGraph) -> bool:
 
 
 def sides_of(needed: int | None) -> list[tuple[int | None, bool]]:
-    """The benchmark's columns on both sides (None: all rooms), and whether the place is known there."""
+    """The benchmark's columns on both sides (None: all rooms), and whether the rooms suffice there."""
     if needed is None:
         return [(None, False)]
     below, above = [c for c in COLUMNS if c < needed], [c for c in COLUMNS if c >= needed]
@@ -133,13 +133,13 @@ def sides_of(needed: int | None) -> list[tuple[int | None, bool]]:
 
 
 def table(starts: Sequence[Start], building: str) -> str:
-    """Markdown: shares of start rooms for which the benchmark says what was foretold."""
+    """Markdown table: shares of start rooms for which the benchmark confirms the prediction."""
     if not starts:
         raise UserError("no start room to check; see --inspection")
-    lines = [f"| {building}, {len(starts)} start rooms | as foretold |", "|---|---|"]
+    lines = [f"| {building}, {len(starts)} start rooms | as predicted |", "|---|---|"]
     kinds = {"enough rooms: known": True, "fewer rooms, or never: not known": False}
     for label, known in kinds.items():
-        sides = [side.agrees for start in starts for side in start.sides if side.foretold == known]
+        sides = [side.agrees for start in starts for side in start.sides if side.predicted == known]
         lines.append(f"| {label} ({len(sides)}) | {_percent(sides)} |")
     lines.append(f"| both sides | {_percent([all(side.agrees for side in start.sides) for start in starts])} |")
     return "\n".join(lines)

@@ -1,9 +1,9 @@
-"""Our system on real scans with a real plan.
+"""Runs the system on a session of the data set SLABIM: real scans with a real plan.
 
     python -m evaluation.studies.slabim --dataset DIR --session NAME --out DIR
 
-Lays a session of SLABIM (see `data.datasets.slabim`) out in DIR/sequence and runs `sgslam.run` on it, results in DIR.
-Options that are not its own are those of `sgslam.run`, as `--set A.B=C`.
+Writes the session (see `data.datasets.slabim`) to DIR/sequence and runs `sgslam.run` on it, with the results in DIR.
+Other options, such as `--set A.B=C`, are passed to `sgslam.run`.
 """
 
 from pathlib import Path
@@ -16,14 +16,14 @@ OWN = ("--scan-dir", "--bim", "--ground-truth", "--demo")
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line. Raises UserError."""
-    parser = Parser(prog="python -m evaluation.studies.slabim", description="A session of SLABIM, laid out and run.")
-    parser.add_argument("--dataset", type=Path, required=True, metavar="DIR", help="with BIM and sensor_data")
-    parser.add_argument("--session", required=True, metavar="NAME", help="such as 3F_Region1")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where the results go")
-    parser.add_argument("--lay-out-only", action="store_true", help="do not run")
+    parser = Parser(prog="python -m evaluation.studies.slabim", description="Run a session of SLABIM.")
+    parser.add_argument("--dataset", type=Path, required=True, metavar="DIR", help="folder with BIM and sensor_data")
+    parser.add_argument("--session", required=True, metavar="NAME", help="session, such as 3F_Region1")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the results")
+    parser.add_argument("--lay-out-only", action="store_true", help="write the sequence without running it")
     options, more = parser.parse_known_args(arguments)
-    if told := [x for x in more if x.partition("=")[0] in OWN]:
-        raise UserError(f"{told[0]}: the session tells; leave it out")
+    if fixed := [x for x in more if x.partition("=")[0] in OWN]:
+        raise UserError(f"{fixed[0]}: is set by the session; leave it out")
     from data.datasets.slabim import SlabimSession
 
     sequence = options.out / "sequence"

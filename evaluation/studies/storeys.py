@@ -1,10 +1,10 @@
-"""Drives over several storeys, or starts on each.
+"""Drives over several storeys, or from a start on each storey.
 
     python -m evaluation.studies.storeys --out DIR --bim FILE --climb A B
 
-`--starts`: a start on each storey, nothing told, and how much had to be seen until its storey was known.
+`--starts`: a drive on each storey without an initial pose, and how much had to be seen until the storey was known.
 
-Drives and rows are kept in DIR; what is there is not run again.
+Drives and rows are stored in DIR; those that exist already are not run again.
 """
 
 import argparse
@@ -25,16 +25,18 @@ from evaluation.harness.sequences import storey_of
 from sgslam.config import Config, MatchingSettings
 from sgslam.session.result import Result
 
-WRONG_M = 1.0  # of the newest pose in the BIM frame: another place, or another storey
-WRONG_STOREY_M = 1.5  # of its height
+WRONG_M = 1.0  # error of the newest pose in the BIM frame above which the place is wrong
+WRONG_STOREY_M = 1.5  # error of its height above which the storey is wrong
 
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One drive over `storeys`. `wrong_storey`, `wrong_place`: whether such a place was ever committed to, at any scan.
-    `unique_m`, `unique_rooms`: what had been driven and entered when the first place was; None where there was none.
-    `floors` of the map, and of its `rooms` those `on_their_floor`; `rmse_m` and `max_m` over all scans in the BIM
-    frame."""
+    """One drive over `storeys`.
+
+    `wrong_storey`, `wrong_place`: whether the run was anchored to a wrong one at any scan. `unique_m`, `unique_rooms`:
+    metres driven and rooms entered at the first anchor; None without one. `floors` and `rooms` are the map's;
+    `on_their_floor` counts the rooms on the right floor. `rmse_m` and `max_m` are over all scans in the BIM frame.
+    """
 
     building: str
     storeys: tuple[str, ...]
@@ -57,9 +59,9 @@ class Row:
 def measure(
     bim: Path, drives: list[tuple[str, ...]], seeds: list[int], size: tuple[int, float], out: Path, config: Config
 ) -> list[Row]:
-    """A row for each drive and seed; `size` are the rooms to enter and the metres to drive, on each storey.
+    """A row for each drive and seed; `size` is the number of rooms to enter and the metres to drive on each storey.
 
-    Raises UserError for what the simulator and the readers refuse.
+    Raises UserError as the simulator and the readers do.
     """
     rows = []
     for storeys in drives:
@@ -70,7 +72,7 @@ def measure(
                 write_json(path, asdict(_measured(bim, storeys, seed, size, out / name, config)))
             row = _read(path)
             rows.append(row)
-            print(_told(row), flush=True)
+            print(_summary(row), flush=True)
     return rows
 
 
@@ -93,7 +95,7 @@ def _measured(
         simulate(bim, storeys, drive, seed=seed, min_rooms=size[0], min_length=size[1])
     truth = Trajectory.read_tum(drive / "truth.tum")
     driven = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(truth.positions, axis=0), axis=1))])
-    told = json.loads((drive / "run.json").read_text())
+    description = json.loads((drive / "run.json").read_text())
     a_graph = load_bim(bim).graph
     slam = SceneGraphSlam(a_graph, config=config)
     first, off = None, []
@@ -108,13 +110,13 @@ def _measured(
         first = len(truth) - 1 if first is None else first
     away = np.array(off).reshape(-1, 3)
     seconds = (truth.stamps_ns - truth.stamps_ns[0]) / 1e9
-    seen = [r for r in told["rooms"] if first is not None and r["entered_s"] <= seconds[first]]
+    seen = [r for r in description["rooms"] if first is not None and r["entered_s"] <= seconds[first]]
     on_floor, rooms = _on_their_floor(result, a_graph, truth)
-    rmse, largest, on_stair = _errors(result, a_graph, truth, told["sensor_height_m"])
+    rmse, largest, on_stair = _errors(result, a_graph, truth, description["sensor_height_m"])
     return Row(
         building=bim.stem, storeys=storeys, seed=seed,
         status="none" if result.matches is None else result.matches["status"],
-        length_m=float(driven[-1]), entered=int(told["rooms_entered"]),
+        length_m=float(driven[-1]), entered=int(description["rooms_entered"]),
         wrong_storey=bool((np.abs(away[:, 2]) > WRONG_STOREY_M).any()),
         wrong_place=bool((np.linalg.norm(away, axis=1) > WRONG_M).any()),
         unique_m=None if first is None else float(driven[first]),
@@ -125,7 +127,7 @@ def _measured(
 
 
 def _on_their_floor(result: Result, a_graph: SceneGraph, truth: Trajectory) -> tuple[int, int]:
-    """How many of the map's rooms belong to a floor that is placed on their true storey, and how many there are."""
+    """The number of the map's rooms whose floor is placed on their true storey, and the number of all rooms."""
     placed = {} if result.matches is None else result.matches.get("floors", {})
     rows = {int(stamp): k for k, stamp in enumerate(truth.stamps_ns.tolist())}
     true: dict[str, Counter[str | None]] = {}
@@ -138,7 +140,7 @@ def _on_their_floor(result: Result, a_graph: SceneGraph, truth: Trajectory) -> t
     floor_of = {room.id: room.floor for room in result.s_graph.rooms}
     for room_id, seen in true.items():
         on_floor.setdefault(floor_of[room_id], Counter()).update(seen)
-    for room in result.s_graph.rooms:  # one that was only looked into has the storey of its floor
+    for room in result.s_graph.rooms:  # a room that was only looked into is on the storey of its floor
         storeys = true.get(room.id) or on_floor.get(room.floor) or Counter()
         right += bool(storeys) and result.anchored and placed.get(room.floor or "") == storeys.most_common(1)[0][0]
     return right, len(result.s_graph.rooms)
@@ -147,7 +149,7 @@ def _on_their_floor(result: Result, a_graph: SceneGraph, truth: Trajectory) -> t
 def _errors(
     result: Result, a_graph: SceneGraph, truth: Trajectory, height: float
 ) -> tuple[float | None, float | None, float | None]:
-    """RMSE, the largest error, and the RMSE on the stairs alone (m), BIM frame."""
+    """RMSE, largest error, and RMSE on the stairs alone (m), in the BIM frame."""
     if not result.anchored:
         return None, None, None
     error = np.linalg.norm(result.trajectory.positions - truth.positions, axis=1)
@@ -159,7 +161,7 @@ def _errors(
 
 
 def table(rows: list[Row]) -> str:
-    """Markdown: a line for each drive over several storeys, or for each storey over its starts."""
+    """Markdown tables: a line for each drive over several storeys, and for each storey over its starts."""
     climbs, starts = [r for r in rows if len(r.storeys) > 1], [r for r in rows if len(r.storeys) == 1]
     parts = []
     if climbs:
@@ -203,7 +205,7 @@ def _metres(value: float | None) -> str:
     return "not anchored" if value is None else f"{value:.4f}"
 
 
-def _told(r: Row) -> str:
+def _summary(r: Row) -> str:
     unique = "never unique" if r.unique_m is None else f"unique after {r.unique_m:.0f} m, {r.unique_rooms} rooms"
     return (
         f"{r.building} {', '.join(r.storeys)} seed {r.seed}: {r.status}, {unique}; RMSE {_metres(r.rmse_m)}, "
@@ -212,18 +214,18 @@ def _told(r: Row) -> str:
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Drives over several storeys, and starts on each: where the map is placed, and when."
+    about = "Measure drives over several storeys, or from a start on each storey."
     parser = Parser(prog="python -m evaluation.studies.storeys", description=about)
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for storeys.md, a row and the scans of each drive")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for storeys.md, rows and drives")
     add("--bim", type=Path, metavar="FILE", help="IFC file (default: the demo building)")
-    add("--climb", nargs="+", metavar="NAME", help="storeys in the order of the drive (of the demo building: both)")
-    add("--starts", action="store_true", help="a drive on each storey instead, nothing told")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
-    add("--min-rooms", type=int, default=4, metavar="N", help="to enter on each storey (default 4)")
-    add("--min-length", type=float, default=30.0, metavar="M", help="to drive on each storey (default 30)")
-    add("--method", default=MatchingSettings().method, metavar="NAME", help="of matching (default %(default)s)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results whose section 'storeys' is to be written")
+    add("--climb", nargs="+", metavar="NAME", help="storeys in the order of the drive (demo building: both)")
+    add("--starts", action="store_true", help="a drive on each storey instead, without an initial pose")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
+    add("--min-rooms", type=int, default=4, metavar="N", help="rooms to enter on each storey (default 4)")
+    add("--min-length", type=float, default=30.0, metavar="M", help="metres to drive on each storey (default 30)")
+    add("--method", default=MatchingSettings().method, metavar="NAME", help="matching method (default %(default)s)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'storeys' is written")
     return parser
 
 
@@ -233,7 +235,7 @@ def main() -> int:
 
     options = _parser().parse_args()
     if options.starts and options.climb:
-        raise UserError("--starts and --climb: give one of them")
+        raise UserError("--starts and --climb: give only one of them")
     options.out.mkdir(parents=True, exist_ok=True)
     bim = options.bim or _demo(options.out)
     drives: list[tuple[str, ...]]
@@ -245,15 +247,15 @@ def main() -> int:
 
         drives = [tuple(options.climb or DEMO_STOREYS)]
     else:
-        raise UserError("--climb is missing: name the storeys to drive, in their order, or give --starts")
+        raise UserError("--climb is missing; name the storeys in the order of the drive, or give --starts")
     config = Config(matching=MatchingSettings(method=options.method))
     size = options.min_rooms, options.min_length
     text = table(measure(bim, drives, options.seeds, size, options.out, config))
     write_atomically(options.out / "storeys.md", f"# Storeys\n\n{text}")
     print(text)
     if options.benchmarks is not None:
-        said = made_by(f"python -m evaluation.studies.storeys --out {options.out.name}")
-        write_section(options.benchmarks, "storeys", f"## Storeys\n\n{_ABOUT}\n\n{text}\nBy {said}.")
+        made = made_by(f"python -m evaluation.studies.storeys --out {options.out.name}")
+        write_section(options.benchmarks, "storeys", f"## Storeys\n\n{_ABOUT}\n\n{text}\nBy {made}.")
     return 0
 
 
@@ -267,9 +269,9 @@ def _demo(out: Path) -> Path:
 
 
 _ABOUT = (
-    "RMSE in building coordinates over all scans, no alignment, stairs and all; nothing is told but scans and "
-    "building. A wrong storey is one that was committed to at any scan and puts the robot more than "
-    f"{WRONG_STOREY_M:g} m too high or low, a wrong place one that puts it more than {WRONG_M:g} m off."
+    "RMSE in building coordinates over all scans, stairs included, without alignment; the run gets only scans and "
+    "building. Wrong storey: anchored at any scan with a height error of more than "
+    f"{WRONG_STOREY_M:g} m; wrong place: with a position error of more than {WRONG_M:g} m."
 )
 
 

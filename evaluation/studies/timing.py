@@ -1,9 +1,8 @@
-"""`python -m evaluation.studies.timing --scan-dir DIR --bim FILE`: a run's time against KISS-ICP's own pipeline.
+"""`python -m evaluation.studies.timing --scan-dir DIR --bim FILE`: time of a run relative to KISS-ICP's own pipeline.
 
-Both read the same folder, in turns, each in a process of its own; imports, the loading of compiled loops and the report
-are left out, the IFC file is cached. Ratios of medians, because absolute times say more of the machine than of the
-programs; where others use the machine too, the ratio of the processors' times (all threads together) says more than
-that of the clock's, and the load tells how far either can be trusted.
+Both process the same folder alternately, each in a process of its own. Imports, loading compiled loops and the report
+are excluded; the IFC file is cached. The result is a ratio of medians, since absolute times depend on the machine. On a
+shared machine the ratio of CPU times (all threads) is more reliable than that of wall-clock times; the load is printed.
 """
 
 import json
@@ -31,8 +30,8 @@ Path(sys.argv[2]).write_text(json.dumps(seconds))
 
 
 def seconds_of_kiss_icp(scan_dir: Path) -> dict[str, float]:
-    """Seconds of KISS-ICP's pipeline in its default configuration: reading, odometry, its own results; `whole` by the
-    clock, `cpu` of all threads together."""
+    """Seconds of KISS-ICP's pipeline in its default configuration (reading, odometry, results): `whole` is wall-clock
+    time, `cpu` CPU time of all threads."""
     with tempfile.TemporaryDirectory() as folder:
         answer = Path(folder) / "seconds"
         _run([sys.executable, "-c", _KISS, str(scan_dir.resolve()), str(answer)], folder)
@@ -41,7 +40,8 @@ def seconds_of_kiss_icp(scan_dir: Path) -> dict[str, float]:
 
 
 def seconds_of_run(scan_dir: Path, bim: Path | None) -> dict[str, float]:
-    """Seconds of `sgslam.run` by stage; `whole` is all of it but the report, `cpu` that of all threads together."""
+    """Seconds of `sgslam.run` by stage; `whole` is wall-clock time without the report, `cpu` CPU time of all
+    threads."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "sgslam.run", "--scan-dir", str(scan_dir.resolve()), "--out", "out"]
         _run(command + ([] if bim is None else ["--bim", str(bim.resolve())]), folder)
@@ -54,19 +54,19 @@ def _run(command: list[str], folder: str) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
         what = "sgslam.run" if "sgslam.run" in command else "KISS-ICP's pipeline"
-        said = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
-        raise UserError(f"{what} failed on this folder: {said[-1].strip() if said else 'it says nothing'}")
+        output = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
+        raise UserError(f"{what} failed on this folder: {output[-1].strip() if output else 'no message'}")
 
 
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.studies.timing", description="A run's time against KISS-ICP's own pipeline."
+        prog="python -m evaluation.studies.timing", description="Time a run relative to KISS-ICP's own pipeline."
     )
     add = parser.add_argument
     add("--scan-dir", type=Path, required=True, metavar="DIR", help="folder of scans (.bin for KISS-ICP)")
     parser.add_argument("--bim", type=Path, metavar="FILE", help="the building")
-    parser.add_argument("--repeat", type=int, default=3, metavar="N", help="times that each is run (default 3)")
+    parser.add_argument("--repeat", type=int, default=3, metavar="N", help="repetitions (default 3)")
     options = parser.parse_args()
     if options.repeat < 1:
         raise UserError(f"--repeat {options.repeat}: must be at least 1")

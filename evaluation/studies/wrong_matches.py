@@ -1,9 +1,9 @@
-"""Runs whose matcher gives rooms away, beside clean ones.
+"""Robustness to wrong matches: runs with corrupted matches against clean runs.
 
     python -m evaluation.studies.wrong_matches --out DIR --list FILE
 
-Every unique answer of the matcher has some rooms, with all their walls, given to wrong planned rooms. What is measured
-is the trajectory in the end: wrong matches must be withdrawn or outvoted.
+In every unique answer of the matcher, some rooms with all their walls are assigned to wrong planned rooms. The final
+trajectory is measured: wrong matches must be withdrawn or outvoted.
 """
 
 from pathlib import Path
@@ -14,29 +14,30 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically
 from evaluation.harness.conditions import NORMAL, Conditions
-from evaluation.harness.sequences import SequenceSpec, chosen, read_specs
+from evaluation.harness.sequences import SequenceSpec, read_specs, select_sequences
 from evaluation.slam_ablation.rows import Record, Records
 from evaluation.slam_ablation.run import ablate
 
-ARM = "anchored"
+VARIANT = "anchored"
 
 
 def compare(specs: list[SequenceSpec], seeds: list[int], rooms: int, out: Path, list_: Path) -> Records:
-    """The records of all runs, clean and spoilt; those that `out` holds already are not run again."""
+    """The records of all runs, clean and corrupted; runs that exist in `out` are not repeated."""
     records: Records = []
     names = {spec.name for spec in specs}
     for conditions in (NORMAL, Conditions(wrong_matches=rooms)):
-        made = ablate(specs, seeds, [ARM], out, conditions, listed_in=list_)
+        made = ablate(specs, seeds, [VARIANT], out, conditions, listed_in=list_)
         records += [
-            r for r in made if r["conditions"] == conditions.name and r["sequence"] in names and r["arm"] == ARM
+            r for r in made if r["conditions"] == conditions.name and r["sequence"] in names and r["arm"] == VARIANT
             and int(r["seed"]) in seeds
         ]  # fmt: skip
     return records
 
 
 def table(records: Records) -> str:
-    """Markdown: a line for each drive, and for each building over its drives."""
-    head = ("drive", "seed", "clean (m)", "spoilt (m)", "ratio", "first anchor, clean (s)", "first anchor, spoilt (s)")
+    """Markdown table: a line for each drive, and for each building over its drives."""
+    anchors = ("first anchor, clean (s)", "first anchor, corrupted (s)")
+    head = ("drive", "seed", "clean (m)", "corrupted (m)", "ratio", *anchors)
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
     pairs: dict[str, list[tuple[Record, Record]]] = {}
     clean = {(r["sequence"], r["seed"]): r for r in records if r["conditions"] == NORMAL.name}
@@ -66,18 +67,18 @@ def _mean(numbers: list[str]) -> float | None:
 
 def main() -> int:
     """The command line."""
-    parser = Parser(prog="python -m evaluation.studies.wrong_matches", description="Runs with rooms matched wrongly.")
+    parser = Parser(prog="python -m evaluation.studies.wrong_matches", description="Runs with wrongly matched rooms.")
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="for wrong_matches.md, and what the ablation writes")
+    add("--out", type=Path, required=True, metavar="DIR", help="folder for wrong_matches.md and the runs")
     add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
     add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="of the drives (default 0 1 2)")
-    add("--rooms", type=int, default=5, metavar="N", help="that are matched wrongly (default 5)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results to write a section of")
+    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
+    add("--rooms", type=int, default=5, metavar="N", help="wrongly matched rooms (default 5)")
+    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'wrong-matches' is written")
     options = parser.parse_args()
-    specs = chosen(read_specs(options.list), options.sequences)
+    specs = select_sequences(read_specs(options.list), options.sequences)
     if options.rooms < 1:
-        raise UserError(f"--rooms {options.rooms}: at least 1 must be matched wrongly")
+        raise UserError(f"--rooms {options.rooms}: must be at least 1")
     text = table(compare(specs, options.seeds, options.rooms, options.out, options.list))
     write_atomically(options.out / "wrong_matches.md", f"# Wrong matches\n\n{text}")
     print(text, end="")
@@ -86,14 +87,14 @@ def main() -> int:
 
         names = f" --sequences {' '.join(options.sequences)}" if options.sequences else ""
         command = f"python -m evaluation.studies.wrong_matches --out {options.out.name} --list {options.list}{names}"
-        told = f"{ABOUT.format(options.rooms)}\n\n{text}\nBy {made_by(f'{command} --rooms {options.rooms}')}."
-        write_section(options.benchmarks, "wrong-matches", f"## Wrong matches\n\n{told}")
+        section = f"{ABOUT.format(options.rooms)}\n\n{text}\nBy {made_by(f'{command} --rooms {options.rooms}')}."
+        write_section(options.benchmarks, "wrong-matches", f"## Wrong matches\n\n{section}")
     return 0
 
 
 ABOUT = (
-    "RMSE in building coordinates over all scans, no alignment. Spoilt: in every unique answer of the matcher {} rooms "
-    "are given to wrong planned rooms, with all their walls."
+    "RMSE in building coordinates over all scans, without alignment. Corrupted: in every unique answer of the matcher, "
+    "{} rooms with all their walls are assigned to wrong planned rooms."
 )
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Whether what is installed works here, one line a check; exit code 1 where something fails.
+"""Checks the installation, one line per check; exit code 1 if a check fails.
 
     python -m sgslam.cli.doctor
 
-Each library is loaded in a process of its own and does a small piece of its work there, since a library that was
-built for another machine does not raise but takes its process with it.
+Each library runs a small self test in a process of its own: a library built for another processor does not raise an
+exception but kills its process.
 """
 
 import platform
@@ -20,16 +20,16 @@ from typing import Literal
 from data.common.cli import Parser, run_command
 from data.common.processes import cores, environment
 
-LIMIT_S = 120.0  # for a library to load and do its small piece
-LEAST_MEMORY_GB, ENOUGH_MEMORY_GB = 1.0, 2.0  # a run with the learned matcher takes 1 GB in its process
+LIMIT_S = 120.0  # of a self test, the library's import included
+LEAST_MEMORY_GB, ENOUGH_MEMORY_GB = 1.0, 2.0  # a run with the learned matcher takes 1 GB
 EXTRAS = {
     "dxf": "DXF drawings as plans",
     "scans": "LAS, LAZ and E57 scans",
     "mesh": "COLLADA meshes of buildings",
-    "view": "runs as a page in the browser",
+    "view": "runs shown in the browser",
     "tune": "the study of the published matcher's hyper-parameters",
-    "cluster": "measurements and training data by several machines",
-    "docs": "the documentation as a site",
+    "cluster": "measurements and training data on several machines",
+    "docs": "the documentation site",
     "dev": "the tests",
 }
 
@@ -38,77 +38,77 @@ State = Literal["ok", "FAIL", "note"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One line: `note` is what may be known but need not be mended."""
+    """The outcome of one check; a `note` need not be fixed."""
 
     state: State
     what: str
-    told: str
+    message: str
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command: 0 where all is well, 1 where something fails."""
-    Parser(prog="python -m sgslam.cli.doctor", description="Whether what is installed works here.").parse_args(
-        arguments
-    )
+    """The command; returns 0 if all checks pass, else 1."""
+    Parser(prog="python -m sgslam.cli.doctor", description="Check the installation.").parse_args(arguments)
     failed = 0
-    for finding in examine():
-        print(f"{finding.state:<5} {finding.what}: {finding.told}", flush=True)
+    for finding in check_installation():
+        print(f"{finding.state:<5} {finding.what}: {finding.message}", flush=True)
         failed += finding.state == "FAIL"
-    print("all is well" if not failed else f"{failed} of the above {'fails' if failed == 1 else 'fail'}")
+    print("all checks passed" if not failed else f"{failed} {'check' if failed == 1 else 'checks'} failed")
     return 1 if failed else 0
 
 
-def examine() -> Iterator[Finding]:
-    """All checks, the quick ones first."""
-    from sgslam.cli.installed import extras, fits_python, requirements, siblings
-    from sgslam.cli.self_tests import SMALL_WORKS
+def check_installation() -> Iterator[Finding]:
+    """Runs all checks, the quick ones first."""
+    from sgslam.cli.installed import extras, own_packages, python_version, requirements
+    from sgslam.cli.self_tests import SELF_TESTS
 
-    yield _judged("Python", fits_python())
-    yield _judged("our packages", siblings())
-    for name, told in requirements():
-        yield _judged(name, told)
+    yield _finding("Python", python_version())
+    yield _finding("our packages", own_packages())
+    for name, check in requirements():
+        yield _finding(name, check)
     yield from _machine()
     yield _cache()
     with ThreadPoolExecutor(min(4, cores())) as pool:
-        for name, told in zip(SMALL_WORKS, pool.map(tried, SMALL_WORKS), strict=True):
-            yield _judged(f"{name} at work", told)
+        for name, check in zip(SELF_TESTS, pool.map(run_self_test, SELF_TESTS), strict=True):
+            yield _finding(f"{name} self test", check)
     for name, missing in extras():
         purpose = EXTRAS.get(name, "")
-        lack = f"{purpose}; pip install 'sgslam[{name}]' brings {missing}"
-        yield Finding("note" if missing else "ok", f"extra {name}", lack if missing else f"installed ({purpose})")
+        hint = f"{purpose}; pip install 'sgslam[{name}]' installs {missing}"
+        yield Finding("note" if missing else "ok", f"extra {name}", hint if missing else f"installed ({purpose})")
 
 
-def _judged(what: str, told: tuple[bool, str]) -> Finding:
-    return Finding("ok" if told[0] else "FAIL", what, told[1])
+def _finding(what: str, check: tuple[bool, str]) -> Finding:
+    passed, message = check
+    return Finding("ok" if passed else "FAIL", what, message)
 
 
-def tried(name: str) -> tuple[bool, str]:
-    """One of the small works, in a process of its own."""
-    line = [sys.executable, "-c", f"from sgslam.cli.self_tests import SMALL_WORKS; SMALL_WORKS[{name!r}]()"]
+def run_self_test(name: str) -> tuple[bool, str]:
+    """Runs one of SELF_TESTS in a process of its own; returns whether it passed, and a one-line message."""
+    line = [sys.executable, "-c", f"from sgslam.cli.self_tests import SELF_TESTS; SELF_TESTS[{name!r}]()"]
     try:
         done = subprocess.run(line, env=environment(), capture_output=True, text=True, timeout=LIMIT_S, check=False)
     except subprocess.TimeoutExpired:
-        return False, f"does not come to an end within {LIMIT_S:g} s"
+        return False, f"did not finish within {LIMIT_S:g} s"
     if done.returncode < 0:
-        return False, f"its process was ended by {signal.Signals(-done.returncode).name}: built for another processor?"
+        name = signal.Signals(-done.returncode).name
+        return False, f"its process was killed by {name}; the library may be built for another processor"
     if done.returncode:
-        return False, (done.stderr.strip().splitlines() or ["fails without a word"])[-1]
+        return False, (done.stderr.strip().splitlines() or ["failed without a message"])[-1]
     return True, "done"
 
 
 def _machine() -> Iterator[Finding]:
-    yield Finding("ok", "processor", f"{cores()} cores for us, {platform.machine()}")
+    yield Finding("ok", "processor", f"{cores()} cores available, {platform.machine()}")
     free = _memory_gb()
     if free is None:
-        yield Finding("note", "memory", "not known")
+        yield Finding("note", "memory", "unknown")
     else:
         state: State = "FAIL" if free < LEAST_MEMORY_GB else "note" if free < ENOUGH_MEMORY_GB else "ok"
-        told = f"{free:.1f} GB to be had"
-        yield Finding(state, "memory", told if state == "ok" else f"{told}; a run needs {ENOUGH_MEMORY_GB:g} GB")
+        message = f"{free:.1f} GB available"
+        yield Finding(state, "memory", message if state == "ok" else f"{message}; a run needs {ENOUGH_MEMORY_GB:g} GB")
 
 
 def _memory_gb() -> float | None:
-    """What is available, of the machine's or of the container's, whichever is less; None where it is not told."""
+    """Available memory (GB) of the machine or the container, whichever is less; None if unknown."""
     free = []
     try:
         fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
@@ -130,8 +130,8 @@ def _cache() -> Finding:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        told = f"{folder} cannot be written ({error.strerror}): every run reads its building anew"
-        return Finding("note", "cache", f"{told}; SGSLAM_CACHE_DIR names another")
+        message = f"cannot write to {folder} ({error.strerror}), so every run reads its building again"
+        return Finding("note", "cache", f"{message}; set SGSLAM_CACHE_DIR to another folder")
     return Finding("ok", "cache", str(folder))
 
 

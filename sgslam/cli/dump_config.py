@@ -1,4 +1,4 @@
-"""`python -m sgslam.cli.dump_config`: every setting with what it means, as YAML that `--config` reads back."""
+"""`python -m sgslam.cli.dump_config`: prints all settings with their descriptions, as YAML for `--config`."""
 
 from pathlib import Path
 
@@ -6,15 +6,16 @@ from data.common.cli import Parser, run_command
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command. Raises UserError for settings that are wrong."""
-    parser = Parser(prog="python -m sgslam.cli.dump_config", description="Every setting with what it means, as YAML.")
-    parser.add_argument("--config", type=Path, metavar="FILE", help="settings as YAML, in place of the defaults")
-    parser.add_argument("--set", action="append", default=[], metavar="A.B=C", help="one setting; may be given again")
-    parser.add_argument("--markdown", action="store_true", help="as a page of tables instead")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="where it is written (default: standard output)")
+    """The command. Raises UserError for invalid settings."""
+    about = "Print all settings with their descriptions, as YAML for --config."
+    parser = Parser(prog="python -m sgslam.cli.dump_config", description=about)
+    parser.add_argument("--config", type=Path, metavar="FILE", help="settings as YAML that replace the defaults")
+    parser.add_argument("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
+    parser.add_argument("--markdown", action="store_true", help="print Markdown tables instead of YAML")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="output file (default: standard output)")
     options = parser.parse_args(arguments)
     from data.common.files import write_atomically
-    from sgslam.config.dump import explained
+    from sgslam.config.dump import documented_yaml
     from sgslam.config.loading import load_config
 
     config = load_config(options.config, options.set)
@@ -23,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
 
         text = parameters_page(config)
     else:
-        text = explained(config)
+        text = documented_yaml(config)
     if options.out is None:
         print(text, end="")
     else:

@@ -1,9 +1,8 @@
-"""`python -m sgslam.cli.export --out OUT --format NAME ...`: a finished run in the forms that other programs read.
+"""`python -m sgslam.cli.export --out OUT --format NAME ...`: exports a finished run to the formats of other programs.
 
-All files go into the run's folder and are in the frame of its `trajectory.tum`. `ifc` and `bcf` need the building's
-model (`--bim`) and are what is written where no format is named: `as_built.ifc`, a copy of the model whose walls tell
-how they were built (property set `AsBuilt`, and colours), and `deviations.bcf`, a topic for each wall that stands
-otherwise than planned.
+All files are written to the run's folder, in the frame of its `trajectory.tum`. The default formats are `ifc` and
+`bcf`, which need the building's model (`--bim`): `as_built.ifc` is a copy of the model with the measured deviations of
+its walls (property set `AsBuilt`, and colours); `deviations.bcf` has a topic for each wall that deviates from the plan.
 """
 
 import argparse
@@ -23,20 +22,19 @@ KITTI, KITTI_TIMES, EUROC, PLY = "trajectory.kitti", "trajectory_times.txt", "tr
 
 
 def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float | None = None) -> list[str]:
-    """Writes the formats (of FORMATS; `all` are those that the folder has what it takes for), and returns a line on
-    each file. `voxel` is that of the point cloud map (m), None: as the run was set.
+    """Writes the formats (names in FORMATS, or `all` for every possible one); returns one line per file.
 
-    Raises UserError for a folder that is no run's, one that lacks what a format is made of, a format that needs the
-    building's model where none is given, an `ifc` or `bcf` of a run that was not anchored, a model that cannot be
-    read, and one of whose walls the run knows none.
+    `voxel` is the side of the point cloud map's voxels (m); None takes the run's setting. Raises UserError for a folder
+    that is not a run's or lacks needed files, a format that needs `bim` if it is not given, `ifc` and `bcf` of a run
+    that is not anchored, and a model that cannot be read or has none of the run's walls.
     """
     from sgslam.report.run_folder import RunFolder
 
     run = RunFolder.read(out)
     if "all" in formats:
-        told = bim is not None and run.T_bim_map is not None
-        formats = [name for name in FORMATS if told or name not in _OF_A_MODEL]
-    if bim is None and (lacking := _OF_A_MODEL.intersection(formats)):
+        has_model = bim is not None and run.T_bim_map is not None
+        formats = [name for name in FORMATS if has_model or name not in _NEED_MODEL]
+    if bim is None and (lacking := _NEED_MODEL.intersection(formats)):
         raise UserError(f"--format {' '.join(sorted(lacking))}: needs the building's model; give --bim too")
     return [line for name in formats for line in FORMATS[name](run, bim, voxel)]
 
@@ -52,7 +50,7 @@ def _kitti(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]
 
     trajectory = _trajectory(run)
     write_kitti(trajectory, run.path / KITTI, run.path / KITTI_TIMES)
-    return [f"{run.path / KITTI}: {len(trajectory)} poses, their times in {KITTI_TIMES}"]
+    return [f"{run.path / KITTI}: {len(trajectory)} poses; times in {KITTI_TIMES}"]
 
 
 def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -75,7 +73,7 @@ def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     poses = {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
     points = cloud_map(clouds, poses, voxel)
     write_ply(run.path / PLY, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
-    return [f"{run.path / PLY}: {len(points)} points of {len(clouds)} keyframes, one in each {voxel:g} m"]
+    return [f"{run.path / PLY}: {len(points)} points of {len(clouds)} keyframes, voxels of {voxel:g} m"]
 
 
 def _dsg(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -99,8 +97,8 @@ def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from sgslam.backend.pose_graph import FILE
 
     if not (run.path / FILE).is_file():
-        raise UserError(f"{run.path}: has no {FILE}, which a run writes itself; run it again")
-    return [f"{run.path / FILE}: the run wrote it"]
+        raise UserError(f"{run.path}: {FILE} is missing, which a run writes itself; run it again")
+    return [f"{run.path / FILE}: already written by the run"]
 
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -115,8 +113,8 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     marked = write_as_built(bim, findings, unplanned, target)
     if findings and not marked:
         target.unlink()
-        raise UserError(f"{bim}: has none of the walls that {run.path} knows; give the model of that run")
-    return [f"{target}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned added"]
+        raise UserError(f"{bim}: has none of the walls of {run.path}; give the model of that run")
+    return [f"{target}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned walls added"]
 
 
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -135,19 +133,18 @@ FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]
     "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "ifc": _ifc,
     "bcf": _bcf,
 }  # fmt: skip
-_OF_A_MODEL = {"ifc", "bcf"}
+_NEED_MODEL = {"ifc", "bcf"}
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(
-        prog="python -m sgslam.cli.export", description="A finished run in the forms that other programs read."
-    )
+    about = "Export a finished run to the formats of other programs."
+    parser = Parser(prog="python -m sgslam.cli.export", description=about)
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="a run's folder, where the files go too")
+    add("--out", type=Path, required=True, metavar="DIR", help="a run's folder; the files are written there")
     add("--format", nargs="+", choices=[*FORMATS, "all"], default=["ifc", "bcf"], metavar="NAME",
-        help=f"of {', '.join(FORMATS)}, all (default: ifc bcf)")  # fmt: skip
-    add("--bim", type=Path, metavar="FILE", help="the IFC model that the run was given; for ifc and bcf")
-    add("--voxel", type=float, metavar="M", help="of the point cloud map (default: the run's clouds.map_voxel)")
+        help=f"one or more of {', '.join(FORMATS)}, or all (default: ifc bcf)")  # fmt: skip
+    add("--bim", type=Path, metavar="FILE", help="the run's IFC model; needed for ifc and bcf")
+    add("--voxel", type=float, metavar="M", help="voxel of the point cloud map (default: the run's clouds.map_voxel)")
     return parser
 
 
@@ -155,7 +152,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The command line; raises UserError."""
     options = _parser().parse_args(arguments)
     if options.voxel is not None and not 1e-3 <= options.voxel <= 10:
-        raise UserError(f"--voxel {options.voxel:g}: metres from 0.001 to 10 are needed")
+        raise UserError(f"--voxel {options.voxel:g}: out of range; give 0.001 to 10 metres")
     for line in export(options.out, options.format, options.bim, options.voxel):
         print(line)
     return 0

@@ -1,7 +1,7 @@
-"""`python -m sgslam.cli.inspect_bim FILE --out DIR`: a building's plan looked at before any robot drives.
+"""`python -m sgslam.cli.inspect_bim FILE --out DIR`: checks a building's plan before a robot drives through it.
 
-Its A-graph drawn, what it lacks, where it is its own twin, and how many rooms a robot must see from each room on
-before it can know where it is.
+Draws the A-graph, lists gaps in the plan and places that look alike, and predicts how many rooms a robot must see to
+localise, for each start room.
 """
 
 from argparse import Namespace
@@ -20,7 +20,7 @@ def main(arguments: list[str] | None = None) -> int:
     """The command. Raises UserError."""
     options = _parser().parse_args(arguments)
     if options.maps < 1 or options.jobs < 1:
-        raise UserError("--maps and --jobs: 1 or more")
+        raise UserError("--maps and --jobs: must be 1 or more")
     from data.common.files import write_atomically, write_json
     from data.plans.bim import load_bim
     from sgslam.inspection.inspection import InspectionSettings, inspect
@@ -29,10 +29,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     bim = load_bim(options.bim, layers=options.layer)
     out = prepare_folder(options.out)
-    with _progress() as tell:
+    with _progress() as update:
         settings = InspectionSettings(options.method, options.maps, options.seed)
-        found = inspect(bim.graph, bim.notices, settings, options.jobs, tell)
-    write_json(out / VALUES, {"file": options.bim.name, **_asked(options), **found.to_dict()})
+        found = inspect(bim.graph, bim.notices, settings, options.jobs, update)
+    write_json(out / VALUES, {"file": options.bim.name, **_settings(options), **found.to_dict()})
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))
     for line in [*found.notices, *(issue.message for issue in found.issues)]:
         print(f"lacks: {line}")
@@ -40,29 +40,29 @@ def main(arguments: list[str] | None = None) -> int:
     never, lost = (sum(n.outcome == outcome for n in needed) for outcome in ("never", "not found"))
     known = sorted(n.rooms for n in needed if n.rooms is not None)
     if known:
-        told = f"{known[len(known) // 2]} in the median, {known[-1]} at the most"
-        print(f"rooms to be seen before the place is known, from {len(known)} start rooms: {told}")
+        needs = f"median {known[len(known) // 2]}, maximum {known[-1]}"
+        print(f"rooms needed to localise, over {len(known)} start rooms: {needs}")
     if never or lost:
-        print(f"from {never} start rooms it is never known since the building is its own twin; from {lost} not found")
+        print(f"never localised: {never} start rooms for the building's symmetry, {lost} not matched")
     print(f"page: {out / PAGE}")
     return 0
 
 
 def _parser() -> Parser:
-    about = "What a plan lacks, where it is its own twin, and how many rooms must be seen to know the place."
+    about = "Check a plan: gaps, places that look alike, and the number of rooms needed to localise."
     parser = Parser(prog="python -m sgslam.cli.inspect_bim", description=about)
     add = parser.add_argument
     add("bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
-    add("--out", type=Path, required=True, metavar="DIR", help=f"for {PAGE} and {VALUES}")
-    add("--layer", action="append", default=[], metavar="NAME", help="a layer of a .dxf with walls; may be given again")
-    add("--method", default="learned", metavar="NAME", help="the matcher that is asked (default: learned)")
-    add("--maps", type=int, default=21, metavar="N", help="maps of the same rooms, at most (default 21)")
-    add("--seed", type=int, default=0, metavar="N", help="of the maps")
-    add("--jobs", type=int, default=cores(), metavar="N", help="processes (default: one a core)")
+    add("--out", type=Path, required=True, metavar="DIR", help=f"folder for {PAGE} and {VALUES}")
+    add("--layer", action="append", default=[], metavar="NAME", help="wall layer of a .dxf file (repeatable)")
+    add("--method", default="learned", metavar="NAME", help="matching method (default: learned)")
+    add("--maps", type=int, default=21, metavar="N", help="most maps drawn of the same rooms (default: 21)")
+    add("--seed", type=int, default=0, metavar="N", help="random seed of the maps (default: 0)")
+    add("--jobs", type=int, default=cores(), metavar="N", help="processes (default: one per core)")
     return parser
 
 
-def _asked(options: Namespace) -> dict[str, str | int]:
+def _settings(options: Namespace) -> dict[str, str | int]:
     return {"method": options.method, "maps": options.maps, "seed": options.seed}
 
 

@@ -1,4 +1,7 @@
-"""What is installed of this distribution, and of what it asks for. Whatever is told is (well or not, one line)."""
+"""Checks the installed packages against the requirements of this distribution.
+
+A check is (passed, one-line message).
+"""
 
 import importlib.metadata as metadata
 import platform
@@ -14,12 +17,12 @@ from sgslam.own_packages import package_file
 
 NAME = "sgslam"
 HERE = Path(__file__).resolve().parents[2]
-Told = tuple[bool, str]
+Check = tuple[bool, str]
 
 
-def asked() -> tuple[str, list[Requirement], dict[str, list[Requirement]]]:
-    """The Pythons that we ask for, the packages, and those of each extra; from pyproject.toml where we lie beside it,
-    else from what was installed with us."""
+def required() -> tuple[str, list[Requirement], dict[str, list[Requirement]]]:
+    """The required Python versions, the required packages, and those of each extra: from pyproject.toml in a source
+    checkout, else from the installed metadata."""
     project = HERE / "pyproject.toml"
     if project.is_file():
         table = tomllib.loads(project.read_text())["project"]
@@ -32,43 +35,43 @@ def asked() -> tuple[str, list[Requirement], dict[str, list[Requirement]]]:
     return own.metadata["Requires-Python"], [r for r in needed if _holds(r, "")], extras
 
 
-def fits_python() -> Told:
-    """Whether this Python is one that we ask for."""
-    wanted, version = asked()[0], platform.python_version()
-    return SpecifierSet(wanted).contains(version, prereleases=True), f"{version} (asked for: {wanted})"
+def python_version() -> Check:
+    """Checks the version of Python."""
+    wanted, version = required()[0], platform.python_version()
+    return SpecifierSet(wanted).contains(version, prereleases=True), f"{version} (required: {wanted})"
 
 
-def requirements() -> Iterator[tuple[str, Told]]:
-    """Each package that a run needs, with the version that is there."""
-    for requirement in asked()[1]:
-        yield requirement.name, _there(requirement)
+def requirements() -> Iterator[tuple[str, Check]]:
+    """Checks each required package."""
+    for requirement in required()[1]:
+        yield requirement.name, _installed_version(requirement)
 
 
 def extras() -> Iterator[tuple[str, str]]:
-    """Each extra, and which of its packages are not there or of a wrong version."""
-    for name, needed in asked()[2].items():
-        yield name, ", ".join(r.name for r in needed if not _there(r)[0])
+    """Each extra with its packages that are missing or have a wrong version, comma-separated."""
+    for name, needed in required()[2].items():
+        yield name, ", ".join(r.name for r in needed if not _installed_version(r)[0])
 
 
-def siblings() -> Told:
-    """Whether the packages that are found by our names, which are common ones, are ours, and nobody else's too."""
+def own_packages() -> Check:
+    """Checks that no other distribution provides packages with the names of ours, which are common words."""
     for name in PACKAGES:
         found = package_file(name)
         if found != HERE / name / "__init__.py":
-            return False, f"'{name}' is found at {found}, not in {HERE}: another package of that name"
+            return False, f"'{name}' is another package, at {found} instead of {HERE}; remove it from the path"
     others = sorted({d for n in PACKAGES for d in metadata.packages_distributions().get(n, []) if d != NAME})
     if others:
-        return False, f"{', '.join(others)} has installed files over ours; use an environment without it"
+        return False, f"{', '.join(others)} overwrites files of sgslam; use an environment without it"
     return True, f"{', '.join(PACKAGES)} in {HERE}"
 
 
-def _there(requirement: Requirement) -> Told:
+def _installed_version(requirement: Requirement) -> Check:
     try:
         version = metadata.version(requirement.name)
     except metadata.PackageNotFoundError:
         return False, f"not installed; pip install '{requirement.name}{requirement.specifier}'"
     if not requirement.specifier.contains(version, prereleases=True):
-        return False, f"{version} does not fit; pip install '{requirement.name}{requirement.specifier}'"
+        return False, f"{version} is a wrong version; pip install '{requirement.name}{requirement.specifier}'"
     return True, version
 
 

@@ -1,4 +1,4 @@
-"""`--resume OUT`: what a run was told when it began is told again, so that it need not be given twice."""
+"""`--resume OUT`: stores the arguments of a run and restores them when it is resumed."""
 
 import argparse
 from pathlib import Path
@@ -11,30 +11,30 @@ _PATHS = ("scan_dir", "bim", "ground_truth", "map")
 _WORDS = ("topic", "start", "storey", "odometry")
 
 
-def told_by(options: argparse.Namespace) -> dict[str, str | None]:
-    """What a later `--resume` is to be told again, as JSON."""
+def run_arguments(options: argparse.Namespace) -> dict[str, str | None]:
+    """The arguments that `--resume` restores, in JSON form."""
     paths = {name: getattr(options, name) for name in _PATHS}
-    told = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
+    stored = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
     words: dict[str, str | None] = {name: getattr(options, name) for name in _WORDS}
     if words["odometry"] is not None and Path(words["odometry"]).is_file():
         words["odometry"] = str(Path(words["odometry"]).resolve())
-    return told | words
+    return stored | words
 
 
-def take_up(options: argparse.Namespace) -> dict[str, Any]:
-    """Fills `options` with what the run in the folder `options.resume` was told; returns what that run is of.
+def restore_arguments(options: argparse.Namespace) -> dict[str, Any]:
+    """Fills `options` with the arguments of the run in the folder `options.resume`; returns the header of its state.
 
-    Raises UserError where there is no such run, where it is finished, and for options that do not go with it.
+    Raises UserError if there is no such run, if it is finished, and for options that conflict with `--resume`.
     """
     folder: Path = options.resume
     if options.demo or options.out not in (None, folder):
-        raise UserError(f"--resume {folder}: goes on with that run, in that folder; leave --demo and --out out")
+        raise UserError(f"--resume {folder}: continues in that folder; leave out --demo and --out")
     about = about_run(folder)
     if about.get("finished"):
-        raise UserError(f"--resume {folder}: that run is finished; its results are there")
-    told = about.get("arguments", {})
+        raise UserError(f"--resume {folder}: that run is finished; its results are in the folder")
+    stored = about.get("arguments", {})
     for name in (*_PATHS, *_WORDS):
-        if getattr(options, name) is None and told.get(name) is not None:
-            setattr(options, name, Path(told[name]) if name in _PATHS else told[name])
+        if getattr(options, name) is None and stored.get(name) is not None:
+            setattr(options, name, Path(stored[name]) if name in _PATHS else stored[name])
     options.out = folder
     return about

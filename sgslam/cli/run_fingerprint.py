@@ -1,4 +1,4 @@
-"""What a run is of: its scans, building and settings, so that one that goes on is not given others."""
+"""Fingerprint of a run's inputs (scans, building, settings), so that a resumed run gets the same inputs."""
 
 import hashlib
 import json
@@ -10,46 +10,47 @@ from data.scans import ScanSource
 from sgslam.config import Config
 from sgslam.session.checkpoints import FILE
 
-_PIECE = 1 << 20  # bytes of a file's beginning and of its end
+_PIECE = 1 << 20  # bytes hashed at the beginning and at the end of a file
 
 
-def inputs_of(
-    scans: ScanSource, a_graph: SceneGraph | None, config: Config, told: dict[str, Any], known: Path | None = None
+def run_fingerprint(
+    scans: ScanSource, a_graph: SceneGraph | None, config: Config, arguments: dict[str, Any], prior: Path | None = None
 ) -> dict[str, Any]:
-    """What tells a run from others, as JSON; `told` is what else its user told, `known` the folder of the known map."""
+    """The identity of a run's inputs, in JSON form; `arguments` are other options of the user, `prior` is the folder of
+    the prior map."""
     return {
-        "scans": _fingerprint(scans),
+        "scans": _scans_digest(scans),
         "building": None if a_graph is None else _digest(json.dumps(a_graph.to_dict(), sort_keys=True).encode()),
-        "map": None if known is None else _digest((known / FILE).read_bytes()),
+        "map": None if prior is None else _digest((prior / FILE).read_bytes()),
         "config": config.model_dump(mode="json"),
-        "told": json.loads(json.dumps(told)),
+        "told": json.loads(json.dumps(arguments)),
     }
 
 
-def check_same(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
-    """Raises UserError, in one line, where a run that is to go on is given other inputs than it had."""
+def check_unchanged(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+    """Raises UserError if the inputs `now` differ from those `before` of the run to be resumed."""
     for name, what in (("scans", "other scans"), ("building", "another building"), ("map", "another map")):
         if before.get(name) != now[name]:
-            raise UserError(f"--resume {folder}: that run is of {what}; give the same again, or run it anew")
+            raise UserError(f"--resume {folder}: that run used {what}; give the same again, or start a new run")
     for name in ("config", "told"):
-        unlike = _first_unlike(before.get(name) or {}, now[name])
-        if unlike is not None:
-            raise UserError(f"--resume {folder}: that run had {unlike}; give the same again, or run it anew")
+        difference = _first_difference(before.get(name) or {}, now[name])
+        if difference is not None:
+            raise UserError(f"--resume {folder}: that run had {difference}; give the same again, or start a new run")
 
 
-def _first_unlike(before: dict[str, Any], now: dict[str, Any], prefix: str = "") -> str | None:
+def _first_difference(before: dict[str, Any], now: dict[str, Any], prefix: str = "") -> str | None:
     for key in sorted({*before, *now}):
         a, b = before.get(key), now.get(key)
         if a == b:
             continue
         if isinstance(a, dict) and isinstance(b, dict):
-            return _first_unlike(a, b, f"{prefix}{key}.")
+            return _first_difference(a, b, f"{prefix}{key}.")
         return f"{prefix}{key} = {json.dumps(a)}, not {json.dumps(b)}"
     return None
 
 
-def _fingerprint(scans: ScanSource) -> str:
-    """Of a folder its files' names and sizes and the stamps; of a file its size, beginning and end."""
+def _scans_digest(scans: ScanSource) -> str:
+    """Hash of the stamps and, for a folder, the files' names and sizes; for a file, its size, beginning and end."""
     parts = [len(scans)] if scans.stamps_ns is None else scans.stamps_ns.tolist()
     if scans.path.is_dir():
         shown = sorted(f for f in scans.path.iterdir() if f.is_file())

@@ -1,4 +1,4 @@
-"""Scans into a run, one by one, its state kept on the way; a user who interrupts it loses nothing."""
+"""The scan loop of a run: adds the scans one by one, writes checkpoints, and stops cleanly when interrupted."""
 
 import logging
 import signal
@@ -20,48 +20,48 @@ from sgslam.session.checkpoints import Checkpoints
 from sgslam.session.result import Update
 from sgslam.slam import SceneGraphSlam
 
-Onlooker: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
+ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
 
 
 @dataclass
 class Progress:
-    """How far a run has come: `index` of the newest scan, how many were `fed`, seconds spent outside `SceneGraphSlam`,
-    of the clock's and of the processors' before the run was broken off."""
+    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, and the `seconds` spent on
+    reading scans and writing checkpoints."""
 
     index: int = -1
     fed: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
 
     def to_dict(self) -> dict[str, Any]:
-        """As `Progress(**it)` takes it."""
+        """The keyword arguments of `Progress`."""
         return {"index": self.index, "fed": self.fed, "seconds": self.seconds}
 
 
 class Interruption:
-    """Becomes true when the user (Ctrl-C) or the system (SIGTERM) asks the process to end."""
+    """True once the user (Ctrl-C) or the system (SIGTERM) has requested the process to end."""
 
     def __init__(self) -> None:
-        self._asked = False
+        self._requested = False
 
     def __bool__(self) -> bool:
-        """Whether it was asked."""
-        return self._asked
+        """Whether the end was requested."""
+        return self._requested
 
-    def ask(self, number: int, frame: FrameType | None) -> None:
-        """Takes note; who asks twice does not want to wait."""
-        if self._asked:
+    def request(self, number: int, frame: FrameType | None) -> None:
+        """Signal handler. The second request raises KeyboardInterrupt."""
+        if self._requested:
             raise KeyboardInterrupt
-        self._asked = True
+        self._requested = True
 
 
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """Within it a signal to end is taken note of, so that a scan is never left half done."""
+    """Context that defers SIGINT and SIGTERM, so that no scan is left half processed."""
     interruption = Interruption()
     if threading.current_thread() is not threading.main_thread():
         yield interruption
         return
-    before = {number: signal.signal(number, interruption.ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, interruption.request) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield interruption
     finally:
@@ -69,13 +69,15 @@ def interruptible() -> Iterator[Interruption]:
             signal.signal(number, handler)
 
 
-def feed(
+def run_scans(
     slam: SceneGraphSlam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
-    given: ExternalOdometry | None = None, onlooker: Onlooker | None = None,
+    odometry: ExternalOdometry | None = None, on_scan: ScanCallback | None = None,
 ) -> str | None:  # fmt: skip
-    """Feeds the scans after those that `progress` tells of, and keeps it up to date; returns why it had to stop early,
-    if it had. The `onlooker` is told of each scan right after it. Raises UserError where not even one could be fed,
-    KeyboardInterrupt where the user could not wait."""
+    """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
+
+    `odometry` is an external odometry; `on_scan` is called after each scan. Raises UserError if not even one scan could
+    be added, and KeyboardInterrupt at the second interrupt.
+    """
     from rich.console import Console
     from rich.progress import Progress as Bar
 
@@ -92,11 +94,11 @@ def feed(
                     checkpoints.write(slam, progress.to_dict())
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
                 if not progress.fed:
-                    _doubt_units(scan.points)
-                T_odom_sensor = scan.T_odom_sensor if given is None else given.at(scan.stamp_ns)
+                    _warn_about_units(scan.points)
+                T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
-                if onlooker is not None:
-                    onlooker(slam, update, scan.points)
+                if on_scan is not None:
+                    on_scan(slam, update, scan.points)
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
                 began = perf_counter()
@@ -110,8 +112,8 @@ def feed(
     return None
 
 
-def _doubt_units(points: NDArray[np.float64]) -> None:
-    """Warns where the first scan is a building's size in millimetres."""
+def _warn_about_units(points: NDArray[np.float64]) -> None:
+    """Warns if the ranges of the first scan suggest millimetres."""
     far = float(np.median(np.linalg.norm(points, axis=1)))
     if far > 500.0:
-        logging.getLogger("sgslam").warning("half of the points are over %.0f m away: are the scans in metres?", far)
+        logging.getLogger("sgslam").warning("the median range is %.0f m; are the scans in metres?", far)

@@ -1,4 +1,4 @@
-"""A small piece of work for each library with code of its own, which fails where the library does not work here."""
+"""A self test for each native library; it fails if the library does not work on this machine."""
 
 from collections.abc import Callable
 
@@ -42,7 +42,7 @@ def _small_gicp() -> None:
 
 
 def _odometry(method: str) -> None:
-    """A box of 8 m, seen twice from one place."""
+    """Registers a box of 8 m twice from the same pose."""
     from sgslam.config import Config
     from sgslam.config.loading import load_config
     from sgslam.odometry import make_odometry
@@ -76,7 +76,7 @@ def _weights() -> None:
         Matcher.load(name)
 
 
-SMALL_WORKS: dict[str, Callable[[], None]] = {
+SELF_TESTS: dict[str, Callable[[], None]] = {
     "gtsam": _gtsam, "torch": _torch, "ifcopenshell": _ifcopenshell, "embreex": _embreex, "kiss-icp": _kiss_icp,
     "small_gicp": _small_gicp, "shapely": _shapely, "opencv": _opencv, "the matchers' weights": _weights,
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Every setting of a run: its model, loading and checking, and its documentation."""
+"""The settings of a run: their models, loading, checking and documentation."""
 
 from sgslam.config.models import (
     AnchorSettings,

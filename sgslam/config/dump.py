@@ -1,4 +1,4 @@
-"""Every setting with what it means, as YAML that `--config` reads back."""
+"""All settings with their descriptions, as YAML for `--config`."""
 
 import textwrap
 from typing import TYPE_CHECKING
@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 WIDTH = 110
 
 
-def explained(settings: "BaseModel", indent: str = "") -> str:
-    """YAML of all settings; above each stands, as a comment, what it is, and which values it may have."""
+def documented_yaml(settings: "BaseModel", indent: str = "") -> str:
+    """YAML of all settings, each with its description and allowed values in a comment above."""
     from pydantic import BaseModel
 
     lines = []
@@ -21,7 +21,7 @@ def explained(settings: "BaseModel", indent: str = "") -> str:
         value = getattr(settings, name)
         if isinstance(value, BaseModel):
             lines += ["", *_comment(type(value).__doc__ or "", indent), f"{indent}{name}:"]
-            lines.append(explained(value, indent + "  ").rstrip("\n"))
+            lines.append(documented_yaml(value, indent + "  ").rstrip("\n"))
         else:
             lines += [*_comment(_meaning(field), indent), f"{indent}{name}: {plain_yaml(value)}"]
     return "\n".join(lines).lstrip("\n") + "\n"

@@ -1,4 +1,4 @@
-"""What the fields of the configuration may hold, in words and as YAML."""
+"""The bounds and values of configuration fields as text."""
 
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -9,14 +9,14 @@ BOUNDS = {"gt": "above {}", "ge": "{} or more", "lt": "below {}", "le": "{} or l
 
 
 def choices_and_bounds(field: "FieldInfo") -> list[str]:
-    """What a value may be, in words: its limits, and the words it is one of."""
+    """The bounds and the choices of a field, in words."""
     allowed = [text.format(getattr(m, key)) for m in field.metadata for key, text in BOUNDS.items() if hasattr(m, key)]
     choices = [str(choice) for choice in get_args(field.annotation) if isinstance(choice, str)]
     return [text for text in (", ".join(allowed), f"one of {', '.join(choices)}" if choices else "") if text]
 
 
 def plain_yaml(value: Any) -> str:
-    """A value as YAML has it, on one line."""
+    """A value as one line of YAML."""
     import yaml
 
     plain = list(value) if isinstance(value, tuple) else value

@@ -1,4 +1,4 @@
-"""The configuration from a YAML file and from `a.b=c` pairs, checked, with the nearest name where one is wrong."""
+"""Loads and checks the configuration from a YAML file and `a.b=c` pairs; suggests the nearest name for unknown ones."""
 
 import difflib
 from pathlib import Path
@@ -12,9 +12,9 @@ from sgslam.config.models import Config
 
 
 def load_config(path: Path | None, pairs: list[str]) -> Config:
-    """The defaults, overridden by a YAML file, overridden by pairs such as `odometry.voxel_size=0.4`.
+    """The defaults, overridden by a YAML file and then by pairs such as `odometry.voxel_size=0.4`.
 
-    Raises UserError for a file that cannot be read and for a setting that is unknown or has a wrong value.
+    Raises UserError for a file that cannot be read, an unknown setting and an invalid value.
     """
     values: dict[str, Any] = {}
     if path is not None:
@@ -23,7 +23,7 @@ def load_config(path: Path | None, pairs: list[str]) -> Config:
     for pair in pairs:
         name, sign, text = pair.partition("=")
         if not sign:
-            raise UserError(f"--set {pair}: not of the form a.b=c, such as odometry.voxel_size=0.4")
+            raise UserError(f"--set {pair}: not in the form a.b=c; write e.g. odometry.voxel_size=0.4")
         nested: Any = _yaml(text, f"--set {pair}")
         for part in reversed(name.strip().split(".")):
             nested = {part: nested}
@@ -46,20 +46,20 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         text = path.read_text()
     except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"--config {path}: cannot be read ({type(error).__name__}); give a YAML file") from None
+        raise UserError(f"--config {path}: cannot read this file ({type(error).__name__}); give a YAML file") from None
     values = _yaml(text, f"--config {path}")
     if values is None:
         return {}
     if not isinstance(values, dict):
-        raise UserError(f"--config {path}: not a table of settings; see config.yaml in any run's folder")
+        raise UserError(f"--config {path}: not a table of settings; see config.yaml in a run's folder for the form")
     return values
 
 
 def _yaml(text: str, where: str) -> Any:
     try:
         return yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # numbers of thousands of digits, endless nesting
-        raise UserError(f"{where}: not YAML ({' '.join(str(error).split())})") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # also huge numbers and endless nesting
+        raise UserError(f"{where}: invalid YAML ({' '.join(str(error).split())})") from None
 
 
 def _check_names(values: Any, model: type[BaseModel], prefix: str, where: str) -> None:
@@ -68,23 +68,23 @@ def _check_names(values: Any, model: type[BaseModel], prefix: str, where: str) -
     for name, value in values.items():
         if name not in model.model_fields:
             hint = _nearest(f"{prefix}{name}", isinstance(value, dict))
-            raise UserError(f"{where}: no setting '{prefix}{name}'; {hint}")
+            raise UserError(f"{where}: unknown setting '{prefix}{name}'; {hint}")
         kind = model.model_fields[name].annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             _check_names(value, kind, f"{prefix}{name}.", where)
 
 
 def _nearest(name: str, is_group: bool) -> str:
-    """What may have been meant: the nearest group for a table's name, the nearest setting for a value's."""
+    """A hint with the nearest group for a table, or the nearest setting for a value."""
     groups = list(Config.model_fields)
     close_groups = difflib.get_close_matches(name, groups, 1, 0.5)
     if is_group:
-        return f"the nearest is '{close_groups[0]}'" if close_groups else f"there are the groups {', '.join(groups)}"
+        return f"did you mean '{close_groups[0]}'?" if close_groups else f"the groups are {', '.join(groups)}"
     names = [f"{group}.{key}" for group, values in Config().model_dump().items() for key in values]
     by_key = {known.split(".")[1]: known for known in names}
     close = difflib.get_close_matches(name, names, 1, 0.6)
     key = difflib.get_close_matches(name.split(".")[-1], list(by_key), 1, 0.0)
-    return f"the nearest is '{close[0] if close else by_key[key[0]]}'"
+    return f"did you mean '{close[0] if close else by_key[key[0]]}'?"
 
 
 def _merged(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""A finished run in the formats of other programs."""
+"""Export of finished runs to the formats of other programs."""

@@ -1,4 +1,4 @@
-"""The point cloud map: the keyframes' points where the final poses put them, their mean in each voxel."""
+"""The point cloud map: the keyframes' points at the final poses, averaged in each voxel."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,21 +6,21 @@ from numpy.typing import NDArray
 from sgslam.mapping.keyframe_clouds import KeyframeClouds, voxel_keys
 
 Floats = NDArray[np.float64]
-_BATCH = 1_000_000  # points that are taken into the map at once
+_BATCH = 1_000_000  # points merged into the map at once
 
 
 class VoxelMap:
-    """The mean of all points in each voxel. Memory grows with the voxels that hold points, not with the points."""
+    """The mean of the points in each voxel. Memory grows with the occupied voxels, not with the points."""
 
     def __init__(self, voxel: float, origin: Floats) -> None:
-        """`voxel` is the side of a voxel (m); points lie within a million voxels of `origin` (3,)."""
+        """`voxel` is the side of a voxel (m); points must lie within a million voxels of `origin` (3,)."""
         self._voxel, self._origin = voxel, origin
         self._keys = np.empty(0, np.int64)
-        self._sums = np.empty((0, 4))  # x y z from the origin, and how many points
+        self._sums = np.empty((0, 4))  # x, y, z relative to the origin, and the number of points
         self._waiting: list[Floats] = []
 
     def add(self, points: Floats) -> None:
-        """Takes points (N, 3) in."""
+        """Adds points (N, 3)."""
         self._waiting.append(points - self._origin)
         if sum(map(len, self._waiting)) >= _BATCH:
             self._merge()
@@ -34,13 +34,13 @@ class VoxelMap:
         self._sums = np.stack([np.bincount(place, column, len(self._keys)) for column in weighted.T], axis=1)
 
     def points(self) -> Floats:
-        """(M, 3) one point for each voxel that holds any."""
+        """(M, 3) one point for each occupied voxel."""
         self._merge()
         return np.asarray(self._sums[:, :3] / self._sums[:, 3:] + self._origin)
 
 
 def cloud_map(clouds: KeyframeClouds, poses: dict[int, Floats], voxel: float) -> Floats:
-    """(M, 3) the map in the frame of `poses`: of each keyframe that has points, (4, 4) T_frame_sensor."""
+    """(M, 3) the map in the frame of `poses`: (4, 4) T_frame_sensor by keyframe number; other clouds are left out."""
     known = [keyframe for keyframe in clouds if keyframe in poses]
     if not known:
         return np.empty((0, 3))

@@ -1,7 +1,8 @@
-"""The scene graph in the JSON form of Spark-DSG (github.com/MIT-SPARK/Spark-DSG, version 1.1), as Hydra writes it.
+"""The scene graph in the JSON format of Spark-DSG (github.com/MIT-SPARK/Spark-DSG, version 1.1), as Hydra writes it.
 
-Layers: BUILDINGS, FLOORS, ROOMS, OBJECTS (wall surfaces and doors) and the keyframes as agents, each a child of the one
-it lies in; doors join rooms, keyframes their successors. What Spark-DSG has no place for is in the nodes' metadata.
+Layers: BUILDINGS, FLOORS, ROOMS, OBJECTS (wall surfaces and doors), and keyframes as agents. Each node is a child of
+the node it lies in. Edges connect rooms joined by a door, and consecutive keyframes. Attributes that Spark-DSG lacks
+are in the nodes' metadata.
 """
 
 from typing import Any
@@ -15,7 +16,7 @@ from sgslam.report.run_folder import RunFolder
 FILE = "scene_graph_dsg.json"
 Floats = NDArray[np.float64]
 _OBJECTS, _ROOMS, _FLOORS, _BUILDINGS = 2, 4, 5, 6
-_AGENT = ord("a")  # the partition of layer 2 that the robot's poses are in
+_AGENT = ord("a")  # the partition of layer 2 for the robot's poses
 _LAYERS = {
     "OBJECTS": _OBJECTS, "AGENTS": _OBJECTS, "PLACES": 3, "ROOMS": _ROOMS, "FLOORS": _FLOORS, "BUILDINGS": _BUILDINGS,
 }  # fmt: skip
@@ -28,7 +29,7 @@ _NO_LABEL = 4294967295
 
 
 def dsg(run: RunFolder) -> dict[str, Any]:
-    """The file's content, in the frame of the run's `trajectory.tum`."""
+    """The JSON content of the file, in the frame of the run's `trajectory.tum`."""
     return _Writer(run).graph()
 
 
@@ -44,7 +45,7 @@ class _Writer:
         self._edges: list[dict[str, Any]] = []
 
     def graph(self) -> dict[str, Any]:
-        """The whole, as spark_dsg's JSON has it."""
+        """The complete graph."""
         self._building()
         self._rooms()
         self._walls()
@@ -103,7 +104,7 @@ class _Writer:
             self._edge(building, self._ids[floor.id])
 
     def _above(self, room: str | None, floor: str | None) -> int:
-        """The node that something of this room, of this floor where that is not known, is a child of."""
+        """The parent node: the room if known, else the floor, else the building."""
         return self._ids.get(room or "", self._ids.get(floor or "", _symbol("B", 0)))
 
     def _rooms(self) -> None:
@@ -142,7 +143,7 @@ class _Writer:
             self._named(self._ids[door.id], _OBJECTS, place, door.id, metadata, label=_DOOR)
             self._edge(self._above(door.rooms[0] if door.rooms else None, floor), self._ids[door.id])
         joined = {tuple(sorted(door.rooms)) for door in self._graph.doors if len(set(door.rooms)) == 2}
-        for first, second in sorted(joined):  # Spark-DSG knows of two nodes only whether they are joined
+        for first, second in sorted(joined):  # Spark-DSG allows one edge between two nodes
             self._edge(self._ids[first], self._ids[second])
 
     def _agents(self) -> None:
@@ -158,7 +159,7 @@ class _Writer:
 
 
 def _symbol(letter: str, number: int) -> int:
-    """Spark-DSG's name of a node: a letter in the highest byte, then a number."""
+    """Spark-DSG's id of a node: a letter in the highest byte, then a number."""
     return ord(letter) << 56 | number
 
 

@@ -1,4 +1,4 @@
-"""The scene graph as GraphML, which Gephi, yEd, Cytoscape, igraph and networkx read."""
+"""The scene graph as GraphML, for Gephi, yEd, Cytoscape, igraph and networkx."""
 
 import io
 import json
@@ -11,21 +11,24 @@ if TYPE_CHECKING:
     import networkx
 
 FILE = "scene_graph.graphml"
-_NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML cannot hold them
+_NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # not allowed in XML
 
 
 def graph_of(run: RunFolder) -> "networkx.Graph[str]":
-    """Nodes of `kind` floor, room, wall_surface, door and keyframe by their ids in the S-graph, with x, y, z in the
-    frame of the run's `trajectory.tum`; edges of `kind` part_of (room to floor), faces (surface to room), joins (door
-    to room), in (keyframe to room), observes (keyframe to surface), next (keyframe to keyframe)."""
+    """The S-graph as a networkx graph.
+
+    Nodes have the ids of the S-graph, a `kind` (floor, room, wall_surface, door, keyframe) and x, y, z in the frame of
+    the run's `trajectory.tum`. Edges have a `kind`: part_of (room to floor), faces (surface to room), joins (door to
+    room), in (keyframe to room), observes (keyframe to surface), next (keyframe to keyframe).
+    """
     import networkx
 
     s, graph = run.s_graph, networkx.Graph(frame=run.frame)
 
     def node(identity: str, kind: str, place: Any, **more: Any) -> None:
         x, y, z = (float(value) for value in place)
-        told = {k: _NO_XML.sub("", v) if isinstance(v, str) else v for k, v in more.items() if v is not None}
-        graph.add_node(identity, kind=kind, x=x, y=y, z=z, **told)
+        attributes = {k: _NO_XML.sub("", v) if isinstance(v, str) else v for k, v in more.items() if v is not None}
+        graph.add_node(identity, kind=kind, x=x, y=y, z=z, **attributes)
 
     for floor in s.floors:
         node(floor.id, "floor", run.on_floor([(0.0, 0.0)], floor.id)[0], name=floor.name)
@@ -47,7 +50,7 @@ def graph_of(run: RunFolder) -> "networkx.Graph[str]":
         node(door.id, "door", run.on_floor([door.centroid], floors[0] if floors else None)[0])
         graph.add_edges_from(((door.id, room) for room in door.rooms), kind="joins")
     for i, (keyframe, T) in enumerate(zip(s.keyframes, run.keyframe_poses, strict=True)):
-        node(keyframe.id, "keyframe", T[:3, 3], stamp_ns=str(keyframe.stamp_ns))  # too long for some readers' integers
+        node(keyframe.id, "keyframe", T[:3, 3], stamp_ns=str(keyframe.stamp_ns))  # large for an integer
         if keyframe.room is not None:
             graph.add_edge(keyframe.id, keyframe.room, kind="in")
         graph.add_edges_from(((keyframe.id, wall) for wall in keyframe.observes), kind="observes")
@@ -57,7 +60,7 @@ def graph_of(run: RunFolder) -> "networkx.Graph[str]":
 
 
 def graphml(run: RunFolder) -> bytes:
-    """The file's content."""
+    """The content of the file."""
     import networkx
 
     written = io.BytesIO()

@@ -1,1 +1,1 @@
-"""A run's result and its memory: the prior map, checkpoints, snapshots."""
+"""The run: its active and prior maps, checkpoints, snapshots and result."""

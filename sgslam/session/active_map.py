@@ -1,4 +1,4 @@
-"""The map that a run builds now: its scans, keyframes, floors and factor graph, and its place in the plan."""
+"""The map that a run is building: its scans, keyframes, floors and factor graph, and its anchoring to the plan."""
 
 from typing import Any
 
@@ -23,13 +23,16 @@ from sgslam.tracking.front_end import level_to_sensor
 from sgslam.tracking.scan_tracker import Located, PreparedScan, ScanTracker
 
 Floats = NDArray[np.float64]
-_LOOP_ROUNDS = 3  # of closing loops and optimising, at most
+_LOOP_ROUNDS = 3  # rounds of closing loops and optimising, at most
 
 
 class ActiveMap:
-    """The map under construction. `begins` are the places in `scans` at which runs begin: the first one's, and those of
-    the runs that were joined to it. `first_anchor_ns` is the stamp of the keyframe from which on it has a place in the
-    plan without a break; None while it has none."""
+    """The map under construction.
+
+    `begins` are the indices in `scans` at which its runs begin: the first one's, and those of merged runs.
+    `first_anchor_ns` is the stamp of the keyframe since which the map is placed in the plan without interruption, None
+    while it is not placed.
+    """
 
     def __init__(
         self, config: Config, odometry: Odometry, anchoring: BuildingAnchoring | None, clouds: KeyframeClouds,
@@ -53,7 +56,7 @@ class ActiveMap:
 
     @property
     def placed(self) -> bool:
-        """Whether the map has a place in its plan now."""
+        """Whether the map is placed in its plan now."""
         return self.backend.T_map_bim is not None
 
     @property
@@ -63,41 +66,41 @@ class ActiveMap:
 
     @property
     def T_plan_map(self) -> Floats | None:  # noqa: N802
-        """(4, 4) the map in the frame of its plan, a prior map's too; None while it has no place in it."""
+        """(4, 4) the map in the frame of its plan, which may be a prior map; None while it is not placed."""
         if self.anchoring is None or self.backend.T_map_bim is None:
             return None
         return self.anchoring.bim_from_map(self.backend.T_map_bim)
 
     @property
     def last_pose(self) -> Floats | None:
-        """(4, 4) T_map_sensor of the newest scan by the newest estimates; None before the first."""
+        """(4, 4) the current T_map_sensor of the newest scan; None before the first scan."""
         return self.scans[-1].T_map_sensor if self.scans else None
 
     def prepare(self, raw: RawScan) -> PreparedScan:
-        """A scan deskewed to one instant and sorted into columns; raises UserError for times that are none."""
+        """Deskews a scan to one instant and sorts it into columns. Raises UserError for invalid point times."""
         return self.tracker.prepare(raw)
 
     def locate(self, scan: PreparedScan) -> Located:
-        """Where a scan was taken: predicted, and aligned to the walls and the floor that are known."""
+        """The pose of a scan: predicted by the odometry, then aligned to the known walls and floor."""
         return self.tracker.locate(scan, self.last_pose)
 
     def add_scan(self, scan: PreparedScan, located: Located) -> bool:
-        """Adds a scan where it was located; returns whether a keyframe is due."""
+        """Adds a scan at its estimated pose; returns whether a keyframe is due."""
         T_map_sensor, keyframes = located.T_map_sensor, self.backend.keyframes
         since = np.eye(4) if not self.scans else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
         pose = ScanPose(
             scan.stamp_ns, located.T_odom_sensor, T_map_sensor, len(keyframes) - 1, since, offset_ns=scan.offset_ns
         )
         self.scans.append(pose)
-        if located.T_map_landed is not None:  # the step stays as measured: the drift is of all of the climb
+        if located.T_map_landed is not None:  # the odometry step is kept: the drift is spread over the whole climb
             pose.T_map_sensor = located.T_map_landed
         return self._keyframe_rule.wants(T_map_sensor) or located.T_map_landed is not None
 
     def add_keyframe(self, points: Floats | None) -> None:
-        """Makes the newest scan a keyframe, with the walls and the floor that its points (N, 3) show."""
+        """Makes the newest scan a keyframe, with the walls and floor extracted from its points (N, 3)."""
         scan = self.scans[-1]
         before = self.backend.keyframes[-1].T_track_sensor if self.backend.keyframes else np.eye(4)
-        tracked = before @ scan.T_keyframe_sensor  # the map jumps when it is optimised, this does not
+        tracked = before @ scan.T_keyframe_sensor  # unlike the map, this does not jump when the graph is optimised
         storey = None if self.tracker.between_floors else self.floors.current.number
         keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
         keyframe.step_covariance = self.tracker.leave_keyframe()
@@ -111,7 +114,7 @@ class ActiveMap:
         scan.T_previous_sensor, scan.T_keyframe_sensor = scan.T_keyframe_sensor, np.eye(4)
 
     def _observe(self, keyframe: KeyframeNode, points: Floats) -> None:
-        """Takes what a keyframe's scan shows of its floor into the keyframe and the floor's map."""
+        """Extracts the surfaces of a keyframe's scan and adds them to the keyframe and the floor's map."""
         floor, known, front_end = self.floors.current, self.backend.floors_in_map, self.tracker.front_end
         T_level_map = self.tracker.T_ground_map
         height = float((T_level_map @ keyframe.T_map_sensor)[2, 3]) if floor.number in known else None
@@ -130,7 +133,7 @@ class ActiveMap:
         return self.backend.due or self._scene_due(if_placed=False)
 
     def update(self, last: bool = False) -> None:
-        """Optimises, closes loops, cuts rooms, matches and anchors; all floors are cut at the `last` time."""
+        """Optimises, closes loops, segments rooms, matches and anchors; all floors are segmented if `last`."""
         anchors = self._anchors(last)
         self._estimate(anchors, last)
         self._close_loops(anchors)
@@ -143,7 +146,7 @@ class ActiveMap:
                 self._estimate(anchors, last)
 
     def complete(self) -> None:
-        """Matches and optimises a last time."""
+        """Matches and optimises for the last time."""
         if self.backend.keyframes[-1].scan != len(self.scans) - 1:
             self.add_keyframe(None)
             if self.has_grown:
@@ -153,21 +156,21 @@ class ActiveMap:
         self.update(last=True)
         if self.anchoring is None:
             return
-        with self.stopwatch("matching"):  # the answer that is given is the one on the final map
+        with self.stopwatch("matching"):  # the reported match is the one on the final map
             confirmed = self.anchoring.confirm(self.floors, self.backend.T_map_bim)
         if not confirmed or (self.anchoring.committed is not None and not self.placed):
             self.update(last=True)
 
     def _anchors(self, last: bool) -> Anchors | None:
-        """What the map hangs on in the plan, where it has a place in it."""
+        """The anchors to the plan; None while the map is not placed."""
         if self.anchoring is None:
             return None
         with self.stopwatch("matching"):
             return self.anchoring.update(self.floors, self.backend.T_map_bim, last)
 
     def _close_loops(self, anchors: Anchors | None) -> None:
-        """Closes and opens loops, and optimises, until nothing changes. An anchored map needs none, unless it may have
-        slipped."""
+        """Closes loops, withdraws contradicted closures and optimises until nothing changes. An anchored map needs no
+        loop closure unless the odometry may have slipped."""
         for _ in range(_LOOP_ROUNDS):
             if self.placed and not self.backend.has_weak_steps:
                 return
@@ -181,7 +184,7 @@ class ActiveMap:
             self._estimate(anchors, last=True)
 
     def _estimate(self, anchors: Anchors | None, last: bool) -> None:
-        """Moves the map to the optimum and joins the walls that turn out to be one."""
+        """Optimises the graph and merges walls that turn out to be the same."""
         with self.stopwatch("optimisation"):
             self.backend.optimise(self.floors.seen, self.floors.rooms, anchors, steps=20 if last else 6)
         newest = self.backend.keyframes[-1]
@@ -194,7 +197,7 @@ class ActiveMap:
             self.floors.refresh(self.backend, self.tracker.front_end.height, last)
 
     def _scene_due(self, if_placed: bool = True) -> bool:
-        """Whether there is a plan, and the floor that the robot is on has grown enough since it was last cut."""
+        """Whether there is a plan and the current floor has grown enough since its rooms were last segmented."""
         if self.anchoring is None or (self.placed and not if_placed):
             return False
         hurry = self.anchoring.awaits_confirmation
@@ -206,7 +209,7 @@ class ActiveMap:
                 floor.cut(self.backend, self._config)
 
     def s_graph(self) -> SceneGraph:
-        """The S-graph as it is now, map frame; the floors' own scenes stay as they are."""
+        """The current S-graph in the map frame; the floors' own scenes do not change."""
         scenes = [floor.scene_now(self.backend, self._config) for floor in self.floors.maps]
         return self.floors.graph(self.backend.keyframes, scenes)
 
@@ -219,7 +222,7 @@ class ActiveMap:
         return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
 
     def state(self) -> dict[str, Any]:
-        """All that it knows but the keyframes' points, as a tree (see `state_tree`); it is not a copy."""
+        """The state as a tree (see `state_tree`), without the keyframe clouds; not a copy."""
         own = {
             "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
             "T_bim_map": self.T_bim_map, "sensor_height": self.tracker.front_end.height,
@@ -227,7 +230,7 @@ class ActiveMap:
         return own | {name: part.state() for name, part in self._parts.items()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told; raises KeyError, TypeError or ValueError where it was unlike."""
+        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
         for name, part in self._parts.items():
             part.restore(state[name])
         self.scans, self.begins, self.first_anchor_ns = state["scans"], state["begins"], state["first_anchor_ns"]

@@ -1,4 +1,4 @@
-"""A run's state in its folder: written while it runs, so that nothing is lost, and read to go on or to come back."""
+"""The state of a run in its folder: written during the run, read to resume it or to use its map."""
 
 import logging
 from pathlib import Path
@@ -10,32 +10,32 @@ from sgslam.serialization.state_file import read_about, read_state, write_state
 from sgslam.session.state_types import TYPES
 
 FILE = "state.npz"  # in a run's folder
-LONGEST_S = 60.0  # that may be lost
-SHARE = 0.005  # of a run that writing its state may take
+LONGEST_S = 60.0  # of a run between two checkpoints
+SHARE = 0.005  # of the run time that writing checkpoints may take
 _log = logging.getLogger(__name__)
 
 
 class Resumable(Protocol):
-    """What can be kept and gone on with; `SceneGraphSlam` is."""
+    """An object whose state can be saved and restored, such as `SceneGraphSlam`."""
 
     @property
     def keyframes(self) -> int:
-        """How many there are so far."""
+        """The number of keyframes so far."""
         ...
 
     def state(self) -> dict[str, Any]:
-        """All that it knows, as a tree (see `state_tree`)."""
+        """The complete state as a tree (see `state_tree`)."""
         ...
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Goes on from what `state` told; raises KeyError, TypeError or ValueError where it was unlike."""
+        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
         ...
 
 
 class Checkpoints:
-    """Writes the state of a run into its folder, as often as less than a hundredth of the run's time allows.
+    """Writes the state of a run into its folder, as often as a fixed share of the run time allows.
 
-    `about` tells what the run is of (see `run_inputs`). A disk that is full costs the checkpoint, not the run.
+    `about` identifies the run (see `run_fingerprint`). On a full disk the checkpoint is lost and the run goes on.
     """
 
     def __init__(self, folder: Path, about: dict[str, Any]) -> None:
@@ -44,40 +44,40 @@ class Checkpoints:
         self._failed = False
 
     def write_if_due(self, slam: Resumable, progress: dict[str, Any]) -> None:
-        """Writes where it is time to; `progress` is what the caller goes on from."""
+        """Writes a checkpoint if one is due; `progress` is the caller's own state, returned by `load`."""
         if perf_counter() - self._written >= min(self._took / SHARE, LONGEST_S):
             self.write(slam, progress)
 
     def write(self, slam: Resumable, progress: dict[str, Any], finished: bool = False) -> bool:
-        """Whether the state could be written."""
+        """Writes a checkpoint; returns whether that succeeded."""
         began = perf_counter()
         about = {**self._about, "finished": finished, "keyframes": slam.keyframes}
         try:
             write_state(self.path, about, {"slam": slam.state(), "progress": progress}, TYPES)
         except OSError as error:
             if not self._failed:
-                _log.warning("%s: the run's state cannot be kept from here on (%s)", self.path, error.strerror)
+                _log.warning("%s: cannot save the run's state (%s); the run goes on without", self.path, error.strerror)
             self._failed = True
             return False
         finally:
             self._written = perf_counter()
-            self._took = self._written - began if slam.keyframes else 0.0  # the first time libraries are loaded
+            self._took = self._written - began if slam.keyframes else 0.0  # the first time includes loading libraries
         self._failed = False
         return True
 
 
 def about_run(folder: Path) -> dict[str, Any]:
-    """What the run in a folder is of, and whether it is `finished`. Raises UserError where nothing sound is there."""
+    """The header of a run's state: its inputs, and whether it is `finished`. Raises UserError if there is none."""
     if not (folder / FILE).is_file():
-        raise UserError(f"{folder}: holds no run's state ({FILE}); give the --out folder of a run")
+        raise UserError(f"{folder}: no run state ({FILE}) in this folder; give the --out folder of a run")
     return read_about(folder / FILE)
 
 
 def load(folder: Path, slam: Resumable) -> dict[str, Any]:
-    """Takes a run's state into `slam`, which was made for the same building and with the same settings; returns the
-    progress that was written with it.
+    """Restores a run's state into `slam`, made for the same building with the same settings; returns the progress that
+    was saved with it.
 
-    Raises UserError where the file is missing, damaged, of another version, or of a run that is unlike.
+    Raises UserError if the file is missing, damaged, of another version, or of a different run.
     """
     about_run(folder)
     _, state = read_state(folder / FILE, TYPES)
@@ -86,5 +86,5 @@ def load(folder: Path, slam: Resumable) -> dict[str, Any]:
         progress: dict[str, Any] = dict(state["progress"])
     except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
         why = f"{type(error).__name__}: {error}"
-        raise UserError(f"{folder / FILE}: damaged, or of a run that is unlike ({why}); run it anew") from None
+        raise UserError(f"{folder / FILE}: damaged, or of a different run ({why}); start a new run") from None
     return progress

@@ -1,4 +1,4 @@
-"""A run's result, put together from its parts."""
+"""Assembles the result of a run from its final map."""
 
 from typing import TYPE_CHECKING, cast
 
@@ -18,21 +18,25 @@ from sgslam.config import Config
 from sgslam.mapping.floors import Floors
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
-from sgslam.session.result import PoseCovariances, Result, Returned
+from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import at_stamps, smooth, with_unplaced
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
 
 Floats = NDArray[np.float64]
-_COVARIANCES = 50  # poses whose covariance is worked out
+_COVARIANCES = 50  # poses whose covariance is computed
 
 
-def finished(
-    final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], returned: Returned | None, config: Config
-) -> Result:
-    """The result of a run whose map is `final`. `unplaced` are the parts that could not be placed: each is taken to
-    begin where the sensor was seen last. The map's place in a prior map is no place in the building."""
+def assemble_result(
+    final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], relocalisation: Relocalisation | None,
+    config: Config,
+) -> Result:  # fmt: skip
+    """The result of a run whose map is `final`.
+
+    `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor. A pose
+    in a prior map does not count as anchored to the building.
+    """
     scans, backend, floors = final.scans, final.backend, final.floors
     anchoring = None if final.plan_is_prior else final.anchoring
     runs = [slice(a, b) for a, b in zip(final.begins, [*final.begins[1:], len(scans)], strict=True)]
@@ -65,7 +69,7 @@ def finished(
         config=config,
         clouds=final.clouds,
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
-        returned=returned,
+        relocalisation=relocalisation,
     )
 
 
@@ -73,7 +77,7 @@ def _deviations(
     anchoring: BuildingAnchoring | None, alignments: dict[int, WallAlignment], floors: Floors, backend: Backend,
     uncertainty: Uncertainty | None, config: Config,
 ) -> list[Deviation]:  # fmt: skip
-    """The form of deviations.json, storey after storey; empty where the run was not anchored."""
+    """The content of deviations.json, storey by storey; empty if the run is not anchored."""
     found: list[Deviation] = []
     if anchoring is None or uncertainty is None:
         return found

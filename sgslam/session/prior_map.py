@@ -1,4 +1,4 @@
-"""A map that is known already, of earlier runs: the plan in which a new run finds itself, and what it is joined to."""
+"""The map of earlier runs, in which a new run is relocalised and into which it is merged."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -24,15 +24,18 @@ from sgslam.session.scan_poses import ScanPose
 from sgslam.session.state_types import TYPES
 
 Floats = NDArray[np.float64]
-_SAME_FLOOR = 1.0  # m between two floors that are one
-_ROUNDS = 6  # of optimising and joining walls, at most
+_SAME_FLOOR = 1.0  # m of height between two floors that are the same
+_ROUNDS = 6  # of optimising and merging walls, at most
 _log = logging.getLogger(__name__)
 
 
 @dataclass
 class PriorMap:
-    """What hangs together by one graph. `begins` are the places in `scans` at which its runs begin; `T_bim_map` (4, 4)
-    is None where it is not anchored; `height` (m) is the sensor's above the floor."""
+    """A map with one connected factor graph.
+
+    `begins` are the indices in `scans` at which its runs begin; `height` (m) is the sensor's height above the floor;
+    `T_bim_map` (4, 4) is None if the map is not anchored.
+    """
 
     backend: Backend
     floors: Floors
@@ -44,31 +47,31 @@ class PriorMap:
 
     @staticmethod
     def load(folder: Path, config: Config) -> "PriorMap":
-        """The map of a finished run's folder. Raises UserError where there is none, or it is damaged."""
+        """Loads the map of a finished run's folder. Raises UserError if there is none or it is damaged."""
         if not about_run(folder).get("finished"):
-            raise UserError(f"{folder}: that run was broken off; finish it by --resume before it is built on")
+            raise UserError(f"{folder}: that run was interrupted; finish it with --resume before using its map")
         _, state = read_state(folder / FILE, TYPES)
         backend, floors, clouds = Backend(config), Floors(config), folder / CLOUDS
         try:
-            told = state["slam"]["map"]
-            backend.restore(told["backend"])
-            floors.restore(told["floors"])
+            saved = state["slam"]["map"]
+            backend.restore(saved["backend"])
+            floors.restore(saved["floors"])
             voxel = config.clouds.keyframe_voxel
             points = KeyframeClouds.open(clouds, voxel=voxel) if clouds.is_file() else KeyframeClouds(voxel=voxel)
             return PriorMap(
-                backend, floors, told["scans"], told["begins"], told["sensor_height"], told["T_bim_map"], points
+                backend, floors, saved["scans"], saved["begins"], saved["sensor_height"], saved["T_bim_map"], points
             )
         except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
             why = f"{type(error).__name__}: {error}"
-            raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it anew") from None
+            raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it again") from None
 
     @property
     def T_plan_map(self) -> Floats:  # noqa: N802
-        """(4, 4) the map in the frame of `plan`: levelled by its first floor, which is z = 0."""
+        """(4, 4) the map in the frame of `plan`: levelled, with its first floor at z = 0."""
         return level_map(self.backend.floors_in_map.get(0), self.height)
 
     def plan(self) -> SceneGraph:
-        """The S-graph as a plan to be found in."""
+        """The S-graph in the form of a plan, for relocalising a run in it."""
         T, parts = self.T_plan_map, [floor.scene.graph for floor in self.floors.maps if floor.scene is not None]
         elevation = {f"floor-{k}": float(_foot(T, plane)[2]) for k, plane in self.backend.floors_in_map.items()}
         return SceneGraph(
@@ -80,15 +83,15 @@ class PriorMap:
         )
 
     def state(self) -> dict[str, Any]:
-        """As a tree (see `state_tree`), without the points."""
+        """The state as a tree (see `state_tree`), without the keyframe clouds."""
         return {
             "backend": self.backend.state(), "floors": self.floors.state(), "scans": self.scans, "begins": self.begins,
             "height": self.height, "T_bim_map": self.T_bim_map,
         }  # fmt: skip
 
     @staticmethod
-    def restored(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "PriorMap":
-        """What `state` told."""
+    def from_state(state: dict[str, Any], config: Config, clouds: KeyframeClouds) -> "PriorMap":
+        """The map of a tree that `state` returned."""
         backend, floors = Backend(config), Floors(config)
         backend.restore(state["backend"])
         floors.restore(state["floors"])
@@ -97,9 +100,9 @@ class PriorMap:
         )  # fmt: skip
 
     def join(self, other: "PriorMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:
-        """Takes over another map that lies at `T_map_other` (4, 4): one graph, in which a wall that both saw is one.
+        """Merges another map at `T_map_other` (4, 4) into this one; walls that both have seen become one.
 
-        `other` is not to be used any more.
+        `other` must not be used afterwards. `same_run`: both are submaps of one run.
         """
         storeys = self._storeys(other, T_map_other)
         same = self._same_walls(other, T_map_other, storeys, config)
@@ -114,12 +117,12 @@ class PriorMap:
         self.backend.absorb(other.backend, T_map_other, len(self.scans), storeys)
         for wall, plane in other.backend.planes_in_map.items():
             self.backend.planes_in_map.setdefault(wall_of[wall], transform_planes(T_map_other, plane))
-        self._take_scans(other, T_map_other, first)
+        self._append_scans(other, T_map_other, first)
         if not same_run:
             self.begins = self.begins + [len(self.scans) - len(other.scans) + begin for begin in other.begins]
-        self._take_clouds(other, first)
+        self._append_clouds(other, first)
         count = len(other.backend.keyframes)
-        _log.info("joined %d keyframes to %d; %d walls were seen by both", count, first, len(same))
+        _log.info("merged %d keyframes into a map of %d; %d walls seen in both", count, first, len(same))
         for _ in range(_ROUNDS):
             self.backend.optimise(self.floors.seen, [], None, steps=20)
             walls = len({s.wall for s in self.floors.seen})
@@ -132,18 +135,20 @@ class PriorMap:
     def merge_unplaced(
         self, parts: "list[PriorMap]", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
     ) -> "list[PriorMap]":
-        """Joins parts of the same run that were not found when they ended; the map has grown since. Returns those that
-        are not found now either. `bim` as in `plan_of`."""
+        """Tries again to relocalise submaps of the same run, since the map has grown, and merges those that are found.
+
+        Returns those that are still not found. `bim` as in `plan_of`.
+        """
         left = parts
         while True:
-            asked, left = left, []
-            for part in asked:
+            tried, left = left, []
+            for part in tried:
                 T_map_part = self._place_of(part, bim, matcher, config)
                 if T_map_part is None:
                     left.append(part)
                 else:
                     self.join(part, T_map_part, config, same_run=True)
-            if len(left) in (0, len(asked)):
+            if len(left) in (0, len(tried)):
                 return left
 
     def _place_of(
@@ -158,7 +163,7 @@ class PriorMap:
         return np.asarray(inverse(T_plan_map) @ anchoring.bim_from_map(anchors.T_map_bim))
 
     def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
-        """What another map's floors are called here: as those at the same height, else on from the last one."""
+        """Floor numbers of this map by those of another one: the floor at the same height, else a new number."""
         T, own, storeys = self.T_plan_map, self.backend.floors_in_map, dict[int, int]()
         heights = {number: float(_foot(T, plane)[2]) for number, plane in own.items()}
         for floor in other.floors.maps:
@@ -174,7 +179,7 @@ class PriorMap:
     def _same_walls(
         self, other: "PriorMap", T_map_other: Floats, storeys: dict[int, int], config: Config
     ) -> dict[int, int]:
-        """Walls of another map by those of this one that they are, as far as both agree on where they stand."""
+        """Walls of this map by the same walls of another one, where the two maps agree on their position."""
         plan, same = self.plan(), dict[int, dict[int, float]]()
         origin = np.array(plan.centroid())
         for floor in other.floors.maps:
@@ -193,7 +198,7 @@ class PriorMap:
                     votes[wall] = votes.get(wall, 0.0) + (held.surface.length or 0.0)
         return {wall: max(votes, key=lambda w: votes[w]) for wall, votes in same.items()}
 
-    def _take_scans(self, other: "PriorMap", T_map_other: Floats, keyframes: int) -> None:
+    def _append_scans(self, other: "PriorMap", T_map_other: Floats, keyframes: int) -> None:
         begins = set(other.begins) | {0}
         for i, scan in enumerate(other.scans):
             T = T_map_other @ scan.T_map_sensor
@@ -201,7 +206,7 @@ class PriorMap:
             own = replace(scan, T_map_sensor=T, keyframe=scan.keyframe + keyframes, T_previous_sensor=previous)
             self.scans.append(own)
 
-    def _take_clouds(self, other: "PriorMap", keyframes: int) -> None:
+    def _append_clouds(self, other: "PriorMap", keyframes: int) -> None:
         both = KeyframeClouds(voxel=self.clouds.voxel)
         for clouds, first in ((self.clouds, 0), (other.clouds, keyframes)):
             for keyframe in clouds:
@@ -210,7 +215,7 @@ class PriorMap:
 
 
 def _foot(T: Floats, plane: Floats) -> Floats:
-    """(3,) in the frame of `T` the point of a plane (4,) that is nearest to the map's origin."""
+    """(3,) the point of a plane (4,) nearest to the map's origin, transformed by `T` (4, 4)."""
     return np.asarray(transform_points(T, -plane[3] * plane[:3]))
 
 
@@ -219,9 +224,10 @@ def _id(floor: FloorMap) -> str:
 
 
 def plan_of(known: PriorMap, bim: SceneGraph | None) -> tuple[SceneGraph, bool]:
-    """The plan in which a new run is to find itself, and whether it is the known map: where both are anchored to a BIM
-    they need not have seen the same rooms."""
+    """The plan to relocalise a new run in, and whether it is the prior map.
+
+    If the prior map is anchored and a BIM is given, the BIM is the plan: then the runs need not share any rooms.
+    """
     if bim is not None and known.T_bim_map is not None:
         return bim, False
     return known.plan(), True
-

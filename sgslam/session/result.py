@@ -1,4 +1,4 @@
-"""What a run gives: trajectories of all scans, the S-graph, the matches, deviations, metrics; and its folder."""
+"""The result of a run (trajectories, S-graph, matches, deviations, metrics) and its output folder."""
 
 import errno
 import logging
@@ -33,8 +33,8 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Returned:
-    """Whether a run was found in the map of earlier ones, so many seconds after its start, and why."""
+class Relocalisation:
+    """Whether a run was relocalised in the prior map, `found_s` seconds after its start (None if not), and why."""
 
     found: bool
     found_s: float | None
@@ -43,11 +43,11 @@ class Returned:
 
 @dataclass(frozen=True)
 class Update:
-    """What is known right after a scan.
+    """The live estimate right after a scan.
 
     `T_map_sensor` (4, 4) is the sensor's pose in the map frame (metres) at `stamp_ns` (nanoseconds). It is not smoothed
-    yet: the poses of a finished run are in `Result`. `keyframes` is how many there are so far, `anchored` whether the
-    map has its place in the plan.
+    yet; `Result` has the final poses. `keyframes` is the number of keyframes so far, `anchored` whether the map is
+    anchored to the plan.
     """
 
     stamp_ns: int
@@ -58,8 +58,11 @@ class Update:
 
 @dataclass(frozen=True, eq=False)
 class PoseCovariances:
-    """`trajectory`: some keyframes, evenly over the run, T_bim_sensor; `covariances` (N, 6, 6) of their poses, rotation
-    first (rad), then translation (m), in the sensor's axes."""
+    """Covariances of some keyframe poses, evenly spaced over the run.
+
+    `trajectory` holds T_bim_sensor of these keyframes; `covariances` (N, 6, 6) are rotation first (rad), then
+    translation (m), in the sensor's axes.
+    """
 
     trajectory: Trajectory
     covariances: Floats
@@ -69,12 +72,16 @@ class PoseCovariances:
 class Result:
     """A finished run, in metres, radians and seconds.
 
-    `anchored` says whether the map has its place in the plan, `reason` why or why not, in one line. `trajectory` is in
-    the BIM frame when `anchored`, else in the map frame, as `trajectory_map` always is; `trajectory_odometry` is the
-    odometry alone, in its own frame. `T_bim_map` (4, 4) is the map's pose in the BIM frame, None where the run is not
-    anchored. `s_graph` is in the map frame, `a_graph` in the BIM frame, None where no plan was given. `matches` has the
-    form of matches.json, None where nothing was matched; `deviations` has that of deviations.json, empty where the run
-    is not anchored. `first_anchor_s` is counted from the first scan. `seconds` is the time that each stage took.
+    `anchored` says whether the map is anchored to the plan, `reason` why or why not, in one line. `trajectory` is in
+    the BIM frame when `anchored`, else in the map frame; `trajectory_map` is always in the map frame;
+    `trajectory_odometry` is the odometry alone, in its own frame. `T_bim_map` (4, 4) is the map's pose in the BIM
+    frame, None if the run is not anchored. `s_graph` is in the map frame; `a_graph` is in the BIM frame, None without a
+    plan. `matches` has the form of matches.json, None if nothing was matched; `deviations` has the form of
+    deviations.json, empty if the run is not anchored. `anchors` is the log of all anchors: who added each, and when
+    and why it changed. `factors` is the back end's log: the active factors, and those added and withdrawn. `clouds`
+    are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s` counts from the first scan. `seconds`
+    is the time of each stage. `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`.
+    `pose_covariances` is None if the run is not anchored, `relocalisation` is None without a prior map.
     """
 
     anchored: bool
@@ -87,23 +94,23 @@ class Result:
     a_graph: SceneGraph | None
     matches: "MatchesFile | None"
     deviations: list[Deviation]
-    anchors: list[AnchorEntry]  # the log: each with who added it, and what became of it when and why
-    factors: FactorLog  # of the back end: all that hold, and what was added and withdrawn by whom and why
-    pose_covariances: PoseCovariances | None  # where the run was anchored
+    anchors: list[AnchorEntry]
+    factors: FactorLog
+    pose_covariances: PoseCovariances | None
     first_anchor_s: float | None
     keyframes: int
     seconds: dict[str, float]
     config: Config
-    clouds: KeyframeClouds  # by the number of the keyframe, `k<number>` in the S-graph
-    earlier: tuple[Trajectory, ...] = ()  # of the runs that the map was joined to, in the frame of `trajectory`
-    returned: Returned | None = None  # where there was a prior map
+    clouds: KeyframeClouds
+    earlier: tuple[Trajectory, ...] = ()
+    relocalisation: Relocalisation | None = None
 
     def save(self, out: Path | str) -> None:
-        """Writes the run's folder: trajectories, graphs, matches, deviations, metrics, configuration, report."""
+        """Writes all results to the folder `out`. Raises UserError if it cannot be written to or the disk is full."""
         save_result(self, prepare_folder(Path(out)))
 
     def metrics(self) -> dict[str, Any]:
-        """The form of metrics.json, without what only the command knows."""
+        """The content of metrics.json, without the fields that the command line adds."""
         T = self.T_bim_map
         return {
             "anchored": self.anchored,
@@ -117,18 +124,18 @@ class Result:
             "first_anchor_s": self.first_anchor_s,
             "seconds": self.seconds,
             "runs": len(self.earlier) + 1,
-            "returned": None if self.returned is None else asdict(self.returned),
+            "returned": None if self.relocalisation is None else asdict(self.relocalisation),
         }
 
 
 def prepare_folder(path: Path) -> Path:
-    """Makes the out folder; raises UserError where it cannot be written to."""
+    """Creates the output folder. Raises UserError if it cannot be written to."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         write_atomically(path / ".writable", "")
         (path / ".writable").unlink()
     except OSError as error:
-        raise UserError(f"{path}: cannot be written to ({error.strerror}); give another --out") from None
+        raise UserError(f"{path}: cannot write to this folder ({error.strerror}); give another --out") from None
     return path
 
 
@@ -136,10 +143,10 @@ def save_result(
     result: Result, out: Path, *, a_graph: SceneGraph | None = None, truth: Trajectory | None = None,
     more: dict[str, Any] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Writes the folder's files by the contract, and returns what went into metrics.json.
+    """Writes the files of the output folder; returns the content of metrics.json.
 
-    `a_graph` is the whole building's where the run was restricted to a part; `more` is merged into the metrics. Where
-    the disk is full the keyframes' clouds give way to the results; raises UserError where that is not enough.
+    `a_graph` is the whole building's graph if the run was restricted to a part of it; `more` is merged into the
+    metrics. If the disk is full, the keyframe clouds are deleted to make room. Raises UserError if that is not enough.
     """
     for room in (False, True):
         try:
@@ -148,9 +155,9 @@ def save_result(
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
             if not room:
-                _log.warning("%s: the disk is full; the clouds of keyframes give way to the results", out)
+                _log.warning("%s: the disk is full; the keyframe clouds are deleted to make room for the results", out)
                 result.clouds.give_way()
-    raise UserError(f"{out}: the disk is full, some of the results are not there; make room and run it again")
+    raise UserError(f"{out}: the disk is full and some results are missing; free some space and run it again")
 
 
 def _save(
@@ -184,11 +191,11 @@ def _save(
 def _write_report(
     result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, metrics: dict[str, Any]
 ) -> None:
-    # drawing libraries are slow to load and only needed here
+    # the drawing libraries are slow to import and needed only here
     from sgslam.report.page import write_report
     from sgslam.report.plan_png import write_plan_png
 
-    if truth is not None:  # it may go on after the run, to other storeys
+    if truth is not None:  # the truth may continue after the run, on other storeys
         truth = truth.between(result.trajectory_map)
     data = ReportData(
         a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,

@@ -1,4 +1,4 @@
-"""Where the scans of a run were taken: live, and smoothed once the keyframes have moved."""
+"""The poses of a run's scans: the live estimates, and smoothed ones after the keyframes have moved."""
 
 from dataclasses import dataclass
 
@@ -14,28 +14,35 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class ScanPose:
-    """Where one scan was thought to be when it came; `keyframe` is the last keyframe at or before it. All poses are of
-    the instant that the scan was deskewed to, `offset_ns` after its stamp."""
+    """The live pose of one scan.
+
+    `keyframe` is the index of the last keyframe at or before it. All poses (4, 4) are at the instant that the scan was
+    deskewed to, `offset_ns` after its stamp. `T_keyframe_sensor` is the motion since that keyframe;
+    `T_previous_sensor`, for a keyframe, the motion since the keyframe before it.
+    """
 
     stamp_ns: int
     T_odom_sensor: Floats
     T_map_sensor: Floats
     keyframe: int
-    T_keyframe_sensor: Floats  # since that keyframe
-    T_previous_sensor: Floats | None = None  # of a keyframe: since the keyframe before it
+    T_keyframe_sensor: Floats
+    T_previous_sensor: Floats | None = None
     offset_ns: int = 0
 
 
 def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
-    """(N, 4, 4) T_map_sensor of all scans: each keeps its motion since the keyframe before it, and what is then left
-    at the next keyframe is shared out over the scans between, in proportion."""
+    """(N, 4, 4) T_map_sensor of all scans, given the final keyframe poses (K, 4, 4).
+
+    Each scan keeps its motion since the keyframe before it; the residual at the next keyframe is distributed linearly
+    over the scans between the two.
+    """
     keyframe_of = np.array([scan.keyframe for scan in scans])
     poses = keyframe_poses[keyframe_of] @ np.stack([scan.T_keyframe_sensor for scan in scans])
     keyframes, first = np.unique(keyframe_of, return_index=True)
     left, share = np.tile(np.eye(4), (len(scans), 1, 1)), np.zeros((len(scans), 1))
     for keyframe, following, start, end in zip(keyframes, keyframes[1:], first, first[1:], strict=False):
         arrived = scans[end].T_previous_sensor
-        if following == keyframe + 1 and arrived is not None:  # else nothing leads there: another run begins
+        if following == keyframe + 1 and arrived is not None:  # else another run begins there
             left[start:end] = inverse(keyframe_poses[keyframe] @ arrived) @ keyframe_poses[following]
             share[start:end, 0] = np.arange(end - start) / (end - start)
     turn = Rotation.from_rotvec(share * Rotation.from_matrix(left[:, :3, :3]).as_rotvec()).as_matrix()
@@ -45,8 +52,7 @@ def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
 
 
 def at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
-    """The trajectory at the scans' stamps, of poses (N, 4, 4) at the instants that they were deskewed to; a part of a
-    run that was found late stands behind later ones."""
+    """The trajectory at the scans' stamps, sorted, from poses (N, 4, 4) at the instants of deskewing."""
     order = np.argsort([s.stamp_ns for s in scans], kind="stable")
     scans, poses = [scans[i] for i in order], poses[order]
     stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
@@ -57,7 +63,7 @@ def at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
 
 
 def with_unplaced(known: Trajectory, parts: list[tuple[list[ScanPose], Floats]]) -> Trajectory:
-    """With the poses of scans that nobody could place, each part from where the sensor was seen last before it."""
+    """`known` with the scans of the submaps that could not be relocalised: each begins at the last known pose."""
     stamps, poses = [known.stamps_ns], [known.poses]
     for scans, keyframes in parts:
         part = at_stamps(scans, smooth(scans, keyframes))

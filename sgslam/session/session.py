@@ -1,4 +1,4 @@
-"""What a run remembers beside the map that it builds now: the prior map, and parts that nobody could place yet."""
+"""The maps of a run: begins a map, merges it with the prior map, keeps submaps that are not relocalised yet."""
 
 from typing import Any
 
@@ -17,16 +17,19 @@ from sgslam.mapping.keyframe_clouds import KeyframeClouds
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap, plan_of
-from sgslam.session.result import Returned
+from sgslam.session.result import Relocalisation
 from sgslam.session.stopwatch import Stopwatch
 
 Floats = NDArray[np.float64]
 
 
 class Session:
-    """Begins maps, and joins them to the `prior` one. `kidnaps` counts the times that the sensor was carried elsewhere:
-    the map up to the first is the prior map from then on, where there was none. `unplaced` are parts of the run of
-    which nobody knows where they are. `storey` is the name or id of the floor on which the run begins."""
+    """Begins maps and merges them into the `prior` map.
+
+    `kidnaps` counts how often the sensor was carried elsewhere. If there is no prior map, the map up to the first
+    kidnap becomes it. `unplaced` are submaps of the run that are not relocalised. `storey` is the name or id of the
+    floor on which the run begins. Raises UserError for a storey that the plan does not have.
+    """
 
     def __init__(
         self, config: Config, bim: SceneGraph | None, matcher: AnyMatcher | None, odometry: Odometry | None,
@@ -40,14 +43,14 @@ class Session:
         self.unplaced: list[PriorMap] = []
 
     def begin(self, clouds: KeyframeClouds, stopwatch: Stopwatch) -> ActiveMap:
-        """A new map, which is to be found in the prior one or in the building. An odometry of ours begins anew; another
-        one finds its track again by itself."""
+        """A new map, to be relocalised in the prior map or anchored to the building. The built-in odometry restarts; an
+        odometry that the caller passed is kept."""
         plan, is_prior = (self.bim, False) if self.prior is None else plan_of(self.prior, self.bim)
         odometry = self._given_odometry or make_odometry(self._config.odometry)
         return ActiveMap(self._config, odometry, self._anchored_in(plan, is_prior), clouds, stopwatch)
 
-    def part(self, ended: ActiveMap) -> ActiveMap:
-        """The sensor was carried elsewhere: what was mapped up to now is prior from now on, and a new map begins."""
+    def split(self, ended: ActiveMap) -> ActiveMap:
+        """Begins a new map after the sensor was carried elsewhere; the ended map becomes or joins the prior map."""
         ended.complete()
         T_prior_map, own = self.T_prior_map(ended), _as_prior(ended)
         if self.prior is None:
@@ -59,9 +62,9 @@ class Session:
         self.kidnaps += 1
         return self.begin(KeyframeClouds(None, ended.clouds.voxel), ended.stopwatch)
 
-    def finish(self, ended: ActiveMap) -> Returned | None:
-        """Completes the map and joins it to the prior one, if it was found in it; the building then holds both. Returns
-        what became of that, None where there is no prior map."""
+    def finish(self, ended: ActiveMap) -> Relocalisation | None:
+        """Completes the map, merges it with the prior map if it was relocalised there, and anchors the merged map to
+        the building. Returns the outcome of the relocalisation, None without a prior map."""
         ended.complete()
         if self.prior is None:
             return None
@@ -70,20 +73,20 @@ class Session:
         began_ns, of_this_run = ended.scans[0].stamp_ns, self._prior_is_of_this_run
         if T_prior_map is not None:
             self.prior.join(_as_prior(ended), T_prior_map, self._config, same_run=of_this_run)
-        elif of_this_run:  # what was before the sensor was carried away is what is known, and nothing harms it
+        elif of_this_run:  # the map from before the kidnap is the result; the submap is kept separately
             self.unplaced.append(_as_prior(ended))
         if T_prior_map is not None or of_this_run:
-            self._take_over(ended, self.prior)
+            self._adopt_prior(ended, self.prior)
         elif not ended.plan_is_prior or self.bim is None:
-            return Returned(False, None, reason)
+            return Relocalisation(False, None, reason)
         ended.anchoring = self._anchored_in(self.bim, is_prior=False)
         ended.complete()
         if T_prior_map is None or found_ns is None:
-            return Returned(False, None, reason)
-        return Returned(True, (found_ns - began_ns) / 1e9, reason)
+            return Relocalisation(False, None, reason)
+        return Relocalisation(True, (found_ns - began_ns) / 1e9, reason)
 
     def T_prior_map(self, active: ActiveMap) -> Floats | None:  # noqa: N802
-        """(4, 4) a map in the frame of the prior one, as it is known now; None where it was not found in it yet."""
+        """(4, 4) the current pose of a map in the frame of the prior map; None while it is not relocalised there."""
         T_plan_map, prior = active.T_plan_map, self.prior
         if prior is None or T_plan_map is None:
             return None
@@ -94,8 +97,8 @@ class Session:
     def _prior_is_of_this_run(self) -> bool:
         return self.kidnaps > len(self.unplaced)
 
-    def _take_over(self, ended: ActiveMap, prior: PriorMap) -> None:
-        """The joined map in place of the one that ended, with the parts that can be placed in it."""
+    def _adopt_prior(self, ended: ActiveMap, prior: PriorMap) -> None:
+        """Replaces the ended map by the merged prior map, after merging the submaps that can be placed in it."""
         self.unplaced = prior.merge_unplaced(self.unplaced, self.bim, self._matcher_in_use, self._config)
         ended.backend, ended.floors, ended.clouds = prior.backend, prior.floors, prior.clouds
         ended.scans, ended.begins = prior.scans, prior.begins
@@ -112,18 +115,20 @@ class Session:
         return BuildingAnchoring(plan, self._matcher_in_use, self._config, start, partial=is_prior)
 
     def state(self) -> dict[str, Any]:
-        """All that it knows, as a tree (see `state_tree`). A prior map that was given is not of the run's state."""
+        """The complete state as a tree (see `state_tree`), without a prior map that the user gave."""
         return {
             "kidnaps": self.kidnaps, "unplaced": [part.state() for part in self.unplaced],
             "prior": self.prior.state() if self.prior is not None and self.kidnaps else None,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any], clouds: KeyframeClouds) -> KeyframeClouds:
-        """Goes on from what `state` told; returns where the active map's points go. `clouds` are those that were kept:
-        the points of what came after the sensor was first carried away are not."""
+        """Restores a tree that `state` returned; returns the clouds of the active map.
+
+        `clouds` are the saved ones: they hold the points up to the first kidnap only.
+        """
         if state["prior"] is not None:
-            self.prior, clouds = PriorMap.restored(state["prior"], self._config, clouds), _no_clouds(clouds)
-        self.unplaced = [PriorMap.restored(told, self._config, _no_clouds(clouds)) for told in state["unplaced"]]
+            self.prior, clouds = PriorMap.from_state(state["prior"], self._config, clouds), _no_clouds(clouds)
+        self.unplaced = [PriorMap.from_state(part, self._config, _no_clouds(clouds)) for part in state["unplaced"]]
         self.kidnaps = state["kidnaps"]
         return clouds
 

@@ -1,4 +1,4 @@
-"""What a run knows at one moment, for those who look on: nothing of it changes when the run goes on."""
+"""An immutable snapshot of a run between two scans, for viewers."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -19,10 +19,13 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """`stamps_ns` (K,), `poses` (K, 4, 4) T_map_sensor and `floors` (K,) the floors' ids (None on a stair) are the
-    keyframes'. `graphs` hold the floors of the S-graph, map frame, as they were last cut. `plan` is what the map is to
-    be found in; `T_plan_map` (4, 4) is None while it is not. `matches` has the form of matches.json, None while the map
-    has no place; `hypotheses` are then what the matcher says of each floor: (the floor's id, as within matches.json).
+    """The state of a run at one moment.
+
+    `stamps_ns` (K,), `poses` (K, 4, 4) T_map_sensor and `floors` (K,) floor ids (None on a stair) are those of the
+    keyframes. `graphs` are the S-graph's floors in the map frame, as of their last update. `plan` is the graph that
+    the map is matched with; `T_plan_map` (4, 4) is None until it is placed there. `matches` has the form of
+    matches.json, None until the map is placed; until then `hypotheses` are the matcher's: (floor id, hypothesis as in
+    matches.json).
     """
 
     stamps_ns: NDArray[np.int64]
@@ -37,24 +40,25 @@ class Snapshot:
     clouds: KeyframeClouds
 
     def pairs(self, kind: str) -> dict[str, str]:
-        """Planned ids by those of the map; `kind` is `rooms` or `wall_surfaces`; none while the map has no place."""
-        told = (self.matches or {}).get(kind) or () if self.T_plan_map is not None else ()
-        return {s_id: a_id for s_id, a_id, _ in told}
+        """A-graph ids by S-graph ids; `kind` is `rooms` or `wall_surfaces`. Empty until the map is placed."""
+        matched = (self.matches or {}).get(kind) or () if self.T_plan_map is not None else ()
+        return {s_id: a_id for s_id, a_id, _ in matched}
 
     @property
     def storeys(self) -> dict[str, str]:
-        """The plan's storey of each floor of the map whose storey is known, by their ids."""
+        """The plan's storey id of each floor id of the map whose storey is known."""
         if self.T_plan_map is None:
             return {}
-        told = self.matches or {}
-        known = told.get("floors") or {graph.floors[0].id: told.get("floor") for graph in self.graphs if graph.floors}
+        matches = self.matches or {}
+        sole = matches.get("floor")
+        known = matches.get("floors") or {graph.floors[0].id: sole for graph in self.graphs if graph.floors}
         return {floor: storey for floor, storey in known.items() if storey is not None}
 
 
-def taken(
+def take_snapshot(
     backend: "Backend", floors: "Floors", anchoring: "BuildingAnchoring | None", clouds: KeyframeClouds
 ) -> Snapshot:  # fmt: skip
-    """A snapshot of a run's parts, between two scans. Takes some milliseconds and changes nothing."""
+    """A snapshot of a run's parts, between two scans. Takes a few milliseconds and changes nothing."""
     keyframes, T_map_local = backend.keyframes, backend.T_map_bim
     graphs = tuple(floor.scene.graph for floor in floors.maps if floor.scene is not None)
     on = tuple(None if k.storey is None else f"floor-{k.storey}" for k in keyframes)
@@ -66,7 +70,7 @@ def taken(
             matches = anchoring.answer(floors, anchoring.alignments(floors, T_map_local))
         else:
             for number, match in anchoring.newest_matches.items():
-                hypotheses += [(f"floor-{number}", told) for told in match.to_dict().get("hypotheses") or ()]
+                hypotheses += [(f"floor-{number}", found) for found in match.to_dict().get("hypotheses") or ()]
     return Snapshot(
         np.array([k.stamp_ns for k in keyframes], dtype=np.int64), backend.poses, on, graphs,
         None if anchoring is None else anchoring.a_graph, T_plan_map, matches, tuple(hypotheses), reason, clouds,

@@ -1,4 +1,4 @@
-"""The dataclasses that a saved run may hold."""
+"""The dataclasses that a saved run state may contain."""
 
 from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from matching.result import Hypothesis, MatchResult

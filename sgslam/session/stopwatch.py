@@ -1,4 +1,4 @@
-"""How long each stage of a run takes."""
+"""Measures the time of each stage of a run."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,7 +8,7 @@ STAGES = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation")
 
 
 class Stopwatch:
-    """Sums up the seconds of each stage, by the wall clock unless another `clock` is given."""
+    """Sums the seconds of each stage; `clock` is the wall clock by default."""
 
     def __init__(self, clock: Callable[[], float] = perf_counter) -> None:
         self.seconds: dict[str, float] = dict.fromkeys(STAGES, 0.0)
@@ -16,7 +16,7 @@ class Stopwatch:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
-        """What is done within counts for the stage."""
+        """Context that adds its duration to the stage."""
         began = self._clock()
         yield
         self.seconds[stage] += self._clock() - began

@@ -1,4 +1,4 @@
-"""How far off a run is while it goes on, where the truth is known."""
+"""Live position errors of a run against the ground truth."""
 
 from typing import TypeAlias
 
@@ -11,12 +11,14 @@ from sgslam.report.accuracy import associate
 
 Floats = NDArray[np.float64]
 Lines: TypeAlias = tuple[Floats, dict[str, Floats]]
-CAME, KNOWN = "when it came", "as known now"
+LIVE, CURRENT = "live", "current estimate"
 
 
 class LiveErrors:
-    """Position errors against `truth` (T_bim_sensor). While the map's place in the BIM is not known it is taken to
-    begin at the true pose, so that what is told is its drift."""
+    """Position errors against `truth` (T_bim_sensor).
+
+    While the map is not anchored, its first pose is set to the true one, so that the error is the drift.
+    """
 
     def __init__(self, truth: Trajectory) -> None:
         self._truth = truth
@@ -24,16 +26,16 @@ class LiveErrors:
         self._poses: list[Floats] = []
         self._places: list[Floats | None] = []
 
-    def note(self, stamp_ns: int, T_map_sensor: Floats, T_bim_map: Floats | None) -> None:
-        """Takes note of a scan's pose as it is known right after it."""
+    def add(self, stamp_ns: int, T_map_sensor: Floats, T_bim_map: Floats | None) -> None:
+        """Adds the live pose of a scan."""
         self._stamps.append(stamp_ns)
         self._poses.append(T_map_sensor)
         self._places.append(T_bim_map)
 
     def lines(self, keyframes_ns: NDArray[np.int64], keyframes: Floats, T_bim_map: Floats | None) -> Lines:
-        """Seconds (N,) since the first scan, and metres (N,) of each scan when it came and of the way as it is known
-        now: keyframes (K, 4, 4) T_map_sensor. Not a number where the truth does not tell."""
-        count = len(self._stamps)  # the run may go on meanwhile
+        """Seconds (N,) since the first scan, and errors (N,) in metres by name: of the live poses, and of the current
+        trajectory through the keyframes (K, 4, 4) T_map_sensor. NaN where there is no truth."""
+        count = len(self._stamps)  # the run may add scans meanwhile
         stamps, poses = np.array(self._stamps[:count], dtype=np.int64), np.array(self._poses[:count])
         ours, true = associate(stamps, self._truth.stamps_ns)
         if not len(ours):
@@ -41,15 +43,15 @@ class LiveErrors:
         start = self._truth.poses[true[0]] @ inverse(poses[ours[0]])
         T = np.array([start if place is None else place for place in self._places[:count]])
         places = (T @ poses[:, :, 3, None])[:, :3, 0]
-        came = np.full(count, np.nan)
-        came[ours] = np.linalg.norm(places[ours] - self._truth.positions[true], axis=1)
+        live = np.full(count, np.nan)
+        live[ours] = np.linalg.norm(places[ours] - self._truth.positions[true], axis=1)
         seconds = (stamps - stamps[0]) / 1e9
-        known = self._of_keyframes(keyframes_ns, keyframes, start if T_bim_map is None else T_bim_map)
-        told = np.isfinite(known)
-        if not told.any():
-            return seconds, {CAME: came}
-        at = (keyframes_ns[told] - stamps[0]) / 1e9
-        return seconds, {CAME: came, KNOWN: np.interp(seconds, at, known[told])}
+        current = self._of_keyframes(keyframes_ns, keyframes, start if T_bim_map is None else T_bim_map)
+        known = np.isfinite(current)
+        if not known.any():
+            return seconds, {LIVE: live}
+        at = (keyframes_ns[known] - stamps[0]) / 1e9
+        return seconds, {LIVE: live, CURRENT: np.interp(seconds, at, current[known])}
 
     def _of_keyframes(self, stamps: NDArray[np.int64], poses: Floats, T_bim_map: Floats) -> Floats:
         errors = np.full(len(stamps), np.nan)
@@ -60,6 +62,6 @@ class LiveErrors:
 
 
 def rms(errors: Floats) -> float:
-    """The root of the mean square of what is known; not a number where nothing is."""
+    """The root mean square of the finite values; NaN if there are none."""
     known = errors[np.isfinite(errors)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")

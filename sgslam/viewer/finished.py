@@ -1,4 +1,4 @@
-"""Finished runs as a page in the browser, read from their folders; the time can be played."""
+"""Finished runs in the browser, read from their folders, with playback."""
 
 import dataclasses
 import threading
@@ -28,15 +28,15 @@ from sgslam.viewer.scene import RunScene, rgb
 from sgslam.viewer.shapes import path_lines
 
 Floats = NDArray[np.float64]
-STEP_S = 0.1  # between two pictures while the time is played
+STEP_S = 0.1  # between two frames of the playback
 SPEEDS = ("1x", "4x", "16x", "64x")
-SCAN_POINTS = 4000  # of the newest scan
-MOST_STEPS = 2000  # of the time's slider
+SCAN_POINTS = 4000  # of the newest scan, about
+MOST_STEPS = 2000  # of the time slider
 EARLIER, RED = rgb("#a78bfa"), rgb("#d64045")
 
 
 class FinishedRun:
-    """What the page shows of a run's folder. Raises UserError for a folder that is no run's."""
+    """The data of a run's folder that the page shows. Raises UserError for a folder that is not a run's."""
 
     def __init__(self, path: Path, truth: Trajectory | None = None) -> None:
         self.path, self.truth, self.folder = path, truth, RunFolder.read(path)
@@ -57,37 +57,38 @@ class FinishedRun:
 
     @property
     def first(self) -> int:
-        """The first keyframe of the newest run: those of earlier ones come before, by whatever clock."""
+        """The index of the newest run's first keyframe; those of earlier runs come before, perhaps by another clock."""
         stamps, begin = self.now.stamps_ns, int(self.trajectory_map.stamps_ns[0])
         back = np.flatnonzero((np.diff(stamps) <= 0) | (stamps[:-1] < begin))
         return int(back[-1]) + 1 if len(back) else 0
 
     @property
     def earlier(self) -> list[Trajectory]:
-        """Of the runs that the map was joined to, map frame."""
+        """The trajectories of the runs in the prior map, map frame."""
         T_map_frame = np.eye(4) if self.folder.T_bim_map is None else inverse(self.folder.T_bim_map)
         count = int(self.folder.metrics.get("runs") or 1) - 1
         paths = (self.path / f"trajectory_run{number}.tum" for number in range(1, count + 1))
         return [Trajectory.read_tum(path).transformed(T_map_frame) for path in paths if path.is_file()]
 
     def bands(self) -> dict[str, str]:
-        """How far each mapped wall surface lies off the plan."""
-        told = ((d["s_id"], band_of(d["offset_m"])) for d in self.folder.deviations if d["kind"] == "moved")
-        return {surface: band for surface, band in told if surface is not None and band is not None}
+        """The deviation band of each mapped wall surface, by its id."""
+        moved = ((d["s_id"], band_of(d["offset_m"])) for d in self.folder.deviations if d["kind"] == "moved")
+        return {surface: band for surface, band in moved if surface is not None and band is not None}
 
     def facts(self) -> list[str]:
-        """What the panel tells."""
+        """The lines of the panel."""
         m, accuracy = self.folder.metrics, self.folder.metrics.get("accuracy") or {}
         facts = [self.now.reason, f"{m['scans']} scans, {m['keyframes']} keyframes"]
         facts.append(f"{m['rooms']} rooms, {m['wall_surfaces']} wall surfaces")
         if self.folder.T_bim_map is not None:
-            facts.append(f"{sum(bool(d['significant']) for d in self.folder.deviations)} walls stand otherwise")
+            facts.append(f"{sum(bool(d['significant']) for d in self.folder.deviations)} walls deviate from the plan")
         if accuracy.get("rmse_bim_m") is not None:
             facts.append(f"error against the truth: {metres(accuracy['rmse_bim_m'])} RMS")
         return facts
 
     def errors(self) -> tuple[Floats, dict[str, Floats]]:
-        """Seconds since the first scan, and position errors then of trajectory and odometry; empty without a truth."""
+        """Seconds (N,) since the first scan, and position errors (N,) of trajectory and odometry; empty without a
+        truth."""
         odometry = Trajectory.read_tum(self.path / "trajectory_odometry.tum")
         folder = self.folder
         lines = error_lines(ReportData(
@@ -99,11 +100,11 @@ class FinishedRun:
         return seconds, {line.name: np.interp(seconds, line.seconds, line.errors) for line in lines}
 
 
-def told_truth(path: Path) -> Trajectory | None:
-    """The truth that a run was given, if it still is where it was."""
+def stored_truth(path: Path) -> Trajectory | None:
+    """The ground truth that was given to a run; None if there was none or its file is gone."""
     try:
-        told = about_run(path).get("arguments", {}).get("ground_truth")
-        return None if told is None else Trajectory.read_tum(told)
+        file = about_run(path).get("arguments", {}).get("ground_truth")
+        return None if file is None else Trajectory.read_tum(file)
     except UserError:
         return None
 
@@ -118,14 +119,14 @@ def _number(keyframe: str, path: Path) -> int:
     try:
         return int(keyframe.removeprefix("k"))
     except ValueError:
-        raise UserError(f"{path / 's_graph.json'}: keyframe '{keyframe}' is not called k and a number") from None
+        raise UserError(f"{path / 's_graph.json'}: keyframe '{keyframe}' is not k<number>; run it again") from None
 
 
 def _clouds(path: Path) -> KeyframeClouds:
     try:
         return KeyframeClouds.open(path / CLOUDS)
     except UserError:
-        return KeyframeClouds()  # a run whose disk was full leaves none
+        return KeyframeClouds()  # a run on a full disk has none
 
 
 class FinishedView:
@@ -152,7 +153,7 @@ class FinishedView:
     def show(self, run: FinishedRun) -> None:
         """Shows a run, at its end."""
         self._playing.clear()
-        with self.page.at_once():
+        with self.page.atomic():
             self.run = run
             self.scene.clear()
             self.scene.bands = run.bands()
@@ -161,27 +162,27 @@ class FinishedView:
             for number, earlier in enumerate(run.earlier, 1):
                 self.page.lines(f"/map/earlier/run{number}", path_lines(earlier.positions), EARLIER, 2.0)
             anchored = run.folder.T_bim_map is not None
-            self.panel.tell(run.now, "Anchored" if anchored else "Not anchored", run.facts())
+            self.panel.show_status(run.now, "Anchored" if anchored else "Not anchored", run.facts())
             self.panel.draw_errors(*run.errors())
             end = self._seconds(len(run.trajectory_map) - 1)
             self.slider.max, self.slider.step = max(end, 0.1), max(end / MOST_STEPS, 0.01)
             self.slider.value = end
             self.go_to(end)
-            self.scene.look(run.now)
+            self.scene.set_camera(run.now)
 
     def _seconds(self, scan: int) -> float:
         stamps = self.run.trajectory_map.stamps_ns
         return float(stamps[scan] - stamps[0]) / 1e9
 
     def go_to(self, seconds: float) -> None:
-        """Shows where the sensor was then, and what was seen up to then."""
+        """Shows the sensor and the map at that time."""
         run, trajectory = self.run, self.run.trajectory_map
         stamp = trajectory.stamps_ns[0] + round(1e9 * seconds)
         scan = max(int(np.searchsorted(trajectory.stamps_ns, stamp, side="right")) - 1, 0)
         keyframe = run.first + max(int(np.searchsorted(run.now.stamps_ns[run.first :], stamp, side="right")) - 1, 0)
-        with self.page.at_once():
+        with self.page.atomic():
             self.page.frame("/map/sensor", trajectory.poses[scan], axes=0.6)
-            self.scene.draw_way(run.now, keyframe)
+            self.scene.draw_path(run.now, keyframe)
             self.scene.scans.up_to(keyframe)
             points = run.now.clouds[keyframe]
             self.page.points("/map/scan", points[:: 1 + len(points) // SCAN_POINTS], RED, run.now.poses[keyframe], 0.03)

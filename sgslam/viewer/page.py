@@ -1,4 +1,4 @@
-"""A page in the browser (viser): named things in space, of which only what changes is sent."""
+"""A page in the browser (viser) with named 3D objects; only changes are sent."""
 
 import atexit
 import contextlib
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 HOST, PORT = "127.0.0.1", 8080
-_STILL = 1e-4  # by which a pose's numbers may change without being sent
+_STILL = 1e-4  # change of a pose's entries below which it is not sent
 
 
 @dataclass
@@ -35,58 +35,60 @@ class _Shown:
     pose: Floats | None = None
 
 
-def address(text: str) -> tuple[str, int]:
-    """`[HOST:]PORT`; raises UserError where it is none."""
+def parse_address(text: str) -> tuple[str, int]:
+    """Parses `[HOST:]PORT`. Raises UserError if it is invalid."""
     host, _, port = text.rpartition(":")
     if not re.fullmatch(r"\d{1,5}", port) or int(port) > 65535:
-        raise UserError(f"{text}: is no port; give PORT or HOST:PORT, such as {PORT} or 0.0.0.0:{PORT}")
+        raise UserError(f"{text}: not a port; give PORT or HOST:PORT, such as {PORT} or 0.0.0.0:{PORT}")
     return host or HOST, int(port)
 
 
 class Page:
-    """`server` is viser's, with its `gui` and `scene`; `url` is where the page is. All places are seen from `origin`
-    (3,), for a browser counts in single precision and sites lie kilometres from zero."""
+    """A page with named objects. `server` is viser's, with its `gui` and `scene`; `url` is the page's address.
+
+    All positions are relative to `origin` (3,): browsers use single precision, and sites lie kilometres from zero.
+    """
 
     def __init__(self, at: tuple[str, int] = (HOST, PORT), title: str = "sgslam") -> None:
-        """Opens it; port 0 is any that is free. Raises UserError where viser is missing or the port is taken."""
-        self.server = _served(*at, title)
+        """Opens the page; port 0 takes any free port. Raises UserError if viser is missing or the port is in use."""
+        self.server = _start_server(*at, title)
         host = "localhost" if at[0] in ("0.0.0.0", "::", HOST) else at[0]
         self.url = f"http://{host}:{self.server.get_port()}"
         self.origin = np.zeros(3)
         self._shown: dict[str, _Shown] = {}
         atexit.register(self.close)
-        self._lock = threading.RLock()  # drawn by one thread, and changed by what users press in others
+        self._lock = threading.RLock()  # one thread draws, others handle the controls
 
     def clear(self) -> None:
-        """Takes away all that is shown, and all controls."""
+        """Removes all objects and controls."""
         with self._lock:
             for name in {name.split("/")[1] for name in self._shown}:
                 self.remove(f"/{name}")
             self.server.gui.reset()
 
     def close(self) -> None:
-        """Ends the server."""
+        """Stops the server."""
         atexit.unregister(self.close)
         with contextlib.redirect_stdout(io.StringIO()):
             self.server.stop()
 
     @contextmanager
-    def at_once(self) -> Iterator[None]:
-        """What is shown within appears in one piece, and nobody else shows anything meanwhile."""
+    def atomic(self) -> Iterator[None]:
+        """Context in which all changes are sent together and no other thread makes changes."""
         with self._lock, self.server.atomic():
             yield
 
     @property
     def names(self) -> frozenset[str]:
-        """Of all that is shown or hidden now."""
+        """The names of all objects, shown or hidden."""
         return frozenset(self._shown)
 
     def __getitem__(self, name: str) -> Any:
-        """viser's handle of what is shown or hidden under a name; raises KeyError where there is nothing."""
+        """viser's handle of an object. Raises KeyError for an unknown name."""
         return self._shown[name].handle
 
     def frame(self, name: str, T: Floats | None = None, visible: bool | None = None, axes: float = 0.0) -> None:
-        """What the things below `name` are seen from: (4, 4) T_parent_frame; `axes` (m) draws its axes."""
+        """Sets the frame of the objects below `name`: (4, 4) T_parent_frame; `axes` (m) is the length of drawn axes."""
         shown = self._shown.get(name)
         if shown is None:
             handle = self.server.scene.add_frame(
@@ -99,13 +101,13 @@ class Page:
             shown.handle.visible = visible
 
     def lines(self, name: str, ends: Floats, colour: Colour | NDArray[np.uint8], width: float = 2.0) -> None:
-        """Segments (N, 2, 3), of one colour or of (N, 2, 3); nothing where there are none. `width` in pixels."""
+        """Shows segments (N, 2, 3), in one colour or colours (N, 2, 3); `width` in pixels."""
         self._show(name, (ends, colour, width), lambda: self.server.scene.add_line_segments(
             name, ends, colour, thickness=width, thickness_units="screen"
         ) if len(ends) else None)  # fmt: skip
 
     def mesh(self, name: str, mesh: Mesh, colour: Colour, opacity: float) -> None:
-        """Triangles, seen from both sides; nothing where there are none."""
+        """Shows triangles, visible from both sides."""
         self._show(name, (*mesh, colour, opacity), lambda: self.server.scene.add_mesh_simple(
             name, *mesh, color=colour, opacity=opacity, side="double", flat_shading=True,
             cast_shadow=False, receive_shadow=False,
@@ -115,7 +117,7 @@ class Page:
         self, name: str, points: NDArray[np.floating], colours: NDArray[np.uint8] | Colour, T: Floats | None = None,
         size: float = 0.04,
     ) -> None:  # fmt: skip
-        """Points (N, 3), with their colours (N, 3), in a frame that lies at `T` (4, 4)."""
+        """Shows points (N, 3) with one colour or colours (N, 3), in the frame at `T` (4, 4); `size` in metres."""
         self._show(name, (points, colours, size), lambda: self.server.scene.add_point_cloud(
             name, points, colours, point_size=size, point_shape="circle", point_shading="flat"
         ) if len(points) else None)  # fmt: skip
@@ -123,25 +125,25 @@ class Page:
             self._move(self._shown[name], T)
 
     def label(self, name: str, text: str, place: Floats) -> None:
-        """A line of text at a place (3,)."""
+        """Shows a line of text at a position (3,)."""
         self._show(name, (text, place), lambda: self.server.scene.add_label(
             name, text, position=place, anchor="center-center", font_screen_scale=0.7
         ))  # fmt: skip
 
-    def look(self, at: Floats, place: Floats) -> None:
-        """Where the camera stands (3,) of those who come, and who have come, and at what (3,) it looks."""
+    def set_camera(self, at: Floats, place: Floats) -> None:
+        """Places the camera of all present and future clients at `place` (3,), looking at `at` (3,)."""
         self.server.initial_camera.look_at, self.server.initial_camera.position = at, place
         for client in self.server.get_clients().values():
             client.camera.look_at, client.camera.position = at, place
 
     def remove(self, name: str) -> None:
-        """Takes away what is shown under a name, and all below it."""
+        """Removes an object and all objects below it."""
         below = [n for n in self._shown if n == name or n.startswith(name + "/")]
-        for one in sorted(below, reverse=True):  # what lies below goes before what it lies in
+        for one in sorted(below, reverse=True):  # children first
             self._shown.pop(one).handle.remove()
 
     def hide(self, name: str, hidden: bool) -> None:
-        """Hides one thing or shows it again."""
+        """Hides an object or shows it again."""
         shown = self._shown.get(name)
         if shown is not None and shown.handle.visible == hidden:
             shown.handle.visible = not hidden
@@ -172,27 +174,27 @@ def _same(a: tuple[Any, ...], b: tuple[Any, ...]) -> bool:
     return len(a) == len(b) and all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
 
 
-def _served(host: str, port: int, title: str) -> "viser.ViserServer":
+def _start_server(host: str, port: int, title: str) -> "viser.ViserServer":
     try:
         import viser
     except ImportError:
-        raise UserError("the page in the browser needs viser; pip install 'sgslam[view]' brings it") from None
+        raise UserError("viser is not installed, which the browser page needs; pip install 'sgslam[view]'") from None
     with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as trial:
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: what has ended may linger
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: old connections may linger
         try:
-            trial.bind((host, port))  # viser itself would silently go to another port
+            trial.bind((host, port))  # viser would silently take another port
         except OSError as error:
-            what = f"{host}:{port} cannot be listened on ({error.strerror})"
+            what = f"cannot listen on {host}:{port} ({error.strerror})"
             raise UserError(f"{what}; give another port, such as {port % 65535 + 1}, or 0 for any") from None
-    with contextlib.redirect_stdout(io.StringIO()):  # it is told by us where the page is
+    with contextlib.redirect_stdout(io.StringIO()):  # we print the address ourselves
         server = viser.ViserServer(host, port, title, verbose=False)
     server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
     return server
 
 
-def stay(page: "Page") -> None:
-    """Keeps a page until the user has seen enough."""
-    print(f"view: {page.url} (Ctrl-C ends it)", flush=True)
+def serve_until_interrupted(page: "Page") -> None:
+    """Serves a page until the user presses Ctrl-C."""
+    print(f"view: {page.url} (Ctrl-C to stop)", flush=True)
     try:
         threading.Event().wait()
     except KeyboardInterrupt:

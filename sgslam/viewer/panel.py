@@ -1,4 +1,4 @@
-"""What stands beside the scene: the run's state in words, what is shown, the places that are possible, the error."""
+"""The control panel of the page: the run's status, layers, match hypotheses and the error chart."""
 
 import math
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from sgslam.viewer.scene import GHOSTS, LAYERS, ROOMS, RunScene
 
 Floats = NDArray[np.float64]
 ALL = "all storeys"
-HIGHEST = 6.0  # m that the map can be lifted off the plan
-SMALLEST_M = 1e-3  # at the foot of the chart
-SAMPLES = 400  # of a line in the chart
+HIGHEST = 6.0  # m, largest lift of the map above the plan
+SMALLEST_M = 1e-3  # lower end of the chart's axis
+SAMPLES = 400  # per line of the chart
 
 
 class Panel:
-    """Controls of a `RunScene`. `redraw` is called when the scene is to be drawn again."""
+    """The controls of a `RunScene`."""
 
     def __init__(self, page: Page, scene: RunScene) -> None:
         self._page, self._scene = page, scene
@@ -27,7 +27,7 @@ class Panel:
         gui = page.server.gui
         self.status = gui.add_markdown("waiting for the first scan")
         self.storey = gui.add_dropdown("storey", [ALL], initial_value=ALL)
-        with gui.add_folder("places that the map may have", visible=False) as self._places:
+        with gui.add_folder("match hypotheses", visible=False) as self._places:
             self._hypotheses = gui.add_markdown("")
         with gui.add_folder("error against the truth (m)", visible=False) as self._errors:
             self.chart: Any = None
@@ -36,7 +36,7 @@ class Panel:
                 self._switch(layer, text)
             self.lift = gui.add_slider("map over plan (m)", 0.0, HIGHEST, 0.1, 0.0)
         self.storey.on_update(lambda _: self._choose())
-        self.lift.on_update(lambda _: self.raise_map(float(self.lift.value)))
+        self.lift.on_update(lambda _: self.lift_map(float(self.lift.value)))
 
     def _switch(self, layer: str, text: str) -> None:
         box = self._page.server.gui.add_checkbox(text, True)
@@ -44,17 +44,17 @@ class Panel:
 
     def _choose(self) -> None:
         of = {name: own for own, name in self._scene.storeys.items()}
-        self._scene.choose(of.get(self.storey.value))
+        self._scene.show_storey(of.get(self.storey.value))
 
-    def raise_map(self, metres: float) -> None:
-        """Holds the map so far over its place in the plan; the lines of the matches then lead down to it."""
+    def lift_map(self, metres: float) -> None:
+        """Lifts the map above its place in the plan; the match lines then lead down to the plan."""
         self._scene.lift = metres
         if self._now is not None:
-            with self._page.at_once():
+            with self._page.atomic():
                 self._scene.place(self._now)
 
-    def tell(self, now: Snapshot, heading: str, facts: Sequence[str]) -> None:
-        """What is known now, in words: `heading` above, `facts` line by line below."""
+    def show_status(self, now: Snapshot, heading: str, facts: Sequence[str]) -> None:
+        """Shows the status: `heading` and below it `facts`, line by line."""
         self._now = now
         names = [ALL, *self._scene.storeys.values()]
         if list(self.storey.options) != names:
@@ -69,7 +69,7 @@ class Panel:
             _set(self._hypotheses, hypothesis_table(now, self._scene.storeys))
 
     def draw_errors(self, seconds: Floats, lines: dict[str, Floats]) -> None:
-        """Errors (N,) m by what they are of, at `seconds` (N,) after the first scan; not a number where not known."""
+        """Draws errors (N,) in metres by name, at `seconds` (N,) after the first scan; NaN where unknown."""
         from viser import uplot
 
         if not len(seconds):
@@ -93,15 +93,15 @@ class Panel:
 
 
 def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
-    """The places that are possible, as Markdown: their share of the evidence (of the places listed), storey, evidence.
+    """Markdown table of the match hypotheses: probability among those listed, storey, score and rooms.
 
-    The share is exp(score) over the sum of all: the scores are log likelihood ratios.
+    The probability is exp(score) over the sum of all: the scores are log likelihood ratios.
     """
-    told = [hypothesis for _, hypothesis in now.hypotheses]
-    scores = np.array([float(h["score"]) for h in told])
+    hypotheses = [hypothesis for _, hypothesis in now.hypotheses]
+    scores = np.array([float(h["score"]) for h in hypotheses])
     shares = np.exp(scores - scores.max())
-    rows = ["| | share | storey | evidence | rooms |", "|---|---|---|---|---|"]
-    for number, (h, share) in enumerate(zip(told, shares / shares.sum(), strict=True)):
+    rows = ["| | probability | storey | score | rooms |", "|---|---|---|---|---|"]
+    for number, (h, share) in enumerate(zip(hypotheses, shares / shares.sum(), strict=True)):
         dot = f'<span style="color:{ROOMS[number]}">■</span>' if number < GHOSTS else ""
         storey = _plain(storeys.get(str(h.get("floor")), "the plan"))
         rooms = len(h.get("rooms") or ())
@@ -110,14 +110,14 @@ def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
 
 
 def metres(value: float) -> str:
-    """Such as `12.3 cm`."""
+    """Formats a length (m), such as `12.3 cm`."""
     if not math.isfinite(value):
-        return "not known"
+        return "unknown"
     return f"{value:.2f} m" if value >= 1 else f"{100 * value:.1f} cm"
 
 
 def _plain(text: str) -> str:
-    """Text in which nothing is taken for Markdown."""
+    """The text with all Markdown characters escaped."""
     return "".join("\\" + c if c in "\\`*_{}[]<>#|!~$" else c for c in text)
 
 

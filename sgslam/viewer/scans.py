@@ -1,5 +1,4 @@
-"""The keyframes' points on the page: of each the part that no keyframe before it shows, so that a long run stays
-light."""
+"""The keyframes' points on the page: of each keyframe only the voxels that are new, so that a long run stays light."""
 
 from collections.abc import Sequence
 
@@ -11,10 +10,10 @@ from sgslam.mapping.keyframe_clouds import KeyframeClouds, voxel_keys
 from sgslam.viewer.page import Page
 
 Floats = NDArray[np.float64]
-VOXEL = 0.1  # m, of which one point is shown
-ABOVE, BELOW = 0.9, 3.0  # m over and under the sensor that is shown: no ceilings, which hide the rooms from above
-MOST = 600_000  # points in all
-HEIGHTS = (-1.0, -0.2, 0.9)  # m over the sensor, and the colours there
+VOXEL = 0.1  # m; one point is shown per voxel
+ABOVE, BELOW = 0.9, 3.0  # m above and below the sensor that are shown: ceilings would hide the rooms
+MOST = 600_000  # points in total
+HEIGHTS = (-1.0, -0.2, 0.9)  # m above the sensor at which COLOURS apply
 COLOURS = ((70, 84, 112), (94, 143, 177), (190, 214, 220))
 
 
@@ -28,40 +27,40 @@ class ScanClouds:
     def _begin(self, clouds: KeyframeClouds | None) -> None:
         self._clouds = clouds
         self._keys = np.empty(0, dtype=np.int64)
-        self._asked = 0  # keyframes whose points were looked at
+        self._processed = 0  # keyframes
         self._names: dict[int, str] = {}
 
     def show(
         self, clouds: KeyframeClouds, poses: Floats, floors: Sequence[str | None], most: int | None = None
     ) -> None:
-        """Clouds of keyframes with poses (K, 4, 4) T_map_sensor; at most so many that were not shown before."""
+        """Shows the clouds of keyframes with poses (K, 4, 4) T_map_sensor; at most `most` new ones."""
         if clouds is not self._clouds:
             self.clear()
             self._begin(clouds)
         for number, name in self._names.items():
             self._page.frame(name, poses[number])
-        end = len(poses) if most is None else min(len(poses), self._asked + most)
-        for number in range(self._asked, end):
+        end = len(poses) if most is None else min(len(poses), self._processed + most)
+        for number in range(self._processed, end):
             points = self._fresh(clouds[number], poses[number])
             if len(points):
                 name = f"/map/{floors[number] or 'stairs'}/scans/k{number}"
                 self._names[number] = name
                 self._page.points(name, points, by_height(points @ poses[number][2, :3]), poses[number])
-        self._asked = end
+        self._processed = end
 
     def up_to(self, keyframe: int) -> None:
-        """Hides those of later keyframes."""
+        """Hides the clouds of later keyframes."""
         for number, name in self._names.items():
             self._page.hide(name, number > keyframe)
 
     def clear(self) -> None:
-        """Takes all away."""
+        """Removes all clouds."""
         for name in self._names.values():
             self._page.remove(name)
         self._begin(None)
 
     def _fresh(self, points: NDArray[np.float32], T_map_sensor: Floats) -> NDArray[np.float32]:
-        """Those of points (N, 3) where no earlier keyframe has any."""
+        """The points of (N, 3) in voxels without points of earlier keyframes."""
         if not len(points) or len(self._keys) > MOST:
             return points[:0]
         over = points @ T_map_sensor[2, :3]
@@ -75,6 +74,6 @@ class ScanClouds:
 
 
 def by_height(over: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """(N, 3) colours of points that lie so far (N,) over the sensor."""
+    """(N, 3) colours of points at heights `over` (N,) above the sensor (m)."""
     channels = [np.interp(over, HEIGHTS, [colour[k] for colour in COLOURS]) for k in range(3)]
     return np.stack(channels, axis=1).astype(np.uint8)

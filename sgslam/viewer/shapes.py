@@ -1,4 +1,4 @@
-"""Lines and triangles of walls and rooms, as a viewer draws them. Metres."""
+"""Lines and triangles of walls and rooms for the viewer, in metres."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -15,13 +15,13 @@ NOTHING: Mesh = (np.empty((0, 3)), np.empty((0, 3), dtype=np.int64))
 
 
 def elevation_of(graph: SceneGraph, floor: str | None) -> float:
-    """The z of a floor; 0 where it is not known."""
+    """The elevation (m) of a floor; 0 if unknown."""
     return next((f.elevation for f in graph.floors if f.id == floor and f.elevation is not None), 0.0)
 
 
-def upright(surfaces: Sequence[WallSurface], below: float, absolute: bool) -> Floats:
-    """(N, 4, 3) wall surfaces: two ends below, then above, in that order around. Their heights are `absolute` z as in a
-    plan, or metres above the floor, whose z is `below`."""
+def wall_quads(surfaces: Sequence[WallSurface], below: float, absolute: bool) -> Floats:
+    """(N, 4, 3) corners of wall surfaces, around each: two below, two above. Heights are `absolute` z, as in a plan, or
+    relative to the floor at z = `below`."""
     corners = np.empty((len(surfaces), 4, 3))
     for row, surface in zip(corners, surfaces, strict=True):
         low, high = surface.height or (0.0, STOREY_M)
@@ -39,20 +39,20 @@ def _ends(surface: WallSurface) -> tuple[Any, Any]:
     return (x - ny * STUB_M / 2, y + nx * STUB_M / 2), (x + ny * STUB_M / 2, y - nx * STUB_M / 2)
 
 
-def panes(corners: Floats) -> Mesh:
-    """Quadrilaterals (N, 4, 3) as triangles."""
+def quad_mesh(corners: Floats) -> Mesh:
+    """The mesh of quadrilaterals (N, 4, 3)."""
     first = 4 * np.arange(len(corners))[:, None]
     triangles = np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
     return corners.reshape(-1, 3), triangles
 
 
-def feet(corners: Floats) -> Floats:
+def lower_edges(corners: Floats) -> Floats:
     """(N, 2, 3) the lower edges of quadrilaterals (N, 4, 3)."""
     return corners[:, :2]
 
 
 def ring_lines(rings: Iterable[Any], z: float) -> Floats:
-    """(N, 2, 3) the sides of outlines, each (K, 2) and not closed, at one height."""
+    """(N, 2, 3) the edges of open rings, each (K, 2), at height `z`."""
     sides = [np.empty((0, 2, 2))]
     for ring in rings:
         points = np.asarray(ring, dtype=float)
@@ -61,8 +61,8 @@ def ring_lines(rings: Iterable[Any], z: float) -> Floats:
     return np.concatenate([flat, np.full((*flat.shape[:2], 1), z)], axis=2)
 
 
-def filled(ring: Any, z: float) -> Mesh:
-    """The area within an outline (K, 2) as triangles; nothing where it has none."""
+def polygon_mesh(ring: Any, z: float) -> Mesh:
+    """The mesh of the area within a ring (K, 2) at height `z`; empty for an area of zero."""
     import shapely
 
     area = shapely.make_valid(shapely.Polygon(ring)) if len(ring) > 2 else shapely.Polygon()
@@ -73,8 +73,8 @@ def filled(ring: Any, z: float) -> Mesh:
     return np.column_stack([corners, np.full(len(corners), z)]), np.arange(len(corners)).reshape(-1, 3)
 
 
-def together(meshes: Sequence[Mesh]) -> Mesh:
-    """Several meshes as one."""
+def merge_meshes(meshes: Sequence[Mesh]) -> Mesh:
+    """Merges several meshes into one."""
     if not meshes:
         return NOTHING
     first = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
@@ -83,5 +83,5 @@ def together(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def path_lines(points: Floats) -> Floats:
-    """(N - 1, 2, 3) the way through points (N, 3)."""
+    """(N - 1, 2, 3) the segments of the path through points (N, 3)."""
     return np.stack([points[:-1], points[1:]], axis=1)

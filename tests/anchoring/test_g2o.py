@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from g2o_files import T_BIM_MAP, Drawn, drawn_graph
+from g2o_files import T_BIM_MAP, LoopBuilding, drawn_graph
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
@@ -20,7 +20,7 @@ SE2 = Path(__file__).parents[3] / "shared/data/slam_graphs"
 needs_se2 = pytest.mark.skipif(not (SE2 / "SE2_s_graph.g2o").exists(), reason=f"{SE2}/SE2_s_graph.g2o is not there")
 
 
-def read(drawn: Drawn, folder: Path) -> PlaneGraph:
+def read(drawn: LoopBuilding, folder: Path) -> PlaneGraph:
     return read_g2o(drawn.write(folder)[0])
 
 

@@ -15,7 +15,7 @@ T_BIM_MAP = pose(2.0, -1.0, 0.0, 0.3)
 
 
 @dataclass(frozen=True)
-class Drawn:
+class LoopBuilding:
     """`lines` of the file; the truth: T_bim_sensor of the keyframes, and which plane is which planned surface."""
 
     lines: list[str]
@@ -50,7 +50,7 @@ def plan() -> SceneGraph:
     return SceneGraph("bim", rooms, walls)
 
 
-def drawn_graph(bend: float = 0.01, seed: int = 0) -> Drawn:
+def drawn_graph(bend: float = 0.01, seed: int = 0) -> LoopBuilding:
     """Two keyframes in each room; what the file takes them to be is off by `bend` rad and 2 cm a step, as odometry is;
     the planes are seen to a millimetre. The plan stands in it too, as fixed vertices."""
     rng = np.random.default_rng(seed)
@@ -84,7 +84,7 @@ def drawn_graph(bend: float = 0.01, seed: int = 0) -> Drawn:
         centre = np.linalg.inv(T_BIM_MAP) @ [(x0 + x1) / 2, (y0 + y1) / 2, 0, 1]
         lines.append(f"VERTEX_ROOM {300 + k} {words(centre[:3])} 0 0 0 1")
         seen.append(f"EDGE_ROOM_4PLANES {300 + k} {' '.join(map(str, ids))} 3.3e-312 2.5e-312 0.1 0 0.1")
-    return Drawn([*lines, *steps, *seen, "EDGE_FLOOR_ROOM 90 300 1 2 1 3e-323 1"], plan(), T_bim, pairs)
+    return LoopBuilding([*lines, *steps, *seen, "EDGE_FLOOR_ROOM 90 300 1 2 1 3e-323 1"], plan(), T_bim, pairs)
 
 
 def words(values: Array) -> str:

@@ -12,7 +12,7 @@ from boxes import Array, pose
 import factors
 from data.geometry.raycast import TriangleScene
 from data.simulation.sensor import SpinningSensor
-from evaluation.harness.loop_buildings import Drawn, long_corridor, ring
+from evaluation.harness.loop_buildings import LoopBuilding, long_corridor, ring
 from sgslam.backend.backend import Backend
 from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
@@ -71,7 +71,7 @@ def test_walls_tie_two_passes_where_they_hold_both_directions() -> None:
     assert len(tied_by_walls(last, way, way_driven(way), saw, along, 15.0)) == 0
 
 
-def contours(building: Drawn, places: list[tuple[float, float]]) -> tuple[Array, list[Array]]:
+def contours(building: LoopBuilding, places: list[tuple[float, float]]) -> tuple[Array, list[Array]]:
     """Sensors (K, 2) and what each sees around it at its height, building's frame."""
     scene, angle = TriangleScene(building.triangles), np.linspace(-np.pi, np.pi, 720, endpoint=False)
     rays = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(720)])
@@ -109,7 +109,7 @@ def test_free_space_counts_against_a_place_and_unknown_space_does_not() -> None:
     assert agreement(space, space.points + 30.0)[0] == 0.0
 
 
-def scan_points(building: Drawn, places: list[tuple[float, float]], seed: int) -> Array:
+def scan_points(building: LoopBuilding, places: list[tuple[float, float]], seed: int) -> Array:
     scene, rng = TriangleScene(building.triangles), np.random.default_rng(seed)
     poses = [pose(x, y, 0.8, 0.0) for x, y in places]
     return np.concatenate([transform_points(T, SENSOR.scan(scene, T, rng).astype(float)) for T in poses])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from data import Floor, Room, SceneGraph, WallSurface
-from evaluation.published.combinatorial_behaviour import Question, behaviour, told
+from evaluation.published.combinatorial_behaviour import Question, behaviour, describe_answer
 from evaluation.published.combinatorial_layouts import Noise, grid, polygons, seen
 from matching import Matcher
 from matching.combinatorial.clipper import densest
@@ -164,7 +164,7 @@ def test_the_table_tells_answers_in_words_and_the_command_mistakes():
     page = behaviour(lambda s, a: MatchResult("none", ""), lambda s, a: MatchResult("none", ""))
     assert "| the building mirrored | unique | none | none | none |" in page
     question = Question("", ((seen(PLAN, L_SHAPE), PLAN),), "", "")
-    assert told(question, [RELEASED.match(*question.pairs[0])]) == "unique, right"
+    assert describe_answer(question, [RELEASED.match(*question.pairs[0])]) == "unique, right"
     done = subprocess.run(
         [sys.executable, "-m", "evaluation.published.combinatorial", "--limit", "0"],
         capture_output=True,

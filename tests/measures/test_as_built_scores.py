@@ -14,7 +14,7 @@ from commands import called
 from small_ifc import STOREY, write_small_ifc
 
 from data import SceneGraph, WallSurface
-from evaluation.metrics.as_built_scores import told_of
+from evaluation.metrics.as_built_scores import deviation_scores
 from evaluation.metrics.true_walls import TrueWall
 
 pytestmark = pytest.mark.slow
@@ -41,7 +41,7 @@ def test_each_kind_is_scored_by_wall() -> None:
         WallSurface("s1", None, (2.0, 10.0), (0.0, -1.0), 3.0), WallSurface("s2", None, (2.0, 11.0), (0.0, -1.0), 3.0),
         WallSurface("s3", None, (6.0, 12.0), (0.0, -1.0), 7.0),
     ))  # fmt: skip
-    found = told_of([
+    found = deviation_scores([
         told("moved", "m1", offset_m=-0.19), told("moved", "m1", offset_m=0.0, significant=False),
         told("moved", "m3", offset_m=0.0), told("moved", "p1", offset_m=0.1), told("moved", "a1", offset_m=0.1),
         told("extra", "", s_id="s1"), told("extra", "", s_id="s2"), told("extra", "", s_id="s3"),

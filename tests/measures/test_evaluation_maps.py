@@ -14,7 +14,7 @@ from data.geometry import se2
 from data.synthetic_maps.noise_models import draw
 from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.surface_overlap import Limits, best_rigid_fit, plan_motion
-from evaluation.metrics.true_matches import bearers, true_matches
+from evaluation.metrics.true_matches import representatives, true_matches
 from sgslam.geometry.frames import se2_to_se3
 
 PLAN = a_graph(offices([3.0, 4.0, 3.5], [5.0, 5.6]), "ground")
@@ -229,10 +229,10 @@ def test_the_bearers_are_the_longest_piece_and_the_larger_room() -> None:
     perfect = mapped()
     wall = perfect.wall_surfaces[0]
     s = with_walls(perfect, piece(wall, "p0", 0, 0.4), piece(wall, "p1", 0.45, 1), without=wall.id)
-    rooms, walls = bearers(true_matches(s, PLAN, T_BIM_MAP), s)
+    rooms, walls = representatives(true_matches(s, PLAN, T_BIM_MAP), s)
     assert walls == {w.id for w in s.wall_surfaces} - {"p0"} and rooms == {r.id for r in s.rooms}
     parts = SceneGraph("map", (room_of(box(0, 0, 1, 5), "small"), room_of(box(1, 0, 2, 5), "large")))
-    assert bearers(true_matches(parts, PLAN, T_BIM_MAP), parts)[0] == {"largeroom0"}
+    assert representatives(true_matches(parts, PLAN, T_BIM_MAP), parts)[0] == {"largeroom0"}
 
 
 @pytest.mark.parametrize("seed", range(6))

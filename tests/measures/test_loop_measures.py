@@ -49,7 +49,7 @@ def test_the_ring_is_a_loop_and_along_is_none() -> None:
 
 
 def test_an_unknown_route_is_refused() -> None:
-    with pytest.raises(UserError, match="no route 'up'"):
+    with pytest.raises(UserError, match="unknown route 'up'"):
         drive_along("up", 0)
 
 

@@ -9,8 +9,7 @@ from drives import Drive, small_drive
 from data import UserError
 from data.generation.buildings import generate_plan
 from evaluation.harness.sequences import SequenceSpec
-from evaluation.studies import negative_plans as other_buildings
-from evaluation.studies import wrong_matches
+from evaluation.studies import negative_plans, wrong_matches
 
 
 @pytest.fixture(scope="module")
@@ -41,21 +40,21 @@ def spec(folder: Path, name: str) -> SequenceSpec:
 @pytest.mark.slow
 def test_a_drive_is_run_with_every_plan_but_its_own(folder: Path, tmp_path: Path) -> None:
     own, other = spec(folder, "own"), spec(folder, "other")
-    found = list(other_buildings.pairings([own, other], [0], tmp_path))
+    found = list(negative_plans.pairings([own, other], [0], tmp_path))
     first, last = found
     assert (first.sequence, first.plan, first.anchored_scans) == ("own", "other", 0)
     assert first.answers and "unique" not in first.answers
     assert first.reason.startswith(("the plan does not explain the map", "too little evidence at the best place"))
     # the same drive, said to be of another building: there the table must tell
     assert (last.sequence, last.plan) == ("other", "own") and last.anchored_scans > 10
-    text = other_buildings.table(found)
+    text = negative_plans.table(found)
     assert "Anchored at any time: 1 of 2 pairings." in text
     assert f"**for {last.anchored_scans} scans**" in text and "| never |" in text
 
 
 def test_one_building_has_no_other(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="two buildings or more"):
-        list(other_buildings.pairings([spec(folder, "own")], [0], tmp_path))
+    with pytest.raises(UserError, match="only one building"):
+        list(negative_plans.pairings([spec(folder, "own")], [0], tmp_path))
 
 
 def record(sequence: str, seed: int, conditions: str, error: str, first: str) -> dict[str, str]:

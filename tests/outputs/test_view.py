@@ -29,7 +29,7 @@ from sgslam.slam import SceneGraphSlam
 from sgslam.viewer import live as live_view
 from sgslam.viewer.finished import FinishedRun, FinishedView
 from sgslam.viewer.live import LiveView
-from sgslam.viewer.page import Page, address
+from sgslam.viewer.page import Page, parse_address
 from sgslam.viewer.panel import hypothesis_table
 
 pytestmark = pytest.mark.skipif(find_spec("viser") is None, reason="viser is not installed (extra view)")
@@ -71,7 +71,7 @@ def looked() -> Iterator[Looked]:
     view = LiveView(opened, drive.bim.graph, drive.truth)
     slam, headings = SceneGraphSlam(drive.bim), []
     for k, (stamp_ns, points) in enumerate(drive.scans):
-        view.tell(slam, slam.add_scan(stamp_ns, points), points)
+        view.add_scan(slam, slam.add_scan(stamp_ns, points), points)
         if k % 20 == 0:
             view.wait()
             headings.append(str(view.panel.status.content))
@@ -125,10 +125,10 @@ def test_without_a_plan_the_map_is_shown_as_it_grows(page: Page, monkeypatch: py
     monkeypatch.setattr(live_view, "SHARE", 1.0)
     view, slam = LiveView(page), SceneGraphSlam()
     for stamp_ns, points in small_drive().scans[:30]:
-        view.tell(slam, slam.add_scan(stamp_ns, points), points)
+        view.add_scan(slam, slam.add_scan(stamp_ns, points), points)
         view.wait()
     view.stop()
-    assert "No plan was given" in view.panel.status.content
+    assert "No plan" in view.panel.status.content
     assert {"/map/floor-0/walls/unmatched", "/map/floor-0/scans/k0"} <= page.names
 
 
@@ -138,10 +138,10 @@ def test_a_page_that_cannot_be_drawn_does_not_end_the_run(
     view, slam = LiveView(page), SceneGraphSlam()
     monkeypatch.setattr(page, "lines", lambda *_, **__: 1 / 0)
     for stamp_ns, points in small_drive().scans[:5]:
-        view.tell(slam, slam.add_scan(stamp_ns, points), points)
+        view.add_scan(slam, slam.add_scan(stamp_ns, points), points)
     view.wait()
     view.stop()
-    assert "stands still: ZeroDivisionError" in caplog.text
+    assert "no longer updated: ZeroDivisionError" in caplog.text
 
 
 def test_a_finished_run_is_played(page: Page, out: Path) -> None:
@@ -163,10 +163,10 @@ def test_a_finished_run_is_played(page: Page, out: Path) -> None:
 def test_storeys_and_layers_are_switched(page: Page, sampled: Path) -> None:
     view = FinishedView(page, [FinishedRun(sampled)])
     assert view.scene.storeys == {"F0": "Storey 0", "F1": "Storey 1"}
-    view.scene.choose("F0")
+    view.scene.show_storey("F0")
     assert page["/plan/Storey 0"].visible and not page["/plan/Storey 1"].visible
     assert not page["/map/floor-0"].visible and not page["/matches/floor-0"].visible
-    view.scene.choose("F1")
+    view.scene.show_storey("F1")
     assert not page["/plan/Storey 0"].visible and page["/map/floor-0"].visible
     view.scene.show_layer("rooms", False)
     assert not page["/map/floor-0/rooms"].visible and not page["/plan/Storey 1/rooms"].visible
@@ -181,7 +181,7 @@ def test_a_matched_room_has_one_colour_and_lines_lead_to_the_plan(page: Page, sa
     assert areas == planned and len(areas) > 4
     flat = page["/matches/floor-0"].points.copy()
     assert len(flat) == len(run.folder.matches["wall_surfaces"])
-    view.panel.raise_map(3.0)
+    view.panel.lift_map(3.0)
     lifted = page["/matches/floor-0"].points
     assert np.allclose(lifted[:, 0] - flat[:, 0], [0, 0, 3], atol=1e-4) and np.array_equal(lifted[:, 1], flat[:, 1])
 
@@ -250,13 +250,13 @@ def colours(png: bytes) -> int:
 
 def test_mistakes_are_told_in_one_line(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "no run's folder" in refused("sgslam.cli.view", tmp_path)
-    assert "is no port" in refused("sgslam.cli.view", out, "--at", "here")
+    assert "not a port" in refused("sgslam.cli.view", out, "--at", "here")
     with socket.socket() as taken:
         taken.bind(ANY)
         taken.listen()
         port = taken.getsockname()[1]
-        assert "cannot be listened on" in refused("sgslam.cli.view", out, "--at", port)
-        assert "cannot be listened on" in refused("sgslam.run", "--demo", "--out", tmp_path, "--view", port)
+        assert "cannot listen on" in refused("sgslam.cli.view", out, "--at", port)
+        assert "cannot listen on" in refused("sgslam.run", "--demo", "--out", tmp_path, "--view", port)
     monkeypatch.setitem(sys.modules, "viser", None)
     assert "pip install 'sgslam[view]'" in refused("sgslam.cli.view", out)
-    assert address("0.0.0.0:80") == ("0.0.0.0", 80)
+    assert parse_address("0.0.0.0:80") == ("0.0.0.0", 80)

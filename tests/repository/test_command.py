@@ -13,9 +13,9 @@ from packaging.requirements import Requirement
 
 from sgslam.cli import installed
 from sgslam.cli.command import COMMANDS, measurements
-from sgslam.cli.doctor import tried
+from sgslam.cli.doctor import run_self_test
 from sgslam.config import Config
-from sgslam.config.dump import explained
+from sgslam.config.dump import documented_yaml
 from sgslam.config.loading import load_config
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -106,8 +106,8 @@ def test_what_is_dumped_is_read_back_and_explained(tmp_path: Path) -> None:
     for group, fields in yaml.safe_load(file.read_text()).items():
         for name in fields:
             place = next(n for n in range(lines.index(f"{group}:"), len(lines)) if lines[n].startswith(f"  {name}:"))
-            assert lines[place - 1].startswith("  # "), f"{group}.{name} is not explained"
-    assert explained(config) == file.read_text()
+            assert lines[place - 1].startswith("  # "), f"{group}.{name} has no description"
+    assert documented_yaml(config) == file.read_text()
     assert run("dump-config", "--set", "odometry.voxel=1").returncode == 2
 
 
@@ -116,9 +116,9 @@ def test_version() -> None:
 
 
 def test_a_package_that_is_missing_or_too_old_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    python, _, _ = installed.asked()
+    python, _, _ = installed.required()
     wanted = [Requirement("no-such-package-of-ours>=1"), Requirement("numpy<1")]
-    monkeypatch.setattr(installed, "asked", lambda: (python, wanted, {}))
+    monkeypatch.setattr(installed, "required", lambda: (python, wanted, {}))
     (_, absent), (_, old) = installed.requirements()
     assert absent == (False, "not installed; pip install 'no-such-package-of-ours>=1'")
     assert old[0] is False and old[1].endswith("pip install 'numpy<1'")
@@ -130,6 +130,6 @@ def test_a_library_that_ends_its_process_fails_and_the_doctor_goes_on(
     """As one built for another processor does."""
     (tmp_path / "gtsam.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGILL)\n")
     monkeypatch.syspath_prepend(tmp_path)
-    well, told = tried("gtsam")
+    well, told = run_self_test("gtsam")
     assert not well and "SIGILL" in told
-    assert tried("shapely") == (True, "done")
+    assert run_self_test("shapely") == (True, "done")

@@ -70,7 +70,7 @@ def test_a_graph_without_a_place_and_files_that_are_none_are_told_in_a_line(tmp_
     half = replace(drawn.plan, rooms=drawn.plan.rooms[:1], wall_surfaces=drawn.plan.wall_surfaces[:3])
     half.save(tmp_path / "half.json")
     for arguments, told in (
-        ((graph, tmp_path / "half.json"), "no unique place"),
+        ((graph, tmp_path / "half.json"), "no unique match"),
         ((plan, plan), "no keyframe"),
     ):
         done = run("anchor_s_graphs.py", *arguments)

@@ -83,11 +83,11 @@ def test_the_commands_work_in_an_empty_folder(installed: Path, tmp_path: Path) -
     checked = called(installed / "sgslam", "doctor", cwd=tmp_path)
     assert checked.returncode == 0, checked.stdout
     *lines, last = checked.stdout.splitlines()
-    assert last == "all is well" and all(line.split()[0] in ("ok", "note") for line in lines)
+    assert last == "all checks passed" and all(line.split()[0] in ("ok", "note") for line in lines)
     told = [line[6:].partition(":")[0] for line in lines]
     needed = {Requirement(r).name for r in PROJECT["project"]["dependencies"]}
     assert needed | {f"extra {e}" for e in PROJECT["project"]["optional-dependencies"]} <= set(told)
-    assert "the matchers' weights at work" in told and len(set(told)) == len(told)
+    assert "the matchers' weights self test" in told and len(set(told)) == len(told)
 
 
 def test_a_plan_is_inspected_and_scans_are_run_from_the_wheel(installed: Path, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def apart(run: Trajectory, truth: Array, T_truth_run: Array) -> float:
 def test_a_second_run_finds_itself_in_the_map_of_the_first_and_is_joined_to_it(tmp_path: Path) -> None:
     drive, first = small_drive(), first_run(tmp_path, anchored=False)
     result = fed(SceneGraphSlam(prior=PriorMap.load(tmp_path, Config())), back()).finish()
-    assert result.returned is not None and result.returned.found and not result.anchored
+    assert result.relocalisation is not None and result.relocalisation.found and not result.anchored
     T_bim_map = drive.truth.poses[0]  # the map's frame is the first pose of the first run
     before = apart(first.trajectory, drive.truth.positions, T_bim_map)
     assert apart(result.trajectory, drive.truth.positions[::-1], T_bim_map) < before + 0.02
@@ -58,7 +58,7 @@ def test_with_the_building_both_runs_are_in_its_frame(tmp_path: Path) -> None:
     known = PriorMap.load(tmp_path, Config())
     assert known.T_bim_map is not None and np.allclose(known.T_bim_map, first.T_bim_map)
     result = fed(SceneGraphSlam(drive.bim, prior=known), back()).finish()
-    assert result.anchored and result.returned is not None and result.returned.found
+    assert result.anchored and result.relocalisation is not None and result.relocalisation.found
     assert apart(result.trajectory, drive.truth.positions[::-1], np.eye(4)) < 0.03
     assert apart(result.earlier[0], drive.truth.positions, np.eye(4)) < 0.03
     assert len(result.s_graph.rooms) == len(first.s_graph.rooms)
@@ -69,7 +69,7 @@ def test_a_run_elsewhere_is_not_found_and_stays_its_own(tmp_path: Path) -> None:
     walls = scene_of(room(0, 0, 9, 4))
     scans = [(100_000_000 * i, scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(40)]
     result = fed(SceneGraphSlam(prior=PriorMap.load(tmp_path, Config())), scans).finish()
-    assert result.returned is not None and not result.returned.found and not result.earlier
+    assert result.relocalisation is not None and not result.relocalisation.found and not result.earlier
     assert len(result.trajectory) == 40 and np.allclose(result.trajectory.poses[0], np.eye(4), atol=1e-6)
 
 
@@ -91,7 +91,7 @@ def test_parts_of_a_run_that_were_not_found_at_first_are_asked_after_again(tmp_p
 
 
 def test_a_map_that_is_none_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="holds no run"):
+    with pytest.raises(UserError, match="no run state"):
         PriorMap.load(tmp_path, Config())
     Checkpoints(tmp_path, {}).write(fed(SceneGraphSlam(), small_drive().scans[:5]), {})
     with pytest.raises(UserError, match="--resume"):
@@ -115,14 +115,14 @@ def found_again(with_bim: bool) -> Result:
 @pytest.mark.parametrize("with_bim", [True, False])
 def test_who_is_carried_off_is_found_again(with_bim: bool) -> None:
     (scans, truth), result = carried_off(), found_again(with_bim)
-    assert result.returned is not None and result.returned.found
+    assert result.relocalisation is not None and result.relocalisation.found
     assert len(result.trajectory) == len(scans) and not result.earlier and result.anchored == with_bim
     poses = result.trajectory.transformed(np.eye(4) if with_bim else truth[0]).positions
     assert np.sqrt(np.mean(np.sum((poses - truth[:, :3, 3]) ** 2, axis=1))) < 0.05
 
 
 def test_a_drive_is_not_taken_for_carried_off() -> None:
-    assert small_run(with_bim=False)[1].returned is None
+    assert small_run(with_bim=False)[1].relocalisation is None
 
 
 def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
@@ -130,7 +130,7 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     walls, last = scene_of(room(0, 0, 9, 4)), drive.scans[-1][0]
     more = [(last + 200_000_000 * (i + 1), scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(30)]
     result = fed(SceneGraphSlam(drive.bim), [*drive.scans, *more]).finish()
-    assert result.anchored and result.returned is not None and not result.returned.found
+    assert result.anchored and result.relocalisation is not None and not result.relocalisation.found
     assert len(result.trajectory) == len(drive.scans) + 30
     assert drive.rmse(alone) + 0.005 > float(
         np.sqrt(np.mean((result.trajectory.positions[: len(drive.scans)] - drive.truth.positions) ** 2 * 3))

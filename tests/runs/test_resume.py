@@ -49,9 +49,9 @@ def test_a_run_goes_on_bit_by_bit(after: int, whole: Result, tmp_path: Path) -> 
 def test_a_state_of_an_unlike_run_is_refused(tmp_path: Path) -> None:
     drive = small_drive()
     Checkpoints(tmp_path, {}).write(fed(SceneGraphSlam(), drive.scans[:20]), {})
-    with pytest.raises(UserError, match="unlike"):
+    with pytest.raises(UserError, match="different run"):
         load(tmp_path, SceneGraphSlam(drive.bim))
-    with pytest.raises(UserError, match="holds no run"):
+    with pytest.raises(UserError, match="no run state"):
         load(tmp_path / "elsewhere", SceneGraphSlam())
 
 
@@ -117,7 +117,7 @@ def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path
 
 
 def refuses_what_does_not_go_with_it(inputs: Path, out: Path, tmp_path: Path) -> None:
-    assert "holds no run" in refused("--resume", tmp_path)
+    assert "no run state" in refused("--resume", tmp_path)
     other = ("--set", "odometry.voxel_size=0.5", "--set", "matching.method=voting")
     assert "voxel_size" in refused("--resume", out, *other)
     fewer = tmp_path / "scans"

@@ -23,7 +23,7 @@ from evaluation.harness.sequences import SequenceSpec, prepare, read_specs
 from evaluation.slam_ablation.rows import Records
 from evaluation.slam_ablation.run import ablate
 from evaluation.slam_ablation.tables import ACCURACY, against_oracle, latex, markdown
-from evaluation.slam_ablation.variants import checked_arm
+from evaluation.slam_ablation.variants import check_variant
 
 pytestmark = pytest.mark.slow
 
@@ -48,7 +48,7 @@ def listed(own: SequenceSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(listed: Path, out: Path, *more: str) -> list[str]:
     words = [sys.executable, "-m", "evaluation.slam_ablation.run", "--out", str(out), "--list", str(listed)]
-    return [*words, "--seeds", "0", "--arms", "odometry", "graph", "oracle", *more]
+    return [*words, "--seeds", "0", "--variants", "odometry", "graph", "oracle", *more]
 
 
 def without_times(out: Path) -> list[dict[str, str]]:
@@ -81,7 +81,7 @@ def test_rows_say_what_was_run_and_how_it_went(whole: Path) -> None:
     for row in rows:
         assert row["matched_poses"] == row["total_poses"] == row["scans"] != "0"
         assert 30 < float(row["peak_memory_mb"]) < 4000 and float(row["seconds"]) > 0
-        assert "--seeds 0 --arms" in row["command"] and row["arm"] in row["command"].split()
+        assert "--seeds 0 --variants" in row["command"] and row["arm"] in row["command"].split()
     assert odometry["wall_precision"] == "" and float(oracle["wall_precision"]) > 0.5
     assert float(oracle["match_precision"]) > 0.9
     stages = sum(float(oracle[f"seconds_{s}"]) for s in ("odometry", "surfaces", "rooms", "matching", "optimisation"))
@@ -168,13 +168,13 @@ def test_list_of_sequences(tmp_path: Path) -> None:
 
 
 def records(**errors: list[float]) -> Records:
-    """Runs of arms with these errors."""
+    """Runs of variants with these errors."""
     return [
         {
-            **dict.fromkeys(ACCURACY, ""), "sequence": "a_b", "conditions": "normal", "arm": arm, "seed": str(seed),
+            **dict.fromkeys(ACCURACY, ""), "sequence": "a_b", "conditions": "normal", "arm": variant, "seed": str(seed),
             "rmse_bim_m": str(error), "anchored": "True", "matched_poses": "9", "total_poses": "10", "weakening": "",
         }
-        for arm, own in errors.items()
+        for variant, own in errors.items()
         for seed, error in enumerate(own)
     ]  # fmt: skip
 
@@ -190,9 +190,10 @@ def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
 
 def test_mistakes_on_the_command_line(tmp_path: Path) -> None:
     assert "castle" in refused("evaluation.slam_ablation.run", "--out", tmp_path, "--sequences", "castle")
-    for arm, what in (("fast", "no arm"), ("oracle:x", "no arm"), ("anchored:guessing", "no matching method")):
+    unknown, no_method = "unknown variant", "no matching method"
+    for variant, what in (("fast", unknown), ("oracle:x", unknown), ("anchored:guessing", no_method)):
         with pytest.raises(UserError, match=what):
-            checked_arm(arm)
+            check_variant(variant)
     with pytest.raises(UserError, match="share"):
         Conditions(moved_walls=2.0)
 

@@ -63,7 +63,7 @@ def test_odometry_is_weakened_until_its_error_is_large_enough() -> None:
     assert np.allclose(steps[10:180], 0.05 * (1 + weak.level / 100))  # so many per cent too long
     same, other = (weaken_odometry(truth, truth, seed=s).trajectory.poses for s in (3, 4))
     assert np.array_equal(same, weak.trajectory.poses) and not np.allclose(other, same)
-    assert f"{weak.level} % too long" in weak.told() and f"{RANGE_M:g} m" in weak.told()
+    assert f"{weak.level} % too long" in weak.describe() and f"{RANGE_M:g} m" in weak.describe()
     assert weaken_odometry(around_a_block(400.0), around_a_block(400.0), seed=3).level < weak.level
     with pytest.raises(UserError, match="too short"):
         weaken_odometry(around_a_block(0.5), around_a_block(0.5), seed=0)

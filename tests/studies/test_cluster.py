@@ -20,8 +20,8 @@ from data.common.errors import UserError
 from evaluation.matching_benchmark.pairs import Pair, pairs_of_cell, read_candidates
 from evaluation.matching_benchmark.rows import Row, read_rows
 from evaluation.matching_benchmark.run import main
-from evaluation.matching_benchmark.tasks import Wanted, key_of, tasks_of
-from evaluation.matching_benchmark.worker import blank_row, judged, run_tasks
+from evaluation.matching_benchmark.tasks import BenchmarkOptions, key_of, tasks_of
+from evaluation.matching_benchmark.worker import blank_row, run_tasks, score_answer
 from matching import Matcher
 from matching.train import main as train
 
@@ -65,7 +65,7 @@ def test_interrupted_and_with_a_worker_killed_the_rows_are_those_of_one_machine(
         assert client.communicate()[1] == "interrupted\n" and client.returncode == 130
         while watching.run_on_scheduler(lambda dask_scheduler: len(dask_scheduler.tasks)):
             time.sleep(0.02)
-        wanted = Wanted(
+        wanted = BenchmarkOptions(
             tmp_path, (plan,), (), None, dict.fromkeys(METHODS, PAIRS), ("real",), ROOMS, ("small",), 0, 60.0, 1, None
         )
         every = [p for rooms in ROOMS for p in pairs_of_cell(read_candidates([plan], []), "real", rooms, PAIRS, 0)]
@@ -83,8 +83,8 @@ def test_interrupted_and_with_a_worker_killed_the_rows_are_those_of_one_machine(
 
 def found_here(pair: Pair) -> list[Row]:
     prepared = pair.prepare()
-    voting = judged(blank_row(pair, prepared, "voting"), prepared, Matcher.load("voting"))
-    return [voting, judged(blank_row(pair, prepared, "oracle"), prepared, None)]
+    voting = score_answer(blank_row(pair, prepared, "voting"), prepared, Matcher.load("voting"))
+    return [voting, score_answer(blank_row(pair, prepared, "oracle"), prepared, None)]
 
 
 def test_a_task_that_ends_its_worker_each_time_is_named_and_the_others_are_done(scheduler: str) -> None:

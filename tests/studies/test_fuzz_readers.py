@@ -10,13 +10,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from evaluation.fuzzing import run as fuzz
-from evaluation.fuzzing.mutations import crc32c, mutated, mutated_json
+from evaluation.fuzzing.mutations import crc32c, mutate, mutate_json
 from evaluation.fuzzing.readers import READERS, Reader
 
 BY_NAME = {reader.name: reader for reader in READERS}
 SLOW = {"IFC", "IFC, packed", "DXF", "mesh .stl", "mesh .obj", "network's input", "network of torch"}  # the command's
 QUICK = [name for name in BY_NAME if name not in SLOW]
-fuzz.ring_on_time()
+fuzz.raise_on_timeout()
 _samples: dict[str, list[bytes]] = {}
 
 
@@ -59,7 +59,7 @@ def test_the_same_seed_makes_the_same_inputs(tmp_path: Path) -> None:
     first = [fuzz.input_of(reader, seeds, 3, k) for k in range(20)]
     assert first == [fuzz.input_of(reader, seeds, 3, k) for k in range(20)]
     assert len(set(first)) > 15 and first != [fuzz.input_of(reader, seeds, 4, k) for k in range(20)]
-    assert mutated([b""], random.Random(0)) is not None and mutated_json([b"[]"], random.Random(0)) is not None
+    assert mutate([b""], random.Random(0)) is not None and mutate_json([b"[]"], random.Random(0)) is not None
     assert crc32c(b"123456789") == 0xE3069283  # of the standard (RFC 3720)
 
 

@@ -12,7 +12,7 @@ from small_ifc import write_small_ifc
 from data.common.errors import UserError
 from data.scans import ScanFolder
 from evaluation.harness import endless_drive
-from evaluation.harness.endless_drive import EndlessDrive, Way
+from evaluation.harness.endless_drive import DriveSpec, EndlessDrive
 
 pytestmark = pytest.mark.slow
 
@@ -25,7 +25,7 @@ def bim(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_drive_comes_in_parts_that_are_gone_when_they_were_read(bim: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(endless_drive, "_PART", 8)
     stamps, sizes, before = list[int](), list[int](), None
-    with EndlessDrive(Way(bim, "Ground", 20)) as drive:
+    with EndlessDrive(DriveSpec(bim, "Ground", 20)) as drive:
         for part in drive.parts():
             assert before is None or not before.exists()
             before = part
@@ -38,7 +38,7 @@ def test_a_drive_comes_in_parts_that_are_gone_when_they_were_read(bim: Path, mon
 
 
 def test_a_standing_robots_scans_differ_by_their_noise_alone(bim: Path) -> None:
-    with EndlessDrive(Way(bim, "Ground", 3, standing=True)) as drive:
+    with EndlessDrive(DriveSpec(bim, "Ground", 3, standing=True)) as drive:
         assert np.ptp(drive.truth.positions, axis=0).max() == 0
         (part,) = ([scan.points for scan in ScanFolder(folder)] for folder in drive.parts())
     first, second = part[0], part[1]
@@ -49,7 +49,7 @@ def test_a_standing_robots_scans_differ_by_their_noise_alone(bim: Path) -> None:
 
 def test_a_storey_that_is_not_there_is_told(bim: Path) -> None:
     with pytest.raises(UserError, match="Attic"):
-        EndlessDrive(Way(bim, "Attic", 3))
+        EndlessDrive(DriveSpec(bim, "Attic", 3))
 
 
 def test_the_command_measures_and_writes_its_section(bim: Path, tmp_path: Path) -> None:

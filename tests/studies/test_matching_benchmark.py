@@ -23,7 +23,7 @@ from evaluation.matching_benchmark.pairs import Candidate, pairs_of_cell, read_c
 from evaluation.matching_benchmark.rows import Row, read_rows
 from evaluation.matching_benchmark.run import main
 from evaluation.matching_benchmark.tables import markdown, tables
-from evaluation.matching_benchmark.worker import Task, blank_row, judged, run_tasks
+from evaluation.matching_benchmark.worker import Task, blank_row, run_tasks, score_answer
 from matching import Matcher
 from matching.result import MatchResult
 
@@ -66,9 +66,9 @@ def undisturbed(plans: Path) -> list[Row]:
     for regime in ("real", "negative"):
         for pair in [p for rooms in (2, None) for p in pairs_of_cell(candidates, regime, rooms, 6, 0)]:
             prepared = pair.prepare()
-            rows.append(judged(blank_row(pair, prepared, "voting"), prepared, Matcher.load("voting")))
+            rows.append(score_answer(blank_row(pair, prepared, "voting"), prepared, Matcher.load("voting")))
             if regime == "real":  # no oracle where there is no truth
-                rows.append(judged(blank_row(pair, prepared, "oracle"), prepared, None))
+                rows.append(score_answer(blank_row(pair, prepared, "oracle"), prepared, None))
     return rows
 
 

@@ -11,8 +11,8 @@ from evaluation.matching_benchmark.timing import (
     Large,
     Times,
     in_new_process,
+    measure_large,
     measured,
-    measured_large,
     page_of,
 )
 
@@ -32,7 +32,7 @@ def test_everything_is_timed():
 
 
 def test_memory_is_the_most_that_was_held():
-    large = measured_large(SMALL, 1)
+    large = measure_large(SMALL, 1)
     assert large.memory > 50 and large.grown >= 0 and large.match > 0
 
 

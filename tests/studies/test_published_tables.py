@@ -17,7 +17,7 @@ from data.synthetic_maps.noise_models import draw
 from evaluation.matching_benchmark.pairs import Candidate, DrawnPair, Pair, Prepared
 from evaluation.matching_benchmark.rows import Row, Tally, read_rows
 from evaluation.published.page import f1_of, joint, page_of
-from evaluation.published.pairs import SE2_ANYWHERE, generated_candidates, known_pairs, start_regime, with_starts
+from evaluation.published.pairs import SE2_ANYWHERE, generated_candidates, known_map_pairs, start_regime, with_starts
 from evaluation.published.tables import main
 from matching.published.network import REPOSITORY, PaperNetwork
 from matching.published.weights import save_paper_network
@@ -60,7 +60,7 @@ def known(tmp_path: Path) -> Path:
 
 
 def test_parts_of_a_known_map_are_there_as_they_lie_and_laid_anywhere(known: Path):
-    found = known_pairs(known)
+    found = known_map_pairs(known)
     assert len(found) == 2 * 4 and [p.rooms for p in found[:2]] == [2, 2] and found[-1].rooms is None
 
     def yaw(pair: Pair) -> float:

@@ -51,7 +51,7 @@ def test_files_are_read_as_they_were_written(drive: SlamDrive, tmp_path: Path) -
     write_drive(tmp_path, drive, "small")
     assert list(read_drives(tmp_path)) == [drive]
     drive_file(tmp_path, "own", 0).write_text('{"graphs": []}')
-    with pytest.raises(UserError, match=r"own-0.*make it anew"):
+    with pytest.raises(UserError, match=r"own-0.*make it again"):
         list(read_drives(tmp_path))
     with pytest.raises(UserError, match=r"evaluation\.harness\.slam_graphs"):
         list(read_drives(tmp_path / "drives"))
