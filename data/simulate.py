@@ -14,8 +14,7 @@ import argparse
 from data.common.cli import Parser, run_command
 from data.plans.mesh_files import MESH_SUFFIXES
 from data.scans.writers import SCAN_WRITERS
-from data.simulation.changes import Changes
-from data.simulation.drive import Robot
+from data.simulation import Changes, Robot
 from data.simulation.simulate import ROBOT, simulate
 
 

@@ -16,7 +16,7 @@ from data.common.errors import UserError
 from data.geometry.poses import poses_to_xyzquat
 from data.scene_graph.g2o import plane_of, read_g2o
 from matching import Matcher
-from sgslam.backend.plane_graph import anchor_plane_graph
+from sgslam.backend import anchor_plane_graph
 from sgslam.geometry.frames import se2_to_se3
 
 

@@ -8,13 +8,12 @@ from typing import Protocol
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from matching.arrays.walls import Walls, arrays, storeys
-from matching.combinatorial.search import CombinatorialMatcher
-from matching.combinatorial.settings import DEVELOP, GRID
+from matching.arrays import Walls, arrays, storeys
+from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
 from matching.result import Hypothesis, MatchResult
+from matching.search import Start, near_start
 from matching.search.assignment import assign
 from matching.search.hypotheses import Placement, search
-from matching.search.start import Start, near_start
 from matching.search.verification import verify
 
 LISTED = 10  # hypotheses in the result, at most
@@ -115,8 +114,8 @@ class Matcher:
 
 
 def _learned(weights: Path | str | None) -> Method:
-    from matching.deformation.matcher import DeformableMatcher  # compiled loops are slow to import
-    from matching.learned.proposer import LearnedProposer
+    from matching.deformation import DeformableMatcher  # compiled loops are slow to import
+    from matching.learned import LearnedProposer
     from matching.search.voting_proposals import voting_proposals
 
     return DeformableMatcher(LearnedProposer.load(weights).propose, voting_proposals)

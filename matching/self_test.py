@@ -9,9 +9,9 @@ from data.common.compiled import FOLDER
 from data.common.compiling import on_two_cores
 from data.common.processes import cores
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
-from matching.arrays.walls import Walls
+from matching.arrays import Walls
 from matching.matcher import Matcher
-from matching.search.proposals import Proposals, TopK
+from matching.search import Proposals, TopK
 
 
 def work() -> None:
@@ -37,14 +37,14 @@ def make_ready(matcher: Matcher, method: str) -> None:
 
 def propose() -> None:
     """The first half of what `learned` compiles."""
-    from matching.learned.proposer import LearnedProposer
+    from matching.learned import LearnedProposer
 
     LearnedProposer.load().propose(three_rooms(), three_rooms())
 
 
 def search() -> None:
     """Compiles the other half: without proposals, all steps of placing and verification run."""
-    from matching.deformation.matcher import DeformableMatcher
+    from matching.deformation import DeformableMatcher
     from matching.search.voting_proposals import voting_proposals
 
     def nothing(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:

@@ -112,7 +112,7 @@ def _device(name: str, gpu: bool) -> str:
 
 def _split(paths: list[Path]) -> tuple[list["Plan"], list["Plan"]]:
     """The files' plans for training and validation, split by building; test buildings are in neither."""
-    from data.plans.sources import read_plans
+    from data.plans import read_plans
     from data.plans.splits import split_of
 
     plans = [p for path in paths for p in read_plans(path) if p.graph.rooms]

@@ -15,12 +15,12 @@ from sgslam.own_packages import foreign_package
 
 if TYPE_CHECKING:
     from data.common.errors import UserError
-    from data.plans.bim import load_bim
+    from data.plans import load_bim
     from data.scene_graph import SceneGraph
     from matching.matcher import Matcher
     from sgslam.config import Config
     from sgslam.odometry.kiss import KissOdometry
-    from sgslam.session.result import Result, Update
+    from sgslam.session import Result, Update
     from sgslam.slam import SceneGraphSlam
 
     __version__: str

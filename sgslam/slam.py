@@ -7,21 +7,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from data.plans.bim import Bim
+from data.plans import Bim
 from matching.protocol import AnyMatcher
-from sgslam.anchoring.anchor_log import AnchorRecord
+from sgslam.anchoring import AnchorRecord
 from sgslam.config import Config
-from sgslam.loops.closure import LoopCloser
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.loops import LoopCloser
+from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
-from sgslam.perception.scan_checks import RawScan, checked_scan
+from sgslam.perception import RawScan, checked_scan
+from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
-from sgslam.session.prior_map import PriorMap
-from sgslam.session.result import Result, Update
-from sgslam.session.session import Session
-from sgslam.session.snapshot import Snapshot, take_snapshot
-from sgslam.session.stopwatch import Stopwatch
-from sgslam.tracking.kidnap import KidnapDetector, all_fit
+from sgslam.session.snapshot import take_snapshot
+from sgslam.tracking import KidnapDetector
+from sgslam.tracking.kidnap import all_fit
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from data.scans import ScanFolder
-from evaluation.harness.sequences import SequenceSpec, odometry_alone, prepare
+from evaluation.harness import SequenceSpec, prepare
+from evaluation.harness.sequences import odometry_alone
 from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.geometry.frames import inverse
 from sgslam.run import main as run

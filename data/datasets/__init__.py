@@ -1,1 +1,7 @@
 """Public data sets, converted to the input of `sgslam.run`."""
+
+from data.datasets.slabim import SlabimSession
+
+__all__ = [
+    "SlabimSession",
+]

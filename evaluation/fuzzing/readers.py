@@ -30,7 +30,7 @@ class Reader:
 
 
 def _building(path: Path) -> object:
-    from data.plans.bim import load_bim
+    from data.plans import load_bim
 
     return load_bim(path, path.parent / "cache")
 
@@ -78,7 +78,7 @@ def _graph(path: Path) -> object:
 
 
 def _plans(path: Path) -> object:
-    from data.plans.sources import read_plans
+    from data.plans import read_plans
 
     return list(read_plans(path, on_skip=lambda line: None))
 
@@ -102,13 +102,13 @@ def _learned(path: Path) -> object:
 
 
 def _state(path: Path) -> object:
-    from sgslam.serialization.state_file import read_state
+    from sgslam.serialization import read_state
 
     return read_state(path, {})
 
 
 def _clouds(path: Path) -> object:
-    from sgslam.mapping.keyframe_clouds import KeyframeClouds
+    from sgslam.mapping import KeyframeClouds
 
     clouds = KeyframeClouds.open(path)
     return [clouds[k] for k in clouds]
@@ -162,14 +162,14 @@ def _weights_sample(suffix: str, folder: Path) -> list[bytes]:
 
 
 def _state_sample(folder: Path) -> list[bytes]:
-    from sgslam.serialization.state_file import write_state
+    from sgslam.serialization import write_state
 
     write_state(folder / "a.npz", {"run": 1}, {"points": samples.POINTS, "list": [1, 2.5, "x", (1, None)]}, {})
     return [(folder / "a.npz").read_bytes()]
 
 
 def _clouds_sample(folder: Path) -> list[bytes]:
-    from sgslam.mapping.keyframe_clouds import KeyframeClouds
+    from sgslam.mapping import KeyframeClouds
 
     clouds = KeyframeClouds(folder / "a.bin")
     for k in range(3):

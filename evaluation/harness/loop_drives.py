@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
-from data.simulation.drive import Robot, drive
-from data.simulation.sensor import SpinningSensor
+from data.simulation import Robot, SpinningSensor
+from data.simulation.drive import drive
 from data.simulation.simulate import ROBOT_TOP
 from data.trajectory import Trajectory
 from evaluation.harness.loop_buildings import LoopBuilding, long_corridor, ring

@@ -11,11 +11,11 @@ import yaml
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.plans.mesh_files import is_mesh
 from data.scans import Scan, ScanFolder
 from data.scene_graph import SceneGraph
-from data.simulation.changes import Changes
+from data.simulation import Changes
 from data.simulation.simulate import PLAN
 from data.trajectory import Trajectory
 from evaluation.harness.conditions import NORMAL, Conditions

@@ -78,7 +78,7 @@ def _with_truth(s_graph: SceneGraph, storey: SceneGraph, T_bim_map: np.ndarray, 
 
 def specs_of(bims: list[str]) -> list[SequenceSpec]:
     """A drive through every storey with enough rooms; `demo` stands for the demo building. Raises UserError."""
-    from data.plans.bim import load_bim
+    from data.plans import load_bim
 
     specs = []
     for bim in bims:

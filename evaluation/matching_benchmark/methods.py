@@ -12,8 +12,8 @@ import numpy as np
 
 from data import SceneGraph
 from matching import Matcher
-from matching.arrays.walls import Walls
-from matching.search.proposals import Proposals, TopK
+from matching.arrays import Walls
+from matching.search import Proposals, TopK
 
 
 def load_method(name: str) -> Matcher:
@@ -26,15 +26,15 @@ def load_method(name: str) -> Matcher:
 
 
 def _voting(by_parts: bool) -> Matcher:
-    from matching.deformation.matcher import DeformableMatcher
+    from matching.deformation import DeformableMatcher
     from matching.search.voting_proposals import voting_proposals
 
     return Matcher(DeformableMatcher(partial(voting_proposals, by_parts=by_parts)))
 
 
 def _shuffled() -> Matcher:
-    from matching.deformation.matcher import DeformableMatcher
-    from matching.learned.proposer import LearnedProposer
+    from matching.deformation import DeformableMatcher
+    from matching.learned import LearnedProposer
 
     network = LearnedProposer.load()
 

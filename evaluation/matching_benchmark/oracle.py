@@ -11,7 +11,7 @@ import numpy as np
 from data import SceneGraph
 from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph
-from matching.arrays.walls import Walls, arrays, storeys
+from matching.arrays import Walls, arrays, storeys
 from matching.result import Hypothesis, MatchResult
 from matching.search.assignment import assign
 from matching.search.hypotheses import Placement, groups_of

@@ -10,7 +10,8 @@ import numpy as np
 
 from data import SceneGraph
 from data.common.errors import UserError
-from data.plans.sources import Plan, read_plans
+from data.plans import read_plans
+from data.plans.sources import Plan
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
 from evaluation.harness.slam_graph_files import read_drives
 from evaluation.matching_benchmark.rows import written_as

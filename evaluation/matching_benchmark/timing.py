@@ -98,7 +98,7 @@ class Large:
 
 def measured(case: Case, repeat: int) -> Times:
     """Measures everything alternately."""
-    from matching.learned.proposer import LearnedProposer
+    from matching.learned import LearnedProposer
     from matching.published.forward import paper_forward  # imports torch
 
     s, a = case.graphs()

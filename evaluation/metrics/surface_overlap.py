@@ -11,7 +11,7 @@ from data.common.errors import UserError
 from data.geometry import se2
 from data.geometry.line_fit import fit_to_lines
 from data.geometry.wall_directions import WallDirections
-from matching.arrays.walls import arrays
+from matching.arrays import arrays
 from sgslam.geometry.frames import is_rigid
 from sgslam.report.accuracy import yaw_errors
 

@@ -18,7 +18,8 @@ from data.trajectory import Trajectory
 from evaluation.metrics.alignment import Alignment, align
 from evaluation.metrics.statistics import Statistics
 from sgslam.geometry.frames import inverse
-from sgslam.report.accuracy import TOLERANCE_NS, associate, yaw_errors
+from sgslam.report import associate
+from sgslam.report.accuracy import TOLERANCE_NS, yaw_errors
 
 Array = NDArray[np.float64]
 SUB_LENGTHS_M = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)  # a tenth of KITTI's, for buildings

@@ -13,7 +13,7 @@ from data.common.errors import UserError
 from data.common.files import write_json
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import IfcProduct
-from data.simulation.changes import Change, Changes
+from data.simulation import Change, Changes
 from data.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -25,8 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from evaluation.harness.benchmark_page import made_by, write_section
     from evaluation.published.combinatorial_behaviour import behaviour
     from evaluation.published.combinatorial_times import times
-    from matching.combinatorial.search import CombinatorialMatcher
-    from matching.combinatorial.settings import DEVELOP, GRID
+    from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
 
     released, later = (CombinatorialMatcher(replace(x, limit_s=options.limit)).match for x in (DEVELOP, GRID))
     answers = behaviour(released, later)

@@ -17,7 +17,7 @@ from data.common.errors import UserError
 from data.scene_graph import SceneGraph, WallSurface
 from data.scene_graph.g2o import PlaneGraph, PlaneSeen, plane_of, read_g2o
 from matching import Matcher
-from sgslam.backend.plane_graph import anchor_plane_graph
+from sgslam.backend import anchor_plane_graph
 from sgslam.geometry.frames import se2_to_se3, transform_planes
 
 Pairs = list[tuple[int, WallSurface]]

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from data.geometry import se2
-from data.plans.sources import Plan, read_plans
+from data.plans import read_plans
+from data.plans.sources import Plan
 from data.scene_graph import SceneGraph
 from data.scene_graph.motion import moved
 from data.synthetic_maps.noise_models import DrawnGraph

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from evaluation.harness.sequences import Sequence, storey_of
+from evaluation.harness import Sequence
+from evaluation.harness.sequences import storey_of
 from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.matches import matching_scores
 from evaluation.metrics.trajectories import drift, error_in_bim, matched, rpe
 from evaluation.metrics.true_matches import true_matches
 from matching import MatchResult
-from sgslam.session.result import Result
+from sgslam.session import Result
 
 RPE_M = 1.0
 

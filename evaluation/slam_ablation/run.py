@@ -17,9 +17,16 @@ from data.common.cli import Parser, run_command
 from data.common.cluster import add_options
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from evaluation.harness.conditions import NORMAL, Conditions
-from evaluation.harness.record_file import read_records, write_records
-from evaluation.harness.sequences import SequenceSpec, prepare, read_specs, select_sequences
+from evaluation.harness import (
+    Conditions,
+    SequenceSpec,
+    prepare,
+    read_records,
+    read_specs,
+    select_sequences,
+    write_records,
+)
+from evaluation.harness.conditions import NORMAL
 from evaluation.slam_ablation.rows import COLUMNS, KEY, Record, Records
 from evaluation.slam_ablation.variants import VARIANTS, WITHOUT_BIM, check_variant
 from evaluation.slam_ablation.worker import Answer, Task, run_in_process, run_on_worker

@@ -14,7 +14,8 @@ from data.common.errors import UserError
 from data.plans.mesh_files import is_mesh
 from data.scans import Scan, ScanFolder
 from data.trajectory import Trajectory
-from evaluation.harness.sequences import Sequence, odometry_alone, storey_of
+from evaluation.harness import Sequence
+from evaluation.harness.sequences import odometry_alone, storey_of
 from evaluation.harness.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.harness.weakened import shortened
 from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
@@ -22,7 +23,7 @@ from evaluation.slam_ablation.rows import Row, errors_over_time, map_numbers, tr
 from matching import Matcher
 from sgslam.anchoring.floor_anchoring import AnyMatcher
 from sgslam.config import AnchorSettings, Config, MatchingSettings
-from sgslam.session.result import Result
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 VARIANTS = {

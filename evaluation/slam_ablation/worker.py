@@ -7,8 +7,7 @@ from pathlib import Path
 
 from data.common.children import may_have_children, run_isolated
 from data.common.cluster_worker import scratch
-from evaluation.harness.conditions import Conditions
-from evaluation.harness.sequences import SequenceSpec, prepare
+from evaluation.harness import Conditions, SequenceSpec, prepare
 from evaluation.slam_ablation.rows import KEY, Records, as_record, errors_file
 from evaluation.slam_ablation.variants import config_of, run_variants
 

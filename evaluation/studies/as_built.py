@@ -17,11 +17,20 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.scans import ScanFolder
-from data.simulation.changes import Changes
+from data.simulation import Changes
+from evaluation.harness import (
+    Conditions,
+    Sequence,
+    SequenceSpec,
+    prepare,
+    read_records,
+    read_specs,
+    select_sequences,
+    write_records,
+)
 from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.conditions import Conditions
-from evaluation.harness.record_file import Record, read_records, write_records
-from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs, select_sequences, storey_of
+from evaluation.harness.record_file import Record
+from evaluation.harness.sequences import storey_of
 from evaluation.metrics.as_built_scores import KINDS, LEAST_VIEWS, deviation_scores
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from sgslam.config import Config, MatchingSettings
@@ -118,7 +127,7 @@ def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path, conf
 
 def walls_of(spec: SequenceSpec, sequence: Sequence) -> list[TrueWall]:
     """The true walls of a drive's storey, with the poses of would-be keyframes as viewpoints."""
-    from sgslam.mapping.keyframes import KeyframeRule
+    from sgslam.mapping import KeyframeRule
 
     drive, c = sequence.scan_dir.parent, sequence.conditions
     rule = KeyframeRule(Config().keyframes)

@@ -13,8 +13,8 @@ import numpy as np
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically
+from evaluation.harness import SequenceSpec
 from evaluation.harness.benchmark_page import made_by, wall_clock, write_section
-from evaluation.harness.sequences import SequenceSpec
 from evaluation.slam_ablation.rows import Records
 from evaluation.slam_ablation.run import ablate
 

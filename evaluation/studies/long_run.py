@@ -21,13 +21,13 @@ import numpy as np
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.scans import ScanFolder
 from evaluation.harness.endless_drive import DriveSpec, EndlessDrive
-from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
-from sgslam.session.checkpoints import Checkpoints
+from sgslam.mapping import KeyframeClouds
+from sgslam.mapping.keyframe_clouds import FILE
+from sgslam.session import Checkpoints, Stopwatch
 from sgslam.session.result import prepare_folder
-from sgslam.session.stopwatch import Stopwatch
 from sgslam.slam import SceneGraphSlam
 
 _ROWS = 10

@@ -18,15 +18,15 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.trajectory import Trajectory
+from evaluation.harness import SequenceSpec, read_records, read_specs, select_sequences, write_records
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
-from evaluation.harness.record_file import Record, read_records, write_records
-from evaluation.harness.sequences import SequenceSpec, read_specs, select_sequences
+from evaluation.harness.record_file import Record
 from evaluation.metrics.trajectories import ape, drift, rpe
 from sgslam.config import Config, TrackingSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse
-from sgslam.mapping.graph_nodes import Closure
+from sgslam.mapping import Closure
 from sgslam.slam import SceneGraphSlam
 
 FRONT_ENDS = {

@@ -14,13 +14,14 @@ import numpy as np
 from data.common.cli import Parser, run_command
 from data.common.files import write_atomically
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.scans import ScanFolder
-from data.simulation.drive import Robot
+from data.simulation import Robot
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
+from evaluation.harness import RecordFile
 from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.record_file import Record, RecordFile
+from evaluation.harness.record_file import Record
 from evaluation.metrics.trajectories import error_in_bim
 from sgslam.slam import SceneGraphSlam
 

@@ -15,7 +15,8 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
-from evaluation.harness.sequences import Sequence, SequenceSpec, plan_of, prepare, read_specs, select_sequences
+from evaluation.harness import Sequence, SequenceSpec, prepare, read_specs, select_sequences
+from evaluation.harness.sequences import plan_of
 from matching import Matcher, MatchResult
 from sgslam.slam import SceneGraphSlam
 

@@ -18,24 +18,17 @@ from data.common.cli import Parser, run_command
 from data.common.files import write_atomically
 from data.scans import ScanFolder
 from data.trajectory import Trajectory
+from evaluation.harness import RecordFile, Sequence, SequenceSpec, prepare, read_specs, select_sequences
 from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.record_file import Record, RecordFile
-from evaluation.harness.sequences import (
-    Sequence,
-    SequenceSpec,
-    odometry_alone,
-    odometry_of_run,
-    prepare,
-    read_specs,
-    select_sequences,
-)
+from evaluation.harness.record_file import Record
+from evaluation.harness.sequences import odometry_alone, odometry_of_run
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.trajectories import ape, error_in_bim, rpe
 from evaluation.studies.timing import seconds_of_kiss_icp
 from sgslam.config import Config, OdometrySettings
 from sgslam.odometry import METHODS
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.session.result import Result
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 ODOMETRIES = {"kiss": "KISS-ICP", "small_gicp": "small_gicp", "given": "a TUM file"}

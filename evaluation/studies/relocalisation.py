@@ -20,17 +20,26 @@ from data.common.errors import UserError
 from data.common.files import write_atomically
 from data.scans import ScanFolder
 from data.trajectory import Trajectory
+from evaluation.harness import (
+    Sequence,
+    SequenceSpec,
+    prepare,
+    read_records,
+    read_specs,
+    select_sequences,
+    write_records,
+)
 from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.record_file import Record, read_records, write_records
-from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs, select_sequences, storey_of
+from evaluation.harness.record_file import Record
+from evaluation.harness.sequences import storey_of
 from evaluation.metrics.rooms_seen import RoomsNeeded, rooms_entered, rooms_needed, rooms_seen
 from evaluation.metrics.trajectories import ape
 from matching import Matcher
 from sgslam.config import Config, MatchingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.session.checkpoints import FILE, Checkpoints
-from sgslam.session.prior_map import PriorMap
+from sgslam.session import Checkpoints, PriorMap
+from sgslam.session.checkpoints import FILE
 from sgslam.slam import SceneGraphSlam
 
 Array = NDArray[np.float64]

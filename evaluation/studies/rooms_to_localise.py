@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.pairs < 1 or options.every < 1:
         raise UserError("--pairs and --every: must be 1 or more")
     from data.common.json_files import read_json
-    from data.plans.bim import load_bim
+    from data.plans import load_bim
 
     inspection = read_json(options.inspection, "what inspect-bim wrote")
     graph = load_bim(options.bim).graph

@@ -24,7 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     options, more = parser.parse_known_args(arguments)
     if fixed := [x for x in more if x.partition("=")[0] in OWN]:
         raise UserError(f"{fixed[0]}: is set by the session; leave it out")
-    from data.datasets.slabim import SlabimSession
+    from data.datasets import SlabimSession
 
     sequence = options.out / "sequence"
     SlabimSession.open(options.dataset, options.session).lay_out(sequence)

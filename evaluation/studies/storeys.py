@@ -23,7 +23,7 @@ from data.trajectory import Trajectory
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.sequences import storey_of
 from sgslam.config import Config, MatchingSettings
-from sgslam.session.result import Result
+from sgslam.session import Result
 
 WRONG_M = 1.0  # error of the newest pose in the BIM frame above which the place is wrong
 WRONG_STOREY_M = 1.5  # error of its height above which the storey is wrong
@@ -86,7 +86,7 @@ def _read(path: Path) -> Row:
 def _measured(
     bim: Path, storeys: tuple[str, ...], seed: int, size: tuple[int, float], drive: Path, config: Config
 ) -> Row:
-    from data.plans.bim import load_bim
+    from data.plans import load_bim
     from data.scans import ScanFolder
     from data.simulation.simulate import simulate
     from sgslam.slam import SceneGraphSlam
@@ -231,7 +231,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def main() -> int:
     """The command line."""
-    from data.plans.bim import load_bim
+    from data.plans import load_bim
 
     options = _parser().parse_args()
     if options.starts and options.climb:

@@ -30,7 +30,7 @@ from data.synthetic_maps.wall_noise import MISSING, SHORTEST, SIGMA_END
 from matching.ambiguity.perfect_map import visible_walls
 from matching.ambiguity.symmetry_doors import doors_at_home, doors_there, observed_doors
 from matching.ambiguity.symmetry_evidence import PlacedPart, part_of, place_part
-from matching.arrays.walls import Index, Walls, arrays, storeys
+from matching.arrays import Index, Walls, arrays, storeys
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD, between_graphs
 from matching.search.scoring import explained
 from matching.search.voting import candidates

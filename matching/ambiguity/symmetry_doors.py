@@ -10,8 +10,8 @@ from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import SIGMA_DOOR, DrawnGraph
 from data.synthetic_maps.room_noise import DOOR_MISSING
 from matching.ambiguity.symmetry_evidence import Part, PlacedPart
-from matching.arrays.doors import Doors, doors
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Doors, Index, Walls
+from matching.arrays.doors import doors
 
 NO_DOOR = 3.0  # nats: a neck within a room may be taken for a door
 NEAR = 1.0  # m from a door of the plan: further off it is none of the plan's

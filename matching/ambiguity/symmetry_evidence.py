@@ -10,7 +10,7 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import DRIFT_XY, DRIFT_YAW
 from data.synthetic_maps.wall_noise import LONGEST_CLUTTER, SIGMA_ACROSS, SIGMA_END
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Index, Walls
 from matching.search.hypotheses import groups_of
 
 SIGMA_TURN, TURNED = float(np.radians(1)), float(np.radians(3))

@@ -10,7 +10,7 @@ import numpy as np
 
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph, WallSurface
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.combinatorial.settings import CombinatorialSettings, Gaussian, Planes
 
 

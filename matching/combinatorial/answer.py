@@ -9,7 +9,7 @@ from data.scene_graph import SceneGraph
 from matching.combinatorial.affinity import Datums
 from matching.combinatorial.merge import Merged
 from matching.result import Hypothesis, MatchResult
-from matching.search.rigid_fit import fit_pairs
+from matching.search import fit_pairs
 
 LISTED = 10  # hypotheses in the result, at most
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.combinatorial.affinity import Compared, Datums, wall_affinity
 from matching.combinatorial.sets import AgreeingSet, Clock, Pairs
 from matching.combinatorial.settings import CombinatorialSettings, Planes

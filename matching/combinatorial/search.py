@@ -21,14 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.scene_graph import SceneGraph
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.combinatorial.affinity import Compared, Datums, fits_room, room_affinity, wall_affinity
 from matching.combinatorial.answer import answer, fitted
 from matching.combinatorial.merge import Merged, merged, tied, with_left_over, with_roomless
 from matching.combinatorial.sets import AgreeingSet, Clock, Pairs, TimeIsUpError, agreeing_sets, injections
 from matching.combinatorial.settings import DEVELOP, CombinatorialSettings
 from matching.result import MatchResult
-from matching.search.start import Start, near_start
+from matching.search import Start, near_start
 
 
 @dataclass(frozen=True)

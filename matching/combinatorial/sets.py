@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.combinatorial.clipper import densest
 
 CHUNK, ENTRIES = 4096, 1 << 20  # injections tried at once, and their affinities, at most

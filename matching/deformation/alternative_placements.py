@@ -10,7 +10,7 @@ from data.common.compiled import compiled
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.deformation.field import Fields, Scene, judge
 from matching.deformation.field_loops import of_direction, off_lines
 from matching.search.corners import corners

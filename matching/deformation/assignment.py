@@ -6,7 +6,7 @@ import numpy as np
 
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Index, Walls
 from matching.deformation.deformed_hypotheses import DeformedHypotheses
 from matching.deformation.field_loops import Loops, compared, turns, wall_poses
 from matching.search.assignment import Pairs

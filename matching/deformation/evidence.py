@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.deformation.door_evidence import door_evidence
 from matching.deformation.field import Fields, Judged, Scene, chi2, judge
 from matching.search.evidence import (

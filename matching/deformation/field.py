@@ -13,9 +13,8 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry import se2
 from data.geometry.se2 import Array
+from matching.arrays import Doors, Index, Walls
 from matching.arrays.blocks import elimination
-from matching.arrays.doors import Doors
-from matching.arrays.walls import Index, Walls
 from matching.deformation.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 from matching.search.groups import Groups
 from matching.search.plan_walls import PlanWalls

@@ -7,8 +7,8 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
+from matching.arrays import Index
 from matching.arrays.blocks import Elimination
-from matching.arrays.walls import Index
 from matching.search.scoring import SIGMA_HEADING, SIGMA_SCORE
 
 

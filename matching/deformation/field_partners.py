@@ -5,7 +5,7 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.deformation.field import Fields, Scene
 from matching.deformation.field_loops import Loops, of_direction, off_lines, turns, wall_poses
 

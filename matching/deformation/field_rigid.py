@@ -5,7 +5,7 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.deformation.field import Fields, Scene
 from matching.deformation.field_loops import Loops, turns, wall_poses
 from matching.search.hypotheses import DISTINCT_M, DISTINCT_RAD

@@ -10,8 +10,8 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
+from matching.arrays import Index
 from matching.arrays.blocks import solve
-from matching.arrays.walls import Index
 from matching.deformation.field import Scene
 from matching.deformation.field_loops import Loops, best_pair, compared, sharpness, strained, turns, wall_poses
 from matching.search.scoring import SIGMA_ALONG

@@ -6,7 +6,7 @@ import numpy as np
 
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.deformation.field import Fields, Scene
 from matching.deformation.field_loops import Loops
 from matching.deformation.field_partners import nearest, partners

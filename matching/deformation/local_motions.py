@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.deformation.field import Fields, Scene, rigid_state
-from matching.search.proposals import TopK
+from matching.search import TopK
 from matching.search.scoring import SIGMA_ALONG
 from matching.search.voting import ascending, most_of
 

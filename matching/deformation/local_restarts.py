@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.deformation.field import Fields, Scene, chi2, explained
 from matching.deformation.field_step import step
 from matching.search.scoring import SIGMA_SCORE

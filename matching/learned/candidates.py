@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from data.common.compiled import compiled, compiled_within
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.network.arithmetic import exp, softmax
 from matching.network.dimensions import (
     AGREEMENTS,

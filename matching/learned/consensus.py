@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from data.common.compiled import compiled, compiled_within
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.learned.candidates import Choice, agreement, expanded, log_softmax
 from matching.learned.named_weights import NamedWeights
 from matching.network.arithmetic import Linear, Norm, linear, linear_gelu, normed, sigmoid, softmax, tanh

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from data.common.compiled import compiled
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.learned.named_weights import NamedWeights
 from matching.network.arithmetic import Linear, Norm, exp, linear, linear_gelu, normed, sigmoid
 from matching.network.dimensions import HEADS

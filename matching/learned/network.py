@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from data.common.compiled import compiled
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.learned import candidates as candidates
 from matching.learned import encoder as encoder
 from matching.learned.candidates import Vectors

@@ -7,12 +7,12 @@ import numpy as np
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
-from matching.arrays.cache import PlanCache
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Index, PlanCache, Walls
 from matching.learned.network import CompiledNetwork, Encoded
 from matching.learned.weights_file import SUFFIX, load_learned
 from matching.network.features import Array32, GraphFeatures, map_features, plan_features
-from matching.search.proposals import MOST, Proposals, TopK
+from matching.search import Proposals, TopK
+from matching.search.proposals import MOST
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "learned.npz"
 ENOUGH = 0.93  # mean probability of the walls' best answers; further cycles would change little

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
+from matching.arrays import Index, Walls, arrays, storeys
 from matching.arrays.neighbours import nearest_walls
-from matching.arrays.walls import Index, Walls, arrays, storeys
 
 Array32 = NDArray[np.float32]
 NEIGHBOURS = 16  # of each node

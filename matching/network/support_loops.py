@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from data.common.compiled import compiled
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.network.arithmetic import exp
 from matching.network.dimensions import CLOSE_M, COMPARED_SIZE, LEAST_COS, LEFT_M, OFFSET_M, SCALES_M
 from matching.network.features import Array32

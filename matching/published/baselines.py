@@ -9,14 +9,13 @@ from scipy.optimize import linear_sum_assignment
 from data.common.errors import UserError
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.learned.torch_weights import load_network
 from matching.network.encoder import GraphTensors
 from matching.network.features import PairRows, map_features, plan_features
 from matching.network.registry import Network, kind_of
 from matching.result import MatchResult, Pair
-from matching.search.rigid_fit import fit_pairs
-from matching.search.start import Start
+from matching.search import Start, fit_pairs
 from matching.search.unchecked import match_unchecked
 
 WEIGHTS = Path(__file__).parents[1] / "weights"

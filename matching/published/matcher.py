@@ -13,7 +13,7 @@ from matching.published.graph import paper_graph
 from matching.published.network import Nodes, PaperNetwork
 from matching.published.weights import load_paper_network
 from matching.result import MatchResult, Pair
-from matching.search.start import Start
+from matching.search import Start
 from matching.search.unchecked import match_unchecked
 
 REASON = "the published matcher answers every time; nothing was checked"

@@ -106,7 +106,7 @@ def add_data_options(parser: Parser) -> None:
 
 def read_raw(paths: list[Path]) -> list["Plan"]:
     """Reads plans with every edge of a room as a surface, as in the published data."""
-    from data.plans.sources import read_plans
+    from data.plans import read_plans
 
     plans = [p for path in paths for p in read_plans(path, merge_collinear=False) if p.graph.rooms]
     return [p for p in plans if p.graph.wall_surfaces]

@@ -1,1 +1,13 @@
 """Rigid placements of a map in a plan: voting, evidence, verification, assignment of walls and rooms."""
+
+from matching.search.proposals import Proposals, TopK
+from matching.search.rigid_fit import fit_pairs
+from matching.search.start import Start, near_start
+
+__all__ = [
+    "Proposals",
+    "Start",
+    "TopK",
+    "fit_pairs",
+    "near_start",
+]

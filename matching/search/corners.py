@@ -5,7 +5,7 @@ import numpy as np
 from data.common.compiled import compiled
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Index, Walls
 from matching.search.voting import REACH, Marks
 
 LEAST_SINE = float(np.sin(np.radians(30)))

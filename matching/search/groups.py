@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled, compiled_within
 from data.geometry.se2 import Array
-from matching.arrays.doors import Doors
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Doors, Index, Walls
 from matching.search.hypotheses import groups_of
 
 BESIDE = 0.8  # metres between the walls of neighbours: a wall's thickness and its errors

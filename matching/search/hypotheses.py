@@ -7,7 +7,7 @@ import numpy as np
 
 from data.geometry import se2
 from data.geometry.se2 import Array
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Index, Walls
 from matching.search.evidence import evidence
 from matching.search.scoring import SIGMA_SCORE, Fit, Pairing, bend, explained, fit, refine_rigid, rigid_of
 from matching.search.voting import candidates

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
-from matching.arrays.doors import Doors, doors
-from matching.arrays.walls import Index, Walls, storeys
+from matching.arrays import Doors, Index, Walls, storeys
+from matching.arrays.doors import doors
 from matching.search.corners import corners
 from matching.search.voting import Marks
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Index, Walls
 
 MOST = 8  # proposals that are kept of one S surface or room
 

@@ -12,7 +12,7 @@ from data.common.compiled import compiled
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching.arrays.walls import Index, Walls
+from matching.arrays import Index, Walls
 
 SAME_DIRECTION = float(np.radians(15))
 SIGMA_SCORE = 0.15  # metres across, of the final judgement

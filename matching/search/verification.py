@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from matching.arrays.walls import Walls
+from matching.arrays import Walls
 from matching.result import Status
 from matching.search.assignment import Pairs
 from matching.search.confidence import place_probability

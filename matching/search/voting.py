@@ -13,7 +13,8 @@ import numpy as np
 from data.common.compiled import compiled, compiled_within
 from data.geometry.se2 import Array
 from data.geometry.se2_compiled import wrapped
-from matching.arrays.walls import Index, Walls, crossings
+from matching.arrays import Index, Walls
+from matching.arrays.walls import crossings
 
 REACH = 1.0  # metres from a wall's end to the crossing
 OPENING = float(np.radians(12))  # like corners differ by less

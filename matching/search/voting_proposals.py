@@ -6,8 +6,8 @@ import numpy as np
 
 from data.geometry.se2 import Array
 from data.scene_graph import SceneGraph
+from matching.arrays import Index, Walls, arrays, storeys
 from matching.arrays.doors import doors
-from matching.arrays.walls import Index, Walls, arrays, storeys
 from matching.search.corners import corners
 from matching.search.groups import Groups, groups
 from matching.search.proposals import Proposals, TopK

@@ -12,7 +12,7 @@ from data.plans.sources import Plan
 from data.plans.splits import Split, split_of
 from data.scene_graph import SceneGraph, Xy
 from data.synthetic_maps.noise_models import DrawnGraph, draw
-from matching.arrays.walls import Index
+from matching.arrays import Index
 from matching.network.features import GraphFeatures, PairRows, joined, map_features, plan_features
 
 NOISE_SHARES = {"real": 0.32, "drift": 0.36, "mis_segmented": 0.26, "paper": 0.06}

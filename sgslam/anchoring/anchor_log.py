@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, TypedDict
 
-from sgslam.serialization.state_tree import Stateful
+from sgslam.serialization import Stateful
 
 State = Literal["tight", "loose", "withdrawn"]
 Key = tuple[int, str]  # wall, A surface

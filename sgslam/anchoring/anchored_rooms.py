@@ -10,8 +10,7 @@ from data import WallSurface
 from sgslam.anchoring.anchor_log import AnchorStatus, Key
 from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.geometry.frames import se2_to_se3, transform_points
-from sgslam.mapping.graph_nodes import PlannedWall
-from sgslam.mapping.scene import Scene
+from sgslam.mapping import PlannedWall, Scene
 
 Floats = NDArray[np.float64]
 

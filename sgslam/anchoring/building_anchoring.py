@@ -17,8 +17,7 @@ from sgslam.anchoring.wall_alignment import WallAlignment
 from sgslam.backend.backend import Anchors
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.mapping.floors import FloorMap, Floors
-from sgslam.mapping.scene import Scene
+from sgslam.mapping import FloorMap, Floors, Scene
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

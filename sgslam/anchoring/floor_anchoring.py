@@ -18,10 +18,8 @@ from sgslam.anchoring.place_verification import CONFLICT_REASON, Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, se2_to_se3
-from sgslam.mapping.graph_nodes import Anchors
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
-from sgslam.serialization.state_tree import Stateful
+from sgslam.mapping import Anchors, Scene, WallMap
+from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -21,9 +21,8 @@ from sgslam.anchoring.place_verification import (
 from sgslam.anchoring.room_relocalisation import relocalise_by_rooms
 from sgslam.anchoring.wall_alignment import place_from_match
 from sgslam.config import AnchorSettings
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
-from sgslam.serialization.state_tree import Stateful
+from sgslam.mapping import Scene, WallMap
+from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)

@@ -11,9 +11,8 @@ from matching.protocol import Match
 from sgslam.anchoring.anchor_log import Key
 from sgslam.anchoring.wall_alignment import WallAlignment, planar_pose
 from sgslam.geometry.frames import inverse
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
-from sgslam.serialization.state_tree import Stateful
+from sgslam.mapping import Scene, WallMap
+from sgslam.serialization import Stateful
 
 _LATER = 6  # keyframes after which the same answer counts as a confirmation
 

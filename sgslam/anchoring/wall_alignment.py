@@ -13,8 +13,7 @@ from sgslam.anchoring.se2_consensus import Pairs, find_consensus
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.config import AnchorSettings
 from sgslam.geometry.frames import transform_planes
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
+from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 Surfaces = list[tuple[WallSurface, WallSurface]]  # seen, planned

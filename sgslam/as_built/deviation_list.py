@@ -3,7 +3,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from sgslam.anchoring.wall_alignment import WallAlignment
+from sgslam.anchoring import WallAlignment
 from sgslam.as_built.deviation_entries import Deviation
 from sgslam.as_built.deviation_tests import moved_walls, run_deviation_tests
 from sgslam.as_built.deviations import Piece
@@ -12,9 +12,7 @@ from sgslam.as_built.missing_and_extra_walls import extra_walls, missing_walls
 from sgslam.as_built.visibility import wall_visibility
 from sgslam.as_built.wall_solids import sides_of, solids_of
 from sgslam.config import Config
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
+from sgslam.mapping import KeyframeNode, Scene, WallMap
 
 Floats = NDArray[np.float64]
 

@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
+from sgslam.anchoring import AlignedWall, WallAlignment
 from sgslam.as_built.wall_solids import Key, Side, sides_of
-from sgslam.backend.covariances import Uncertainty
+from sgslam.backend import Uncertainty
 from sgslam.config import Config
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
+from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 _HEIGHT = 1.2  # m above the storey's floor, where offsets are measured

@@ -2,13 +2,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
+from sgslam.anchoring import AlignedWall, WallAlignment
 from sgslam.as_built.deviation_entries import ExtraDeviation
 from sgslam.as_built.deviations import STEP, along_planned
 from sgslam.as_built.wall_solids import Side
 from sgslam.config import Config
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
+from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 _LEAST = 1.0  # m in one stretch without margins; closed doors are narrower

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from sgslam.anchoring.wall_alignment import WallAlignment
+from sgslam.anchoring import WallAlignment
 from sgslam.anchoring.wall_association import WallArrays
 from sgslam.as_built.deviation_entries import AbsentDeviation, ExtraDeviation
 from sgslam.as_built.deviation_tests import OPENING, DeviationTest, as_planned, longest_opening
@@ -12,8 +12,7 @@ from sgslam.as_built.deviations import Piece
 from sgslam.as_built.visibility import MIN_KEYFRAMES, STEP, Visibility
 from sgslam.as_built.wall_solids import Key, Side, WallSolid
 from sgslam.config import Config
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
+from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 _LEAST_OPEN = 1.2, 0.6  # m and share of a surface's length that must be seen through

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from sgslam.as_built.wall_solids import Key, Side
 from sgslam.geometry.frames import transform_points
-from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping import KeyframeNode
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

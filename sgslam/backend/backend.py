@@ -18,9 +18,7 @@ from sgslam.backend.factor_log import FactorLog, Key, Kind
 from sgslam.backend.graph_builder import BIM, GraphBuilder, GraphInputs, start_values
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, is_rigid, transform_planes
-from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.wall_map import SeenWall
+from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenWall
 
 __all__ = ["Anchors", "Backend", "PlannedWall", "RoomNode"]
 Floats = NDArray[np.float64]

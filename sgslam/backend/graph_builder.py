@@ -18,10 +18,8 @@ from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
 from sgslam.backend.wall_outliers import wall_outliers
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes
-from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.wall_map import SeenWall
-from sgslam.perception.floor_extraction import FloorObservation
+from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenWall
+from sgslam.perception import FloorObservation
 
 Floats = NDArray[np.float64]
 BIM, LEVEL, IDENTITY = B(0), L(0), O(0)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.mapping.wall_map import SeenWall
+from sgslam.mapping import SeenWall
 
 MIN_TURN, SIGMAS = 0.052, 3.0  # rad, and sigmas, from the median normal of the wall's observations
 MAX_SHARE = 0.1  # of all observations; if more seem to be outliers, the map itself has drifted

@@ -15,7 +15,7 @@ from data.common.errors import UserError
 
 if TYPE_CHECKING:
     from data.trajectory import Trajectory
-    from sgslam.report.run_folder import RunFolder
+    from sgslam.report import RunFolder
 
 IFC, BCF = "as_built.ifc", "deviations.bcf"
 KITTI, KITTI_TIMES, EUROC, PLY = "trajectory.kitti", "trajectory_times.txt", "trajectory_euroc.csv", "map.ply"
@@ -28,7 +28,7 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
     that is not a run's or lacks needed files, a format that needs `bim` if it is not given, `ifc` and `bcf` of a run
     that is not anchored, and a model that cannot be read or has none of the run's walls.
     """
-    from sgslam.report.run_folder import RunFolder
+    from sgslam.report import RunFolder
 
     run = RunFolder.read(out)
     if "all" in formats:
@@ -65,7 +65,8 @@ def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.scans.ply import write_ply
     from sgslam.config.loading import load_config
     from sgslam.export.cloud_map import cloud_map
-    from sgslam.mapping.keyframe_clouds import FILE, KeyframeClouds
+    from sgslam.mapping import KeyframeClouds
+    from sgslam.mapping.keyframe_clouds import FILE
 
     voxel = voxel or load_config(run.path / "config.yaml", []).clouds.map_voxel
     clouds = KeyframeClouds.open(run.path / FILE)
@@ -120,7 +121,7 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.bcf import Model
     from data.ifc.deviations import project_of
-    from sgslam.as_built.findings import write_topics
+    from sgslam.as_built import write_topics
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()

@@ -22,8 +22,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.maps < 1 or options.jobs < 1:
         raise UserError("--maps and --jobs: must be 1 or more")
     from data.common.files import write_atomically, write_json
-    from data.plans.bim import load_bim
-    from sgslam.inspection.inspection import InspectionSettings, inspect
+    from data.plans import load_bim
+    from sgslam.inspection import InspectionSettings, inspect
     from sgslam.inspection.page import inspection_html
     from sgslam.session.result import prepare_folder
 

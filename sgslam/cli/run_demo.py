@@ -5,9 +5,9 @@ from pathlib import Path
 
 from data.common.errors import UserError
 from data.generation.demo_building import DEMO_STOREYS, write_demo_building
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.simulation.simulate import simulate
-from sgslam.anchoring.storey_hypotheses import check_storey
+from sgslam.anchoring import check_storey
 
 
 def make_demo(options: argparse.Namespace, out: Path) -> None:

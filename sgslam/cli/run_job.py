@@ -13,27 +13,28 @@ from typing import Any
 
 from data.common.errors import UserError
 from data.ifc.bcf import Model
-from data.plans.bim import Bim, load_bim
+from data.plans import Bim, load_bim
 from data.scans import ScanSource
 from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
-from sgslam.anchoring.storey_hypotheses import check_storey
-from sgslam.as_built.findings import write_topics
+from sgslam.anchoring import check_storey
+from sgslam.as_built import write_topics
 from sgslam.cli.export import BCF
 from sgslam.cli.resume_arguments import restore_arguments, run_arguments
 from sgslam.cli.run_fingerprint import check_unchanged, run_fingerprint
 from sgslam.cli.scan_loop import Progress
 from sgslam.config import Config
 from sgslam.config.loading import load_config
+from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
 from sgslam.odometry.choice import choose
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.report.accuracy import accuracy, associate
-from sgslam.session.checkpoints import Checkpoints, load
-from sgslam.session.prior_map import PriorMap
-from sgslam.session.result import Result, prepare_folder, save_result
+from sgslam.report import associate
+from sgslam.report.accuracy import accuracy
+from sgslam.session import Checkpoints, PriorMap, Result
+from sgslam.session.checkpoints import load
+from sgslam.session.result import prepare_folder, save_result
 from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from data import UserError
 from data.scans import ScanSource
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.session.checkpoints import Checkpoints
-from sgslam.session.result import Update
+from sgslam.session import Checkpoints, Update
 from sgslam.slam import SceneGraphSlam
 
 ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sgslam.report.run_folder import RunFolder
+from sgslam.report import RunFolder
 
 FILE = "scene_graph_dsg.json"
 Floats = NDArray[np.float64]

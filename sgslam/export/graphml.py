@@ -5,7 +5,7 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
-from sgslam.report.run_folder import RunFolder
+from sgslam.report import RunFolder
 
 if TYPE_CHECKING:
     import networkx

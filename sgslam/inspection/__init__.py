@@ -1,1 +1,9 @@
 """Inspection of a plan before any robot drives, as values and as a page."""
+
+from sgslam.inspection.inspection import Inspection, InspectionSettings, inspect
+
+__all__ = [
+    "Inspection",
+    "InspectionSettings",
+    "inspect",
+]

@@ -10,10 +10,8 @@ from typing import Any
 from data import SceneGraph
 from data.synthetic_maps.exploration import storeys_of
 from matching import Matcher
-from matching.ambiguity.match_cache import MatchCache
-from matching.ambiguity.plan_checks import PlanIssue, plan_issues
-from matching.ambiguity.rooms_to_localise import RoomsToLocalise, rooms_to_localise
-from matching.ambiguity.self_similarity import SelfSimilarity, SimilarPlace
+from matching.ambiguity import MatchCache, PlanIssue, RoomsToLocalise, SelfSimilarity, SimilarPlace, plan_issues
+from matching.ambiguity.rooms_to_localise import rooms_to_localise
 
 BLOCK = 12  # start rooms of a storey that share results on perfect maps, with any number of processes
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -20,10 +20,7 @@ from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_
 from sgslam.loops.likeness import Widths, similar, similar_rooms
 from sgslam.loops.registration import register, submap
 from sgslam.loops.search import SeenSpace, agreement, search
-from sgslam.mapping.graph_nodes import Closure
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import WallMap
+from sgslam.mapping import Closure, KeyframeNode, Scene, WallMap
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.mapping.scene import Scene
+from sgslam.mapping import Scene
 
 Floats = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -1,1 +1,26 @@
 """The map: keyframes, walls, rooms, floors, and the S-graph made of them."""
+
+from sgslam.mapping.estimates import Estimates
+from sgslam.mapping.floors import FloorMap, Floors
+from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
+from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.mapping.keyframes import KeyframeNode, KeyframeRule
+from sgslam.mapping.scene import Scene
+from sgslam.mapping.wall_map import Lines, SeenWall, WallMap
+
+__all__ = [
+    "Anchors",
+    "Closure",
+    "Estimates",
+    "FloorMap",
+    "Floors",
+    "KeyframeClouds",
+    "KeyframeNode",
+    "KeyframeRule",
+    "Lines",
+    "PlannedWall",
+    "RoomNode",
+    "Scene",
+    "SeenWall",
+    "WallMap",
+]

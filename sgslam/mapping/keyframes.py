@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from sgslam.config import KeyframeSettings
 from sgslam.geometry.frames import inverse
-from sgslam.perception.floor_extraction import FloorObservation
-from sgslam.serialization.state_tree import Stateful
+from sgslam.perception import FloorObservation
+from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]  # of what there is much of

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sgslam.config import SurfaceSettings
 from sgslam.geometry.frames import transform_planes, transform_points
-from sgslam.perception.wall_extraction import WallObservation
-from sgslam.serialization.state_tree import Stateful
+from sgslam.perception import WallObservation
+from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 

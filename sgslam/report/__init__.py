@@ -1,1 +1,11 @@
 """The report and the plan picture of a run."""
+
+from sgslam.report.accuracy import associate
+from sgslam.report.contents import ReportData
+from sgslam.report.run_folder import RunFolder
+
+__all__ = [
+    "ReportData",
+    "RunFolder",
+    "associate",
+]

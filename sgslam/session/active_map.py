@@ -6,21 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
-from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.backend.backend import Backend
+from sgslam.anchoring import BuildingAnchoring
+from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes
-from sgslam.loops.closure import LoopCloser
-from sgslam.mapping.floors import Floors
-from sgslam.mapping.graph_nodes import Anchors
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.mapping.keyframes import KeyframeNode, KeyframeRule
+from sgslam.loops import LoopCloser
+from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.odometry import Odometry
-from sgslam.perception.scan_checks import RawScan
+from sgslam.perception import RawScan
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.stopwatch import Stopwatch
+from sgslam.tracking import Located, PreparedScan, ScanTracker
 from sgslam.tracking.front_end import level_to_sensor
-from sgslam.tracking.scan_tracker import Located, PreparedScan, ScanTracker
 
 Floats = NDArray[np.float64]
 _LOOP_ROUNDS = 3  # rounds of closing loops and optimising, at most

@@ -6,7 +6,7 @@ from time import perf_counter
 from typing import Any, Protocol
 
 from data import UserError
-from sgslam.serialization.state_file import read_about, read_state, write_state
+from sgslam.serialization import read_about, read_state, write_state
 from sgslam.session.state_types import TYPES
 
 FILE = "state.npz"  # in a run's folder

@@ -7,15 +7,12 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
-from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.anchoring.wall_alignment import WallAlignment
-from sgslam.as_built.deviation_entries import Deviation
+from sgslam.anchoring import BuildingAnchoring, WallAlignment
+from sgslam.as_built import Deviation, measured_pieces
 from sgslam.as_built.deviation_list import deviations
-from sgslam.as_built.deviations import measured_pieces
-from sgslam.backend.backend import Backend
-from sgslam.backend.covariances import Uncertainty
+from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
-from sgslam.mapping.floors import Floors
+from sgslam.mapping import Floors
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import PoseCovariances, Relocalisation, Result

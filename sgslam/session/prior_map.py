@@ -10,15 +10,14 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from matching.protocol import AnyMatcher
-from sgslam.anchoring.building_anchoring import BuildingAnchoring
-from sgslam.anchoring.wall_alignment import align_walls, planar_pose
-from sgslam.backend.backend import Backend
+from sgslam.anchoring import BuildingAnchoring, align_walls
+from sgslam.anchoring.wall_alignment import planar_pose
+from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, transform_planes, transform_points
-from sgslam.mapping.floors import FloorMap, Floors
+from sgslam.mapping import FloorMap, Floors, KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.serialization.state_file import read_state
+from sgslam.serialization import read_state
 from sgslam.session.checkpoints import FILE, about_run
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.state_types import TYPES

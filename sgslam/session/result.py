@@ -14,16 +14,15 @@ from data import SceneGraph, UserError
 from data.common.files import write_atomically, write_json
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory import Trajectory
-from sgslam.anchoring.anchor_log import AnchorEntry
-from sgslam.as_built.deviation_entries import Deviation
-from sgslam.backend.factor_log import FactorLog
+from sgslam.anchoring import AnchorEntry
+from sgslam.as_built import Deviation
+from sgslam.backend import FactorLog, write_pose_graph
 from sgslam.backend.pose_graph import FILE as POSE_GRAPH
-from sgslam.backend.pose_graph import write_pose_graph
 from sgslam.config import Config
 from sgslam.config.loading import save_config
+from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.report.contents import ReportData
+from sgslam.report import ReportData
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers

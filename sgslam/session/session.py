@@ -7,13 +7,12 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from matching.protocol import AnyMatcher
-from sgslam.anchoring.building_anchoring import BuildingAnchoring
+from sgslam.anchoring import BuildingAnchoring, floor_named
 from sgslam.anchoring.default_matcher import default_matcher
-from sgslam.anchoring.storey_hypotheses import floor_named
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.loops.closure import LoopCloser
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.loops import LoopCloser
+from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap, plan_of

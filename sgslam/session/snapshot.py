@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import SceneGraph
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.mapping import KeyframeClouds
 
 if TYPE_CHECKING:
-    from sgslam.anchoring.building_anchoring import BuildingAnchoring
-    from sgslam.backend.backend import Backend
-    from sgslam.mapping.floors import Floors
+    from sgslam.anchoring import BuildingAnchoring
+    from sgslam.backend import Backend
+    from sgslam.mapping import Floors
 
 Floats = NDArray[np.float64]
 

@@ -2,17 +2,14 @@
 
 from data.scene_graph import Door, Floor, Keyframe, Room, SceneGraph, WallSurface
 from matching.result import Hypothesis, MatchResult
-from sgslam.anchoring.anchor_log import AnchorEvent, AnchorRecord
+from sgslam.anchoring import AnchorRecord
+from sgslam.anchoring.anchor_log import AnchorEvent
 from sgslam.anchoring.match_history import MapSize, UniqueMatch
-from sgslam.backend.factor_log import FactorEvent
-from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.scene import Scene
-from sgslam.mapping.wall_map import Lines, SeenWall
-from sgslam.perception.floor_extraction import FloorObservation
-from sgslam.perception.scan_checks import RawScan
+from sgslam.backend import FactorEvent
+from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenWall
+from sgslam.perception import FloorObservation, RawScan
 from sgslam.session.scan_poses import ScanPose
-from sgslam.tracking.scan_tracker import Located
+from sgslam.tracking import Located
 
 TYPES: dict[str, type] = {
     kind.__name__: kind

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import add_row, solved
-from sgslam.mapping.wall_map import Lines
-from sgslam.perception.column_scan import ColumnScan
+from sgslam.mapping import Lines
+from sgslam.perception import ColumnScan
 
 Floats = NDArray[np.float64]
 _BESIDE = 0.2  # m beyond a wall's end at which a point may still belong to it

@@ -16,10 +16,9 @@ from scipy.spatial import cKDTree
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, levelling, transform_points
-from sgslam.mapping.floors import FloorMap, Floors
-from sgslam.mapping.wall_map import Lines
-from sgslam.perception.column_scan import ColumnScan
-from sgslam.serialization.state_tree import Stateful
+from sgslam.mapping import FloorMap, Floors, Lines
+from sgslam.perception import ColumnScan
+from sgslam.serialization import Stateful
 from sgslam.tracking.alignment import Carried, Tracked, chosen, moved_by, to_walls
 
 Floats = NDArray[np.float64]

@@ -7,11 +7,17 @@ from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, levelling, squared_up, transform_planes, transform_points
-from sgslam.mapping.wall_map import Lines
-from sgslam.perception.column_scan import ColumnScan, contour, sort_into_columns
-from sgslam.perception.floor_extraction import FloorObservation, extract_floor
-from sgslam.perception.wall_extraction import WallObservation, extract_walls
-from sgslam.serialization.state_tree import Stateful
+from sgslam.mapping import Lines
+from sgslam.perception import (
+    ColumnScan,
+    FloorObservation,
+    WallObservation,
+    extract_floor,
+    extract_walls,
+    sort_into_columns,
+)
+from sgslam.perception.column_scan import contour
+from sgslam.serialization import Stateful
 from sgslam.tracking.alignment import Carried, Tracked, track
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.geometry.frames import se2_to_se3, transform_points
-from sgslam.perception.column_scan import ColumnScan
-from sgslam.serialization.state_tree import Stateful
+from sgslam.perception import ColumnScan
+from sgslam.serialization import Stateful
 from sgslam.tracking.alignment import chosen
 
 Floats = NDArray[np.float64]

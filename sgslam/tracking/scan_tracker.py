@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.geometry.frames import angle_of, inverse, level_map, raised, squared_up
-from sgslam.mapping.floors import Floors
-from sgslam.mapping.wall_map import WallMap
+from sgslam.mapping import Floors, WallMap
 from sgslam.odometry import Odometry
-from sgslam.perception.column_scan import ColumnScan
+from sgslam.perception import ColumnScan, RawScan
 from sgslam.perception.deskew import checked_times, deskewed, part_of
-from sgslam.perception.scan_checks import RawScan
-from sgslam.serialization.state_tree import Stateful
+from sgslam.serialization import Stateful
 from sgslam.tracking.floor_transition import FloorTransition
 from sgslam.tracking.front_end import FrontEnd, align
 from sgslam.tracking.motion import predict, upright_step

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.geometry.frames import inverse
-from sgslam.serialization.state_tree import Stateful
+from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _MEAN_STEP_WEIGHT = 0.3  # of the newest step in the mean of the last ones

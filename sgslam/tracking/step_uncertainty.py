@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sgslam.config import OdometrySettings, TrackingSettings
-from sgslam.serialization.state_tree import Stateful
+from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
 _EVERY = 2  # of the points; the others are redundant

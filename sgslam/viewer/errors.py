@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse
-from sgslam.report.accuracy import associate
+from sgslam.report import associate
 
 Floats = NDArray[np.float64]
 Lines: TypeAlias = tuple[Floats, dict[str, Floats]]

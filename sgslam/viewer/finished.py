@@ -15,13 +15,12 @@ from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
 from sgslam.as_built.deviation_bands import band_of
 from sgslam.geometry.frames import inverse
+from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
-from sgslam.report.contents import ReportData
+from sgslam.report import ReportData, RunFolder
 from sgslam.report.error_chart import error_lines
-from sgslam.report.run_folder import RunFolder
+from sgslam.session import Snapshot
 from sgslam.session.checkpoints import about_run
-from sgslam.session.snapshot import Snapshot
 from sgslam.viewer.page import Page
 from sgslam.viewer.panel import Panel, metres
 from sgslam.viewer.scene import RunScene, rgb

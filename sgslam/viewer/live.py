@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
-from sgslam.session.snapshot import Snapshot
+from sgslam.session import Snapshot
 from sgslam.viewer.errors import CURRENT, LiveErrors, rms
 from sgslam.viewer.finished import RED, SCAN_POINTS, FinishedRun, FinishedView
 from sgslam.viewer.page import Page, parse_address, serve_until_interrupted
@@ -22,7 +22,7 @@ from sgslam.viewer.panel import Panel, metres
 from sgslam.viewer.scene import RunScene
 
 if TYPE_CHECKING:
-    from sgslam.session.result import Update
+    from sgslam.session import Update
     from sgslam.slam import SceneGraphSlam
 
 Floats = NDArray[np.float64]

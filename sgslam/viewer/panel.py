@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.session.snapshot import Snapshot
+from sgslam.session import Snapshot
 from sgslam.viewer.page import Page
 from sgslam.viewer.scene import GHOSTS, LAYERS, ROOMS, RunScene
 

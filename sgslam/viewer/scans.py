@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.geometry.frames import transform_points
-from sgslam.mapping.keyframe_clouds import KeyframeClouds, voxel_keys
+from sgslam.mapping import KeyframeClouds
+from sgslam.mapping.keyframe_clouds import voxel_keys
 from sgslam.viewer.page import Page
 
 Floats = NDArray[np.float64]

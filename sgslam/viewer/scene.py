@@ -9,7 +9,7 @@ from sgslam.as_built.deviation_bands import BANDS
 from sgslam.geometry.frames import se2_to_se3, transform_points
 from sgslam.report.contents import BESIDE_GAP_M
 from sgslam.report.plan_png import BAND_COLORS, BIM, MATCHED, PATHS, UNMATCHED
-from sgslam.session.snapshot import Snapshot
+from sgslam.session import Snapshot
 from sgslam.viewer.page import Colour, Page
 from sgslam.viewer.scans import ScanClouds
 from sgslam.viewer.shapes import (

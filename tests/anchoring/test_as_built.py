@@ -11,18 +11,20 @@ from small_ifc import STOREY, write_small_ifc
 from data import WallSurface
 from data.common.errors import UserError
 from data.ifc.writer import IfcWriter, box
-from data.plans.bim import load_bim
-from data.simulation.changes import Changes, write_plan_without
+from data.plans import load_bim
+from data.simulation import Changes
+from data.simulation.changes import write_plan_without
 from data.simulation.simulate import simulate
-from sgslam.anchoring.wall_alignment import AlignedWall
+from sgslam.anchoring import AlignedWall
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
+from sgslam.as_built import Piece
 from sgslam.as_built.deviation_tests import DeviationTest, run_deviation_tests
-from sgslam.as_built.deviations import Piece
 from sgslam.as_built.missing_and_extra_walls import has_other_side
 from sgslam.as_built.visibility import Visibility
 from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
 from sgslam.config import Config
-from sgslam.report.contents import ReportData, entered_unmatched
+from sgslam.report import ReportData
+from sgslam.report.contents import entered_unmatched
 from sgslam.slam import SceneGraphSlam
 
 CONFIG = Config()

@@ -14,7 +14,7 @@ from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
 from evaluation.published.one_wall_out import one_wall_out
 from matching import Matcher
-from sgslam.backend.plane_graph import anchor_plane_graph
+from sgslam.backend import anchor_plane_graph
 
 SE2 = Path(__file__).parents[3] / "shared/data/slam_graphs"
 needs_se2 = pytest.mark.skipif(not (SE2 / "SE2_s_graph.g2o").exists(), reason=f"{SE2}/SE2_s_graph.g2o is not there")

@@ -15,7 +15,7 @@ from evaluation.metrics.consistency import nees
 from matching import Matcher, MatchResult
 from sgslam.backend.backend import Anchors, PlannedWall
 from sgslam.geometry.frames import inverse, local_coordinates
-from sgslam.session.result import Result
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 T_BIM_BUILDING = pose(0.0, 0.0, 0.0, 2.5) @ pose(-6.0, -4.0, 0.0)  # the BIM frame lies amid the building

@@ -11,15 +11,14 @@ from boxes import Array, pose, room, scene_of
 from small_ifc import write_small_ifc
 
 from data import UserError
-from data.plans.bim import Bim, load_bim
+from data.plans import Bim, load_bim
 from data.scans import Scan, ScanFolder
-from data.simulation.drive import Robot
-from data.simulation.sensor import SpinningSensor
+from data.simulation import Robot, SpinningSensor
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse
 from sgslam.perception.deskew import checked_times, deskewed, part_of
-from sgslam.session.result import Result
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 FAST = Robot(speed=1.8, acceleration=1.5, yaw_rate=1.5, yaw_acceleration=2.5)

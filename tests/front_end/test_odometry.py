@@ -16,7 +16,8 @@ from sgslam.geometry.frames import inverse, is_rigid
 from sgslam.odometry import METHODS, Odometry, make_odometry
 from sgslam.odometry.choice import choose
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.session.checkpoints import Checkpoints, load
+from sgslam.session import Checkpoints
+from sgslam.session.checkpoints import load
 from sgslam.slam import SceneGraphSlam
 
 NS = 1_000_000_000

@@ -6,7 +6,7 @@ from boxes import Array
 from drives import small_drive
 
 from sgslam.config import KeyframeSettings
-from sgslam.mapping.keyframes import KeyframeRule
+from sgslam.mapping import KeyframeRule
 from sgslam.slam import SceneGraphSlam
 
 NOISE = 0.02  # m along the beam

@@ -8,11 +8,11 @@ import pytest
 from boxes import Array, Box, pose, room, scan, scene_of
 from drives import small_drive
 
-from data.simulation.sensor import SpinningSensor
+from data.simulation import SpinningSensor
 from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse
-from sgslam.perception.column_scan import sort_into_columns
-from sgslam.session.result import Result
+from sgslam.perception import sort_into_columns
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.tracking.step_uncertainty import StepUncertainty, surfaces_of, turned
 

@@ -5,10 +5,10 @@ import pytest
 from boxes import Array, pose, room, scan, scene_of
 from scipy.spatial.transform import Rotation
 
-from data.simulation.sensor import SpinningSensor
+from data.simulation import SpinningSensor
 from sgslam.config import TrackingSettings
-from sgslam.mapping.wall_map import Lines
-from sgslam.perception.column_scan import sort_into_columns
+from sgslam.mapping import Lines
+from sgslam.perception import sort_into_columns
 from sgslam.tracking.alignment import Carried, Tracked, track
 
 SETTINGS = TrackingSettings()

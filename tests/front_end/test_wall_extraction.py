@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from boxes import Array, Box, pose, room, scan, scene_of
 
-from data.simulation.sensor import SpinningSensor
+from data.simulation import SpinningSensor
 from sgslam.config import BackendSettings, SurfaceSettings
 from sgslam.geometry.frames import transform_planes
-from sgslam.perception.column_scan import contour, sort_into_columns
-from sgslam.perception.floor_extraction import FloorObservation, extract_floor
-from sgslam.perception.wall_extraction import WallObservation, extract_walls
+from sgslam.perception import FloorObservation, WallObservation, extract_floor, extract_walls, sort_into_columns
+from sgslam.perception.column_scan import contour
 
 SETTINGS, GRAPH = SurfaceSettings(), BackendSettings()
 ROOM = (-3.0, -2.0, 4.0, 2.5)  # lowest x y, highest x y

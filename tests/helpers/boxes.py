@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data.geometry.raycast import TriangleScene
-from data.simulation.sensor import SpinningSensor
+from data.simulation import SpinningSensor
 
 Array = NDArray[np.float64]
 Box = tuple[float, float, float, float, float, float]  # lowest x y z, highest x y z

@@ -10,13 +10,12 @@ import numpy as np
 from boxes import Array
 from small_ifc import write_small_ifc
 
-from data.plans.bim import Bim, load_bim
+from data.plans import Bim, load_bim
 from data.scans import ScanFolder
-from data.simulation.drive import Robot
-from data.simulation.sensor import SpinningSensor
+from data.simulation import Robot, SpinningSensor
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from sgslam.session.result import Result
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 ROBOT = Robot(speed=1.0, yaw_rate=1.2, yaw_acceleration=2.0)

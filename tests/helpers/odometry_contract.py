@@ -8,10 +8,10 @@ import numpy as np
 from boxes import Array, Box, pose, room, scan, scene_of
 from scipy.spatial.transform import Rotation
 
-from data.simulation.sensor import SpinningSensor
+from data.simulation import SpinningSensor
 from sgslam.geometry.frames import inverse, is_rigid
 from sgslam.odometry import Odometry
-from sgslam.perception.column_scan import sort_into_columns
+from sgslam.perception import sort_into_columns
 
 SENSOR = SpinningSensor(azimuths=360)
 FURNISHED: list[Box] = [

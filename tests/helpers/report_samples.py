@@ -10,7 +10,7 @@ import numpy as np
 from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.scene_graph import Floor, Keyframe, Room, SceneGraph, WallSurface
 from data.trajectory import Trajectory
-from sgslam.report.contents import ReportData
+from sgslam.report import ReportData
 
 HOSTILE = "<script>alert('x')</script> & \"Söhne\" $\\frac$"
 ORIGIN = np.array([3_468_000.0, 5_427_000.0])  # a site's place in a national grid

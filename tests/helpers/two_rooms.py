@@ -6,12 +6,12 @@ import numpy as np
 from boxes import Array, pose
 from scipy.spatial.transform import Rotation
 
-from sgslam.backend.backend import Anchors, Backend, PlannedWall, RoomNode
+from sgslam.backend import Backend
+from sgslam.backend.backend import Anchors, PlannedWall, RoomNode
 from sgslam.config import Config, OdometrySettings
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.wall_map import SeenWall
-from sgslam.perception.floor_extraction import FloorObservation
+from sgslam.mapping import KeyframeNode, SeenWall
+from sgslam.perception import FloorObservation
 from sgslam.report.accuracy import align_se3
 
 # two rooms side by side, x 0 to 6 and 6.2 to 12; inward normals, in a frame whose floor is z = 0

@@ -8,11 +8,11 @@ import pytest
 from boxes import pose
 from two_rooms import CONFIG, HEIGHT, WALLS, Run, anchors_of, angle_between, built_otherwise
 
-from sgslam.backend.backend import Anchors, Backend, RoomNode
+from sgslam.backend import Backend
+from sgslam.backend.backend import Anchors, RoomNode
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.wall_map import SeenWall
+from sgslam.mapping import KeyframeNode, SeenWall
 
 
 def test_walls_and_floor_take_the_drift_away() -> None:

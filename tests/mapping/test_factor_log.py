@@ -11,8 +11,9 @@ from gtsam.symbol_shorthand import X
 from two_rooms import CONFIG, Run, anchors_of
 
 import factors
-from sgslam.backend.backend import Backend, PlannedWall, RoomNode
-from sgslam.backend.factor_log import Entry, FactorLog, Kind
+from sgslam.backend import Backend, FactorLog
+from sgslam.backend.backend import PlannedWall, RoomNode
+from sgslam.backend.factor_log import Entry, Kind
 from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.slam import SceneGraphSlam
 

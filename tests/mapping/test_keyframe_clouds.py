@@ -11,7 +11,7 @@ import pytest
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from sgslam.mapping.keyframe_clouds import KeyframeClouds
+from sgslam.mapping import KeyframeClouds
 
 
 def some_points(seed: int, count: int = 500) -> np.ndarray:

@@ -11,20 +11,18 @@ from boxes import Array, pose
 
 import factors
 from data.geometry.raycast import TriangleScene
-from data.simulation.sensor import SpinningSensor
+from data.simulation import SpinningSensor
 from evaluation.harness.loop_buildings import LoopBuilding, long_corridor, ring
-from sgslam.backend.backend import Backend
+from sgslam.backend import Backend
 from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse, transform_points
+from sgslam.loops import LoopCloser
 from sgslam.loops.candidates import Ties, passes_near, tied_by_walls, way_driven
-from sgslam.loops.closure import LoopCloser
 from sgslam.loops.likeness import Widths, similar
 from sgslam.loops.registration import register
 from sgslam.loops.search import SeenSpace, agreement, search
-from sgslam.mapping.graph_nodes import Closure
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.wall_map import SeenWall, WallMap
+from sgslam.mapping import Closure, KeyframeNode, SeenWall, WallMap
 from sgslam.tracking.front_end import FrontEnd
 
 SETTINGS = LoopSettings()

@@ -8,10 +8,9 @@ from boxes import Array, Box, pose, scene_of
 
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
-from sgslam.mapping.keyframes import KeyframeNode
-from sgslam.mapping.scene import Scene, build_scene
-from sgslam.mapping.wall_map import WallMap
-from sgslam.perception.wall_extraction import WallObservation
+from sgslam.mapping import KeyframeNode, Scene, WallMap
+from sgslam.mapping.scene import build_scene
+from sgslam.perception import WallObservation
 
 HEIGHT = 0.8
 BOXES: list[Box] = [  # two rooms, x 0 to 4.9 and 5.1 to 10, with a door between them; two walls go on beyond

@@ -6,8 +6,8 @@ from boxes import Array, pose
 
 from sgslam.config import SurfaceSettings
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
-from sgslam.mapping.wall_map import WallMap
-from sgslam.perception.wall_extraction import WallObservation
+from sgslam.mapping import WallMap
+from sgslam.perception import WallObservation
 
 SETTINGS = SurfaceSettings()
 Piece = tuple[WallObservation, Array, Array]

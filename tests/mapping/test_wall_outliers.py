@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sgslam.backend.wall_outliers import wall_outliers
-from sgslam.mapping.wall_map import SeenWall
+from sgslam.mapping import SeenWall
 
 WALLS = (0.0, np.pi / 2, np.pi, -np.pi / 2, 0.3)  # headings of normals, map frame
 

@@ -12,9 +12,8 @@ from data import Floor, Room, SceneGraph, WallSurface
 from evaluation.published.combinatorial_behaviour import Question, behaviour, describe_answer
 from evaluation.published.combinatorial_layouts import Noise, grid, polygons, seen
 from matching import Matcher
+from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
 from matching.combinatorial.clipper import densest
-from matching.combinatorial.search import CombinatorialMatcher
-from matching.combinatorial.settings import DEVELOP, GRID
 from matching.result import MatchResult
 
 RELEASED, LATER = Matcher.load("combinatorial"), Matcher.load("combinatorial-grid")

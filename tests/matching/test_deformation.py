@@ -10,16 +10,17 @@ from data import Door, SceneGraph, UserError, WallSurface
 from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import MatchResult
+from matching.arrays import PlanCache, Walls, storeys
 from matching.arrays.blocks import elimination, solve
-from matching.arrays.cache import PLANS_CACHED, PlanCache
-from matching.arrays.walls import Walls, storeys
+from matching.arrays.cache import PLANS_CACHED
+from matching.deformation import DeformableMatcher
 from matching.deformation import deformed_hypotheses as bent
 from matching.deformation.field import motions
-from matching.deformation.matcher import FEW, DeformableMatcher, among
+from matching.deformation.matcher import FEW, among
+from matching.search import Proposals, TopK
 from matching.search.corners import corners
 from matching.search.hypotheses import between_graphs
 from matching.search.plan_walls import PlanWalls
-from matching.search.proposals import Proposals, TopK
 from matching.search.voting import marks
 from matching.search.voting_proposals import voting_proposals
 

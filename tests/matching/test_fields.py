@@ -11,8 +11,7 @@ from plans import a_graph, flat
 from data.geometry import se2
 from data.geometry.se2 import Array
 from data.synthetic_maps.noise_models import draw
-from matching.arrays.doors import Doors
-from matching.arrays.walls import arrays
+from matching.arrays import Doors, arrays
 from matching.deformation import deformed_hypotheses as bent
 from matching.deformation import field_step
 from matching.deformation.assignment import _merit
@@ -23,9 +22,9 @@ from matching.network import consensus
 from matching.network.encoder import GraphTensors
 from matching.network.features import map_features, plan_features
 from matching.network.support_loops import combinations
+from matching.search import TopK
 from matching.search.groups import BESIDE, POINTS, groups
 from matching.search.plan_walls import PlanWalls
-from matching.search.proposals import TopK
 from matching.search.scoring import Pairing, explained, fit
 from matching.search.voting import vote
 

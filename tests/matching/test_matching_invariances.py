@@ -10,8 +10,8 @@ from data import SceneGraph
 from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import Matcher, MatchResult
-from matching.arrays.walls import storeys
-from matching.deformation.matcher import DeformableMatcher
+from matching.arrays import storeys
+from matching.deformation import DeformableMatcher
 from matching.search.voting_proposals import voting_proposals
 
 MATCHERS = {name: Matcher.load(name) for name in ("learned", "voting")}

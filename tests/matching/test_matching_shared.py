@@ -57,7 +57,7 @@ def test_real_floors_with_the_noise_of_real_scans():
 
 
 def test_a_storey_among_the_storeys_of_an_office_building_with_equal_offices():
-    from data.plans.bim import load_bim
+    from data.plans import load_bim
 
     loaded = load_bim(SHARED / "data/ifc/AC11-Institute-Var-2-IFC.ifc")
     office = load_bim(SHARED / "data/ifc/Office_A_20110811.ifc").graph

@@ -16,8 +16,9 @@ from data import Floor, Room, SceneGraph, UserError, WallSurface
 from data.geometry import se2
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from matching import Matcher
+from matching.learned import LearnedProposer
 from matching.learned.network import CompiledNetwork
-from matching.learned.proposer import ENOUGH, SHIPPED, LearnedProposer
+from matching.learned.proposer import ENOUGH, SHIPPED
 from matching.learned.torch_weights import load_network, save_network
 from matching.learned.weights_file import load_learned
 from matching.network.candidates import Batched, expanded, first_candidates

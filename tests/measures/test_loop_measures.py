@@ -14,7 +14,7 @@ from data.trajectory import Trajectory
 from evaluation.harness.loop_buildings import DEPTH, PITCH, long_corridor, ring
 from evaluation.harness.loop_drives import ROUTES, drive_along
 from evaluation.studies.loops import COLUMNS, FALSE_M, FALSE_RAD, errors_of, measure, table
-from sgslam.mapping.graph_nodes import Closure
+from sgslam.mapping import Closure
 
 
 def test_an_office_looks_as_its_neighbour_does() -> None:

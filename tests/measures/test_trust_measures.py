@@ -8,7 +8,7 @@ from drives import Drive, small_drive
 
 from data import UserError
 from data.generation.buildings import generate_plan
-from evaluation.harness.sequences import SequenceSpec
+from evaluation.harness import SequenceSpec
 from evaluation.studies import negative_plans, wrong_matches
 
 

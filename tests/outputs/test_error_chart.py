@@ -8,8 +8,8 @@ import pytest
 from report_samples import not_anchored, sample
 
 from data.trajectory import Trajectory
+from sgslam.report import ReportData
 from sgslam.report.accuracy import accuracy
-from sgslam.report.contents import ReportData
 from sgslam.report.error_chart import BINS, HEIGHT, WIDTH, chart_data, error_chart, error_lines
 from sgslam.report.plan_drawing import plan_drawing
 

@@ -18,7 +18,7 @@ from small_ifc import STOREY, write_small_ifc
 from data import Floor, SceneGraph, WallSurface
 from data.common.errors import UserError
 from data.ifc.deviations import WallFinding, write_as_built
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from sgslam.cli.export import BCF, IFC, export
 
 SHARED_2X3 = Path(__file__).resolve().parents[3] / "shared/data/ifc/AC90R1-niedriha-V2-2x3.ifc"

@@ -20,14 +20,14 @@ from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
 from data.trajectory.formats import write_euroc, write_kitti
-from sgslam.backend.factor_log import Entry, FactorLog
-from sgslam.backend.pose_graph import write_pose_graph
+from sgslam.backend import FactorLog, write_pose_graph
+from sgslam.backend.factor_log import Entry
 from sgslam.cli.export import export, main
 from sgslam.export.cloud_map import VoxelMap
 from sgslam.export.dsg import dsg
 from sgslam.export.graphml import graphml
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.report.run_folder import RunFolder
+from sgslam.report import RunFolder
 from sgslam.slam import SceneGraphSlam
 
 NAMES = [

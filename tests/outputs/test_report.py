@@ -13,7 +13,7 @@ from report_samples import HOSTILE, ORIGIN, Page, building, not_anchored, sample
 
 from data.scene_graph import Floor, SceneGraph
 from data.trajectory import Trajectory
-from sgslam.report.contents import ReportData
+from sgslam.report import ReportData
 from sgslam.report.page import report_html, write_report
 from sgslam.report.plan_drawing import MAX_VERTICES, plan_drawing
 from sgslam.report.plan_png import write_plan_png

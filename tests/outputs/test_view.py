@@ -24,7 +24,7 @@ from PIL import Image
 from report_samples import sample
 
 from sgslam.geometry.frames import transform_points
-from sgslam.session.result import Result
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.viewer import live as live_view
 from sgslam.viewer.finished import FinishedRun, FinishedView

@@ -18,7 +18,7 @@ from data.generation.demo_building import DEMO_STOREY, write_demo_building
 from data.geometry.raycast import TriangleScene
 from data.ifc.graph import read_ifc
 from data.ifc.products import open_ifc, products
-from data.plans.bim import Bim, load_bim
+from data.plans import Bim, load_bim
 from data.scene_graph import Room, SceneGraph
 from data.simulation.occupancy import build_grid
 from data.simulation.route import plan_tour

@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry import LineString, box, mapping
 
 from data.common.errors import UserError
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.plans.dxf import is_wall_layer
 from data.scene_graph import SceneGraph
 

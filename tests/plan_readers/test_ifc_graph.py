@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError, WallSurface
 from data.ifc.graph import read_ifc
-from data.plans.bim import load_bim
+from data.plans import load_bim
 
 SHARED = Path(__file__).parents[3] / "shared"
 SCHEMA = Path(__file__).parents[2] / "data" / "scene_graph" / "scene_graph.schema.json"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.ifc.guard import read_guarded
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.scene_graph import SceneGraph
 
 Place = tuple[float, float, float]

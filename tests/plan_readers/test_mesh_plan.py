@@ -15,8 +15,7 @@ from data.plans.mesh_files import read_triangles
 from data.plans.mesh_plan import read_mesh
 from data.plans.mesh_sections import mesh_solid, winding_numbers
 from data.scene_graph import SceneGraph
-from data.simulation.changes import Changes
-from data.simulation.sensor import SpinningSensor
+from data.simulation import Changes, SpinningSensor
 from data.simulation.simulate import simulate
 
 MESHES = Path(__file__).parents[2] / "../shared/data/meshes"

@@ -13,7 +13,8 @@ from plans import SHARED, a_graph, box
 from small_ifc import write_small_ifc
 
 from data import SceneGraph, UserError
-from data.plans.sources import Plan, read_plans
+from data.plans import read_plans
+from data.plans.sources import Plan
 from data.plans.splits import USE_OF_SOURCE, split_of
 
 FLOORPLANS = SHARED / "data" / "floorplans"

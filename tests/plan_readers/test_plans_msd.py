@@ -8,7 +8,8 @@ import shapely
 from plans import box
 
 from data import UserError
-from data.plans.sources import read_msd, read_plans
+from data.plans import read_plans
+from data.plans.sources import read_msd
 
 V1 = (
     "apartment_id", "site_id", "building_id", "plan_id", "floor_id", "unit_id", "area_id", "unit_usage",

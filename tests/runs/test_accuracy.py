@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
-from sgslam.report.accuracy import accuracy, align_se3, associate, rmse_aligned, yaw_errors
+from sgslam.report import associate
+from sgslam.report.accuracy import accuracy, align_se3, rmse_aligned, yaw_errors
 
 MS = 1_000_000
 LINE = np.outer(np.linspace(0, 30, 100), [1, 2, 0.1])

@@ -13,9 +13,10 @@ from data.trajectory import Trajectory
 from matching import Matcher
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.session.checkpoints import Checkpoints, load
-from sgslam.session.prior_map import PriorMap
-from sgslam.session.result import Result
+from sgslam.session import Checkpoints
+from sgslam.session.checkpoints import load
+from sgslam.session import PriorMap
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 pytestmark = pytest.mark.slow

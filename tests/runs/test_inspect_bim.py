@@ -17,12 +17,12 @@ from data.synthetic_maps.noise_models import draw_walk
 from data.synthetic_maps.walks import nearest_first, restricted_to
 from evaluation.studies.rooms_to_localise import Side, Start, sides_of, table
 from matching import Matcher
-from sgslam.inspection.inspection import InspectionSettings, Inspection, inspect
-from matching.ambiguity.match_cache import Trials, MatchCache
+from sgslam.inspection import InspectionSettings, Inspection, inspect
+from matching.ambiguity import Trials, MatchCache
 from sgslam.inspection.page import inspection_html
-from matching.ambiguity.plan_checks import plan_issues
+from matching.ambiguity import plan_issues
 from matching.ambiguity.rooms_to_localise import best_split
-from matching.ambiguity.self_similarity import SelfSimilarity
+from matching.ambiguity import SelfSimilarity
 
 VOTING = InspectionSettings("voting", max_maps=1)
 

@@ -11,7 +11,7 @@ from plans import a_graph, offices
 from scipy.spatial.transform import Rotation
 
 from data import SceneGraph, UserError
-from sgslam.session.result import Result
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from data.common.errors import UserError
-from sgslam.serialization.state_file import read_about, read_state, write_state
+from sgslam.serialization import read_about, read_state, write_state
 
 
 @dataclasses.dataclass(frozen=True)

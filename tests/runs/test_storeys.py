@@ -12,18 +12,20 @@ from commands import refused
 
 from data import Floor, Room, SceneGraph, UserError, WallSurface
 from data.generation.demo_building import DEMO_STOREYS, write_demo_building
-from data.plans.bim import Bim, load_bim
+from data.plans import Bim, load_bim
 from data.scans import ScanFolder
-from data.simulation.drive import Robot
-from data.simulation.sensor import SpinningSensor
-from data.simulation.simulate import SimulatedRun, simulate
+from data.simulation import Robot
+from data.simulation import SpinningSensor
+from data.simulation import SimulatedRun
+from data.simulation.simulate import simulate
 from matching import Hypothesis, MatchResult
-from sgslam.anchoring.storey_hypotheses import assignments, floor_named, match_jointly
+from sgslam.anchoring import floor_named
+from sgslam.anchoring.storey_hypotheses import assignments, match_jointly
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.session.checkpoints import Checkpoints
-from sgslam.session.prior_map import PriorMap
-from sgslam.session.result import Result
+from sgslam.session import Checkpoints
+from sgslam.session import PriorMap
+from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.tracking.floor_transition import FloorTransition
 

@@ -9,7 +9,7 @@ import shapely
 from commands import called
 
 from data.scene_graph import SceneGraph, WallSurface
-from data.simulation.sensor import SpinningSensor
+from data.simulation import SpinningSensor
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 

@@ -17,12 +17,11 @@ from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.scans.writers import SCAN_WRITERS
-from data.simulation.changes import Changes
-from data.simulation.drive import Robot, drive
+from data.simulation import Changes, Robot, SimulatedRun, SpinningSensor
+from data.simulation.drive import drive
 from data.simulation.occupancy import build_grid
 from data.simulation.route import curve_length, plan_tour
-from data.simulation.sensor import SpinningSensor
-from data.simulation.simulate import ROBOT, SimulatedRun, simulate
+from data.simulation.simulate import ROBOT, simulate
 from data.simulation.storey_model import load_storey
 from data.trajectory import Trajectory
 

@@ -13,8 +13,8 @@ from commands import called, refused
 from drives import ROBOT, SENSOR
 
 from data.common.errors import UserError
-from data.datasets.slabim import SlabimSession
-from data.plans.bim import load_bim
+from data.datasets import SlabimSession
+from data.plans import load_bim
 from data.scans import ScanFolder
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.scans.reading_errors import UnreadableScanError

@@ -18,8 +18,7 @@ from small_ifc import STOREY, write_small_ifc
 
 from data.common.errors import UserError
 from data.simulation.simulate import simulate
-from evaluation.harness.conditions import Conditions
-from evaluation.harness.sequences import SequenceSpec, prepare, read_specs
+from evaluation.harness import Conditions, SequenceSpec, prepare, read_specs
 from evaluation.slam_ablation.rows import Records
 from evaluation.slam_ablation.run import ablate
 from evaluation.slam_ablation.tables import ACCURACY, against_oracle, latex, markdown

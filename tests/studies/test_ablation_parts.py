@@ -9,9 +9,10 @@ from small_ifc import STOREY, SmallBuilding, write_small_ifc
 
 from data import Room, SceneGraph, WallSurface
 from data.common.errors import UserError
-from data.plans.bim import load_bim
+from data.plans import load_bim
 from data.scans import ScanFolder
-from data.simulation.simulate import SimulatedRun, simulate
+from data.simulation import SimulatedRun
+from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 from evaluation.harness.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.harness.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry

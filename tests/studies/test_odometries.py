@@ -10,8 +10,8 @@ from drives import small_drive
 from data import UserError
 from data.scans.writers import SCAN_WRITERS
 from data.trajectory.stamps import ns_to_seconds
-from evaluation.harness.record_file import RecordFile
-from evaluation.harness.sequences import SequenceSpec, odometry_of_run
+from evaluation.harness import RecordFile, SequenceSpec
+from evaluation.harness.sequences import odometry_of_run
 from evaluation.studies import moving_scans, odometries
 from sgslam.config import Config, OdometrySettings
 
