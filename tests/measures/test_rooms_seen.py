@@ -32,7 +32,7 @@ class Forgetful:
 
     matcher: Matcher
     every: int
-    asked: int = 0
+    calls: int = 0
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
         self.calls += 1
