@@ -76,7 +76,7 @@ class SceneGraphSlam:
         """Processes one scan; a `trusted` one skips the kidnap test."""
         current = self._map
         with self._stopwatch("odometry"):
-            scan = current.prepare(raw)  # deskewed to one instant, sorted into columns
+            scan = current.tracker.prepare(raw)  # deskewed to one instant, sorted into columns
             suspect = not (trusted or current.tracker.between_floors or self._kidnap_watch.fits(scan.columns))
         if suspect:
             return self._hold_back(raw)
@@ -84,7 +84,7 @@ class SceneGraphSlam:
             self._process_held_back()
         with self._stopwatch("odometry"):
             self._kidnap_watch.keep(scan.columns)
-            located = current.locate(scan)  # predicted, aligned to walls and floor
+            located = current.tracker.locate(scan, current.last_pose)  # predicted, aligned to walls and floor
         if current.add_scan(scan, located):
             current.add_keyframe(scan.points)  # with the walls and floor extracted from it
             if current.has_grown:

@@ -13,7 +13,6 @@ from sgslam.geometry.frames import inverse, level_map, transform_planes
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.odometry import Odometry
-from sgslam.perception import RawScan
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.tracking import Located, PreparedScan, ScanTracker
@@ -72,14 +71,6 @@ class ActiveMap:
     def last_pose(self) -> Floats | None:
         """(4, 4) the current T_map_sensor of the newest scan; None before the first scan."""
         return self.scans[-1].T_map_sensor if self.scans else None
-
-    def prepare(self, raw: RawScan) -> PreparedScan:
-        """Deskews a scan to one instant and sorts it into columns. Raises UserError for invalid point times."""
-        return self.tracker.prepare(raw)
-
-    def locate(self, scan: PreparedScan) -> Located:
-        """The pose of a scan: predicted by the odometry, then aligned to the known walls and floor."""
-        return self.tracker.locate(scan, self.last_pose)
 
     def add_scan(self, scan: PreparedScan, located: Located) -> bool:
         """Adds a scan at its estimated pose; returns whether a keyframe is due."""
