@@ -1,4 +1,4 @@
-"""Any plan (IFC, drawing, GeoJSON, mesh, floor plan data set) as an A-graph."""
+"""Any plan as an A-graph: IFC, drawings, GeoJSON, floor plan data sets; meshes by their own command."""
 
 from data.plans.bim import Bim, load_bim
 from data.plans.polygons import Plan

@@ -1,4 +1,4 @@
-"""Readers and writers of scans: a folder, a bag, an E57 file."""
+"""Readers and writers of scans: single files, folders, bags, E57."""
 
 from data.scans.folder import ScanFolder, natural_key
 from data.scans.scan import Scan, ScanSource

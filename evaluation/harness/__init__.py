@@ -1,4 +1,4 @@
-"""Shared parts of the measurements: sequences, records, pages, stand-in matchers."""
+"""What the measurements share: driven sequences, records, result pages, matchers that stand in for the real one."""
 
 from evaluation.harness.conditions import Conditions
 from evaluation.harness.record_file import RecordFile, read_records, write_records

@@ -1,1 +1,1 @@
-"""Measures of trajectories, maps and matches: pure functions."""
+"""Error measures of trajectories, maps and matches: pure functions."""

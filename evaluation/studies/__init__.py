@@ -1,1 +1,1 @@
-"""One question each, one command each."""
+"""The single measurements, one question and one command each."""

@@ -1,4 +1,4 @@
-"""The combinatorial search of iS-Graphs."""
+"""The combinatorial search of iS-Graphs, as a baseline."""
 
 from matching.combinatorial.search import CombinatorialMatcher
 from matching.combinatorial.settings import DEVELOP, GRID, CombinatorialSettings

@@ -1,4 +1,4 @@
-"""Placements of a map that drifts: a field of motions, one a room, with its evidence and verification."""
+"""Placement of a map that drifts, one SE(2) motion for each room: the default matcher's search and verification."""
 
 from matching.deformation.matcher import DeformableMatcher
 

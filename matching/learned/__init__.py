@@ -1,4 +1,4 @@
-"""The trained network without PyTorch: compiled loops over the same weights."""
+"""Inference of the trained graph network without PyTorch, by compiled loops."""
 
 from matching.learned.proposer import LearnedProposer
 

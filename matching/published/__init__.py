@@ -1,1 +1,1 @@
-"""The published matcher: GATv2 encoder, Sinkhorn, Hungarian algorithm; its data and training."""
+"""Baselines rebuilt from their papers: the GATv2-Sinkhorn matcher with its training, PCA-GM and SuperGlue."""

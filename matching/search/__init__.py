@@ -1,4 +1,4 @@
-"""Rigid placements of a map in a plan: voting, evidence, verification, assignment of walls and rooms."""
+"""Rigid placement of a map in a plan, the matcher `voting`: proposals, evidence, verification, assignment."""
 
 from matching.search.proposals import Proposals, TopK
 from matching.search.rigid_fit import fit_pairs

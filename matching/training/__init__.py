@@ -1,1 +1,1 @@
-"""Training: data, loss, loop and report."""
+"""Training of the graph network: data, loss, loop and report."""

@@ -1,1 +1,1 @@
-"""Frames, planes under a motion, and small linear systems."""
+"""Frames, transforms of poses and planes, and small linear systems."""

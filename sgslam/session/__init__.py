@@ -1,4 +1,4 @@
-"""The run: its active and prior maps, checkpoints, snapshots and result."""
+"""A run's maps and their memory: the active map, the prior map, checkpoints, and the result."""
 
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.checkpoints import Checkpoints
