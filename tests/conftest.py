@@ -28,8 +28,9 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     option = config.option
     if hasattr(config, "workerinput") or not config.pluginmanager.hasplugin("xdist") or cores() == 1:
         return
-    told = option.numprocesses is not None or option.dist != "no" or option.tx or option.usepdb or option.collectonly
-    if told or not all(Path(word).is_dir() for word in config.args):
+    given = option.numprocesses is not None or option.dist != "no" or option.tx or option.usepdb or option.collectonly
+    given = given or bool(getattr(option, "cov_source", None))  # pytest-cov has looked for workers already
+    if given or not all(Path(word).is_dir() for word in config.args):
         return
     option.numprocesses, option.dist, option.loadscopereorder = min(cores(), WORKERS), "loadfile", False
     from matching import Matcher
