@@ -11,258 +11,236 @@ from sgslam.config.loop_settings import LoopSettings
 
 
 class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
 
 class OdometrySettings(_Settings):
     """The odometry, KISS-ICP or small_gicp, with settings for indoors."""
 
-    method: Literal["kiss", "small_gicp"] = Field(
-        "kiss", description="odometry that registers each scan to the previous ones"
-    )
-    voxel_size: float = Field(
-        1.0, gt=0, description="m, voxel size of KISS-ICP's scans and local map; smaller is slower"
-    )
-    max_range: float = Field(60.0, gt=0, description="m, longest range of the points used by the odometry")
-    min_range: float = Field(0.3, ge=0, description="m, shortest range of the points used by the odometry")
-    iterations: int = Field(100, ge=1, description="largest number of iterations of the registration")
-    convergence: float = Field(3e-3, gt=0, description="m and rad, update below which the registration stops")
-    max_step: float = Field(
-        1.5, gt=0, description="m, longest plausible step between scans; beyond it, a global search"
-    )
-    max_turn: float = Field(
-        0.8, gt=0, description="rad, largest plausible turn between scans; beyond it, a global search"
-    )
-    max_tip: float = Field(
-        0.25,
-        gt=0,
-        description="rad, largest plausible change of the vertical between scans; beyond it, a global search",
-    )
-    min_share: float = Field(0.4, ge=0, le=1, description="share of a scan's points that a global search must explain")
-    gicp_voxel_size: float = Field(0.25, gt=0, description="m, voxel size of small_gicp's scans and local map")
-    gicp_spacing: float = Field(
-        0.3, gt=0, description="m or rad, least motion between the scans of small_gicp's local map"
-    )
-    gicp_scans: int = Field(15, ge=1, description="largest number of scans in small_gicp's local map")
-    outlier_distance: float = Field(
-        0.4, gt=0, description="m, largest change between two steps of an external odometry; beyond it, it is rejected"
-    )
-    outlier_angle: float = Field(
-        0.5,
-        gt=0,
-        description="rad, largest change between two turns of an external odometry; beyond it, it is rejected",
-    )
-    unconstrained_speed_error: float = Field(
-        1.0, gt=0, description="m/s, standard deviation of the drift along directions that no surface constrains"
-    )
-    unconstrained_turn_error: float = Field(
-        0.3, gt=0, description="rad/s, standard deviation of the drift about axes that no surface constrains"
-    )
-    external_speed_error: float = Field(
-        0.02, gt=0, description="m/s, standard deviation of an external odometry along unconstrained directions"
-    )
-    external_turn_error: float = Field(
-        0.01, gt=0, description="rad/s, standard deviation of an external odometry about unconstrained axes"
-    )
-    sigma_rotation: float = Field(
-        0.004, gt=0, description="rad, standard deviation of the rotation between two keyframes"
-    )
-    sigma_translation: float = Field(
-        0.015, gt=0, description="m, standard deviation of the translation between two keyframes"
-    )
+    method: Literal["kiss", "small_gicp"] = "kiss"
+    """odometry that registers each scan to the previous ones"""
+    voxel_size: float = Field(1.0, gt=0)
+    """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
+    max_range: float = Field(60.0, gt=0)
+    """m, longest range of the points used by the odometry"""
+    min_range: float = Field(0.3, ge=0)
+    """m, shortest range of the points used by the odometry"""
+    iterations: int = Field(100, ge=1)
+    """largest number of iterations of the registration"""
+    convergence: float = Field(3e-3, gt=0)
+    """m and rad, update below which the registration stops"""
+    max_step: float = Field(1.5, gt=0)
+    """m, longest plausible step between scans; beyond it, a global search"""
+    max_turn: float = Field(0.8, gt=0)
+    """rad, largest plausible turn between scans; beyond it, a global search"""
+    max_tip: float = Field(0.25, gt=0)
+    """rad, largest plausible change of the vertical between scans; beyond it, a global search"""
+    min_share: float = Field(0.4, ge=0, le=1)
+    """share of a scan's points that a global search must explain"""
+    gicp_voxel_size: float = Field(0.25, gt=0)
+    """m, voxel size of small_gicp's scans and local map"""
+    gicp_spacing: float = Field(0.3, gt=0)
+    """m or rad, least motion between the scans of small_gicp's local map"""
+    gicp_scans: int = Field(15, ge=1)
+    """largest number of scans in small_gicp's local map"""
+    outlier_distance: float = Field(0.4, gt=0)
+    """m, largest change between two steps of an external odometry; beyond it, it is rejected"""
+    outlier_angle: float = Field(0.5, gt=0)
+    """rad, largest change between two turns of an external odometry; beyond it, it is rejected"""
+    unconstrained_speed_error: float = Field(1.0, gt=0)
+    """m/s, standard deviation of the drift along directions that no surface constrains"""
+    unconstrained_turn_error: float = Field(0.3, gt=0)
+    """rad/s, standard deviation of the drift about axes that no surface constrains"""
+    external_speed_error: float = Field(0.02, gt=0)
+    """m/s, standard deviation of an external odometry along unconstrained directions"""
+    external_turn_error: float = Field(0.01, gt=0)
+    """rad/s, standard deviation of an external odometry about unconstrained axes"""
+    sigma_rotation: float = Field(0.004, gt=0)
+    """rad, standard deviation of the rotation between two keyframes"""
+    sigma_translation: float = Field(0.015, gt=0)
+    """m, standard deviation of the translation between two keyframes"""
 
 
 class TrackingSettings(_Settings):
     """Alignment of each scan to the known walls and floor."""
 
-    correct: bool = Field(
-        True, description="align each scan to the walls and floor; false relies on the odometry alone"
-    )
-    points: int = Field(
-        100, ge=20, description="number of floor points per scan that are used; twice as many wall points are used"
-    )
-    every_column: int = Field(4, ge=1, description="step between the scan columns that are used, also by the odometry")
-    reach: float = Field(20.0, gt=0, description="m, largest distance of the walls that are used")
-    gates: tuple[float, ...] = Field(
-        (0.4, 0.12), description="m, largest distance of a point from its wall, one per iteration"
-    )
-    sure_step: float = Field(0.01, gt=0, description="m and rad, update below which the alignment stops")
-    sigma_point: float = Field(
-        0.05,
-        gt=0,
-        description="m, standard deviation of a point's distance from its wall; neighbouring points share it",
-    )
-    huber: float = Field(
-        0.03, gt=0, description="m, distance from a wall beyond which a point's weight is reduced (Huber loss)"
-    )
-    sigma_height: float = Field(0.03, gt=0, description="m, standard deviation of the sensor's height above the floor")
-    sigma_tilt: float = Field(
-        0.02, gt=0, description="rad, standard deviation of the sensor's tilt while it is carried"
-    )
-    tilt_memory: float = Field(
-        0.05, gt=0, le=1, description="weight of the newest scan in the running mean of the sensor's tilt"
-    )
-    sigma_translation: float = Field(
-        0.05, gt=0, description="m, standard deviation of the odometry's translation for one scan"
-    )
-    sigma_rotation: float = Field(
-        0.02, gt=0, description="rad, standard deviation of the odometry's rotation for one scan"
-    )
-    firm_share: float = Field(
-        0.5, ge=0, le=1, description="share of a scan's points on walls from which the odometry may be skipped"
-    )
-    firm_points: float = Field(
-        20.0, gt=0, description="points on walls in each direction from which the odometry may be skipped"
-    )
-    surprise_distance: float = Field(
-        0.15,
-        gt=0,
-        description="m, distance from the pose predicted by constant velocity beyond which the odometry is used",
-    )
-    surprise_angle: float = Field(
-        0.1,
-        gt=0,
-        description="rad, angle from the pose predicted by constant velocity beyond which the odometry is used",
-    )
+    correct: bool = True
+    """align each scan to the walls and floor; false relies on the odometry alone"""
+    points: int = Field(100, ge=20)
+    """number of floor points per scan that are used; twice as many wall points are used"""
+    every_column: int = Field(4, ge=1)
+    """step between the scan columns that are used, also by the odometry"""
+    reach: float = Field(20.0, gt=0)
+    """m, largest distance of the walls that are used"""
+    gates: tuple[float, ...] = (0.4, 0.12)
+    """m, largest distance of a point from its wall, one per iteration"""
+    sure_step: float = Field(0.01, gt=0)
+    """m and rad, update below which the alignment stops"""
+    sigma_point: float = Field(0.05, gt=0)
+    """m, standard deviation of a point's distance from its wall; neighbouring points share it"""
+    huber: float = Field(0.03, gt=0)
+    """m, distance from a wall beyond which a point's weight is reduced (Huber loss)"""
+    sigma_height: float = Field(0.03, gt=0)
+    """m, standard deviation of the sensor's height above the floor"""
+    sigma_tilt: float = Field(0.02, gt=0)
+    """rad, standard deviation of the sensor's tilt while it is carried"""
+    tilt_memory: float = Field(0.05, gt=0, le=1)
+    """weight of the newest scan in the running mean of the sensor's tilt"""
+    sigma_translation: float = Field(0.05, gt=0)
+    """m, standard deviation of the odometry's translation for one scan"""
+    sigma_rotation: float = Field(0.02, gt=0)
+    """rad, standard deviation of the odometry's rotation for one scan"""
+    firm_share: float = Field(0.5, ge=0, le=1)
+    """share of a scan's points on walls from which the odometry may be skipped"""
+    firm_points: float = Field(20.0, gt=0)
+    """points on walls in each direction from which the odometry may be skipped"""
+    surprise_distance: float = Field(0.15, gt=0)
+    """m, distance from the pose predicted by constant velocity beyond which the odometry is used"""
+    surprise_angle: float = Field(0.1, gt=0)
+    """rad, angle from the pose predicted by constant velocity beyond which the odometry is used"""
 
 
 class KeyframeSettings(_Settings):
     """When a keyframe is added: at the first limit that is reached, and at the last scan."""
 
-    distance: float = Field(0.8, gt=0, description="m, distance from the last keyframe")
-    angle: float = Field(0.6, gt=0, description="rad, rotation since the last keyframe")
-    scans: int = Field(
-        15, ge=1, description="number of scans since the last keyframe while moving, even without odometric motion"
-    )
-    standing: int = Field(
-        50, ge=1, description="number of scans since the last keyframe while standing; doubled after each keyframe"
-    )
+    distance: float = Field(0.8, gt=0)
+    """m, distance from the last keyframe"""
+    angle: float = Field(0.6, gt=0)
+    """rad, rotation since the last keyframe"""
+    scans: int = Field(15, ge=1)
+    """number of scans since the last keyframe while moving, even without odometric motion"""
+    standing: int = Field(50, ge=1)
+    """number of scans since the last keyframe while standing; doubled after each keyframe"""
 
 
 class SurfaceSettings(_Settings):
     """Wall surfaces extracted from single scans, and their association across keyframes."""
 
-    columns: int = Field(900, ge=90, description="number of columns of the virtual 2D scan")
-    high_band: tuple[float, float] = Field(
-        (0.9, 2.55), description="m, heights above the floor, over furniture and under ceilings"
-    )
-    low_band: tuple[float, float] = Field(
-        (0.12, 0.88), description="m, heights above the floor in which parapets are seen"
-    )
-    guessed_height: float = Field(
-        1.0, gt=0, description="m, assumed height of the sensor above the floor until the floor is detected"
-    )
-    split: float = Field(0.06, gt=0, description="m, distance from the chord at which a chain of points is split")
-    min_columns: int = Field(5, ge=3, description="least number of columns of the virtual scan in a wall segment")
-    min_length: float = Field(0.35, gt=0, description="m, least length of a wall segment")
-    merge_gap: float = Field(
-        0.5, ge=0, description="m, largest gap between collinear segments of one scan that are merged"
-    )
-    max_tilt: float = Field(0.09, gt=0, description="rad, largest angle between a wall and the vertical")
-    associate_angle: float = Field(
-        0.14, gt=0, description="rad, largest angle between a segment and its associated wall"
-    )
-    associate_offset: float = Field(
-        0.12, gt=0, description="m, largest distance across between a segment and its associated wall"
-    )
-    associate_gap: float = Field(
-        1.0, ge=0, description="m, largest gap along between a segment and its associated wall"
-    )
-    join_angle: float = Field(0.1, gt=0, description="rad, largest angle between two walls that are merged")
-    join_offset: float = Field(0.1, gt=0, description="m, largest distance across between two walls that are merged")
-    split_step: float = Field(0.05, gt=0, description="m, offset across at which a wall is split in two, end to end")
-    min_observations: int = Field(3, ge=1, description="least number of keyframes that must observe a surface")
+    columns: int = Field(900, ge=90)
+    """number of columns of the virtual 2D scan"""
+    high_band: tuple[float, float] = (0.9, 2.55)
+    """m, heights above the floor, over furniture and under ceilings"""
+    low_band: tuple[float, float] = (0.12, 0.88)
+    """m, heights above the floor in which parapets are seen"""
+    guessed_height: float = Field(1.0, gt=0)
+    """m, assumed height of the sensor above the floor until the floor is detected"""
+    split: float = Field(0.06, gt=0)
+    """m, distance from the chord at which a chain of points is split"""
+    min_columns: int = Field(5, ge=3)
+    """least number of columns of the virtual scan in a wall segment"""
+    min_length: float = Field(0.35, gt=0)
+    """m, least length of a wall segment"""
+    merge_gap: float = Field(0.5, ge=0)
+    """m, largest gap between collinear segments of one scan that are merged"""
+    max_tilt: float = Field(0.09, gt=0)
+    """rad, largest angle between a wall and the vertical"""
+    associate_angle: float = Field(0.14, gt=0)
+    """rad, largest angle between a segment and its associated wall"""
+    associate_offset: float = Field(0.12, gt=0)
+    """m, largest distance across between a segment and its associated wall"""
+    associate_gap: float = Field(1.0, ge=0)
+    """m, largest gap along between a segment and its associated wall"""
+    join_angle: float = Field(0.1, gt=0)
+    """rad, largest angle between two walls that are merged"""
+    join_offset: float = Field(0.1, gt=0)
+    """m, largest distance across between two walls that are merged"""
+    split_step: float = Field(0.05, gt=0)
+    """m, offset across at which a wall is split in two, end to end"""
+    min_observations: int = Field(3, ge=1)
+    """least number of keyframes that must observe a surface"""
 
 
 class RoomSettings(_Settings):
     """Room segmentation from free space: walls and lintels are barriers, doors are necks."""
 
-    cell: float = Field(0.05, gt=0, description="m, cell size of the free-space grid")
-    seed_clearance: float = Field(0.62, gt=0, description="m, least distance to the next barrier at the seed of a room")
-    neck: float = Field(1.35, gt=0, description="m, widest opening that separates two rooms")
-    min_area: float = Field(1.5, gt=0, description="m2, least area of a room")
-    lintel_band: tuple[float, float] = Field(
-        (2.05, 2.6), description="m, heights above the floor in which door lintels are seen"
-    )
+    cell: float = Field(0.05, gt=0)
+    """m, cell size of the free-space grid"""
+    seed_clearance: float = Field(0.62, gt=0)
+    """m, least distance to the next barrier at the seed of a room"""
+    neck: float = Field(1.35, gt=0)
+    """m, widest opening that separates two rooms"""
+    min_area: float = Field(1.5, gt=0)
+    """m2, least area of a room"""
+    lintel_band: tuple[float, float] = (2.05, 2.6)
+    """m, heights above the floor in which door lintels are seen"""
 
 
 class CloudSettings(_Settings):
     """The keyframes' points, stored on disk for the point cloud map and for comparing keyframes."""
 
-    keyframe_voxel: float = Field(
-        0.1, gt=0, description="m, voxel size of the stored keyframe clouds; one point is kept per voxel"
-    )
-    map_voxel: float = Field(0.05, gt=0, description="m, voxel size of the point cloud map")
+    keyframe_voxel: float = Field(0.1, gt=0)
+    """m, voxel size of the stored keyframe clouds; one point is kept per voxel"""
+    map_voxel: float = Field(0.05, gt=0)
+    """m, voxel size of the point cloud map"""
 
 
 class BackendSettings(_Settings):
     """Noise of the factors and schedule of the optimisation."""
 
-    scene_keyframes: int = Field(16, ge=1, description="least number of keyframes between two room segmentations")
-    unplaced_keyframes: int = Field(
-        3, ge=1, description="least number of keyframes between two room segmentations while the map is not placed"
-    )
-    scene_growth: float = Field(
-        0.25, ge=0, description="least growth between two room segmentations, as a share of all keyframes"
-    )
-    every_keyframes: int = Field(12, ge=1, description="least number of keyframes between two optimisations")
-    growth: float = Field(0.08, ge=0, description="least growth between two optimisations, as a share of all keyframes")
-    sigma_normal: float = Field(
-        0.004, gt=0, description="rad, lower bound of the standard deviation of an observed wall normal"
-    )
-    sigma_offset: float = Field(
-        0.008, gt=0, description="m, lower bound of the standard deviation of an observed wall offset"
-    )
-    sigma_floor_offset: float = Field(
-        0.01, gt=0, description="m, standard deviation of the floor's offset in a keyframe"
-    )
-    sigma_floor_normal: float = Field(
-        0.006, gt=0, description="rad, standard deviation of the floor's normal in a keyframe"
-    )
-    huber: float = Field(
-        1.345, gt=0, description="whitened residual beyond which a wall observation's weight is reduced (Huber loss)"
-    )
+    scene_keyframes: int = Field(16, ge=1)
+    """least number of keyframes between two room segmentations"""
+    unplaced_keyframes: int = Field(3, ge=1)
+    """least number of keyframes between two room segmentations while the map is not placed"""
+    scene_growth: float = Field(0.25, ge=0)
+    """least growth between two room segmentations, as a share of all keyframes"""
+    every_keyframes: int = Field(12, ge=1)
+    """least number of keyframes between two optimisations"""
+    growth: float = Field(0.08, ge=0)
+    """least growth between two optimisations, as a share of all keyframes"""
+    sigma_normal: float = Field(0.004, gt=0)
+    """rad, lower bound of the standard deviation of an observed wall normal"""
+    sigma_offset: float = Field(0.008, gt=0)
+    """m, lower bound of the standard deviation of an observed wall offset"""
+    sigma_floor_offset: float = Field(0.01, gt=0)
+    """m, standard deviation of the floor's offset in a keyframe"""
+    sigma_floor_normal: float = Field(0.006, gt=0)
+    """rad, standard deviation of the floor's normal in a keyframe"""
+    huber: float = Field(1.345, gt=0)
+    """whitened residual beyond which a wall observation's weight is reduced (Huber loss)"""
 
 
 class AnchorSettings(_Settings):
     """Anchors to the BIM: how closely the building agrees with its plan."""
 
-    planes: bool = Field(True, description="anchor matched walls")
-    rooms: bool = Field(True, description="anchor matched rooms")
-    sigma_offset: float = Field(0.006, gt=0, description="m, standard deviation of a wall's offset as built")
-    sigma_normal: float = Field(0.004, gt=0, description="rad, standard deviation of a wall's normal as built")
-    sigma_extraction: float = Field(
-        0.004, gt=0, description="m, standard deviation of the error that all observations of a wall share"
-    )
-    tolerance: float = Field(0.03, gt=0, description="m, largest offset of a wall that counts as planned")
-    doubtful: float = Field(
-        0.08, gt=0, description="m, offset below which a wall still anchors the map, since the map may be wrong"
-    )
-    sigma_room: float = Field(0.03, gt=0, description="m, standard deviation of a room's position as built")
-    sigma_loose: float = Field(
-        0.2, gt=0, description="m and rad, standard deviation of the anchor of a wall that deviates from the plan"
-    )
-    reach: float = Field(0.4, gt=0, description="m, largest distance between a wall and its planned wall")
-    gate_angle: float = Field(0.07, gt=0, description="rad, largest angle between a wall and its planned wall")
-    gate_offset: float = Field(
-        0.15, gt=0, description="m, largest distance between the back end's map pose and the walls' consensus"
-    )
-    redescending: float = Field(
-        3.0, gt=0, description="whitened residual at which an anchor's weight is a quarter (redescending loss)"
-    )
-    least_agreeing: float = Field(
-        0.3, gt=0, le=1, description="least share of a match's walls that must agree on the map's pose"
-    )
-    least_share: float = Field(
-        0.5, gt=0, le=1, description="share of the walls that must be as planned; below it the map is matched again"
-    )
-    sigma_floor: float = Field(0.01, gt=0, description="m, standard deviation of a storey's elevation as built")
+    planes: bool = True
+    """anchor matched walls"""
+    rooms: bool = True
+    """anchor matched rooms"""
+    sigma_offset: float = Field(0.006, gt=0)
+    """m, standard deviation of a wall's offset as built"""
+    sigma_normal: float = Field(0.004, gt=0)
+    """rad, standard deviation of a wall's normal as built"""
+    sigma_extraction: float = Field(0.004, gt=0)
+    """m, standard deviation of the error that all observations of a wall share"""
+    tolerance: float = Field(0.03, gt=0)
+    """m, largest offset of a wall that counts as planned"""
+    doubtful: float = Field(0.08, gt=0)
+    """m, offset below which a wall still anchors the map, since the map may be wrong"""
+    sigma_room: float = Field(0.03, gt=0)
+    """m, standard deviation of a room's position as built"""
+    sigma_loose: float = Field(0.2, gt=0)
+    """m and rad, standard deviation of the anchor of a wall that deviates from the plan"""
+    reach: float = Field(0.4, gt=0)
+    """m, largest distance between a wall and its planned wall"""
+    gate_angle: float = Field(0.07, gt=0)
+    """rad, largest angle between a wall and its planned wall"""
+    gate_offset: float = Field(0.15, gt=0)
+    """m, largest distance between the back end's map pose and the walls' consensus"""
+    redescending: float = Field(3.0, gt=0)
+    """whitened residual at which an anchor's weight is a quarter (redescending loss)"""
+    least_agreeing: float = Field(0.3, gt=0, le=1)
+    """least share of a match's walls that must agree on the map's pose"""
+    least_share: float = Field(0.5, gt=0, le=1)
+    """share of the walls that must be as planned; below it the map is matched again"""
+    sigma_floor: float = Field(0.01, gt=0)
+    """m, standard deviation of a storey's elevation as built"""
 
 
 class MatchingSettings(_Settings):
     """How the S-graph is matched with the plan."""
 
-    method: str = Field("learned", description="name of the matcher, such as learned or voting")
+    method: str = "learned"
+    """name of the matcher, such as learned or voting"""
 
 
 class Config(_Settings):
