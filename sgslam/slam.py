@@ -88,7 +88,7 @@ class SceneGraphSlam:
         if current.add_scan(scan, located):
             current.add_keyframe(scan.points)  # with the walls and floor extracted from it
             if current.has_grown:
-                current.update()  # optimises, closes loops, segments rooms, matches and anchors
+                current.update()  # matches and anchors, optimises, closes loops, segments rooms
         return self._update(raw.stamp_ns, scan.offset_ns)
 
     def _hold_back(self, raw: RawScan) -> Update:
