@@ -39,7 +39,7 @@ def tour(
 
     The next room is the nearest of a random part of those not yet visited. The tour ends when `min_rooms`
     rooms (all, where fewer can be reached) have been entered and `min_length` metres driven; rooms are
-    visited anew, at other places, where they are too few for the length. Raises UserError where no room can
+    visited again, at other places, where they are too few for the length. Raises UserError where no room can
     be reached.
     """
     grid, rng = planner.grid, planner.rng

@@ -1,4 +1,4 @@
-"""Small whole files of every format that is read, made anew: what the fuzzing damages."""
+"""Small valid files of every supported format, generated for the fuzzing to damage."""
 
 import io
 import json

@@ -183,7 +183,7 @@ def serve(pipe: Connection) -> None:
 
                 pipe.send(("raised", traceback.format_exc()))
     except (EOFError, KeyboardInterrupt, BrokenPipeError):
-        pass
+        pass  # the parent process is gone or interrupted: there is no one to report to
 
 
 def blank_row(pair: Pair, prepared: Prepared, method: str) -> Row:

@@ -136,7 +136,7 @@ MAPS = {
 }  # fmt: skip
 HEAD = (
     "## The published tables\n\n"
-    "`paper@published` and `paper@repository` are the published matcher built anew from its text, trained on other "
+    "`paper@published` and `paper@repository` are the published matcher reimplemented from its text, trained on other "
     "plans than those below; `combinatorial` is the search that it is compared with. Precision, recall and F1 are of "
     "rooms and wall surfaces together, means over pairs with their 95 % intervals (bootstrap over buildings), also of "
     "pairs that were not completed in 60 s, where nothing was answered; accuracy is the share of S nodes answered as "
@@ -154,7 +154,7 @@ DIFFERS = (
     "iS-Graphs row is of S-graphs without noise and turn, over completed pairs with exactly one solution, ours is of "
     "the same pairs as all rows. The replicas, of others, were trained and tested on drawn apartments at right "
     "angles, whose S-graphs were copies that keep the plan's order of rooms and walls in the directions of their "
-    "edges, as the published ones do; here the edges of an S-graph are made anew from what is in it."
+    "edges, as the published ones do; here the edges of an S-graph are derived from what is in it."
 )
 SECOND = "Published table 2: maps that SLAM built"
 SECOND_NOTE = (

@@ -105,7 +105,7 @@ def trajectory_numbers(estimate: Trajectory | None, truth: Trajectory) -> dict[s
         travelled = drift(estimate, truth)
         percent = travelled.end_percent if travelled.mean_percent is None else travelled.mean_percent
     except UserError:
-        pass  # a robot that stood still
+        pass  # a robot that stood still has no relative error, and the row leaves it empty
     return {
         "rmse_bim_m": error.position.rmse, "max_bim_m": error.position.max,
         "horizontal_rmse_m": error.horizontal.rmse, "height_rmse_m": error.height.rmse,

@@ -1,4 +1,4 @@
-"""Training pairs, drawn anew for every step; step k of a seed is always the same batch."""
+"""Training pairs, drawn for every step; step k of a seed is always the same batch."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence

@@ -192,7 +192,7 @@ class Backend:
         return self._solve(inputs, steps)
 
     def _bar(self, kind: Kind, key: Key, why: str) -> None:
-        # rooms and anchors are given anew to each optimisation
+        # rooms and anchors are passed again to each optimisation
         self.log.withdraw(len(self.keyframes), kind, [key], why, for_good=kind not in ("room", "anchor"))
         if kind == "odometry":
             self._builder.bridge(int(key[0]))

@@ -187,7 +187,7 @@ class GraphBuilder:
                 if wall in anchor_of:
                     factor = factors.wall_of_room(plane, R(room.id), X(anchor_of[wall]), P(wall), noise)
                     entries[room.id, wall] = Entry(factor, "free space", f"wall {wall} bounds the room")
-        self._log.hold(len(self._keyframes), "room", entries, "the rooms were cut anew")
+        self._log.hold(len(self._keyframes), "room", entries, "the rooms were segmented again")
 
     def hold_anchors(self, anchors: Anchors | None, anchor_of: dict[int, int], rooms: set[int]) -> None:
         """Adds the anchors and the BIM frame; nothing for None."""

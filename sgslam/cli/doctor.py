@@ -117,7 +117,7 @@ def _memory_gb() -> float | None:
         if limit != "max":
             free.append((int(limit) - int(Path("/sys/fs/cgroup/memory.current").read_text())) / 1e9)
     except (OSError, ValueError, KeyError):
-        pass
+        pass  # not Linux, or no such limit: what was found is used
     return min(free, default=None)
 
 

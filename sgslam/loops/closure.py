@@ -54,7 +54,7 @@ class _Map:
 
 
 class LoopCloser:
-    """Finds loop closures; keyframes, walls and estimates are passed anew each time.
+    """Finds loop closures; keyframes, walls and estimates are passed each time.
 
     `closures` is the factor graph's own list: new ones are added to it, contradicted ones removed. The first `looked`
     keyframes are not searched for closures.
