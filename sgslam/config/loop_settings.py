@@ -1,12 +1,12 @@
 """The settings of loop closure."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from sgslam.config.base import Settings
 
 
-class LoopSettings(BaseModel):
+class LoopSettings(Settings):
     """When loop closures are searched for, and what a closure must satisfy."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
 
     enabled: bool = True
     """close loops where the map is not anchored or the odometry may have slipped"""

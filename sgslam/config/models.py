@@ -5,16 +5,13 @@ A description begins with the unit, if the setting has one, and is a whole phras
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from sgslam.config.base import Settings
 from sgslam.config.loop_settings import LoopSettings
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True)
-
-
-class OdometrySettings(_Settings):
+class OdometrySettings(Settings):
     """The odometry, KISS-ICP or small_gicp, with settings for indoors."""
 
     method: Literal["kiss", "small_gicp"] = "kiss"
@@ -61,7 +58,7 @@ class OdometrySettings(_Settings):
     """m, standard deviation of the translation between two keyframes"""
 
 
-class TrackingSettings(_Settings):
+class TrackingSettings(Settings):
     """Alignment of each scan to the known walls and floor."""
 
     correct: bool = True
@@ -100,7 +97,7 @@ class TrackingSettings(_Settings):
     """rad, angle from the pose predicted by constant velocity beyond which the odometry is used"""
 
 
-class KeyframeSettings(_Settings):
+class KeyframeSettings(Settings):
     """When a keyframe is added: at the first limit that is reached, and at the last scan."""
 
     distance: float = Field(0.8, gt=0)
@@ -113,7 +110,7 @@ class KeyframeSettings(_Settings):
     """number of scans since the last keyframe while standing; doubled after each keyframe"""
 
 
-class SurfaceSettings(_Settings):
+class SurfaceSettings(Settings):
     """Wall surfaces extracted from single scans, and their association across keyframes."""
 
     columns: int = Field(900, ge=90)
@@ -150,7 +147,7 @@ class SurfaceSettings(_Settings):
     """least number of keyframes that must observe a surface"""
 
 
-class RoomSettings(_Settings):
+class RoomSettings(Settings):
     """Room segmentation from free space: walls and lintels are barriers, doors are necks."""
 
     cell: float = Field(0.05, gt=0)
@@ -165,7 +162,7 @@ class RoomSettings(_Settings):
     """m, heights above the floor in which door lintels are seen"""
 
 
-class CloudSettings(_Settings):
+class CloudSettings(Settings):
     """The keyframes' points, stored on disk for the point cloud map and for comparing keyframes."""
 
     keyframe_voxel: float = Field(0.1, gt=0)
@@ -174,7 +171,7 @@ class CloudSettings(_Settings):
     """m, voxel size of the point cloud map"""
 
 
-class BackendSettings(_Settings):
+class BackendSettings(Settings):
     """Noise of the factors and schedule of the optimisation."""
 
     scene_keyframes: int = Field(16, ge=1)
@@ -199,7 +196,7 @@ class BackendSettings(_Settings):
     """whitened residual beyond which a wall observation's weight is reduced (Huber loss)"""
 
 
-class AnchorSettings(_Settings):
+class AnchorSettings(Settings):
     """Anchors to the BIM: how closely the building agrees with its plan."""
 
     planes: bool = True
@@ -236,14 +233,14 @@ class AnchorSettings(_Settings):
     """m, standard deviation of a storey's elevation as built"""
 
 
-class MatchingSettings(_Settings):
+class MatchingSettings(Settings):
     """How the S-graph is matched with the plan."""
 
     method: str = "learned"
     """name of the matcher, such as learned or voting"""
 
 
-class Config(_Settings):
+class Config(Settings):
     """All settings of a run."""
 
     odometry: OdometrySettings = OdometrySettings()
