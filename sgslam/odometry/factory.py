@@ -1,9 +1,11 @@
 """Creates the odometry named in the settings."""
 
+from typing import get_args
+
 from sgslam.config import OdometrySettings
 from sgslam.odometry.base import Odometry
 
-METHODS = ("kiss", "small_gicp")  # of `OdometrySettings.method`
+METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].annotation)
 
 
 def make_odometry(settings: OdometrySettings) -> Odometry:
