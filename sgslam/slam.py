@@ -48,7 +48,7 @@ class SceneGraphSlam:
         self._config, self._stopwatch = config, stopwatch or Stopwatch()
         self._session = Session(config, a_graph, matcher, odometry, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
-        self._kidnap_watch = KidnapDetector()
+        self._kidnap_detector = KidnapDetector()
         self._held_back: list[RawScan] = []  # the newest scans, while they do not fit the ones before
         self._newest_ns: int | None = None
 
@@ -77,13 +77,13 @@ class SceneGraphSlam:
         current = self._map
         with self._stopwatch("odometry"):
             scan = current.tracker.prepare(raw)  # deskewed to one instant, sorted into columns
-            suspect = not (trusted or current.tracker.between_floors or self._kidnap_watch.fits(scan.columns))
+            suspect = not (trusted or current.tracker.between_floors or self._kidnap_detector.fits(scan.columns))
         if suspect:
             return self._hold_back(raw)
         if not trusted:
             self._process_held_back()
         with self._stopwatch("odometry"):
-            self._kidnap_watch.keep(scan.columns)
+            self._kidnap_detector.keep(scan.columns)
             located = current.tracker.locate(scan, current.last_pose)  # predicted, aligned to walls and floor
         if current.add_scan(scan, located):
             current.add_keyframe(scan.points)  # with the walls and floor extracted from it
@@ -100,7 +100,7 @@ class SceneGraphSlam:
         if all_fit([self._map.tracker.front_end.columns(one.points) for one in held_back]):
             _log.warning("scan at %d ns: the sensor was carried elsewhere; a new map begins", held_back[0].stamp_ns)
             self._map = self._session.split(self._map)
-            self._kidnap_watch = KidnapDetector()
+            self._kidnap_detector = KidnapDetector()
         return [self._process(one, trusted=True) for one in held_back][-1]
 
     def _process_held_back(self) -> None:
@@ -183,7 +183,8 @@ class SceneGraphSlam:
         """
         return {
             "newest_ns": self._newest_ns, "held_back": self._held_back, "seconds": self.seconds,
-            "kidnap_watch": self._kidnap_watch.state(), "session": self._session.state(), "map": self._map.state(),
+            "kidnap_detector": self._kidnap_detector.state(), "session": self._session.state(),
+            "map": self._map.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -192,6 +193,6 @@ class SceneGraphSlam:
         clouds = self._session.restore(state["session"], self.clouds)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._map.restore(state["map"])
-        self._kidnap_watch.restore(state["kidnap_watch"])
+        self._kidnap_detector.restore(state["kidnap_detector"])
         self._newest_ns, self._held_back = state["newest_ns"], state["held_back"]
         self._stopwatch.seconds = state["seconds"]

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
+from matching import Matcher
 from matching.protocol import AnyMatcher
 from sgslam.anchoring import BuildingAnchoring, floor_named
-from sgslam.anchoring.default_matcher import default_matcher
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
@@ -105,7 +105,7 @@ class Session:
 
     @property
     def _matcher_in_use(self) -> AnyMatcher:
-        return self._matcher or default_matcher(self._config)
+        return self._matcher or Matcher.load(self._config.matching.method)
 
     def _anchored_in(self, plan: SceneGraph | None, is_prior: bool) -> BuildingAnchoring | None:
         if plan is None:
