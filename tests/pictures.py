@@ -16,7 +16,7 @@ from PIL import Image
 
 from data.scans import ScanFolder
 from evaluation.harness import SequenceSpec, prepare
-from evaluation.harness.sequences import odometry_alone
+from evaluation.drives.sequences import odometry_alone
 from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.geometry.frames import inverse
 from sgslam.run import main as run

@@ -1,17 +1,5 @@
-"""What the measurements share: driven sequences, records, result pages, matchers that stand in for the real one."""
+"""What the measurements share: records and result pages."""
 
-from evaluation.harness.conditions import Conditions
 from evaluation.harness.record_file import RecordFile, read_records, write_records
-from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs, select_sequences
 
-__all__ = [
-    "Conditions",
-    "RecordFile",
-    "Sequence",
-    "SequenceSpec",
-    "prepare",
-    "read_records",
-    "read_specs",
-    "select_sequences",
-    "write_records",
-]
+__all__ = ["RecordFile", "read_records", "write_records"]

@@ -13,7 +13,7 @@ from data.common.errors import UserError
 from data.plans import read_plans
 from data.plans.sources import Plan
 from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
-from evaluation.harness.slam_graph_files import read_drives
+from evaluation.drives.slam_graph_files import read_drives
 from evaluation.matching_benchmark.rows import written_as
 from evaluation.metrics.true_matches import TrueMatches
 from matching.ambiguity.symmetries import symmetries
@@ -212,7 +212,7 @@ def pairs_of_cell(
 
 
 def slam_pairs(folder: Path) -> list[SlamPair]:
-    """The S-graphs that `evaluation.harness.slam_graphs` wrote to a folder. Their column is the largest one that they
+    """The S-graphs that `evaluation.drives.slam_graphs` wrote to a folder. Their column is the largest one that they
     fill; the last graph of a drive is in the column "all"."""
     found = []
     buildings: dict[int, str] = {}  # drives through one building share its A-graph

@@ -42,7 +42,7 @@ def _parser() -> Parser:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for rows, tables and plots")
     parser.add_argument("--plans", type=Path, nargs="+", default=[], metavar="PATH", help="plans in any known format")
     parser.add_argument("--generated", nargs="+", default=[], metavar="KIND:COUNT[:SKIPPED]", help="generated plans")
-    parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.harness.slam_graphs")
+    parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.drives.slam_graphs")
     parser.add_argument(
         "--methods", nargs="+", default=["learned", "voting", "oracle"], metavar="NAME",
         help="learned, voting, oracle, ...",

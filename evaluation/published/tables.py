@@ -45,7 +45,7 @@ def _parser() -> Parser:
     parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs per cell of --msd (default 100)")
     parser.add_argument("--generated", type=int, default=0, metavar="N", help="generated apartments, one pair each")
     parser.add_argument("--se2", type=Path, metavar="FILE", help="a known map, see evaluation.published.se2_subsets")
-    parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.harness.slam_graphs")
+    parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.drives.slam_graphs")
     parser.add_argument("--methods", nargs="*", default=METHODS, metavar="NAME")
     parser.add_argument(
         "--ablation",

@@ -12,7 +12,7 @@ from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from evaluation.harness import Sequence
-from evaluation.harness.sequences import storey_of
+from evaluation.drives.sequences import storey_of
 from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.matches import matching_scores
 from evaluation.metrics.trajectories import drift, error_in_bim, matched, rpe

@@ -26,7 +26,7 @@ from evaluation.harness import (
     select_sequences,
     write_records,
 )
-from evaluation.harness.conditions import NORMAL
+from evaluation.drives.conditions import NORMAL
 from evaluation.slam_ablation.rows import COLUMNS, KEY, Record, Records
 from evaluation.slam_ablation.variants import VARIANTS, WITHOUT_BIM, check_variant
 from evaluation.slam_ablation.worker import Answer, Task, run_in_process, run_on_worker

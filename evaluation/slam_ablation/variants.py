@@ -15,9 +15,9 @@ from data.plans.mesh_files import is_mesh
 from data.scans import Scan, ScanFolder
 from data.trajectory import Trajectory
 from evaluation.harness import Sequence
-from evaluation.harness.sequences import odometry_alone, storey_of
-from evaluation.harness.stand_in_matchers import OracleMatcher, WrongMatches
-from evaluation.harness.weakened import shortened
+from evaluation.drives.sequences import odometry_alone, storey_of
+from evaluation.drives.stand_in_matchers import OracleMatcher, WrongMatches
+from evaluation.drives.weakened import shortened
 from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
 from evaluation.slam_ablation.rows import Row, errors_over_time, map_numbers, trajectory_numbers
 from matching import Matcher

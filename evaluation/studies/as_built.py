@@ -30,7 +30,7 @@ from evaluation.harness import (
 )
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.record_file import Record
-from evaluation.harness.sequences import storey_of
+from evaluation.drives.sequences import storey_of
 from evaluation.metrics.as_built_scores import KINDS, LEAST_VIEWS, deviation_scores
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from sgslam.config import Config, MatchingSettings

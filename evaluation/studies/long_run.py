@@ -23,7 +23,7 @@ from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
 from data.plans import load_bim
 from data.scans import ScanFolder
-from evaluation.harness.endless_drive import DriveSpec, EndlessDrive
+from evaluation.drives.endless_drive import DriveSpec, EndlessDrive
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE
 from sgslam.session import Checkpoints, Stopwatch

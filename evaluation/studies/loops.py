@@ -20,7 +20,7 @@ from data.common.files import write_atomically
 from data.trajectory import Trajectory
 from evaluation.harness import SequenceSpec, read_records, read_specs, select_sequences, write_records
 from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
+from evaluation.drives.loop_drives import ONCE, ROUTES, Drive, drive_along, drive_through
 from evaluation.harness.record_file import Record
 from evaluation.metrics.trajectories import ape, drift, rpe
 from sgslam.config import Config, TrackingSettings

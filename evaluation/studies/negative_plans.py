@@ -16,7 +16,7 @@ from data.common.files import write_atomically
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
 from evaluation.harness import Sequence, SequenceSpec, prepare, read_specs, select_sequences
-from evaluation.harness.sequences import plan_of
+from evaluation.drives.sequences import plan_of
 from matching import Matcher, MatchResult
 from sgslam.slam import SceneGraphSlam
 

@@ -21,7 +21,7 @@ from data.trajectory import Trajectory
 from evaluation.harness import RecordFile, Sequence, SequenceSpec, prepare, read_specs, select_sequences
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.record_file import Record
-from evaluation.harness.sequences import odometry_alone, odometry_of_run
+from evaluation.drives.sequences import odometry_alone, odometry_of_run
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.trajectories import ape, error_in_bim, rpe
 from evaluation.studies.timing import seconds_of_kiss_icp

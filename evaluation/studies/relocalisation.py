@@ -31,7 +31,7 @@ from evaluation.harness import (
 )
 from evaluation.harness.benchmark_page import made_by, write_section
 from evaluation.harness.record_file import Record
-from evaluation.harness.sequences import storey_of
+from evaluation.drives.sequences import storey_of
 from evaluation.metrics.rooms_seen import RoomsNeeded, rooms_entered, rooms_needed, rooms_seen
 from evaluation.metrics.trajectories import ape
 from matching import Matcher

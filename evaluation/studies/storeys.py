@@ -21,7 +21,7 @@ from data.common.files import write_atomically, write_json
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.sequences import storey_of
+from evaluation.drives.sequences import storey_of
 from sgslam.config import Config, MatchingSettings
 from sgslam.session import Result
 

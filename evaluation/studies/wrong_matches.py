@@ -14,7 +14,7 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically
 from evaluation.harness import Conditions, SequenceSpec, read_specs, select_sequences
-from evaluation.harness.conditions import NORMAL
+from evaluation.drives.conditions import NORMAL
 from evaluation.slam_ablation.rows import Record, Records
 from evaluation.slam_ablation.run import ablate
 

@@ -11,8 +11,8 @@ from boxes import pose
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.harness.loop_buildings import DEPTH, PITCH, long_corridor, ring
-from evaluation.harness.loop_drives import ROUTES, drive_along
+from evaluation.drives.loop_buildings import DEPTH, PITCH, long_corridor, ring
+from evaluation.drives.loop_drives import ROUTES, drive_along
 from evaluation.studies.loops import COLUMNS, FALSE_M, FALSE_RAD, errors_of, measure, table
 from sgslam.mapping import Closure
 

@@ -14,8 +14,8 @@ from data.scans import ScanFolder
 from data.simulation import SimulatedRun
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from evaluation.harness.stand_in_matchers import OracleMatcher, WrongMatches
-from evaluation.harness.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
+from evaluation.drives.stand_in_matchers import OracleMatcher, WrongMatches
+from evaluation.drives.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
 from evaluation.metrics.trajectories import ape, error_in_bim
 from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
 from evaluation.studies.growth import STAGES, measure, picture, table

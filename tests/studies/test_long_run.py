@@ -12,7 +12,7 @@ from small_ifc import write_small_ifc
 from data.common.errors import UserError
 from data.scans import ScanFolder
 from evaluation.harness import endless_drive
-from evaluation.harness.endless_drive import DriveSpec, EndlessDrive
+from evaluation.drives.endless_drive import DriveSpec, EndlessDrive
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,7 @@ from plans import a_graph, flat
 from data.common.cli import run_command
 from data.plans.sources import Plan
 from data.synthetic_maps.noise_models import draw
-from evaluation.harness.slam_graph_files import SlamDrive, SlamGraph, write_drive
+from evaluation.drives.slam_graph_files import SlamDrive, SlamGraph, write_drive
 from evaluation.matching_benchmark.pairs import Candidate, pairs_of_cell, read_candidates, slam_pairs
 from evaluation.matching_benchmark.rows import Row, read_rows
 from evaluation.matching_benchmark.run import main

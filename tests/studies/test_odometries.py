@@ -11,7 +11,7 @@ from data import UserError
 from data.scans.writers import SCAN_WRITERS
 from data.trajectory.stamps import ns_to_seconds
 from evaluation.harness import RecordFile, SequenceSpec
-from evaluation.harness.sequences import odometry_of_run
+from evaluation.drives.sequences import odometry_of_run
 from evaluation.studies import moving_scans, odometries
 from sgslam.config import Config, OdometrySettings
 

@@ -13,8 +13,8 @@ from data import UserError
 from data.geometry import se2
 from data.simulation.simulate import simulate
 from evaluation.harness import SequenceSpec, prepare
-from evaluation.harness.slam_graph_files import SlamDrive, drive_file, read_drives, write_drive
-from evaluation.harness.slam_graphs import make, record, specs_of
+from evaluation.drives.slam_graph_files import SlamDrive, drive_file, read_drives, write_drive
+from evaluation.drives.slam_graphs import make, record, specs_of
 from evaluation.metrics.surface_overlap import best_rigid_fit
 
 pytestmark = pytest.mark.slow
@@ -74,6 +74,6 @@ def test_which_storeys_are_driven(spec: SequenceSpec) -> None:
 
 
 def test_a_missing_building_is_a_users_mistake(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "evaluation.harness.slam_graphs", "--out", str(tmp_path), "--bims", "nowhere.ifc"]
+    command = [sys.executable, "-m", "evaluation.drives.slam_graphs", "--out", str(tmp_path), "--bims", "nowhere.ifc"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.startswith("error: nowhere.ifc") and done.stderr.count("\n") == 1

@@ -14,8 +14,8 @@ from data.simulation import Robot, SpinningSensor
 from data.simulation.drive import drive
 from data.simulation.simulate import ROBOT_TOP
 from data.trajectory import Trajectory
-from evaluation.harness.loop_buildings import LoopBuilding, long_corridor, ring
-from evaluation.harness.weakened import shortened, worsened
+from evaluation.drives.loop_buildings import LoopBuilding, long_corridor, ring
+from evaluation.drives.weakened import shortened, worsened
 
 Floats = NDArray[np.float64]
 ROUTES = {
@@ -53,7 +53,7 @@ class Drive:
 def drive_along(route: str, seed: int, level: int = 0) -> Drive:
     """Drives one of `ROUTES`; the same seed gives the same scans.
 
-    A `level` above 0 degrades the front end, see `evaluation.harness.weakened`. Raises UserError for an unknown route.
+    A `level` above 0 degrades the front end, see `evaluation.drives.weakened`. Raises UserError for an unknown route.
     """
     if route not in ROUTES:
         raise UserError(f"unknown route '{route}'; use one of {', '.join(ROUTES)}")

@@ -18,8 +18,8 @@ from data.scene_graph import SceneGraph
 from data.simulation import Changes
 from data.simulation.simulate import PLAN
 from data.trajectory import Trajectory
-from evaluation.harness.conditions import NORMAL, Conditions
-from evaluation.harness.weakened import WeakOdometry, weaken_odometry
+from evaluation.drives.conditions import NORMAL, Conditions
+from evaluation.drives.weakened import WeakOdometry, weaken_odometry
 
 if TYPE_CHECKING:
     from sgslam.config import Config

@@ -1,6 +1,6 @@
 """Records the S-graphs that the SLAM system builds on simulated drives, as test data for matching.
 
-    python -m evaluation.harness.slam_graphs --out DIR [--bims demo FILE ...] [--list FILE] [--seeds N ...]
+    python -m evaluation.drives.slam_graphs --out DIR [--bims demo FILE ...] [--list FILE] [--seeds N ...]
 
 The graphs are those passed to the matcher, which never answers, so that no map is anchored: the first with each number
 of rooms, and the last one. Nothing is tuned on them. Drives that exist in DIR already are skipped.
@@ -17,8 +17,8 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.synthetic_maps.noise_models import DrawnGraph
-from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs
-from evaluation.harness.slam_graph_files import SlamDrive, SlamGraph, drive_file, write_drive
+from evaluation.drives.sequences import Sequence, SequenceSpec, prepare, read_specs
+from evaluation.drives.slam_graph_files import SlamDrive, SlamGraph, drive_file, write_drive
 from evaluation.metrics.true_matches import true_matches
 from matching import MatchResult
 
@@ -48,7 +48,7 @@ class Recorder:
 def record(sequence: Sequence) -> SlamDrive:
     """Runs the system on a drive; returns the recorded S-graphs, without keyframes, and their truth."""
     from data.scans import ScanFolder
-    from evaluation.harness.sequences import storey_of
+    from evaluation.drives.sequences import storey_of
     from sgslam.slam import SceneGraphSlam
 
     T_bim_map = sequence.truth.poses[0]
@@ -119,7 +119,7 @@ def make(specs: list[SequenceSpec], seeds: list[int], out: Path) -> int:
 def main() -> int:
     """The command line."""
     parser = Parser(
-        prog="python -m evaluation.harness.slam_graphs", description="Record S-graphs of the system, with truth."
+        prog="python -m evaluation.drives.slam_graphs", description="Record S-graphs of the system, with truth."
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the S-graphs")
     parser.add_argument("--bims", nargs="+", metavar="FILE", help="IFC files (all storeys), or 'demo'")

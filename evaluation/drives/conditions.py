@@ -11,7 +11,7 @@ class Conditions:
     """How a run is made harder; by default not at all.
 
     `weaken`: the range is cut to a few metres and the odometry is degraded until its error exceeds 0.5 m
-    (`evaluation.harness.weakened`). `moved_walls`, `absent_walls`, `unplanned_walls`: shares of the storey's walls that
+    (`evaluation.drives.weakened`). `moved_walls`, `absent_walls`, `unplanned_walls`: shares of the storey's walls that
     are built 10 to 30 cm off the plan, not built, and missing in the plan. `wrong_matches`: number of rooms that are
     matched wrongly. `loops`: the whole path is driven back again, so that every place is seen twice.
     """

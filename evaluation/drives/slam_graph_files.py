@@ -55,7 +55,7 @@ def read_drives(folder: Path) -> Iterator[SlamDrive]:
     """All drives of a folder, by name. Raises UserError if there is none or a file cannot be read."""
     files = sorted(folder.glob(f"*{SUFFIX}"))
     if not files:
-        raise UserError(f"{folder}: no *{SUFFIX} files; make them with python -m evaluation.harness.slam_graphs")
+        raise UserError(f"{folder}: no *{SUFFIX} files; make them with python -m evaluation.drives.slam_graphs")
     plans: dict[str, SceneGraph] = {}
     for file in files:
         try:
