@@ -1,14 +1,17 @@
 """The sequences of a measurement (scans, building and truth): simulated by seed, or recorded ones, listed in YAML."""
 
+import fcntl
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from data.common.errors import UserError
 from data.plans import load_bim
@@ -20,21 +23,24 @@ from data.simulation.simulate import PLAN
 from data.trajectory import Trajectory
 from evaluation.drives.conditions import NORMAL, Conditions
 from evaluation.drives.weakened import WeakOdometry, weaken_odometry
+from evaluation.harness.study import Case, Options
 
 if TYPE_CHECKING:
     from sgslam.config import Config
     from sgslam.odometry import Odometry
 
+STOREYS = Path(__file__).resolve().parents[1] / "storeys.yaml"
 INDOOR_VOXEL = 0.5  # m, for KISS-ICP alone
 
 
-@dataclass(frozen=True)
-class SequenceSpec:
+class SequenceSpec(BaseModel):
     """An entry of the list.
 
     With `scans` and `truth` it is a recorded sequence, the same for every seed; else a drive through `storey` is
     simulated. `demo` as `bim` stands for the demo building.
     """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     bim: str
@@ -43,6 +49,14 @@ class SequenceSpec:
     truth: str | None = None
     min_rooms: int = 8
     min_length: float = 120.0
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        if (self.scans is None) != (self.truth is None):
+            raise ValueError(f"'{self.name}' needs both scans and truth, or neither")
+        if self.simulated and self.storey is None and self.bim != "demo" and not self.is_mesh:
+            raise ValueError(f"'{self.name}' is simulated but has no storey; add one")
+        return self
 
     @property
     def simulated(self) -> bool:
@@ -58,14 +72,33 @@ class SequenceSpec:
         """The paths of its input files."""
         return {path for path in (self.bim, self.scans, self.truth) if path is not None and path != "demo"}
 
-    def absolute(self) -> "SequenceSpec":
-        """The same with absolute paths."""
 
-        def whole(path: str) -> str:
-            return path if path == "demo" else str(Path(path).resolve())
+class DriveOptions(Options):
+    """Which drives are measured: the names of `sequences` in the YAML file `listed`, and the seeds of the drives."""
 
-        scans, truth = (None if path is None else whole(path) for path in (self.scans, self.truth))
-        return replace(self, bim=whole(self.bim), scans=scans, truth=truth)
+    listed: Path = STOREYS
+    sequences: tuple[str, ...] = ("demo", "institute", "office", "basement")
+    seeds: tuple[int, ...] = (0, 1, 2)
+
+    def drives(self) -> Iterator[tuple[SequenceSpec, int]]:
+        """Each sequence with each seed; a recorded one, which is the same for every seed, with the first.
+
+        Raises UserError for an unknown name and as `read_specs` does.
+        """
+        for spec in select_sequences(read_specs(self.listed), self.sequences):
+            for seed in self.seeds if spec.simulated else self.seeds[:1]:
+                yield spec, seed
+
+
+class DriveCase(Case):
+    """A drive through a sequence."""
+
+    sequence: SequenceSpec
+    seed: int
+
+    def files(self) -> set[str]:
+        """The sequence's files."""
+        return self.sequence.files()
 
 
 @dataclass(frozen=True)
@@ -101,31 +134,24 @@ def read_specs(path: Path) -> list[SequenceSpec]:
         rows = yaml.safe_load(path.read_text())
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise UserError(f"{path}: cannot read this file ({type(error).__name__}); give a YAML list") from None
-    if not isinstance(rows, list) or not rows:
-        raise UserError(f"{path}: not a list of sequences")
     try:
-        specs = [SequenceSpec(**row) for row in rows]
-    except TypeError as error:
-        raise UserError(f"{path}: {str(error).replace('SequenceSpec.__init__() ', 'a sequence ')}") from None
-    for spec in specs:
-        if (spec.scans is None) != (spec.truth is None):
-            raise UserError(f"{path}: '{spec.name}' needs both scans and truth, or neither")
-        if spec.simulated and spec.storey is None and spec.bim != "demo" and not spec.is_mesh:
-            raise UserError(f"{path}: '{spec.name}' is simulated but has no storey; add one")
+        specs = TypeAdapter(Annotated[list[SequenceSpec], Field(min_length=1)]).validate_python(rows)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "list of sequences"
+        raise UserError(f"{path}: {where}: {first['msg'].removeprefix('Value error, ')}") from None
     names = [spec.name for spec in specs]
     if len(set(names)) != len(names):
         raise UserError(f"{path}: two sequences have the same name")
     return specs
 
 
-def select_sequences(specs: list[SequenceSpec], names: list[str] | None) -> list[SequenceSpec]:
-    """The sequences with the names of `--sequences`, all by default. Raises UserError for an unknown name."""
-    if names is None:
-        return specs
+def select_sequences(specs: list[SequenceSpec], names: tuple[str, ...]) -> list[SequenceSpec]:
+    """The sequences with these names, all for none. Raises UserError for an unknown name."""
     if unknown := sorted(set(names) - {spec.name for spec in specs}):
-        there = ", ".join(spec.name for spec in specs) or "none"
-        raise UserError(f"--sequences {' '.join(unknown)}: not in the list; there are: {there}")
-    return [spec for spec in specs if spec.name in names]
+        there = ", ".join(spec.name for spec in specs)
+        raise UserError(f"no sequence '{unknown[0]}' in the list; there are: {there}")
+    return [spec for spec in specs if not names or spec.name in names]
 
 
 def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions = NORMAL) -> Sequence:
@@ -133,6 +159,31 @@ def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions 
 
     Raises UserError for conditions that the sequence cannot have, and as the simulator and the readers do.
     """
+    with locked(folder / f"{spec.name}-{seed}"):
+        return _prepared(spec, seed, folder, conditions)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    """A context that one process at a time may enter for this path, by a file `.NAME.lock` beside it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.with_name(f".{path.name}.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def demo_building(folder: Path) -> Path:
+    """The demo building's IFC file, written to `folder` if missing."""
+    from data.generation.demo_building import write_demo_building
+
+    path = folder / "demo.ifc"
+    with locked(path):
+        if not path.exists():
+            write_demo_building(path)
+    return path
+
+
+def _prepared(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions) -> Sequence:
     bim, storey = _building(spec, folder)
     graph = _a_graph(bim)
     if spec.scans is not None and spec.truth is not None:
@@ -163,12 +214,9 @@ def plan_of(spec: SequenceSpec, folder: Path) -> SceneGraph:
 def _building(spec: SequenceSpec, folder: Path) -> tuple[Path, str]:
     if spec.bim != "demo":
         return Path(spec.bim), spec.storey or ""
-    from data.generation.demo_building import DEMO_STOREY, write_demo_building
+    from data.generation.demo_building import DEMO_STOREY
 
-    bim = folder / "demo.ifc"
-    if not bim.exists():
-        write_demo_building(bim)
-    return bim, spec.storey or DEMO_STOREY
+    return demo_building(folder), spec.storey or DEMO_STOREY
 
 
 def _a_graph(bim: Path) -> SceneGraph:
@@ -183,7 +231,7 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
     from data.simulation.simulate import simulate
 
     for unfinished in drive.parent.glob(f".{drive.name}.*"):  # left by an interrupted run
-        shutil.rmtree(unfinished)
+        shutil.rmtree(unfinished, ignore_errors=True)  # the lock is a file and stays
     changes = Changes(conditions.moved_walls, conditions.absent_walls, conditions.unplanned_walls)
     simulate(
         bim, storey, drive, seed=seed, min_rooms=spec.min_rooms, min_length=spec.min_length,

@@ -83,12 +83,12 @@ def specs_of(bims: list[str]) -> list[SequenceSpec]:
     specs = []
     for bim in bims:
         if bim == "demo":
-            specs.append(SequenceSpec("demo", "demo"))
+            specs.append(SequenceSpec(name="demo", bim="demo"))
             continue
         graph = load_bim(bim).graph
         for n, floor in enumerate(graph.floors):
             if sum(r.floor == floor.id for r in graph.rooms) >= LEAST_ROOMS:
-                specs.append(SequenceSpec(f"{Path(bim).stem}-{n}", bim, floor.id))
+                specs.append(SequenceSpec(name=f"{Path(bim).stem}-{n}", bim=bim, storey=floor.id))
     return specs
 
 

@@ -1,5 +1,5 @@
-"""What the measurements share: records and result pages."""
+"""The instrument: a study is a function from a case to a record; its rows are kept, and pages are made from them."""
 
-from evaluation.harness.record_file import RecordFile, read_records, write_records
+from evaluation.harness.study import STUDIES, Case, Claim, Cost, Options, Record, Study, load_study
 
-__all__ = ["RecordFile", "read_records", "write_records"]
+__all__ = ["STUDIES", "Case", "Claim", "Cost", "Options", "Record", "Study", "load_study"]

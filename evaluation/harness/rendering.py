@@ -1,0 +1,132 @@
+"""Writes every number of the pages from the rows.
+
+A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
+its source, or a short text within a sentence. `STUDY/older-NAME` are tables of older builds whose rows were not kept.
+"""
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from evaluation.harness.older import older_tables
+from evaluation.harness.row_file import read_rows, rows_path
+from evaluation.harness.running import QUICK, ROWS
+from evaluation.harness.study import STUDIES, load_study
+from evaluation.harness.tables import frame, markdown
+
+ROOT = Path(__file__).resolve().parents[2]
+PLOTS = ROOT / "docs/benchmarks"
+BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
+CLAIMS = "claims"
+_HEAD = ("claim", "value", "cases", "command", "build")
+
+
+class Renderer:
+    """Renders pages from the rows of a folder; with `mixed`, a table may have rows of several builds, and says so."""
+
+    def __init__(self, rows: Path = ROWS, mixed: bool = False) -> None:
+        self._rows, self._mixed = rows, mixed
+        self._tables = cache(self._tables_of)
+        self._frame = cache(self._read)
+
+    def page(self, text: str) -> str:
+        """The page with today's blocks. Raises UserError for a block that there is not, and for mixed builds."""
+
+        def block(found: re.Match[str]) -> str:
+            begin, study, name, _, end = found.groups()
+            return begin + self._block(study, name) + end
+
+        return BLOCK.sub(block, text)
+
+    def rows_of(self, study: str) -> pd.DataFrame:
+        """The rows of the study, or those of its short version. Raises UserError without any, and for mixed builds."""
+        return self._frame(study)
+
+    def tables(self, study: str) -> Mapping[str, Any]:
+        """The tables and texts of a study, by name."""
+        return self._tables(study)
+
+    def claims(self) -> pd.DataFrame:
+        """A line for each claim of the studies that have rows."""
+        lines = []
+        for name in STUDIES:
+            if not self._has_rows(name):
+                continue
+            rows = self.rows_of(name)
+            made = rows.iloc[-1]
+            for claim in load_study(name).claims(rows):
+                build = f"`{made['made.build']}`"
+                lines.append((claim.text, claim.value, claim.cases, f"`{made['made.command']}`", build))
+        return pd.DataFrame(lines, columns=list(_HEAD))
+
+    def _block(self, study: str, name: str) -> str:
+        if study == CLAIMS:
+            return f"\n{markdown(self.claims())}\n"
+        if name.startswith("older-"):
+            return f"\n{older_tables(self._rows, study)[name.removeprefix('older-')]}\n"
+        tables = self.tables(study)
+        if name not in tables:
+            raise UserError(f"<!-- rows: {study}/{name} -->: {study} has only {', '.join(tables)}")
+        content = tables[name]
+        if isinstance(content, str):
+            return content
+        return f"\n{markdown(content)}\n\n{self._source(study)}\n"
+
+    def _tables_of(self, study: str) -> Mapping[str, Any]:
+        return load_study(study).tables(self.rows_of(study))
+
+    def _has_rows(self, study: str) -> bool:
+        return any(read_rows(rows_path(folder, study)) for folder in (self._rows, self._rows / QUICK))
+
+    def _read(self, study: str) -> pd.DataFrame:
+        load_study(study)
+        rows = read_rows(rows_path(self._rows, study)) or read_rows(rows_path(self._rows / QUICK, study))
+        if not rows:
+            raise UserError(f"{study}: no rows; make them with python -m evaluation run {study}")
+        builds = list(dict.fromkeys(row.made.build for row in rows))
+        if len(builds) > 1 and not self._mixed:
+            text = f"{study}: its rows are of {len(builds)} builds ({', '.join(builds)})"
+            raise UserError(f"{text}; run the study again, or allow it with --mixed")
+        return frame(rows)
+
+    def _source(self, study: str) -> str:
+        """The source of a table in one line."""
+        rows = self.rows_of(study)
+        made = {name: list(dict.fromkeys(rows[f"made.{name}"])) for name in ("build", "command", "machine", "date")}
+        builds = ", ".join(f"`{build}`" for build in made["build"])
+        mixed = f"**Rows of {len(made['build'])} builds:** " if len(made["build"]) > 1 else "Build "
+        commands = ", ".join(f"`{command}`" for command in made["command"])
+        days = sorted({date.partition(" ")[0] for date in made["date"]})
+        return f"{mixed}{builds}, {len(rows)} rows, {days[-1]}, {'; '.join(made['machine'])}: {commands}"
+
+
+def pages() -> list[Path]:
+    """The pages that may hold blocks."""
+    return [ROOT / "README.md", ROOT / "BENCHMARKS.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def render(mixed: bool = False, latex: Path | None = None) -> list[Path]:
+    """Writes all pages and plots from the rows; returns the pages that changed.
+
+    With `latex`, also writes a file of LaTeX tables for each study with rows (needs the package booktabs).
+    """
+    renderer = Renderer(mixed=mixed)
+    texts = {path: path.read_text() for path in pages()}
+    changed = {path: new for path, text in texts.items() if (new := renderer.page(text)) != text}
+    for path, text in changed.items():
+        write_atomically(path, text)
+    for study in STUDIES:
+        if renderer._has_rows(study):
+            load_study(study).plots(renderer.rows_of(study), PLOTS)
+            if latex is not None:
+                latex.mkdir(parents=True, exist_ok=True)
+                tables = [t for t in renderer.tables(study).values() if isinstance(t, pd.DataFrame)]
+                text = "\n".join(table.to_latex(index=False, escape=True) for table in tables)
+                write_atomically(latex / f"{study}.tex", text)
+    return list(changed)
