@@ -89,7 +89,7 @@ class Study:
     timed: bool = False
 
 
-STUDIES = {
+STUDIES = {  # by name, the module whose `STUDY` it is
     "ablation": "evaluation.slam_ablation.study",
     "timing": "evaluation.studies.timing",
     "matching": "evaluation.matching_benchmark.study",
@@ -114,8 +114,17 @@ STUDIES = {
 
 
 def load_study(name: str) -> Study:
-    """The study of this name. Raises UserError for an unknown name."""
-    if name not in STUDIES:
-        raise UserError(f"no study '{name}'; there are {', '.join(STUDIES)}")
-    study: Study = importlib.import_module(STUDIES[name]).STUDY
+    """The study of this name: one of `STUDIES`, or `STUDY` of a module of one's own that has this name.
+
+    Raises UserError if there is none.
+    """
+    module = STUDIES.get(name, name)
+    try:
+        study = importlib.import_module(module).STUDY
+    except (ImportError, AttributeError, ValueError) as error:
+        if module != name:
+            raise
+        raise UserError(f"no study '{name}' ({error}); there are {', '.join(STUDIES)}") from None
+    if not isinstance(study, Study) or study.name != name:
+        raise UserError(f"{module}: STUDY must be a Study of the name '{name}'")
     return study
