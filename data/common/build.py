@@ -7,7 +7,6 @@ from pathlib import Path
 
 PRODUCT = ("data", "matching", "factors", "sgslam")
 PACKAGES = (*PRODUCT, "evaluation")
-_ROWS = ("evaluation", "rows")  # results, which say by which build they were made
 
 
 @lru_cache(maxsize=1)
@@ -30,7 +29,6 @@ def content_hash(packages: tuple[str, ...] = PRODUCT) -> str:
     for package in packages:
         for path in sorted((here / package).rglob("*")):
             inside = path.relative_to(here)
-            skipped = "__pycache__" in inside.parts or path.name.startswith(".") or inside.parts[:2] == _ROWS
-            if path.is_file() and not skipped:
+            if path.is_file() and "__pycache__" not in inside.parts and not path.name.startswith("."):
                 digest.update(inside.as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()

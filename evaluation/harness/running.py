@@ -15,7 +15,8 @@ from evaluation.harness.provenance import Provenance
 from evaluation.harness.row_file import Row, appending, finish, read_rows, rows_path
 from evaluation.harness.study import Case, Options, Study
 
-ROWS = Path(__file__).resolve().parents[1] / "rows"
+_PAGES = Path(__file__).resolve().parents[2] / "docs/benchmarks"
+ROWS = _PAGES / "rows" if _PAGES.is_dir() else Path("out/evaluation/rows")  # beside the pages in a checkout
 QUICK = "quick"  # folder of the rows of the short versions
 _PROGRESS_EVERY_S = 5.0
 
