@@ -1,22 +1,64 @@
 """Tables of older builds, whose rows were not kept; they go when their study is measured again."""
 
-import json
 from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict
 
 from evaluation.harness.row_file import rows_path
 
 
-def older_tables(rows: Path, study: str) -> dict[str, str]:
-    """The tables of a study in Markdown by their names, each with its title, note and source."""
+class OlderClaim(BaseModel):
+    """A claim whose value is a cell of the table, by the numbers of its row and column."""
+
+    text: str
+    row: int
+    column: int
+    cases: str
+
+
+class Source(BaseModel):
+    """Where a table comes from; the command is that of its time."""
+
+    commit: str
+    command: str
+    machine: str
+    date: str
+
+
+class OlderTable(BaseModel):
+    """A table as it was written: its cells are text. `short` are the numbers of the rows and of the columns that a
+    shorter version of it has."""
+
+    model_config = ConfigDict(frozen=True)
+
+    table: str
+    title: str
+    note: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    made: Source
+    claims: tuple[OlderClaim, ...] = ()
+    short: tuple[tuple[int, ...], tuple[int, ...]] | None = None
+
+    def shortened(self) -> "OlderTable":
+        """The shorter version, without the note."""
+        assert self.short is not None
+        rows, columns = self.short
+        header, *lines = ([line[c] for c in columns] for line in (self.header, *(self.rows[r] for r in rows)))
+        return self.model_copy(update={"header": header, "rows": lines, "note": ""})
+
+    def markdown(self) -> str:
+        """The table in Markdown, with its title, note and source."""
+        lines = (self.header, ["---"] * len(self.header), *self.rows)
+        table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        made = self.made
+        source = f"Commit `{made.commit}`, {made.date}, {made.machine}, by what was then `{made.command}`"
+        return f"**{self.title}.**{' ' * bool(self.note)}{self.note}\n\n{table}\n\n{source}"
+
+
+def older_tables(rows: Path, study: str) -> dict[str, OlderTable]:
+    """The older tables of a study by their names; a shorter version is named `NAME-short`."""
     path = rows_path(rows / "older", study)
     lines = path.read_text().splitlines() if path.exists() else []
-    return {value["table"]: _markdown(value) for value in map(json.loads, lines)}
-
-
-def _markdown(value: dict[str, object]) -> str:
-    header, rows, made = value["header"], value["rows"], value["made"]
-    assert isinstance(header, list) and isinstance(rows, list) and isinstance(made, dict)
-    table = "\n".join("| " + " | ".join(line) + " |" for line in (header, ["---"] * len(header), *rows))
-    source = f"Commit `{made['commit']}`, {made['date']}, {made['machine']}, by what was then `{made['command']}`"
-    note = f" {value['note']}" if value["note"] else ""
-    return f"**{value['title']}.**{note}\n\n{table}\n\n{source}"
+    whole = {table.table: table for table in map(OlderTable.model_validate_json, lines)}
+    return whole | {f"{name}-short": table.shortened() for name, table in whole.items() if table.short}

@@ -14,7 +14,7 @@ import pandas as pd
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from evaluation.harness.older import older_tables
+from evaluation.harness.older import OlderTable, older_tables
 from evaluation.harness.row_file import read_rows, rows_path
 from evaluation.harness.running import QUICK, ROWS
 from evaluation.harness.study import STUDIES, load_study
@@ -53,35 +53,39 @@ class Renderer:
         return self._tables(study)
 
     def claims(self) -> pd.DataFrame:
-        """A line for each claim of the studies that have rows."""
-        lines = []
+        """A line for each claim: of the rows of a whole study, or of its tables of an older build."""
+        lines: list[tuple[str, ...]] = []
         for name in STUDIES:
-            if not self._has_rows(name):
+            if read_rows(rows_path(self._rows, name)):
+                rows = self.rows_of(name)
+                made = rows.iloc[-1]
+                source = (f"`{made['made.command']}`", f"`{made['made.build']}`")
+                lines += [(claim.text, claim.value, claim.cases, *source) for claim in load_study(name).claims(rows)]
                 continue
-            rows = self.rows_of(name)
-            made = rows.iloc[-1]
-            for claim in load_study(name).claims(rows):
-                build = f"`{made['made.build']}`"
-                lines.append((claim.text, claim.value, claim.cases, f"`{made['made.command']}`", build))
+            for table in older_tables(self._rows, name).values():
+                source = (f"`python -m evaluation run {name}`", f"older, commit `{table.made.commit}`")
+                lines += [(c.text, table.rows[c.row][c.column], c.cases, *source) for c in table.claims]
         return pd.DataFrame(lines, columns=list(_HEAD))
 
     def _block(self, study: str, name: str) -> str:
         if study == CLAIMS:
             return f"\n{markdown(self.claims())}\n"
-        if name.startswith("older-"):
-            return f"\n{older_tables(self._rows, study)[name.removeprefix('older-')]}\n"
-        tables = self.tables(study)
-        if name not in tables:
-            raise UserError(f"<!-- rows: {study}/{name} -->: {study} has only {', '.join(tables)}")
-        content = tables[name]
+        older, tables = name.startswith("older-"), older_tables(self._rows, study)
+        content = tables.get(name.removeprefix("older-")) if older else self.tables(study).get(name)
+        if content is None:
+            there = [f"older-{table}" for table in tables] if older else list(self.tables(study))
+            raise UserError(f"<!-- rows: {study}/{name} -->: {study} has no such table; it has {', '.join(there)}")
         if isinstance(content, str):
             return content
+        if isinstance(content, OlderTable):
+            return f"\n{content.markdown()}\n"
         return f"\n{markdown(content)}\n\n{self._source(study)}\n"
 
     def _tables_of(self, study: str) -> Mapping[str, Any]:
         return load_study(study).tables(self.rows_of(study))
 
-    def _has_rows(self, study: str) -> bool:
+    def has_rows(self, study: str) -> bool:
+        """Whether the study, or its short version, has rows."""
         return any(read_rows(rows_path(folder, study)) for folder in (self._rows, self._rows / QUICK))
 
     def _read(self, study: str) -> pd.DataFrame:
@@ -122,7 +126,7 @@ def render(mixed: bool = False, latex: Path | None = None) -> list[Path]:
     for path, text in changed.items():
         write_atomically(path, text)
     for study in STUDIES:
-        if renderer._has_rows(study):
+        if renderer.has_rows(study):
             load_study(study).plots(renderer.rows_of(study), PLOTS)
             if latex is not None:
                 latex.mkdir(parents=True, exist_ok=True)
