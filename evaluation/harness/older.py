@@ -45,7 +45,7 @@ class OlderTable(BaseModel):
         assert self.short is not None
         rows, columns = self.short
         header, *lines = ([line[c] for c in columns] for line in (self.header, *(self.rows[r] for r in rows)))
-        return self.model_copy(update={"header": header, "rows": lines, "note": ""})
+        return self.model_copy(update={"header": header, "rows": lines, "note": "", "claims": ()})
 
     def markdown(self) -> str:
         """The table in Markdown, with its title, note and source."""
@@ -57,8 +57,8 @@ class OlderTable(BaseModel):
 
 
 def older_tables(rows: Path, study: str) -> dict[str, OlderTable]:
-    """The older tables of a study by their names; a shorter version is named `NAME-short`."""
+    """The older tables of a study, as `older-NAME`; a shorter version is `older-NAME-short`."""
     path = rows_path(rows / "older", study)
     lines = path.read_text().splitlines() if path.exists() else []
-    whole = {table.table: table for table in map(OlderTable.model_validate_json, lines)}
+    whole = {f"older-{table.table}": table for table in map(OlderTable.model_validate_json, lines)}
     return whole | {f"{name}-short": table.shortened() for name, table in whole.items() if table.short}

@@ -1,12 +1,13 @@
 """Writes every number of the pages from the rows.
 
 A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
-its source, or a short text within a sentence. `STUDY/older-NAME` are tables of older builds whose rows were not kept.
+its source, or a short text within a sentence. `STUDY/older-NAME` are tables of older builds whose rows were not kept,
+`STUDY/older-NAME@ROW,COLUMN` is a cell of one, counted from 0.
 """
 
 import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from evaluation.harness.tables import frame, markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 PLOTS = ROOT / "docs/benchmarks"
-BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w@,-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
 CLAIMS = "claims"
 _HEAD = ("claim", "value", "cases", "command", "build")
 
@@ -34,6 +35,7 @@ class Renderer:
         self._rows, self._mixed = rows, mixed
         self._tables = cache(self._tables_of)
         self._frame = cache(self._read)
+        self._older = cache(partial(older_tables, rows))
 
     def page(self, text: str) -> str:
         """The page with today's blocks. Raises UserError for a block that there is not, and for mixed builds."""
@@ -62,7 +64,7 @@ class Renderer:
                 source = (f"`{made['made.command']}`", f"`{made['made.build']}`")
                 lines += [(claim.text, claim.value, claim.cases, *source) for claim in load_study(name).claims(rows)]
                 continue
-            for table in older_tables(self._rows, name).values():
+            for table in self._older(name).values():
                 source = (f"`python -m evaluation run {name}`", f"older, commit `{table.made.commit}`")
                 lines += [(c.text, table.rows[c.row][c.column], c.cases, *source) for c in table.claims]
         return pd.DataFrame(lines, columns=list(_HEAD))
@@ -70,16 +72,24 @@ class Renderer:
     def _block(self, study: str, name: str) -> str:
         if study == CLAIMS:
             return f"\n{markdown(self.claims())}\n"
-        older, tables = name.startswith("older-"), older_tables(self._rows, study)
-        content = tables.get(name.removeprefix("older-")) if older else self.tables(study).get(name)
-        if content is None:
-            there = [f"older-{table}" for table in tables] if older else list(self.tables(study))
-            raise UserError(f"<!-- rows: {study}/{name} -->: {study} has no such table; it has {', '.join(there)}")
+        content = self._content(study, name)
         if isinstance(content, str):
             return content
         if isinstance(content, OlderTable):
             return f"\n{content.markdown()}\n"
         return f"\n{markdown(content)}\n\n{self._source(study)}\n"
+
+    def _content(self, study: str, name: str) -> Any:
+        """A table or a text. Raises UserError if the study has none of this name."""
+        name, _, cell = name.partition("@")
+        tables: Mapping[str, Any] = self._older(study) if name.startswith("older-") else self.tables(study)
+        if name not in tables:
+            raise UserError(f"<!-- rows: {study}/{name} -->: {study} has no such table; it has {', '.join(tables)}")
+        if not cell:
+            return tables[name]
+        row, column = map(int, cell.split(","))
+        text: str = tables[name].rows[row][column]
+        return text
 
     def _tables_of(self, study: str) -> Mapping[str, Any]:
         return load_study(study).tables(self.rows_of(study))

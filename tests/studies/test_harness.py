@@ -168,7 +168,9 @@ def test_tables_of_older_builds_are_shown_with_their_source(tmp_path: Path) -> N
     }  # fmt: skip
     (tmp_path / "older").mkdir()
     (tmp_path / "older/draws.jsonl").write_text(json.dumps(table) + "\n")
-    rendered = Renderer(tmp_path).page("<!-- rows: draws/older-errors --><!-- /rows -->")
+    renderer = Renderer(tmp_path)
+    assert renderer.page("is <!-- rows: draws/older-errors@0,1 --><!-- /rows --> m").endswith("-->0.1<!-- /rows --> m")
+    rendered = renderer.page("<!-- rows: draws/older-errors --><!-- /rows -->")
     assert "| a | 0.1 |" in rendered and "Commit `1234567`" in rendered and "python old.py" in rendered
 
 
