@@ -16,6 +16,13 @@ class OlderClaim(BaseModel):
     cases: str
 
 
+class Short(BaseModel):
+    """A shorter version of a table: the numbers of its rows, and its columns' headings by their numbers."""
+
+    rows: tuple[int, ...]
+    columns: dict[int, str]
+
+
 class Source(BaseModel):
     """Where a table comes from; the command is that of its time."""
 
@@ -26,8 +33,7 @@ class Source(BaseModel):
 
 
 class OlderTable(BaseModel):
-    """A table as it was written: its cells are text. `short` are the numbers of the rows and of the columns that a
-    shorter version of it has."""
+    """A table as it was written: its cells are text."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -38,14 +44,14 @@ class OlderTable(BaseModel):
     rows: tuple[tuple[str, ...], ...]
     made: Source
     claims: tuple[OlderClaim, ...] = ()
-    short: tuple[tuple[int, ...], tuple[int, ...]] | None = None
+    short: Short | None = None
 
     def shortened(self) -> "OlderTable":
         """The shorter version, without the note."""
         assert self.short is not None
-        rows, columns = self.short
-        header, *lines = ([line[c] for c in columns] for line in (self.header, *(self.rows[r] for r in rows)))
-        return self.model_copy(update={"header": header, "rows": lines, "note": "", "claims": ()})
+        columns = self.short.columns
+        lines = [[self.rows[row][column] for column in columns] for row in self.short.rows]
+        return self.model_copy(update={"header": [*columns.values()], "rows": lines, "note": "", "claims": ()})
 
     def markdown(self) -> str:
         """The table in Markdown, with its title, note and source."""
