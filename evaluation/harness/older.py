@@ -47,18 +47,21 @@ class OlderTable(BaseModel):
     short: Short | None = None
 
     def shortened(self) -> "OlderTable":
-        """The shorter version, without the note."""
+        """The shorter version, without the note and the command."""
         assert self.short is not None
         columns = self.short.columns
         lines = [[self.rows[row][column] for column in columns] for row in self.short.rows]
-        return self.model_copy(update={"header": [*columns.values()], "rows": lines, "note": "", "claims": ()})
+        made = self.made.model_copy(update={"command": ""})
+        parts = {"header": [*columns.values()], "rows": lines, "note": "", "claims": (), "made": made}
+        return self.model_copy(update=parts)
 
     def markdown(self) -> str:
         """The table in Markdown, with its title, note and source."""
         lines = (self.header, ["---"] * len(self.header), *self.rows)
         table = "\n".join("| " + " | ".join(line) + " |" for line in lines)
         made = self.made
-        source = f"Commit `{made.commit}`, {made.date}, {made.machine}, by what was then `{made.command}`"
+        source = ", ".join(filter(None, (f"Older build: commit `{made.commit}`", made.date, made.machine)))
+        source += f", by what was then `{made.command}`" if made.command else ""
         return f"**{self.title}.**{' ' * bool(self.note)}{self.note}\n\n{table}\n\n{source}"
 
 

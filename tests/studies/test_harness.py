@@ -171,7 +171,7 @@ def test_tables_of_older_builds_are_shown_with_their_source(tmp_path: Path) -> N
     renderer = Renderer(tmp_path)
     assert renderer.page("is <!-- rows: draws/older-errors@0,1 --><!-- /rows --> m").endswith("-->0.1<!-- /rows --> m")
     rendered = renderer.page("<!-- rows: draws/older-errors --><!-- /rows -->")
-    assert "| a | 0.1 |" in rendered and "Commit `1234567`" in rendered and "python old.py" in rendered
+    assert "| a | 0.1 |" in rendered and "Older build: commit `1234567`" in rendered and "python old.py" in rendered
 
 
 @pytest.mark.parametrize(
