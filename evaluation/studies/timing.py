@@ -152,7 +152,9 @@ def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
         "scans-a-second": _range(rates["warm"]), "scans-a-second-cold": _range(rates["cold"]),
         "inner-times": f"{_ratio(rows, 'warm', 'inner').median():.1f}",
         "cpu-times": f"{_ratio(rows, 'warm', 'cpu').median():.1f}",
-        "first-seconds": f"{rows['first.whole'].median():.0f}",
+        "points": f"{rows.points.median():,.0f}",
+        "first-seconds": _range(rows["first.whole"].dropna()),
+        "warm-seconds": _range(rows.groupby("sequence.name")["warm.whole"].median()),
     }  # fmt: skip
 
 
