@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.simulation import Robot, SpinningSensor
 from data.simulation.drive import drive
@@ -16,15 +16,12 @@ from data.simulation.simulate import ROBOT_TOP
 from data.trajectory import Trajectory
 from evaluation.drives.loop_buildings import LoopBuilding, long_corridor, ring
 from evaluation.drives.weakened import shortened, worsened
+from sgslam.geometry.frames import se2_to_se3
 
 Floats = NDArray[np.float64]
-ROUTES = {
-    "along": "once along the corridor, never back",
-    "visits": "once along the corridor, into some offices",
-    "back": "along the corridor and back",
-    "visits-back": "along the corridor and back, into other offices each way",
-    "ring": "once around the ring of corridors, and on past the start",
-}
+Route = Literal["along", "visits", "back", "visits-back", "ring"]
+"""Once along the corridor, never back; the same, into some offices; along the corridor and back; the same, into other
+offices each way; once around the ring of corridors, and on past the start."""
 ONCE = ("along", "visits")  # routes that never come back: any closure is false
 SENSOR_HEIGHT, STEP = 0.8, 0.01  # m
 PAST_THE_START = 12.0  # m
@@ -50,13 +47,11 @@ class Drive:
             yield stamp_ns, shortened(points) if self.level else points, given
 
 
-def drive_along(route: str, seed: int, level: int = 0) -> Drive:
-    """Drives one of `ROUTES`; the same seed gives the same scans.
+def drive_along(route: Route, seed: int, level: int = 0) -> Drive:
+    """Drives a route; the same seed gives the same scans.
 
-    A `level` above 0 degrades the front end, see `evaluation.drives.weakened`. Raises UserError for an unknown route.
+    A `level` above 0 degrades the front end, see `evaluation.drives.weakened`.
     """
-    if route not in ROUTES:
-        raise UserError(f"unknown route '{route}'; use one of {', '.join(ROUTES)}")
     rng = np.random.default_rng([seed, 11])
     building = ring() if route == "ring" else long_corridor()
     legs = [_leg(a, b) for a, b in pairwise(_places(route, building, rng))]
@@ -82,15 +77,12 @@ def _driven(
     legs: list[Floats], scene: TriangleScene, height: float, rng: np.random.Generator, seed: int, level: int
 ) -> Drive:
     stamps, poses = drive(legs, float(rng.uniform(-np.pi, np.pi)), Robot(), SpinningSensor().rate)
-    T = np.tile(np.eye(4), (len(poses), 1, 1))
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
-    T[:, :2, 3], T[:, 2, 3] = poses[:, :2], height
-    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), T)
+    T = [se2_to_se3(yaw, x, y, height) for x, y, yaw in poses.tolist()]
+    truth = Trajectory(np.rint(stamps * 1e9).astype(np.int64), np.stack(T))
     return Drive(scene, truth, seed, level, worsened(truth.poses, level, seed) if level else None)
 
 
-def _places(route: str, building: LoopBuilding, rng: np.random.Generator) -> Floats:
+def _places(route: Route, building: LoopBuilding, rng: np.random.Generator) -> Floats:
     """(N, 2) the turning points of the path; the legs between them are straight."""
     if route == "ring":
         way = building.way + rng.uniform(-0.2, 0.2, building.way.shape)

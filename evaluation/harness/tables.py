@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from evaluation.harness.row_file import Row
-from evaluation.metrics.bootstrap import Estimate, ratio
+from evaluation.metrics.bootstrap import Estimate, ratio, upper_bound
 
 
 def frame(rows: Sequence[Row]) -> pd.DataFrame:
@@ -48,6 +48,11 @@ def each(values: "pd.Series[Any]", form: str = ".3f") -> str:
 def of(part: float, whole: float) -> str:
     """A share as `part/whole`; empty without a whole."""
     return f"{part:.0f}/{whole:.0f}" if whole else ""
+
+
+def rare(count: int, whole: int) -> str:
+    """How often something rare was seen, with the exact 97.5 % upper bound of its share."""
+    return f"{count} of {whole} (≤ {100 * upper_bound(count, whole):.1f} %)"
 
 
 def interval(estimate: Estimate | None, form: str = ".3f", factor: float = 1.0) -> str:
