@@ -19,7 +19,7 @@ from snippets import KNOWN, ROOT, Block, blocks, call, check_form, run
 
 import factors
 from data.generation.demo_building import write_demo_building
-from evaluation.harness import read_specs
+from evaluation.drives import read_specs
 from sgslam.config import Config
 from sgslam.config.reference import parameters_page
 
