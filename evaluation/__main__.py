@@ -25,9 +25,9 @@ def main(arguments: list[str] | None = None) -> int:
     if options.command == "list":
         return _list()
     if options.command == "render":
-        from evaluation.harness.rendering import render
+        from evaluation.harness.rendering import render, render_folder
 
-        changed = render(mixed=options.mixed, latex=options.latex)
+        changed = render(options.mixed) if options.rows is None else render_folder(options.rows, options.mixed)
         print("\n".join(f"{path}: written" for path in changed) or "all pages are as the rows say")
         return 0
     return _run(options)
@@ -47,7 +47,8 @@ def _parser() -> argparse.ArgumentParser:
     run.set_defaults(jobs=cores())
     render = commands.add_parser("render", help="write all pages from the rows")
     render.add_argument("--mixed", action="store_true", help="allow rows of several builds in a table, which says so")
-    render.add_argument("--latex", type=Path, metavar="DIR", help="also write every table in LaTeX to a folder")
+    about = "write the tables of a folder of rows there, as Markdown and LaTeX, instead of the project's pages"
+    render.add_argument("--rows", type=Path, metavar="DIR", help=about)
     return parser
 
 

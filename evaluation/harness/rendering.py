@@ -125,22 +125,34 @@ def pages() -> list[Path]:
     return [ROOT / "README.md", ROOT / "BENCHMARKS.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-def render(mixed: bool = False, latex: Path | None = None) -> list[Path]:
-    """Writes all pages and plots from the rows; returns the pages that changed.
-
-    With `latex`, also writes a file of LaTeX tables for each study with rows (needs the package booktabs).
-    """
+def render(mixed: bool = False) -> list[Path]:
+    """Writes all pages and plots from the rows; returns the pages that changed."""
     renderer = Renderer(mixed=mixed)
     texts = {path: path.read_text() for path in pages()}
     changed = {path: new for path, text in texts.items() if (new := renderer.page(text)) != text}
     for path, text in changed.items():
         write_atomically(path, text)
-    for study in STUDIES:
-        if renderer.has_rows(study):
-            load_study(study).plots(renderer.rows_of(study), PLOTS)
-            if latex is not None:
-                latex.mkdir(parents=True, exist_ok=True)
-                tables = [t for t in renderer.tables(study).values() if isinstance(t, pd.DataFrame)]
-                text = "\n".join(table.to_latex(index=False, escape=True) for table in tables)
-                write_atomically(latex / f"{study}.tex", text)
+    for study in filter(renderer.has_rows, STUDIES):
+        load_study(study).plots(renderer.rows_of(study), PLOTS)
     return list(changed)
+
+
+def render_folder(rows: Path, mixed: bool = False) -> list[Path]:
+    """Writes all tables and texts of the studies with rows in a folder of one's own there: `NAME.md`, the tables as
+    `NAME.tex` (which needs the LaTeX package booktabs), and the plots. Returns the pages.
+
+    Raises UserError if there are no rows.
+    """
+    renderer = Renderer(rows, mixed)
+    names = sorted({path.name.partition(".")[0] for path in rows.glob("*.jsonl*")} - {"older"})
+    found = [name for name in names if renderer.has_rows(name)]
+    if not found:
+        raise UserError(f"{rows}: no rows of a study")
+    for name in found:
+        tables = renderer.tables(name)
+        blocks = "\n".join(f"## {table}\n<!-- rows: {name}/{table} --><!-- /rows -->\n" for table in tables)
+        write_atomically(rows / f"{name}.md", renderer.page(f"# {name}\n\n{blocks}"))
+        latex = [table.to_latex(index=False, escape=True) for table in tables.values() if not isinstance(table, str)]
+        write_atomically(rows / f"{name}.tex", "\n".join(latex))
+        load_study(name).plots(renderer.rows_of(name), rows)
+    return [rows / f"{name}.md" for name in found]

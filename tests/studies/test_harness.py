@@ -193,5 +193,8 @@ def test_the_command_runs_a_study_of_ones_own(tmp_path: Path, capsys: pytest.Cap
     words = ["run", "draws", "--quick", "--set", "seeds=[4, 5]", "--rows", str(tmp_path), "--work", str(tmp_path / "w")]
     assert main(words) == 0
     assert "draws: 2 cases; 0 of the 0 with a row before have moved" in capsys.readouterr().out
+    assert main(["render", "--rows", str(tmp_path / "quick")]) == 0
+    assert "| 2 | " in (tmp_path / "quick/draws.md").read_text()
+    assert r"\toprule" in (tmp_path / "quick/draws.tex").read_text()
     rows = read_rows(rows_path(tmp_path / "quick", "draws"))
     assert {row.made.command for row in rows} == {"python -m evaluation run draws --quick --set 'seeds=[4, 5]'"}
