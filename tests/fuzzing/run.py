@@ -1,4 +1,4 @@
-"""`python -m evaluation.fuzzing.run --inputs N --out DIR`: feeds damaged files of every format to every reader.
+"""`python -m fuzzing.run --inputs N --out DIR`: feeds damaged files of every format to every reader.
 
 Each input is a mutated small file, determined by its number and the seed. It is read in a process with limits on memory
 and time. A reader may read the file or refuse it (UserError; for single scans UnreadableScanError). Any other
@@ -21,7 +21,7 @@ from typing import Any
 
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
-from evaluation.fuzzing.readers import READERS, REFUSED, Reader
+from fuzzing.readers import READERS, REFUSED, Reader
 
 MEMORY = 3 << 30  # bytes a reader may allocate for an input, on top of the libraries
 HANG = 20.0  # s of CPU time
@@ -174,7 +174,7 @@ def table(counts: dict[str, Counter[str]]) -> str:
 def main() -> int:
     """The command line; returns 1 if a reader crashed. Raises UserError."""
     parser = Parser(
-        prog="python -m evaluation.fuzzing.run", description="Feed damaged files of every format to every reader."
+        prog="python -m fuzzing.run", description="Feed damaged files of every format to every reader."
     )
     add = parser.add_argument
     add("--inputs", type=int, default=10_000, metavar="N", help="inputs in total (default 10000)")

@@ -11,8 +11,8 @@ from typing import Any
 from data.common.errors import UserError
 from data.scans.formats import read_timed
 from data.scans.reading_errors import UnreadableScanError
-from evaluation.fuzzing import samples as samples
-from evaluation.fuzzing.mutations import mutate, mutate_e57, mutate_json, mutate_zip
+from fuzzing import samples
+from fuzzing.mutations import mutate, mutate_e57, mutate_json, mutate_zip
 
 REFUSED = (UserError, UnreadableScanError)
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from evaluation.fuzzing import run as fuzz
-from evaluation.fuzzing.mutations import crc32c, mutate, mutate_json
-from evaluation.fuzzing.readers import READERS, Reader
+import fuzzing.run as fuzz
+from fuzzing.mutations import crc32c, mutate, mutate_json
+from fuzzing.readers import READERS, Reader
 
 BY_NAME = {reader.name: reader for reader in READERS}
 SLOW = {"IFC", "IFC, packed", "DXF", "mesh .stl", "mesh .obj", "network's input", "network of torch"}  # the command's
