@@ -7,7 +7,11 @@ import re
 import zipfile
 from collections.abc import Callable
 from copy import deepcopy
+from itertools import pairwise
 from typing import Any
+
+Mutate = Callable[[list[bytes], random.Random], bytes]
+PAGE = 1024  # bytes of E57
 
 _NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _TEXTS = (
@@ -27,9 +31,8 @@ def mutate(seeds: list[bytes], rng: random.Random) -> bytes:
     raw = rng.choice(seeds)
     for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
         raw = rng.choice(_DAMAGES)(raw, rng)
-    if rng.random() < 0.03 and len(seeds) > 1:
-        other = rng.choice(seeds)
-        raw = raw[: rng.randrange(len(raw) + 1)] + other[rng.randrange(len(other) + 1) :]
+    if rng.random() < 0.03:
+        raw = _cut(raw, rng) + rng.choice(seeds)[_place(raw, rng) :]
     return raw
 
 
@@ -43,37 +46,30 @@ def mutate_json(seeds: list[bytes], rng: random.Random) -> bytes:
     return json.dumps(value).encode()
 
 
-def mutate_zip(inner: Callable[[list[bytes], random.Random], bytes]) -> Callable[[list[bytes], random.Random], bytes]:
-    """Damages one member of an archive with `inner`, or the archive."""
-
-    def mutate(seeds: list[bytes], rng: random.Random) -> bytes:
-        """One of the archives with a file in it changed, or, three times in ten, changed itself."""
-        if rng.random() < 0.3:
-            return mutate(seeds, rng)
-        packed = io.BytesIO()
-        with zipfile.ZipFile(io.BytesIO(rng.choice(seeds))) as archive:
-            names = archive.namelist()
-            struck = rng.choice([*names, *names[:2], *names[:2]])
-            with zipfile.ZipFile(packed, "w", archive.infolist()[0].compress_type) as out:
-                for name in names:
-                    raw = archive.read(name)
-                    out.writestr(name, inner([raw], rng) if name == struck else raw)
-        return packed.getvalue()
-
-    return mutate
+def mutate_zip(seeds: list[bytes], rng: random.Random) -> bytes:
+    """An archive with a file in it damaged, or, three times in ten, damaged itself."""
+    if rng.random() < 0.3:
+        return mutate(seeds, rng)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(rng.choice(seeds))) as archive:
+        names = archive.namelist()
+        struck = rng.choice([*names, *names[:2], *names[:2]])
+        with zipfile.ZipFile(packed, "w", archive.infolist()[0].compress_type) as out:
+            for name in names:
+                raw = archive.read(name)
+                out.writestr(name, mutate([raw], rng) if name == struck else raw)
+    return packed.getvalue()
 
 
 def mutate_e57(seeds: list[bytes], rng: random.Random) -> bytes:
-    """Mostly with the checksums of its pages made right again, since else nothing behind them is ever reached."""
+    """Mostly with size and checksums made right again, since else nothing behind them is ever reached."""
     raw = mutate(seeds, rng)
     if rng.random() < 0.2:
         return raw
     pages = bytearray(raw)
+    pages[16:24] = len(raw).to_bytes(8, "little")
     for at in range(0, len(pages) - PAGE + 1, PAGE):
         pages[at + PAGE - 4 : at + PAGE] = crc32c(pages[at : at + PAGE - 4]).to_bytes(4, "big")
-    pages[16:24] = len(pages).to_bytes(8, "little")  # the size that the header tells
-    if len(pages) >= PAGE:
-        pages[PAGE - 4 : PAGE] = crc32c(pages[: PAGE - 4]).to_bytes(4, "big")
     return bytes(pages)
 
 
@@ -81,18 +77,10 @@ def crc32c(data: bytes | bytearray) -> int:
     """The checksum of E57's pages (Castagnoli's polynomial)."""
     crc = 0xFFFFFFFF
     for byte in data:
-        crc = _CRC_TABLE[(crc ^ byte) & 0xFF] ^ (crc >> 8)
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ 0x82F63B78 * (crc & 1)
     return crc ^ 0xFFFFFFFF
-
-
-def _crc_row(crc: int) -> int:
-    for _ in range(8):
-        crc = (crc >> 1) ^ (0x82F63B78 if crc & 1 else 0)
-    return crc
-
-
-PAGE = 1024  # bytes
-_CRC_TABLE = tuple(map(_crc_row, range(256)))
 
 
 def _cut(raw: bytes, rng: random.Random) -> bytes:
@@ -101,34 +89,24 @@ def _cut(raw: bytes, rng: random.Random) -> bytes:
 
 def _turn_bits(raw: bytes, rng: random.Random) -> bytes:
     changed = bytearray(raw)
-    for _ in range(rng.choice((1, 1, 4, 16))):
-        if changed:
-            changed[_place(changed, rng)] ^= 1 << rng.randrange(8)
+    for _ in range(rng.choice((1, 1, 4, 16)) if raw else 0):
+        changed[_place(raw, rng)] ^= 1 << rng.randrange(8)
     return bytes(changed)
 
 
 def _overwrite(raw: bytes, rng: random.Random) -> bytes:
     size, at = rng.choice((1, 2, 4, 8)), _place(raw, rng)
-    number = rng.choice(_INTEGERS) & ((1 << 8 * size) - 1)
+    number = rng.choice((*_INTEGERS, rng.getrandbits(64))) & ((1 << 8 * size) - 1)
     return raw[:at] + number.to_bytes(size, rng.choice(("little", "big"))) + raw[at + size :]
 
 
 def _number(raw: bytes, rng: random.Random) -> bytes:
-    """Another text where one of the first numbers, or any, is written."""
+    """Where one of the first numbers is written, or any: a text, or another of the numbers, as a reference astray."""
     found = list(_NUMBER.finditer(raw, 0, 2000 if rng.random() < 0.3 else len(raw)))
     if not found:
         return _overwrite(raw, rng)
-    hit = rng.choice(found)
-    return raw[: hit.start()] + rng.choice(_TEXTS) + raw[hit.end() :]
-
-
-def _exchange_numbers(raw: bytes, rng: random.Random) -> bytes:
-    """One number of the text in the place of another: references that lead elsewhere."""
-    found = list(_NUMBER.finditer(raw))
-    if len(found) < 2:
-        return _turn_bits(raw, rng)
-    a, b = rng.choice(found), rng.choice(found)
-    return raw[: a.start()] + b.group() + raw[a.end() :]
+    hit, other = rng.choice(found), rng.choice(found).group()
+    return raw[: hit.start()] + rng.choice((other, rng.choice(_TEXTS), rng.choice(_TEXTS))) + raw[hit.end() :]
 
 
 def _insert(raw: bytes, rng: random.Random) -> bytes:
@@ -136,36 +114,32 @@ def _insert(raw: bytes, rng: random.Random) -> bytes:
     return raw[:at] + rng.choice((rng.choice(_TEXTS), rng.randbytes(rng.randrange(1, 20)))) + raw[at:]
 
 
-def _move(raw: bytes, rng: random.Random) -> bytes:
-    """A piece taken out, doubled, or put elsewhere."""
-    a, size = _place(raw, rng), rng.choice((1, 4, 16, 100, 1000))
-    piece, rest = raw[a : a + size], raw[:a] + raw[a + size :]
-    kind, b = rng.randrange(3), _place(raw, rng)
-    return rest if kind == 0 else raw[:b] + piece + raw[b:] if kind == 1 else rest[:b] + piece + rest[b:]
-
-
-def _lines(raw: bytes, rng: random.Random) -> bytes:
-    lines = raw.splitlines(keepends=True)
-    if len(lines) < 3:
-        return _move(raw, rng)
-    a, b, kind = rng.randrange(len(lines)), rng.randrange(len(lines)), rng.randrange(3)
+def _rearrange(raw: bytes, rng: random.Random) -> bytes:
+    """Pieces or lines taken out, doubled, exchanged, or put together in any order."""
+    a, size, b = _place(raw, rng), rng.choice((1, 4, 16, 100, 1000)), _place(raw, rng)
+    pieces = [raw[i:j] for i, j in pairwise([0, *sorted((a, a + size, b)), len(raw)])]
+    if rng.random() < 0.3:
+        pieces = raw.splitlines(keepends=True) or [raw]
+    i, j, kind = rng.randrange(len(pieces)), rng.randrange(len(pieces)), rng.randrange(4)
     if kind == 0:
-        del lines[a]
+        del pieces[i]
     elif kind == 1:
-        lines.insert(b, lines[a])
+        pieces.insert(j, pieces[i])
+    elif kind == 2:
+        pieces[i], pieces[j] = pieces[j], pieces[i]
     else:
-        lines[a], lines[b] = lines[b], lines[a]
-    return b"".join(lines)
+        pieces = rng.choices(pieces, k=rng.randrange(2 * len(pieces)))
+    return b"".join(pieces)
 
 
-def _place(raw: bytes | bytearray, rng: random.Random) -> int:
+def _place(raw: bytes, rng: random.Random) -> int:
     """Anywhere, but often in the header, where a little does much."""
     reach = rng.choice((32, 128, 512, len(raw), len(raw)))
     return rng.randrange(max(1, min(reach, len(raw))))
 
 
 _DAMAGES = (
-    _cut, _turn_bits, _turn_bits, _overwrite, _overwrite, _number, _number, _exchange_numbers, _insert, _move, _lines,
+    _cut, _turn_bits, _turn_bits, _overwrite, _overwrite, _number, _number, _number, _insert, _rearrange, _rearrange,
 )  # fmt: skip
 
 
@@ -178,16 +152,15 @@ def _change_node(value: Any, rng: random.Random) -> None:
             node = rng.choice(list(node.values()) if isinstance(node, dict) else node)
     if not isinstance(holder, (dict, list)) or not holder:
         return
-    key: Any = rng.choice(list(holder)) if isinstance(holder, dict) else rng.randrange(len(holder))
-    kind = rng.randrange(5)
+    keys: list[Any] = list(holder) if isinstance(holder, dict) else list(range(len(holder)))
+    key, other, kind = rng.choice(keys), rng.choice(keys), rng.randrange(5)
     if kind == 0:
         del holder[key]
     elif kind == 1 and isinstance(holder[key], (int, float)):
         holder[key] = holder[key] * rng.choice((-1, 0, 1e-9, 1e9, 1e300, 1000))
     elif kind == 2 and isinstance(holder, list):
-        holder.insert(rng.randrange(len(holder) + 1), deepcopy(holder[key]))
+        holder.insert(other, deepcopy(holder[key]))
     elif kind == 3:
-        other = rng.choice(list(holder)) if isinstance(holder, dict) else rng.randrange(len(holder))
         holder[key], holder[other] = holder[other], holder[key]
     else:
         holder[key] = deepcopy(rng.choice(_VALUES))

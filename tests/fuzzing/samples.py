@@ -1,4 +1,4 @@
-"""Small valid files of every supported format, generated for the fuzzing to damage."""
+"""Small whole files of every format, to be damaged: each function writes them in a folder and returns their bytes."""
 
 import io
 import json
@@ -8,33 +8,50 @@ from typing import Any
 
 import numpy as np
 import shapely
+from bag_files import lidar_bag
+from g2o_files import drawn_graph
+from small_ifc import DOORS, FLOOR, ROOMS, write_small_ifc
+from small_ifc import WALLS as WALL_BOXES
 
-from data.ifc.writer import IfcWriter, Prism
 from data.scans.writers import SCAN_WRITERS
-from data.scene_graph import SceneGraph
+from matching.self_test import three_rooms, write_small_network
+from sgslam.config import Config
+from sgslam.config.loading import save_config
+from sgslam.mapping import KeyframeClouds
+from sgslam.serialization import write_state
 
 POINTS = np.random.default_rng(0).normal(size=(40, 3)).astype(np.float32) * 5
-_ROOMS = (shapely.box(0.3, 0.3, 4.0, 3.7), shapely.box(4.1, 0.3, 7.7, 3.7))
-_WALLS = shapely.difference(shapely.box(0, 0, 8, 4), shapely.union_all([*_ROOMS, shapely.box(3.9, 1, 4.2, 1.9)]))
+TIMES = np.linspace(0, 0.1, len(POINTS), dtype=np.float32)
+_ROOMS = [shapely.box(*room) for room in ROOMS.values()]
+_DOORS = [shapely.box(x0, y0, x1, y1) for x0, y0, _, x1, y1, _ in DOORS]
+_WALLS = shapely.union_all([shapely.box(x0, y0, x1, y1) for x0, y0, _, x1, y1, _ in WALL_BOXES.values()])
+_WALLS = shapely.difference(_WALLS, shapely.union_all(_DOORS))
+_RINGS = [ring for part in shapely.get_parts(_WALLS) for ring in (part.exterior, *part.interiors)]
 
 
-def scan(suffix: str, folder: Path) -> list[bytes]:
-    """A scan each as our writers make it, and the same in text where the format has one."""
-    path = folder / f"a{suffix}"
-    SCAN_WRITERS[suffix[1:]](path, POINTS, None)
-    rows = "".join(f"{x:.4f} {y:.4f} {z:.4f} {k}\n" for k, (x, y, z) in enumerate(POINTS.tolist()))
-    ply = f"ply\nformat ascii 1.0\nelement vertex {len(POINTS)}\nproperty float x\nproperty float y\nproperty float z\n"
-    pcd = "VERSION 0.7\nFIELDS x y z t\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 40\nHEIGHT 1\n"
-    more = {
-        ".ply": ply + "property uint t\nend_header\n" + rows,
-        ".pcd": pcd + "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 40\nDATA ascii\n" + rows,
-    }
-    made = [path.read_bytes(), *([more[suffix].encode()] if suffix in more else [])]
-    if suffix == ".pcd":
-        from pypcd4 import Encoding, PointCloud
+def scans(suffix: str, folder: Path) -> list[bytes]:
+    """As our writers make them, without and with times, and in the other encodings of the format."""
+    from pypcd4 import Encoding, PointCloud
 
-        PointCloud.from_xyz_points(POINTS).save(path, encoding=Encoding.BINARY_COMPRESSED)
+    path, made = folder / f"a{suffix}", []
+    for times in (None, TIMES):
+        SCAN_WRITERS[suffix[1:]](path, POINTS, times)
         made.append(path.read_bytes())
+    rows = np.column_stack([POINTS, TIMES])
+    if suffix == ".npy":
+        for array in (rows.astype(np.float64), np.asfortranarray(POINTS)):
+            np.save(path, array)
+            made.append(path.read_bytes())
+    if suffix == ".pcd":
+        cloud = PointCloud.from_points([*POINTS.T, np.arange(40)], ("x", "y", "z", "t"), (*[np.float32] * 3, np.uint32))
+        for encoding in (Encoding.ASCII, Encoding.BINARY_COMPRESSED):
+            cloud.save(path, encoding=encoding)
+            made.append(path.read_bytes())
+    if suffix == ".ply":
+        header, text = made[1].partition(b"end_header\n")[0] + b"end_header\n", io.BytesIO()
+        np.savetxt(text, rows, "%.4f")
+        for name, values in ((b"ascii", text.getvalue()), (b"binary_big_endian", rows.astype(">f4").tobytes())):
+            made.append(header.replace(b"binary_little_endian", name) + values)
     return made
 
 
@@ -46,7 +63,7 @@ def las(suffix: str, folder: Path) -> list[bytes]:
     for version in ("1.2", "1.4"):
         data = laspy.LasData(laspy.LasHeader(point_format=1, version=version))
         data.x, data.y, data.z = POINTS.T.astype(float)
-        data.gps_time = np.linspace(0, 0.1, len(POINTS))
+        data.gps_time = TIMES
         data.write(folder / f"a{suffix}")
         made.append((folder / f"a{suffix}").read_bytes())
     return made
@@ -56,103 +73,52 @@ def e57(folder: Path) -> list[bytes]:
     """Two scans with poses, by pye57."""
     import pye57
 
-    path = folder / "a.e57"
-    file = pye57.E57(str(path), mode="w")
+    file = pye57.E57(str(folder / "a.e57"), mode="w")
+    columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), POINTS.T.astype(float), strict=True))
     for k in range(2):
-        columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), POINTS.T.astype(float), strict=True))
         file.write_scan_raw(columns, rotation=np.array([1.0, 0, 0, 0]), translation=np.array([k, 0.0, 0]))
     file.close()
-    return [path.read_bytes()]
+    return [(folder / "a.e57").read_bytes()]
 
 
 def bag(kind: str, folder: Path) -> list[bytes]:
-    """A bag's file of three scans, by rosbags: ros1, ros1-lz4, mcap or sqlite3."""
-    from rosbags.rosbag1 import Writer as Ros1Writer
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Ros2Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    ros1 = kind.startswith("ros1")
-    types = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-    path = folder / ("a.bag" if ros1 else "bag")
-    writer: Any
-    if ros1:
-        writer = Ros1Writer(path)
-        if kind.endswith("lz4"):
-            writer.set_compression(Ros1Writer.CompressionFormat.LZ4)
-    else:
-        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-        writer = Ros2Writer(path, version=9, storage_plugin=plugin)
-    name = "sensor_msgs/msg/PointCloud2"
-    with writer:
-        connection = writer.add_connection("/points", name, typestore=types)
-        for k in range(3):
-            message = _cloud(types, k * 100_000_000, ros1)
-            raw = types.serialize_ros1(message, name) if ros1 else types.serialize_cdr(message, name)
-            writer.write(connection, k * 100_000_000, raw)
-    if ros1:
-        return [path.read_bytes()]
-    return [next(p for p in path.iterdir() if p.suffix in (".mcap", ".db3")).read_bytes()]
+    """A bag's file of three scans."""
+    path = lidar_bag(folder / ("a.bag" if kind.startswith("ros1") else "bag"), kind, count=3)
+    return [p.read_bytes() for p in (path, *path.parent.glob("bag/*")) if p.suffix in (".bag", ".mcap", ".db3")]
 
 
-def _cloud(types: Any, stamp_ns: int, ros1: bool) -> Any:
-    of = types.types
-    header = {"stamp": of["builtin_interfaces/msg/Time"](1, stamp_ns), "frame_id": "", **({"seq": 0} if ros1 else {})}
-    fields = [of["sensor_msgs/msg/PointField"](axis, 4 * k, 7, 1) for k, axis in enumerate("xyz")]
-    return of["sensor_msgs/msg/PointCloud2"](
-        header=of["std_msgs/msg/Header"](**header), height=1, width=len(POINTS), fields=fields, is_bigendian=False,
-        point_step=12, row_step=12 * len(POINTS), data=np.frombuffer(POINTS.tobytes(), np.uint8), is_dense=True,
-    )  # fmt: skip
+def ifc(folder: Path) -> list[bytes]:
+    """With and without IfcSpaces."""
+    return [write_small_ifc(folder / "a.ifc", spaces=spaces).path.read_bytes() for spaces in (True, False)]
 
 
-def ifc(folder: Path, packed: bool = False) -> list[bytes]:
-    """Two rooms with their walls, with and without IfcSpaces."""
+def ifczip(folder: Path) -> list[bytes]:
     made = []
-    for spaces in (True, False):
-        writer = IfcWriter("fuzz", {"ground": 0.0})
-        for part in shapely.get_parts(shapely.constrained_delaunay_triangles(_WALLS)):
-            writer.element("IfcWall", "w", "ground", [Prism(tuple(part.exterior.coords)[:-1], 0.0, 2.6)])
-        for k, room in enumerate(_ROOMS if spaces else ()):
-            writer.space(f"r{k}", "ground", Prism(tuple(room.exterior.coords)[:-1], 0.0, 2.6), f"room {k}")
-        path = folder / "a.ifc"
-        writer.save(path)
-        raw = path.read_bytes()
-        if packed:
-            buffer = io.BytesIO()
-            with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
-                archive.writestr("a.ifc", raw)
-            raw = buffer.getvalue()
-        made.append(raw)
+    for raw in ifc(folder):
+        with zipfile.ZipFile(packed := io.BytesIO(), "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("a.ifc", raw)
+        made.append(packed.getvalue())
     return made
 
 
-def geojson() -> list[bytes]:
-    """Rooms with walls and a door, and walls alone as lines."""
-    properties = {"storey": "1", "elevation": 3.0, "height": 2.8}
-    rooms = [_feature(room, {"type": "room", "name": str(k), **properties}) for k, room in enumerate(_ROOMS)]
-    rooms.append(_feature(_WALLS, {"type": "wall", **properties}))
-    rooms.append(_feature(shapely.Point(4.05, 1.4), {"type": "door", **properties}))
-    rings = [r for p in shapely.get_parts(_WALLS) for r in (p.exterior, *p.interiors)]
-    lines = [_feature(shapely.LineString(ring.coords), {"kind": "wall"}) for ring in rings]
+def geojson(folder: Path) -> list[bytes]:
+    """Rooms with walls and doors, and walls alone as lines."""
+    storey = {"storey": "1", "elevation": 3.0, "height": 2.8}
+    parts = [*((room, "room") for room in _ROOMS), (_WALLS, "wall"), *((door, "door") for door in _DOORS)]
+    rooms = [_feature(shape, type=kind, name=str(k), **storey) for k, (shape, kind) in enumerate(parts)]
+    lines = [_feature(shapely.LineString(ring), kind="wall") for ring in _RINGS]
     return [json.dumps({"type": "FeatureCollection", "features": f}).encode() for f in (rooms, lines)]
 
 
-def _feature(shape: Any, properties: dict[str, Any]) -> dict[str, Any]:
+def _feature(shape: Any, **properties: Any) -> dict[str, Any]:
     return {"type": "Feature", "geometry": shapely.geometry.mapping(shape), "properties": properties}
 
 
-def floor_plan() -> list[bytes]:
+def floor_plan(folder: Path) -> list[bytes]:
     """Our JSON of a floor plan."""
     rooms = [{"name": f"r{k}", "polygon": shapely.geometry.mapping(room)} for k, room in enumerate(_ROOMS)]
     elements = {"wall": [{"polygon": shapely.geometry.mapping(_WALLS)}]}
     return [json.dumps({"name": "fuzz", "unit": "m", "rooms": rooms, "elements": elements}).encode()]
-
-
-def a_graph() -> SceneGraph:
-    """Of the same rooms."""
-    from data.plans.geojson import plan_of
-
-    return plan_of(json.loads(geojson()[0]), "sample")[0]
 
 
 def dxf(folder: Path) -> list[bytes]:
@@ -163,23 +129,58 @@ def dxf(folder: Path) -> list[bytes]:
     for version in ("R12", "R2010"):
         drawing = ezdxf.new(version)
         block = drawing.blocks.new("WALLS")
-        for polygon in shapely.get_parts(_WALLS):
-            for ring in (polygon.exterior, *polygon.interiors):
-                points = list(ring.coords)
-                drawing.modelspace().add_polyline2d(points, dxfattribs={"layer": "WALL"})
-                block.add_line(points[0], points[1], dxfattribs={"layer": "0"})
+        for ring in _RINGS:
+            points = list(ring.coords)
+            drawing.modelspace().add_polyline2d(points, dxfattribs={"layer": "WALL"})
+            block.add_line(points[0], points[1], dxfattribs={"layer": "0"})
         drawing.modelspace().add_blockref("WALLS", (0, 0), dxfattribs={"layer": "WALL"})
         drawing.saveas(folder / "a.dxf")
         made.append((folder / "a.dxf").read_bytes())
     return made
 
 
-def mesh(folder: Path, suffix: str) -> list[bytes]:
-    """A room's walls on a floor."""
+def mesh(suffix: str, folder: Path) -> list[bytes]:
+    """Walls on a floor."""
     import trimesh
 
-    boxes = [((0, -2.1, 1.2), (6, 0.2, 2.6)), ((0, 2.1, 1.2), (6, 0.2, 2.6)), ((-3.1, 0, 1.2), (0.2, 4.4, 2.6)),
-             ((3.1, 0, 1.2), (0.2, 4.4, 2.6)), ((0, 0, -0.1), (7, 5, 0.2))]  # fmt: skip
-    parts = [trimesh.creation.box(extents=e, transform=trimesh.transformations.translation_matrix(c)) for c, e in boxes]
-    trimesh.util.concatenate(parts).export(folder / f"a{suffix}")
+    boxes = [trimesh.creation.box(bounds=np.reshape(box, (2, 3))) for box in (*WALL_BOXES.values(), FLOOR)]
+    trimesh.util.concatenate(boxes).export(folder / f"a{suffix}")
     return [(folder / f"a{suffix}").read_bytes()]
+
+
+def graph(folder: Path) -> list[bytes]:
+    return [json.dumps(three_rooms().to_dict()).encode()]
+
+
+def trajectory(folder: Path) -> list[bytes]:
+    return ["".join(f"{1700000000 + k / 10:.9f} 1 2 0.5 0 0 0.6 0.8\n" for k in range(12)).encode()]
+
+
+def times(folder: Path) -> list[bytes]:
+    return ["".join(f"{1700000000 + k / 10:.9f}\n" for k in range(12)).encode()]
+
+
+def g2o(folder: Path) -> list[bytes]:
+    return ["\n".join(drawn_graph().lines).encode()]
+
+
+def settings(folder: Path) -> list[bytes]:
+    return [save_config(Config()).encode(), b"odometry: {voxel_size: 0.4}\nkeyframes:\n  distance: 0.5\n"]
+
+
+def network(suffix: str, folder: Path) -> list[bytes]:
+    """A small one: those that are shipped have more weights than form."""
+    write_small_network(folder / f"a{suffix}")
+    return [(folder / f"a{suffix}").read_bytes()]
+
+
+def state(folder: Path) -> list[bytes]:
+    write_state(folder / "a.npz", {"run": 1}, {"points": POINTS, "list": [1, 2.5, "x", (1, None)]}, {})
+    return [(folder / "a.npz").read_bytes()]
+
+
+def clouds(folder: Path) -> list[bytes]:
+    made = KeyframeClouds(folder / "a.bin")
+    for k in range(3):
+        made.add(k, POINTS + k)
+    return [(folder / "a.bin").read_bytes()]
