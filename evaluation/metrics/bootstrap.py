@@ -19,7 +19,7 @@ class Estimate:
     high: float
 
 
-def ratio(numerator: ArrayLike, denominator: ArrayLike, cluster: Sequence[str], seed: int = 0) -> Estimate | None:
+def ratio(numerator: ArrayLike, denominator: ArrayLike, cluster: Sequence[str]) -> Estimate | None:
     """The ratio of two sums over (N,) pairs, with the percentile interval of Efron's bootstrap over clusters.
 
     Pairs of one building are not independent, so buildings (`cluster`, N names) are resampled with all of their pairs;
@@ -33,7 +33,7 @@ def ratio(numerator: ArrayLike, denominator: ArrayLike, cluster: Sequence[str], 
     if len(names) > 1:
         sums = np.stack([np.bincount(of, column) for column in sums.T], axis=1)
     n = len(sums)
-    times = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=DRAWS)
+    times = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), size=DRAWS)
     drawn = times @ sums
     drawn = drawn[drawn[:, 1] > 0]
     tail = 50 * (1 - LEVEL)
