@@ -1,24 +1,25 @@
 """A simulated drive of any length, produced in parts: half an hour of scans takes gigabytes."""
 
 import shutil
-import tempfile
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from multiprocessing import get_context
-from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data.common.errors import UserError
+from data.common.children import end_with_parent
 from data.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from data.geometry.raycast import TriangleScene
 
-_PART = 250  # scans
+PART = 250  # scans
 _HEIGHT = 0.8  # m of the sensor above the floor
 _SHARE = 0.55  # mean speed as a share of the top speed, turns on the spot included
 
@@ -34,79 +35,47 @@ class DriveSpec:
     seed: int = 0
 
 
-class EndlessDrive:
-    """A simulated drive, as a context. Each scan has its own noise.
+@contextmanager
+def endless_drive(way: DriveSpec) -> Iterator[tuple[Trajectory, Iterator[Path]]]:
+    """T_bim_sensor of all scans, and folders of scans, one after another; each is deleted when the next is requested.
 
-    Another process casts the rays, only while the caller waits for it, so that it adds neither memory nor time to the
-    measured process. `truth` is T_bim_sensor of all scans.
+    Each scan has its own noise. Another process casts the rays, only while the caller waits for it, so that it adds
+    neither memory nor time to the measured process. Raises UserError for a building or a storey that cannot be driven
+    through.
     """
-
-    def __init__(self, way: DriveSpec) -> None:
-        """Raises UserError for a building or a storey that cannot be driven through."""
-        self._way, self._folder = way, Path(tempfile.mkdtemp(prefix="drive."))
-        context = get_context("spawn")
-        self._ours, theirs = context.Pipe()
-        self._process = context.Process(target=_simulate, args=(theirs, way), daemon=True)
-        self._process.start()
-        theirs.close()
-        self.truth: Trajectory = self._answer()
-
-    def parts(self) -> Iterator[Path]:
-        """Folders of scans, one after another; each is deleted when the next is requested."""
-        for first in range(0, self._way.scans, _PART):
-            folder = self._folder / f"{first:08d}"
-            self._ours.send((first, min(first + _PART, self._way.scans), folder))
-            self._answer()
-            yield folder
-            shutil.rmtree(folder)
-
-    def _answer(self) -> "Trajectory":
-        try:
-            answer = self._ours.recv()
-        except EOFError:
-            raise UserError("the simulator ended early; see its message above") from None
-        if isinstance(answer, UserError):
-            self.__exit__(None, None, None)
-            raise answer
-        return answer  # type: ignore[no-any-return]
-
-    def __enter__(self) -> "EndlessDrive":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._ours.close()
-        self._process.join(timeout=10)
-        shutil.rmtree(self._folder, ignore_errors=True)
+    pool = ProcessPoolExecutor(1, get_context("spawn"), end_with_parent)
+    with TemporaryDirectory(prefix="drive.") as folder, pool:
+        yield pool.submit(_truth, way).result(), _parts(way, Path(folder), pool)
 
 
-def _simulate(requests: Connection, way: DriveSpec) -> None:
-    """The simulator's process: sends the truth, then writes each requested part."""
+def _parts(way: DriveSpec, folder: Path, pool: ProcessPoolExecutor) -> Iterator[Path]:
+    for first in range(0, way.scans, PART):
+        part = folder / f"{first:08d}"
+        pool.submit(_simulate, way, first, min(first + PART, way.scans), part).result()
+        yield part
+        shutil.rmtree(part)
+
+
+def _truth(way: DriveSpec) -> Trajectory:
+    return _planned(way)[0]
+
+
+def _simulate(way: DriveSpec, first: int, last: int, folder: Path) -> None:
+    """Writes the scans from `first` to before `last`."""
     from data.scans.writers import SCAN_WRITERS
     from data.simulation.simulate import SENSOR
     from data.trajectory.stamps import ns_to_seconds
 
-    try:
-        truth, scene = _planned(way)
-    except UserError as error:
-        requests.send(error)
-        return
-    requests.send(truth)
-    while True:
-        try:
-            first, last, folder = requests.recv()
-        except EOFError:
-            return
-        folder.mkdir(parents=True)
-        for i in range(first, last):
-            points = SENSOR.scan(scene, truth.poses[i], np.random.default_rng([way.seed, i]))
-            SCAN_WRITERS["bin"](folder / f"{i:08d}.bin", points, None)
-        stamps = truth.stamps_ns[first:last].tolist()
-        (folder / "times.txt").write_text("".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
-        requests.send(None)
+    truth, scene = _planned(way)
+    folder.mkdir()
+    for i in range(first, last):
+        points = SENSOR.scan(scene, truth.poses[i], np.random.default_rng([way.seed, i]))
+        SCAN_WRITERS["bin"](folder / f"{i:08d}.bin", points, None)
+    stamps = truth.stamps_ns[first:last].tolist()
+    (folder / "times.txt").write_text("".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
 
 
+@lru_cache(maxsize=1)
 def _planned(way: DriveSpec) -> "tuple[Trajectory, TriangleScene]":
     """The true poses and the scene of a drive through one storey."""
     from data.geometry.raycast import TriangleScene

@@ -6,7 +6,7 @@ a list, each with and without loop closure. A closure is false if it is more tha
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 import pandas as pd
@@ -120,7 +120,7 @@ def measure(case: Run, work: Path) -> Errors:
 def _drive(case: Run) -> Drive:
     level = 0 if case.front_end == "normal" else LEVEL
     if case.storey is None:
-        return drive_along(case.drive, case.seed, level)
+        return drive_along(cast(Route, case.drive), case.seed, level)
     return drive_through(Path(case.storey.bim), case.storey.storey or "", LENGTH, case.seed, level)
 
 
@@ -164,7 +164,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     return {"drives": grouped(rows.rename(columns={"front_end": "front end"}), ("drive", "front end"), cells)}
 
 
-def _mean(values: "pd.Series[float]", form: str, factor: float) -> str:
+def _mean(values: "pd.Series[float]", form: str, factor: float = 1.0) -> str:
     return format(factor * values.mean(), form) if len(values) else ""
 
 

@@ -140,8 +140,9 @@ def _drive(case: StoreyDrive, bim: Path, work: Path) -> Path:
     folder = work / "-".join([bim.stem, *storeys, str(case.seed), str(case.min_rooms), f"{case.min_length:g}"])
     with locked(folder):
         if not folder.exists():
-            size = {"min_rooms": case.min_rooms, "min_length": case.min_length}
-            simulate(bim, case.storeys, folder, seed=case.seed, **size)
+            simulate(
+                bim, case.storeys, folder, seed=case.seed, min_rooms=case.min_rooms, min_length=case.min_length
+            )  # fmt: skip
     return folder
 
 
