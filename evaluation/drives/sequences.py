@@ -2,7 +2,7 @@
 
 import fcntl
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,10 +27,8 @@ from evaluation.harness.study import Case, Options
 
 if TYPE_CHECKING:
     from sgslam.config import Config
-    from sgslam.odometry import Odometry
 
 STOREYS = Path(__file__).resolve().parents[1] / "storeys.yaml"
-INDOOR_VOXEL = 0.5  # m, for KISS-ICP alone
 
 
 class SequenceSpec(BaseModel):
@@ -239,14 +237,6 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
     )  # fmt: skip
 
 
-def odometry_alone(scans: Iterable[Scan]) -> Trajectory:
-    """T_odom_sensor of KISS-ICP alone on whole scans, with a voxel for indoors: the default of 1 m is for streets."""
-    from sgslam.config import OdometrySettings
-    from sgslam.odometry.kiss import KissOdometry
-
-    return _registered(scans, KissOdometry(OdometrySettings(voxel_size=INDOOR_VOXEL)), lambda points: points)
-
-
 def odometry_of_run(scans: Iterable[Scan], config: "Config | None" = None) -> Trajectory:
     """T_odom_sensor of the odometry alone, on the points and with the settings of a run, without walls or floor.
 
@@ -258,21 +248,11 @@ def odometry_of_run(scans: Iterable[Scan], config: "Config | None" = None) -> Tr
 
     config = config or Config()
     front_end, odometry = FrontEnd(config), make_odometry(config.odometry)
-
-    def chosen(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        columns = front_end.columns(points)
-        return columns.points[columns.upright] if odometry.upright_only else columns.points
-
-    return _registered(scans, odometry, chosen)
-
-
-def _registered(
-    scans: Iterable[Scan], odometry: "Odometry", chosen: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-) -> Trajectory:
     stamps, poses = [], []
     for scan in scans:
+        columns = front_end.columns(scan.points)
         stamps.append(scan.stamp_ns)
-        poses.append(odometry.register(chosen(scan.points)))
+        poses.append(odometry.register(columns.points[columns.upright] if odometry.upright_only else columns.points))
     return Trajectory(np.array(stamps, dtype=np.int64), np.stack(poses))
 
 

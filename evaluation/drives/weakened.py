@@ -52,11 +52,16 @@ def weaken_odometry(odometry: Trajectory, truth: Trajectory, seed: int) -> WeakO
     raise UserError(f"--weaken: the drive is too short for an odometry error of {LEAST_ERROR_M} m; take a longer one")
 
 
-def shortened(points: Array) -> Array:
-    """The points (N, 3), sensor frame, within the reduced range; the nearest 50 if there are fewer."""
+def within_range(points: Array) -> NDArray[np.intp]:
+    """The indices of the points (N, 3), sensor frame, within the reduced range; the nearest 50 if there are fewer."""
     ranges = np.linalg.norm(points, axis=1)
-    near = ranges < RANGE_M
-    return points[near] if near.sum() >= 50 else points[np.argsort(ranges)[:50]]
+    near = np.flatnonzero(ranges < RANGE_M)
+    return near if len(near) >= 50 else np.argsort(ranges)[:50]
+
+
+def shortened(points: Array) -> Array:
+    """The points (N, 3) that `within_range` selects."""
+    return np.asarray(points[within_range(points)])
 
 
 def worsened(poses: Array, level: int, seed: int) -> Array:

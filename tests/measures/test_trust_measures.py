@@ -1,4 +1,4 @@
-"""The measurements of trust: plans of other buildings, rooms matched wrongly."""
+"""The measurement of trust: plans of other buildings."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from drives import Drive, small_drive
 from data import UserError
 from data.generation.buildings import generate_plan
 from evaluation.harness import SequenceSpec
-from evaluation.studies import negative_plans, wrong_matches
+from evaluation.studies import negative_plans
 
 
 @pytest.fixture(scope="module")
@@ -55,25 +55,3 @@ def test_a_drive_is_run_with_every_plan_but_its_own(folder: Path, tmp_path: Path
 def test_one_building_has_no_other(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="only one building"):
         list(negative_plans.pairings([spec(folder, "own")], [0], tmp_path))
-
-
-def record(sequence: str, seed: int, conditions: str, error: str, first: str) -> dict[str, str]:
-    return {
-        "sequence": sequence, "seed": str(seed), "conditions": conditions, "rmse_bim_m": error, "first_anchor_s": first
-    }  # fmt: skip
-
-
-def test_spoilt_runs_stand_beside_clean_ones() -> None:
-    records = [
-        record("a", 0, "normal", "0.010", "20"), record("a", 1, "normal", "0.020", "30"),
-        record("b", 0, "normal", "0.010", "20"),
-        record("a", 1, "wrong-matches-5", "0.024", "50"), record("a", 0, "wrong-matches-5", "0.009", "20"),
-        record("b", 0, "wrong-matches-5", "", ""),
-    ]  # fmt: skip
-    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in wrong_matches.table(records).splitlines()[2:]]
-    assert lines == [
-        ["a", "1", "0.0200", "0.0240", "1.20", "30", "50"],
-        ["a", "0", "0.0100", "0.0090", "0.90", "20", "20"],
-        ["**a**", "all", "0.0150", "0.0165", "1.10", "25", "35"],
-        ["b", "0", "0.0100", "not anchored", "", "20", ""],
-    ]
