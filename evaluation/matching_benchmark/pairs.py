@@ -12,11 +12,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from data import SceneGraph
-from data.common.errors import UserError
-from data.generation.buildings import KINDS, generate_plan
-from data.plans import Plan, read_plans
+from data.generation.buildings import KINDS
+from data.plans import Plan
 from data.synthetic_maps.noise_models import DrawnGraph, draw
 from evaluation.drives.slam_graph_files import SlamDrive, read_drives
+from evaluation.matching_benchmark.plan_sets import Candidate, load_plan
 from evaluation.metrics.true_matches import TrueMatches
 from matching.ambiguity.symmetries import symmetries
 
@@ -26,20 +26,6 @@ NEGATIVE, SGSLAM = "negative", "sgslam"
 # Draws are seeded by the names that three noise models had at first.
 WRITTEN_AS = {"mis_segmented": "messy", "heavy_drift": "warped", "negative": "elsewhere"}
 COLUMNS = (1, 2, 3, 4, 6, 9, 14)  # rooms seen; the last column is "all"
-FIRST_SEED = 900_000  # of generated plans; beyond the seeds of the training data
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A plan and its set: a file or folder of plans, or the kind of generated ones."""
-
-    plans: str
-    plan: Plan
-
-    @property
-    def size(self) -> int:
-        """The number of rooms of the whole plan, all of which are searched."""
-        return len(self.plan.graph.rooms)
 
 
 @dataclass(frozen=True)
@@ -72,7 +58,7 @@ class Pair(BaseModel, ABC):
     """An S-graph and a plan, by names: `plan` is the plan's name in its set `plans` (see `Candidate`).
 
     `rooms` is the number of rooms seen (None: all), `index` that among otherwise identical pairs, `seed` the seed of
-    the random numbers.
+    the random numbers. The S-graph is of another building if there is a `source`: that plan's set and name.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -83,6 +69,7 @@ class Pair(BaseModel, ABC):
     rooms: int | None
     index: int
     seed: int
+    source: tuple[str, str] | None = None
 
     @abstractmethod
     def prepare(self) -> Prepared:
@@ -90,15 +77,13 @@ class Pair(BaseModel, ABC):
 
     def files(self) -> set[str]:
         """The paths of the files that it reads."""
-        return {self.plans} - set(KINDS)
+        return {self.plans, *(self.source or ())[:1]} - set(KINDS)
 
 
 class DrawnPair(Pair):
-    """An S-graph of `rooms` neighbouring rooms (None: a whole floor), drawn from `source`: the set and the name of a
-    plan of another building, or None for the plan itself."""
+    """An S-graph of `rooms` neighbouring rooms (None: a whole floor), drawn from a plan."""
 
     regime: Regime
-    source: tuple[str, str] | None = None
 
     def prepare(self) -> Prepared:
         """Draws the S-graph; it depends only on seed, plan, regime, rooms and index."""
@@ -114,10 +99,6 @@ class DrawnPair(Pair):
         floors = floors_of(plan.graph, self.rooms)
         floor = floors[int(rng.integers(len(floors)))]
         return draw(plan.graph, "real" if self.regime == NEGATIVE else self.regime, rng, self.rooms, floor)
-
-    def files(self) -> set[str]:
-        """The files of both plans."""
-        return super().files() | ({self.source[0]} if self.source else set()) - set(KINDS)
 
 
 class SlamPair(Pair):
@@ -142,48 +123,6 @@ def truth_of(drawn: DrawnGraph) -> TrueMatches:
     """The true matches of a drawn S-graph in its A-graph."""
     x, y = drawn.s_graph.centroid().tolist()
     return TrueMatches(drawn.rooms, drawn.wall_surfaces, drawn.T_a_s, drawn.floor, (x, y))
-
-
-def load_plan(plans: str, name: str) -> Plan:
-    """A plan of a set. Raises UserError as `read_plans` does, and for an unknown name."""
-    if plans in KINDS:
-        return _generated(plans, int(name.rpartition("_")[2]))
-    plan = _plans(plans).get(name)
-    if plan is None:
-        raise UserError(f"{plans}: no plan '{name}' with rooms")
-    return plan
-
-
-def read_candidates(paths: Sequence[Path], generated: Sequence[str]) -> list[Candidate]:
-    """The plans of files and folders, and generated ones: KIND:COUNT, or KIND:COUNT:SKIPPED for the COUNT plans after
-    the first SKIPPED. Plans without rooms are left out.
-
-    Raises UserError for an unknown kind, and for two plans of one name in a set.
-    """
-    found = [Candidate(str(path), plan) for path in paths for plan in _plans(str(path)).values()]
-    for text in generated:
-        kind, *numbers = text.split(":")
-        if kind not in KINDS or len(numbers) not in (1, 2) or not all(map(str.isdecimal, numbers)) or "0" == numbers[0]:
-            raise UserError(f"generated {text}: write KIND:COUNT or KIND:COUNT:SKIPPED; kinds are {', '.join(KINDS)}")
-        count, skipped = [*map(int, numbers), 0][:2]
-        found += [Candidate(kind, _generated(kind, FIRST_SEED + skipped + n)) for n in range(count)]
-    return found
-
-
-@lru_cache(maxsize=1000)
-def _generated(kind: str, seed: int) -> Plan:
-    return generate_plan(kind, seed)
-
-
-@lru_cache(maxsize=None)
-def _plans(path: str) -> dict[str, Plan]:
-    found: dict[str, Plan] = {}
-    for plan in read_plans(path):
-        if plan.name in found:
-            raise UserError(f"{path}: two plans are named '{plan.name}'; rename one")
-        if plan.graph.rooms:
-            found[plan.name] = plan
-    return found
 
 
 @lru_cache(maxsize=1)

@@ -21,7 +21,7 @@ class MatchCase(Case):
     def files(self) -> set[str]:
         """The pair's files, and the method's weights if it names a file."""
         weights = self.method.partition("@")[2]
-        return self.pair.files() | ({weights} if Path(weights).is_file() else set())
+        return self.pair.files() | ({weights} if weights and Path(weights).is_file() else set())
 
 
 class BenchmarkCase(MatchCase):
