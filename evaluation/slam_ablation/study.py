@@ -12,9 +12,12 @@ from evaluation.slam_ablation.variants import VARIANTS, check_variant, run_varia
 
 
 class Choice(DriveOptions, Conditions):
-    """The drives, their conditions, and the variants."""
+    """The drives, their conditions, and the variants; sequences that are also run with a weakened front end, and the
+    variants of these runs."""
 
     variants: tuple[str, ...] = VARIANTS
+    weakened: tuple[str, ...] = ("institute", "office")
+    weakened_variants: tuple[str, ...] = ("graph", "anchored:voting", "anchored")
 
 
 class Run(DriveCase):
@@ -31,11 +34,16 @@ class Run(DriveCase):
 def cases(options: Choice) -> list[Run]:
     """Each drive with all variants. Raises UserError for an unknown variant, and as `DriveOptions` does."""
     conditions = Conditions.model_validate(options.model_dump(include=set(Conditions.model_fields)))
-    variants = [check_variant(variant) for variant in options.variants]
-    return [
-        Run(sequence=spec, seed=seed, conditions=conditions, variant=variant)
-        for spec, seed in options.drives() for variant in variants
+    weak, drives = conditions.model_copy(update={"weaken": True}), list(options.drives())
+    planned = [(spec, seed, conditions, variant) for spec, seed in drives for variant in options.variants]
+    planned += [
+        (spec, seed, weak, variant)
+        for spec, seed in drives if spec.name in options.weakened for variant in options.weakened_variants
     ]  # fmt: skip
+    return [
+        Run(sequence=spec, seed=seed, conditions=own, variant=check_variant(variant))
+        for spec, seed, own, variant in dict.fromkeys(planned)
+    ]
 
 
 def measure(case: Run, work: Path) -> Scores:
@@ -43,7 +51,9 @@ def measure(case: Run, work: Path) -> Scores:
     return run_variant(case.variant, prepare(case.sequence, case.seed, work, case.conditions))
 
 
-QUICK = Choice(sequences=("demo", "institute"), seeds=(0,), variants=("kiss-icp", "small_gicp", "graph", "anchored"))
+QUICK = Choice(
+    sequences=("demo", "institute"), seeds=(0,), variants=("kiss-icp", "small_gicp", "graph", "anchored"), weakened=(),
+)  # fmt: skip
 STUDY = Study(
     "ablation", "how far off the truth the system is, with parts of it left out, and its peers",
     Choice, QUICK, Run, Scores, cases, measure, tables, claims, plots,

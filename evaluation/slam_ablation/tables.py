@@ -41,16 +41,15 @@ COST = {
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame | str]:
-    """README's table, those of accuracy, map, cost, the oracle and the weakened front ends; the shortest and the
-    longest drive (m)."""
+    """README's table, those of accuracy, map, cost, the oracle and the weakened front ends; the least and
+    the largest length of a drive (m)."""
     rows = prepared(rows)
     normal = rows[rows.conditions == NORMAL]
     weakened = rows[rows.weakening != ""].drop_duplicates(DRIVE)
     return {
         "readme": _readme(normal), "accuracy": _means(rows, ACCURACY),
         "map": _means(rows[rows.keyframes.notna()], MAP), "cost": _means(rows, COST), "oracle": _behind_oracle(rows),
-        "weakened": weakened[["sequence.name", "seed", "weakening"]], "least_driven": f"{normal.driven_m.min():.0f}",
-        "most_driven": f"{normal.driven_m.max():.0f}",
+        "weakened": weakened[["sequence.name", "seed", "weakening"]], "lengths": f"{normal.driven_m.min():.0f} to {normal.driven_m.max():.0f}",
     }  # fmt: skip
 
 
