@@ -152,21 +152,6 @@ def drift(estimate: Trajectory, truth: Trajectory) -> Drift:
     return Drift(float(way[-1]), float(100 * whole[0] / way[-1]), mean)
 
 
-def drift_reduction(rmse_anchored: float, rmse_graph_started_at_truth: float) -> float:
-    """The share of the drift that the anchors remove: 1 - RMSE(anchored) / RMSE(not anchored).
-
-    `rmse_anchored` is the position RMSE (m) of the anchored run in the BIM frame, without alignment.
-    `rmse_graph_started_at_truth` is that of the same graph without anchors, its first pose set to the true first
-    pose (`ape(..., "origin").translation.rmse`). 1 is perfect, 0 no gain, negative where the anchors do harm.
-    Raises UserError for values that are negative or not finite, and where there is no drift to reduce.
-    """
-    if not (np.isfinite(rmse_anchored) and rmse_anchored >= 0):
-        raise UserError(f"drift reduction: {rmse_anchored} m is no RMSE")
-    if not (np.isfinite(rmse_graph_started_at_truth) and rmse_graph_started_at_truth > 0):
-        raise UserError(f"drift reduction: no drift to reduce in an RMSE of {rmse_graph_started_at_truth} m")
-    return 1.0 - rmse_anchored / rmse_graph_started_at_truth
-
-
 def _way(poses: Array) -> Array:
     """(N,) metres travelled up to each pose."""
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)

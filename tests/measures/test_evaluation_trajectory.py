@@ -11,7 +11,7 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.statistics import Statistics
-from evaluation.metrics.trajectories import SUB_LENGTHS_M, ape, drift, drift_reduction, error_in_bim, rpe
+from evaluation.metrics.trajectories import SUB_LENGTHS_M, ape, drift, error_in_bim, rpe
 from sgslam.report.accuracy import accuracy, rmse_aligned
 
 MS = 1_000_000
@@ -230,14 +230,6 @@ def test_drift_follows_the_definition_of_kitti_start_by_start() -> None:
 def test_a_run_shorter_than_all_lengths_has_an_end_error_only() -> None:
     result = drift(line([1.1, 0, 0], 20), line([1, 0, 0], 20))
     assert result.end_percent == pytest.approx(10) and result.mean_percent is None
-
-
-def test_drift_reduction_by_its_definition() -> None:
-    assert drift_reduction(0.0, 0.4) == 1 and drift_reduction(0.4, 0.4) == 0
-    assert drift_reduction(0.1, 0.4) == pytest.approx(0.75) and drift_reduction(0.8, 0.4) == pytest.approx(-1)
-    for anchored, free in ((0.1, 0.0), (0.1, np.nan), (-0.1, 1.0), (np.inf, 1.0)):
-        with pytest.raises(UserError, match="drift reduction"):
-            drift_reduction(anchored, free)
 
 
 def noisy(covariance: Array, count: int = 400) -> tuple[Trajectory, Trajectory]:
