@@ -58,9 +58,9 @@ def test_a_closure_is_judged_by_its_motion_whatever_the_frame() -> None:
 
 
 def run(closing: bool, seed: int, ape: float, false: int) -> tuple[Run, Errors]:
-    values = dict.fromkeys(Errors.model_fields, 1) | {"ape_m": ape, "false": false, "closures": 3}
-    values |= {"closure_m": 0.02 if closing else None}
-    return Run(drive="ring", storey=None, front_end="weak", seed=seed, closing=closing), Errors(**values)
+    values: dict[str, float | None] = dict.fromkeys(Errors.model_fields, 1)
+    values |= {"ape_m": ape, "false": false, "closures": 3, "closure_m": 0.02 if closing else None}
+    return Run(drive="ring", storey=None, front_end="weak", seed=seed, closing=closing), Errors.model_validate(values)
 
 
 def test_the_table_sets_open_beside_closed() -> None:
