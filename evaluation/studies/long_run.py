@@ -179,11 +179,9 @@ def _text(rows: "pd.DataFrame", columns: dict[str, tuple[str, str]]) -> "pd.Data
     return pd.DataFrame({title: [format(x, form) for x in rows[name]] for name, (title, form) in columns.items()})
 
 
-def _names(rows: "pd.DataFrame") -> list[str]:
-    return [
-        f"{Path(bim).stem}, {storey}{', standing' if standing else ''}"
-        for bim, storey, standing in zip(rows.bim, rows.storey, rows.standing, strict=True)
-    ]
+def _names(rows: "pd.DataFrame") -> "pd.Series[str]":
+    standing = rows.standing.map({True: ", standing", False: ""})
+    return rows.bim.map(lambda bim: Path(bim).stem) + ", " + rows.storey + standing
 
 
 def _parts(samples: list[dict[str, Any]], count: int) -> "pd.DataFrame":

@@ -116,24 +116,19 @@ def _run(arguments: list[str]) -> None:
 def compared(whole: Path, resumed: Path, after_s: float, keyframes: float) -> Difference:
     """The differences between the folders of two runs."""
     a, b = (Trajectory.read_tum(folder / "trajectory.tum") for folder in (whole, resumed))
-    if not np.array_equal(a.stamps_ns, b.stamps_ns):
-        return Difference(after_s=after_s, keyframes=keyframes, metres=None, degrees=None, same=())
-    chord = np.linalg.norm(a.poses[:, :3, :3] - b.poses[:, :3, :3], axis=(1, 2)).max() / np.sqrt(8)
-    return Difference(
-        after_s=after_s, keyframes=keyframes, metres=float(np.abs(a.positions - b.positions).max()),
-        degrees=2 * float(np.degrees(np.arcsin(min(float(chord), 1.0)))),
-        same=tuple(name for name in COMPARED if _content(whole / name) == _content(resumed / name)),
-    )  # fmt: skip
+    same = tuple(name for name in COMPARED if _content(whole / name) == _content(resumed / name))
+    metres = degrees = None
+    if np.array_equal(a.stamps_ns, b.stamps_ns):
+        metres = float(np.abs(a.positions - b.positions).max())
+        chord = np.linalg.norm(a.poses[:, :3, :3] - b.poses[:, :3, :3], axis=(1, 2)).max() / np.sqrt(8)
+        degrees = 2 * float(np.degrees(np.arcsin(min(float(chord), 1.0))))
+    return Difference(after_s=after_s, keyframes=keyframes, metres=metres, degrees=degrees, same=same)
 
 
 def _content(path: Path) -> object:
     """The content of a file, without the matcher's time."""
-    if path.suffix != ".json":
-        return path.read_text()
-    content = json.loads(path.read_text())
-    if not isinstance(content, dict):
-        return content
-    return {name: value for name, value in content.items() if name != "seconds"}
+    text = path.read_text()
+    return json.loads(text) | {"seconds": None} if path.name == "matches.json" else text
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
@@ -155,7 +150,7 @@ def _difference(metres: float, degrees: float) -> str:
 def claims(rows: pd.DataFrame) -> list[Claim]:
     """The largest difference of poses."""
     worst = _difference(rows.metres.max(skipna=False), rows.degrees.max(skipna=False))
-    return [Claim("Largest difference of poses after a kill, against an uninterrupted run", worst, f"{len(rows)} kills")]
+    return [Claim("Largest difference of poses after a kill, against an unbroken run", worst, f"{len(rows)} kills")]
 
 
 STUDY = Study(

@@ -1,6 +1,7 @@
 """Drives over several storeys, and from a start on each storey: whether the storey is recognised, and how soon."""
 
 import json
+import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
@@ -136,8 +137,8 @@ def measure(case: StoreyDrive, work: Path) -> Storeys:
 
 def _drive(case: StoreyDrive, bim: Path, work: Path) -> Path:
     """The folder of the drive."""
-    storeys = (storey.replace(" ", "").replace(".", "") for storey in case.storeys)
-    folder = work / "-".join([bim.stem, *storeys, str(case.seed), str(case.min_rooms), f"{case.min_length:g}"])
+    parts = (bim.stem, *case.storeys, case.seed, case.min_rooms, f"{case.min_length:g}")
+    folder = work / "-".join(re.sub(r"[^\w.-]", "", str(part)) for part in parts)
     with locked(folder):
         if not folder.exists():
             simulate(
@@ -171,11 +172,8 @@ def rooms_on_their_floor(result: Result, a_graph: SceneGraph, truth: Trajectory)
             storey = storey_of(a_graph, true[keyframe.stamp_ns])
             of_room[keyframe.room][storey] += 1
             of_floor[floor_of[keyframe.room]][storey] += 1
-    right = 0
-    for room in rooms:  # a room that was only looked into is on the storey of its floor
-        seen = of_room[room.id] or of_floor[room.floor]
-        right += bool(seen) and placed.get(room.floor or "") == seen.most_common(1)[0][0]
-    return right
+    seen = [(room, of_room[room.id] or of_floor[room.floor]) for room in rooms]  # if only looked into: of its floor
+    return sum(placed.get(room.floor or "") == own.most_common(1)[0][0] for room, own in seen if own)
 
 
 def _errors(result: Result, a_graph: SceneGraph, truth: Trajectory, height: float) -> dict[str, float | None]:
