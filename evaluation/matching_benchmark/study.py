@@ -115,7 +115,8 @@ STUDY = Study(
     asks="How well do matchers find maps with known truth in plans?",
     options=Choice,
     quick=Choice(
-        plans=(), generated=("apartment:3:2000", "office:3:2000", "corridor:2:2000"), slam_graphs=None, rooms=(2, 6, "all"), pairs=6,
+        plans=(), generated=("apartment:3:2000", "office:3:2000", "corridor:2:2000"), slam_graphs=None,
+        rooms=(2, 6, "all"), pairs=6,
         methods=("learned", "voting", ORACLE),
     ),
     case=BenchmarkCase,

@@ -147,7 +147,8 @@ def _number(value: float | None) -> str:
 def _summary(rows: pd.DataFrame) -> dict[str, str]:
     return {
         "pairs": str(len(rows)), "wall F1": _mean(rows, "wall_f1"), "unique": f"{100 * rows.unique.mean():.0f} %",
-        "wrong of unique": share_of(int(rows.wrong.sum()), int(rows.unique.sum())), "median (s)": f"{rows.seconds.median():.3f}",
+        "wrong of unique": share_of(int(rows.wrong.sum()), int(rows.unique.sum())),
+        "median (s)": f"{rows.seconds.median():.3f}",
     }  # fmt: skip
 
 

@@ -49,7 +49,8 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame | str]:
     return {
         "readme": _readme(normal), "accuracy": _means(rows, ACCURACY),
         "map": _means(rows[rows.keyframes.notna()], MAP), "cost": _means(rows, COST), "oracle": _behind_oracle(rows),
-        "weakened": weakened[["sequence.name", "seed", "weakening"]], "lengths": f"{normal.driven_m.min():.0f} to {normal.driven_m.max():.0f}",
+        "weakened": weakened[["sequence.name", "seed", "weakening"]],
+        "lengths": f"{normal.driven_m.min():.0f} to {normal.driven_m.max():.0f}",
     }  # fmt: skip
 
 

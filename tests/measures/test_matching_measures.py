@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from evaluation.matching_benchmark.cells import measure
+from evaluation.matching_benchmark.rows import Row, Tally, appending, read_rows
 
 from data import SceneGraph, WallSurface
 from data.common.errors import UserError
 from evaluation.matching_benchmark import symmetries as matching_symmetries
-from evaluation.matching_benchmark.cells import measure
 from evaluation.matching_benchmark.judge import is_wrong, tallies
-from evaluation.matching_benchmark.rows import Row, Tally, appending, read_rows
 from evaluation.matching_benchmark.tables import full_tables, latex, tables
 from evaluation.metrics.bootstrap import ratio, upper_bound
 from evaluation.metrics.calibration import binned, calibration_error, merged

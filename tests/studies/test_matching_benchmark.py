@@ -13,6 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import called, refused
+from evaluation.matching_benchmark.rows import Row, read_rows
+from evaluation.matching_benchmark.run import main
+from evaluation.matching_benchmark.worker import Task, blank_row, run_tasks, score_answer
 from plans import a_graph, flat
 
 from data.common.cli import run_command
@@ -20,10 +23,7 @@ from data.plans.sources import Plan
 from data.synthetic_maps.noise_models import draw
 from evaluation.drives.slam_graph_files import SlamDrive, SlamGraph, write_drive
 from evaluation.matching_benchmark.pairs import Candidate, pairs_of_cell, read_candidates, slam_pairs
-from evaluation.matching_benchmark.rows import Row, read_rows
-from evaluation.matching_benchmark.run import main
 from evaluation.matching_benchmark.tables import markdown, tables
-from evaluation.matching_benchmark.worker import Task, blank_row, run_tasks, score_answer
 from matching import Matcher
 from matching.result import MatchResult
 

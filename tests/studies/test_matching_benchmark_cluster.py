@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plans import a_graph, flat
-
-from evaluation.matching_benchmark.pairs import Pair, pairs_of_cell, read_candidates
 from evaluation.matching_benchmark.rows import Row, read_rows
 from evaluation.matching_benchmark.tasks import BenchmarkOptions, key_of, tasks_of
 from evaluation.matching_benchmark.worker import blank_row, run_tasks, score_answer
+from plans import a_graph, flat
+
+from evaluation.matching_benchmark.pairs import Pair, pairs_of_cell, read_candidates
 from matching import Matcher
 
 pytestmark = pytest.mark.slow

@@ -12,9 +12,9 @@ from small_ifc import STOREY, write_small_ifc
 from data import UserError
 from data.geometry import se2
 from data.simulation.simulate import simulate
-from evaluation.harness import SequenceSpec, prepare
 from evaluation.drives.slam_graph_files import SlamDrive, drive_file, read_drives, write_drive
 from evaluation.drives.slam_graphs import make, record, specs_of
+from evaluation.harness import SequenceSpec, prepare
 from evaluation.metrics.surface_overlap import best_rigid_fit
 
 pytestmark = pytest.mark.slow
