@@ -10,6 +10,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
+from data.common.build import content_hash
 from data.common.cli import Parser, run_command
 from data.common.cluster import add_options
 from data.common.errors import UserError
@@ -76,7 +77,8 @@ def _run(options: argparse.Namespace) -> int:
     studies = [load_study(name) for name in names]
     chosen = [_options(study, options.quick, options.set) for study in studies]
     folder = options.rows or ROWS
-    place = Place(folder / QUICK if options.quick else folder, options.work, options.jobs, options.scheduler)
+    work = options.work / content_hash(("data",))  # drives of another simulator are not used
+    place = Place(folder / QUICK if options.quick else folder, work, options.jobs, options.scheduler)
     lines = []
     for study, own in zip(studies, chosen, strict=True):
         lines += run_study(study, own, not options.set, place, _command(study.name, options)).lines()

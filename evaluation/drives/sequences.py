@@ -13,6 +13,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
+from data.common.build import content_hash
 from data.common.errors import UserError
 from data.plans import load_bim
 from data.plans.mesh_files import is_mesh
@@ -187,18 +188,21 @@ def _prepared(spec: SequenceSpec, seed: int, folder: Path, conditions: Condition
     if spec.scans is not None and spec.truth is not None:
         if conditions.of_the_drive:
             raise UserError(f"'{spec.name}': not simulated, so its walls and its path cannot be changed; leave it out")
-        scan_dir, truth_path, cache = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-{seed}.odometry.tum"
+        scan_dir, truth_path, drive = Path(spec.scans), Path(spec.truth), folder / f"{spec.name}-odometry"
     else:
-        drive = folder / f"{spec.name}-{seed}{conditions.of_the_drive}"
+        size = f"{spec.min_rooms}-{spec.min_length:g}"
+        drive = folder / f"{spec.name}-{size}-{seed}{conditions.of_the_drive}"
         if not drive.exists():
             _simulate(spec, bim, storey, drive, seed, conditions)
-        scan_dir, truth_path, cache = drive / "scans", drive / "truth.tum", drive / "odometry.tum"
+        scan_dir, truth_path = drive / "scans", drive / "truth.tum"
         if (drive / PLAN).exists():  # the plan without the added walls
             bim, graph = drive / PLAN, _a_graph(drive / PLAN)
     truth = Trajectory.read_tum(truth_path)
     sequence = Sequence(spec.name, seed, scan_dir, bim, graph, truth, conditions)
     if not conditions.weaken:
         return sequence
+    cache = drive / f"odometry-{content_hash()}.tum"
+    cache.parent.mkdir(exist_ok=True)
     if not cache.exists():
         odometry_of_run(ScanFolder(scan_dir)).write_tum(cache)
     return replace(sequence, weak=weaken_odometry(Trajectory.read_tum(cache), truth, seed))

@@ -105,12 +105,13 @@ def make(specs: list[SequenceSpec], seeds: list[int], out: Path) -> int:
         for seed in seeds if spec.scans is None else seeds[:1]:
             if not drive_file(out, spec.name, seed).exists():
                 try:
-                    drive = record(prepare(spec, seed, drives))
+                    drive = record(sequence := prepare(spec, seed, drives))
                 except UserError as error:
                     print(f"{spec.name}, seed {seed}: left out: {error}", file=sys.stderr)
                     continue
                 write_drive(out, drive, "demo" if spec.bim == "demo" else Path(spec.bim).stem)
-                shutil.rmtree(drives / f"{spec.name}-{seed}", ignore_errors=True)
+                if spec.simulated:
+                    shutil.rmtree(sequence.scan_dir.parent)
                 print(f"{spec.name}, seed {seed}: {len(drive.graphs)} S-graphs", flush=True)
             there += 1
     return there
