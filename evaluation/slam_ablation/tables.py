@@ -77,7 +77,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     relative = ratio(both.rmse_m, both.rmse_m_peer, both["sequence.bim"].tolist())
     cases, compared = (f"{len(drives)} drives, {drives['sequence.bim'].nunique()} buildings" for drives in (own, both))
     return [
-        Claim("RMSE in building coordinates (m), no initial pose given", interval(rmse), cases),
+        Claim("RMSE in building coordinates (m), no initial pose given", interval(rmse, ".4f"), cases),
         Claim("Share of the drives that are anchored", anchored, cases),
         Claim("RMSE relative to KISS-ICP alone with the true first pose", interval(relative), compared),
     ]

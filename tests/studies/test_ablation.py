@@ -152,7 +152,7 @@ def test_runs_that_are_not_anchored_are_told() -> None:
     assert readme["**anchored by learned**"] == "0.020 m (2 of 3 anchored)"
     assert readme["anchored by voting"] == "(0 of 3 anchored)"
     rmse, anchored, relative = STUDY.claims(rows)
-    assert rmse.value.startswith("0.020 [") and rmse.cases == "3 drives, 1 buildings"
+    assert rmse.value.startswith("0.0200 [") and rmse.cases == "3 drives, 1 buildings"
     assert anchored.value == "2/3, at least 9%"  # Clopper and Pearson
     assert relative.value.startswith("0.067 [") and relative.cases == "2 drives, 1 buildings"
 
