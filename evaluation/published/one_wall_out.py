@@ -30,7 +30,7 @@ Pairs = list[tuple[int, WallSurface]]
 
 
 class Choice(Options):
-    """The factor graph (.g2o) and the plan (JSON of an A-graph, or with the key `a_graph`), and the matching methods."""
+    """The factor graph (.g2o), the plan (JSON of an A-graph, or with the key `a_graph`), and the matching methods."""
 
     graph: str = f"{SLAM_GRAPHS}/SE2_s_graph.g2o"
     plan: str = f"{SLAM_GRAPHS}/SE2.json"
@@ -150,7 +150,10 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     lines = lines[lines.method == "learned"]
     gain = ratio(lines.rigid_m - lines.anchored_m, lines.wall.notna(), lines.wall)
     means = f"{1000 * lines.anchored_m.mean():.1f} against {1000 * lines.rigid_m.mean():.1f} mm"
-    text = "A published map's walls that have no anchor are nearer to the plan if the others are anchored than if the map is placed rigidly: mean distance, and the difference"
+    text = (
+        "Distance from the plan of a wall of a published system's map that has no anchor: with the map anchored, with "
+        "the map placed rigidly, and the difference"
+    )
     return [Claim(text, f"{means}; {interval(gain, '.1f', 1000)} mm", f"{len(lines)} walls")]
 
 
