@@ -1,7 +1,7 @@
 """The pairs of the matching benchmark: plans and S-graphs drawn from them, independent of the plans' order."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import blake2b
@@ -162,13 +162,18 @@ def pairs_of_cell(
     return found
 
 
-def slam_pairs(folder: Path) -> Iterator[SlamPair]:
+def slam_pairs(folder: Path) -> list[SlamPair]:
     """The S-graphs that `evaluation.drives.slam_graphs` wrote to a folder. Their column is the largest one that they
-    fill; the last graph of a drive is in the column "all". Raises UserError if there is none."""
+    fill; the last graph of a drive is in the column "all". Where the folder is missing, a single pair, which the
+    harness skips. Raises UserError for a folder without any."""
+    if not folder.exists():
+        return [SlamPair(plans=str(folder), plan="", rooms=None, index=0, seed=0)]
+    found = []
     for (sequence, seed), (drive, _) in _drives(str(folder)).items():
         for index, graph in enumerate(drive.graphs):
             rooms = None if graph.whole else max(n for n in COLUMNS if n <= max(1, len(graph.drawn.s_graph.rooms)))
-            yield SlamPair(plans=str(folder), plan=sequence, rooms=rooms, index=index, seed=seed)
+            found.append(SlamPair(plans=str(folder), plan=sequence, rooms=rooms, index=index, seed=seed))
+    return found
 
 
 def floors_of(graph: SceneGraph, rooms: int | None) -> list[str | None]:

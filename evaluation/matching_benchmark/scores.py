@@ -43,7 +43,7 @@ def scored(rows: pd.DataFrame) -> pd.DataFrame:
     own["building"] = pd.factorize(own["set"] + "/" + own.building, sort=True)[0]
     own["rooms"] = own.rooms.astype(float).fillna(np.inf)
     for kind in TALLIES:
-        own = own.assign(**_scores(own, kind))
+        own = own.assign(**scores_of(own, kind))
     own["perfect"] = _share(
         own.wall_perfect & own.room_perfect, own["wall_tally.true"] + own["room_tally.true"] > 0
     )
@@ -58,7 +58,8 @@ def scored(rows: pd.DataFrame) -> pd.DataFrame:
     return own.drop(columns=["reason", "limit_s", "source", *unused]).copy()  # in one piece, which is faster
 
 
-def _scores(rows: pd.DataFrame, kind: str) -> dict[str, "pd.Series[float] | list[NDArray[np.float64]]"]:
+def scores_of(rows: pd.DataFrame, kind: str) -> dict[str, "pd.Series[float] | list[NDArray[np.float64]]"]:
+    """The scores of one kind of nodes for each row, as columns (see `scored`), from the columns `KIND_tally`."""
     right, answered, true, spare, left = (
         rows[f"{kind}_tally.{name}"].astype(float) for name in ("right", "answered", "true", "spare", "left")
     )
@@ -79,7 +80,7 @@ def _bins(of: "pd.Series[Sequence[Sequence[float]]]") -> NDArray[np.float64]:
     found = np.zeros((len(of), BINS, 3))
     row = np.repeat(np.arange(len(of)), of.map(len))
     flat = np.array(list(chain.from_iterable(of)), dtype=float).reshape(-1, 4)
-    found[row, flat[:, 0].astype(int)] = flat[:, 1:]
+    np.add.at(found, (row, flat[:, 0].astype(int)), flat[:, 1:])
     return found
 
 

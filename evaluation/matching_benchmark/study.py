@@ -20,7 +20,6 @@ from evaluation.matching_benchmark.pairs import (
     DrawnPair,
     Pair,
     Regime,
-    SlamPair,
     pairs_of_cell,
     prepared,
     slam_pairs,
@@ -96,13 +95,7 @@ def _cells(options: Choice) -> Iterator[Sequence[Pair]]:
             for rooms in ("all",) if regime == "paper" else options.rooms:
                 yield pairs_of_cell(own, regime, None if rooms == "all" else rooms, options.pairs, options.seed)
     if options.slam_graphs is not None:
-        yield _slam(options.slam_graphs)
-
-
-def _slam(folder: Path) -> list[SlamPair]:
-    if folder.exists():
-        return list(slam_pairs(folder))
-    return [SlamPair(plans=str(folder), plan="", rooms=None, index=0, seed=0)]
+        yield slam_pairs(options.slam_graphs)
 
 
 def measure(case: BenchmarkCase, work: Path) -> MatchRecord:
