@@ -38,10 +38,7 @@ def write_drive(folder: Path, drive: SlamDrive, building: str) -> None:
     plan = folder / f"{building}.a_graph.json"
     if not plan.exists():
         drive.a_graph.save(plan)
-    graphs = [
-        {"seconds": g.seconds, "whole": g.whole, "s_graph": g.drawn.s_graph.to_dict(), "truth": _truth(g.drawn)}
-        for g in drive.graphs
-    ]
+    graphs = [{"seconds": g.seconds, "whole": g.whole, "drawn": _written(g.drawn)} for g in drive.graphs]
     value = {"sequence": drive.sequence, "seed": drive.seed, "a_graph": plan.name, "graphs": graphs}
     write_json(drive_file(folder, drive.sequence, drive.seed), value)
 
@@ -63,24 +60,17 @@ def read_drives(folder: Path) -> Iterator[SlamDrive]:
             plan = value["a_graph"]
             if plan not in plans:
                 plans[plan] = SceneGraph.load(folder / plan)
-            graphs = tuple(
-                SlamGraph(g["seconds"], g["whole"], _drawn(SceneGraph.from_dict(g["s_graph"]), g["truth"]))
-                for g in value["graphs"]
-            )
+            graphs = tuple(SlamGraph(g["seconds"], g["whole"], _read(g["drawn"])) for g in value["graphs"])
             yield SlamDrive(value["sequence"], value["seed"], plans[plan], graphs)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{file}: not a drive's S-graphs ({type(error).__name__}); make it again") from None
 
 
-def _truth(drawn: DrawnGraph) -> dict[str, Any]:
-    truth = {k: v for k, v in asdict(drawn).items() if k not in ("s_graph", "T_a_s_by_room")}
-    return truth | {"bent": truth.pop("deformed")}
+def _written(drawn: DrawnGraph) -> dict[str, Any]:
+    return {**asdict(drawn), "s_graph": drawn.s_graph.to_dict()}
 
 
-def _drawn(s_graph: SceneGraph, truth: dict[str, Any]) -> DrawnGraph:
-    yaw, x, y = truth["T_a_s"]
-    T_a_s = (float(yaw), float(x), float(y))
-    return DrawnGraph(
-        s_graph, truth["rooms"], truth["wall_surfaces"], T_a_s, dict.fromkeys(truth["rooms"], T_a_s), truth["floor"],
-        truth["bent"],
-    )  # fmt: skip
+def _read(value: dict[str, Any]) -> DrawnGraph:
+    by_room = {room: tuple(T) for room, T in value["T_a_s_by_room"].items()}
+    read = {"s_graph": SceneGraph.from_dict(value["s_graph"]), "T_a_s": tuple(value["T_a_s"])}
+    return DrawnGraph(**{**value, **read, "T_a_s_by_room": by_room})
