@@ -56,13 +56,9 @@ class Known:
 
     def parts(self) -> list[SceneGraph]:
         """The map's parts with at least 2 rooms, with the walls that face them."""
-        found = []
-        for count in range(FEWEST, len(self.s_graph.rooms) + 1):
-            for rooms in itertools.combinations(self.s_graph.rooms, count):
-                ids = {r.id for r in rooms}
-                walls = tuple(w for w in self.s_graph.wall_surfaces if w.room in ids)
-                found.append(SceneGraph("map", rooms, walls))
-        return found
+        rooms, walls = self.s_graph.rooms, self.s_graph.wall_surfaces
+        found = [own for count in range(FEWEST, len(rooms) + 1) for own in itertools.combinations(rooms, count)]
+        return [SceneGraph("map", own, tuple(w for w in walls if w.room in {r.id for r in own})) for own in found]
 
     def drawn(self, part: SceneGraph) -> DrawnGraph:
         """A part with its truth; it lies where its true walls fit best."""

@@ -31,11 +31,9 @@ class PublishedPair(DrawnPair):
     def prepare(self) -> Prepared:
         """Draws the S-graph, and shifts it by a motion that depends only on the pair."""
         plan = _published_plan(self.plans, self.plan)
-        shift = (0.0, 0.0)
-        if self.start_m:
-            names = (f"paper+{self.start_m:g}m", f"{name_of_set(self.plans)}-edges/{self.plan}")
-            rng = np.random.default_rng(number_of(*names, self.rooms, self.index, self.seed))
-            shift = rng.uniform(-self.start_m, self.start_m, 2)
+        names = (f"paper+{self.start_m:g}m", f"{name_of_set(self.plans)}-edges/{self.plan}")
+        rng = np.random.default_rng(number_of(*names, self.rooms, self.index, self.seed))
+        shift = rng.uniform(-self.start_m, self.start_m, 2)
         return with_motion(Prepared.of(self.drawn_from(plan), plan), np.array([0.0, *shift]))
 
 
