@@ -132,8 +132,9 @@ def render(mixed: bool = False) -> list[Path]:
     changed = {path: new for path, text in texts.items() if (new := renderer.page(text)) != text}
     for path, text in changed.items():
         write_atomically(path, text)
-    for study in filter(renderer.has_rows, STUDIES):
-        load_study(study).plots(renderer.rows_of(study), PLOTS)
+    for study in STUDIES:
+        if read_rows(rows_path(ROWS, study)):  # plots are of the whole study
+            load_study(study).plots(renderer.rows_of(study), PLOTS)
     return list(changed)
 
 

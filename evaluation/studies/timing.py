@@ -51,8 +51,9 @@ Path(sys.argv[2]).write_text(json.dumps(seconds))
 class Choice(DriveOptions):
     """Which drives are timed, and in how many turns."""
 
+    sequences: tuple[str, ...] = ("institute", "office")
     seeds: tuple[int, ...] = (0,)
-    turns: PositiveInt = 5
+    turns: PositiveInt = 3
 
 
 class Turn(DriveCase):
