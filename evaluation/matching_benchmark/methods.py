@@ -11,14 +11,13 @@ from functools import lru_cache, partial
 import numpy as np
 
 from data import SceneGraph
-from data.generation.buildings import generate_plan
-from data.synthetic_maps.noise_models import draw
 from evaluation.matching_benchmark.oracle import oracle_match
 from evaluation.matching_benchmark.pairs import Prepared
 from matching import Matcher
 from matching.arrays import Walls
 from matching.result import MatchResult
 from matching.search import Proposals, TopK
+from matching.self_test import make_ready
 
 ORACLE = "oracle"  # is given the true place
 
@@ -33,9 +32,7 @@ def load_method(name: str) -> Callable[[Prepared], MatchResult]:
         "proposals-shuffled": _shuffled,
     }  # fmt: skip
     matcher = variants[name]() if name in variants else Matcher.load(name)
-    plan = generate_plan("apartment", 0).graph
-    # compiles what a new installation lacks, which takes about a minute
-    matcher.match(draw(plan, "real", np.random.default_rng(0)).s_graph, plan)
+    make_ready(matcher, name)  # a new installation's machine code takes about a minute, which counts for no match
     return lambda pair: matcher.match(pair.drawn.s_graph, pair.plan.graph)
 
 

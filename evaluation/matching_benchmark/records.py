@@ -12,7 +12,7 @@ Status = Literal["unique", "ambiguous", "none", "late", "failed"]
 
 
 class MatchCase(Case):
-    """A pair, a method, and the seconds that it may take. A study with other pairs overrides the type of `pair`."""
+    """A pair, a method, and the seconds that it may take. A study overrides `pair` with the kinds of its pairs."""
 
     pair: Pair
     method: str

@@ -68,16 +68,11 @@ def cases(options: Choice) -> list[BenchmarkCase]:
         load_method(method)
     return [
         BenchmarkCase(pair=pair, method=method, limit_s=options.limit_s)
-        for n, pair in _numbered(options)
+        for cell in _cells(options)
+        for n, pair in enumerate(cell)
         for method in options.methods
         if n < options.pairs_of.get(method, options.pairs) and (method, pair.regime) != (ORACLE, NEGATIVE)
     ]
-
-
-def _numbered(options: Choice) -> Iterator[tuple[int, Pair]]:
-    """The pairs, with their numbers in their cells."""
-    for cell in _cells(options):
-        yield from enumerate(cell)
 
 
 def _cells(options: Choice) -> Iterator[Sequence[Pair]]:
@@ -88,7 +83,7 @@ def _cells(options: Choice) -> Iterator[Sequence[Pair]]:
     pools: dict[tuple[str, str], list[Candidate]] = {}
     for candidate in read_candidates(there, options.generated):
         split = split_of(candidate.plans, candidate.plan.name)
-        pools.setdefault((split, size_class(candidate.size)), []).append(candidate)
+        pools.setdefault((split, size_class(len(candidate.plan.graph.rooms))), []).append(candidate)
     for (_, size), own in pools.items():
         for regime in options.regimes if size in options.sizes else ():
             # the published perturbation drops rooms by itself
@@ -109,8 +104,7 @@ STUDY = Study(
     options=Choice,
     quick=Choice(
         plans=(), generated=("apartment:3:2000", "office:3:2000", "corridor:2:2000"), slam_graphs=None,
-        rooms=(2, 6, "all"), pairs=6,
-        methods=("learned", "voting", ORACLE),
+        methods=("learned", "voting", ORACLE), rooms=(2, 6, "all"), pairs=6,
     ),
     case=BenchmarkCase,
     record=MatchRecord,

@@ -42,7 +42,8 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame | str]:
     alike = pd.Series(np.where(twins.rival < EQUAL, "equal", "alike"), twins.index)
     found["symmetric"] = grouped(twins.assign(alternatives=alike), ("method", "alternatives"), _symmetric)
     summary = own[own.regime.isin(SUMMARY_REGIMES) & own.method.isin(SUMMARY_METHODS) & (own.split == "test")]
-    return {**found, "summary": grouped(summary, LINES, _summary)}
+    found["summary"] = grouped(summary, LINES, _summary)
+    return {name: table for name, table in found.items() if len(table)}
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
@@ -62,8 +63,8 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 def _named(group: str, about: str, of: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame | str]:
-    """The tables of a group that have lines, and what its plans are, with the group's name."""
-    return {f"about_{group}": about, **{f"{table}_{group}": value for table, value in of.items() if len(value)}}
+    """The tables of a group, and what its plans are, with the group's name."""
+    return {f"about_{group}": about, **{f"{table}_{group}": value for table, value in of.items()}}
 
 
 def _about(rows: pd.DataFrame) -> str:
