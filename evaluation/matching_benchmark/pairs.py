@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -22,7 +22,8 @@ from matching.ambiguity.symmetries import symmetries
 
 Regime = Literal["paper", "real", "drift", "mis_segmented", "heavy_drift", "negative"]
 REGIMES: tuple[Regime, ...] = get_args(Regime)
-NEGATIVE, SGSLAM = "negative", "sgslam"
+NEGATIVE: Literal["negative"] = "negative"
+SGSLAM: Literal["sgslam"] = "sgslam"
 # Draws are seeded by the names that three noise models had at first.
 WRITTEN_AS = {"mis_segmented": "messy", "heavy_drift": "warped", "negative": "elsewhere"}
 COLUMNS = (1, 2, 3, 4, 6, 9, 14)  # rooms seen; the last column is "all"
@@ -47,11 +48,6 @@ class Prepared:
         """A pair whose S-graph was drawn from this plan."""
         nats = [twin.nats for twin in symmetries(drawn, plan.graph)]
         return Prepared(drawn, plan, truth_of(drawn), bool(nats), min(nats, default=None))
-
-    @staticmethod
-    def negative(drawn: DrawnGraph, plan: Plan) -> "Prepared":
-        """A pair whose S-graph is of another building."""
-        return Prepared(drawn, plan, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None, None)
 
 
 class Pair(BaseModel, ABC):
@@ -88,9 +84,10 @@ class DrawnPair(Pair):
     def prepare(self) -> Prepared:
         """Draws the S-graph; it depends only on seed, plan, regime, rooms and index."""
         target = load_plan(self.plans, self.plan)
-        if self.source is not None:
-            return Prepared.negative(self.drawn_from(load_plan(*self.source)), target)
-        return Prepared.of(self.drawn_from(target), target)
+        if self.source is None:
+            return Prepared.of(self.drawn_from(target), target)
+        drawn = self.drawn_from(load_plan(*self.source))
+        return Prepared(drawn, target, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None, None)
 
     def drawn_from(self, plan: Plan) -> DrawnGraph:
         """An S-graph of a plan, for this pair."""
@@ -150,15 +147,13 @@ def pairs_of_cell(
     found = []
     for n in range(count if order else 0):
         target, index = order[n % len(order)], n // len(order)
-        other = _another(fit, target, rooms, index, seed) if regime == NEGATIVE else None
-        if other is not None or regime != NEGATIVE:
-            source = None if other is None else (other.plans, other.plan.name)
-            found.append(
-                DrawnPair(
-                    plans=target.plans, plan=target.plan.name, regime=regime, rooms=rooms, index=index, seed=seed,
-                    source=source,
-                )
-            )  # fmt: skip
+        names: dict[str, Any] = {"plans": target.plans, "plan": target.plan.name}
+        if regime == NEGATIVE:
+            other = _another(fit, target, rooms, index, seed)
+            if other is None:
+                continue
+            names["source"] = other.plans, other.plan.name
+        found.append(DrawnPair(**names, regime=regime, rooms=rooms, index=index, seed=seed))
     return found
 
 

@@ -22,11 +22,6 @@ class Candidate:
     plans: str
     plan: Plan
 
-    @property
-    def size(self) -> int:
-        """The number of rooms of the whole plan, all of which are searched."""
-        return len(self.plan.graph.rooms)
-
 
 def size_class(rooms: int) -> str:
     """The size class of a plan: "small" below 34 rooms, else "large"."""

@@ -35,18 +35,14 @@ def scored(rows: pd.DataFrame) -> pd.DataFrame:
     own["pair"] = own.groupby(list(PAIR), dropna=False).ngroup()
     own = own.drop_duplicates(["pair", "method"], keep="last")
     own = own.sort_values("regime", key=lambda regimes: regimes.map(ORDER), kind="stable", ignore_index=True)
-    names = {plans: name_of_set(plans) for plans in own.plans.unique()}
-    splits = {key: split_of(*key) for key in zip(own.plans, own.plan, strict=True)}
-    own["set"] = own.plans.map(names)
-    own["split"] = [splits[key] for key in zip(own.plans, own.plan, strict=True)]
+    own["set"] = own.plans.map(name_of_set)
+    own["split"] = [split_of(*names) for names in zip(own.plans, own.plan, strict=True)]
     own["size_class"] = own["size"].map(size_class)
     own["building"] = pd.factorize(own["set"] + "/" + own.building, sort=True)[0]
     own["rooms"] = own.rooms.astype(float).fillna(np.inf)
     for kind in TALLIES:
         own = own.assign(**scores_of(own, kind))
-    own["perfect"] = _share(
-        own.wall_perfect & own.room_perfect, own["wall_tally.true"] + own["room_tally.true"] > 0
-    )
+    own["perfect"] = _share(own.wall_perfect & own.room_perfect, own["wall_tally.true"] + own["room_tally.true"] > 0)
     for status in ("unique", "ambiguous", "none"):
         own[status] = (own.status == status).astype(float)
     own["decided"] = own.unique.where(own.twin.eq(False))
@@ -87,7 +83,7 @@ def _bins(of: "pd.Series[Sequence[Sequence[float]]]") -> NDArray[np.float64]:
 def bins_of(rows: pd.DataFrame, kind: str) -> tuple[Bin, ...]:
     """The confidences of all answers for walls or rooms, in bins."""
     total = np.sum(rows[f"{kind}_bins"].tolist(), axis=0)
-    return tuple(Bin(k, int(total[k, 0]), int(total[k, 1]), float(total[k, 2])) for k in np.flatnonzero(total[:, 0]))
+    return tuple(Bin(k, int(n), int(right), float(sure)) for k, (n, right, sure) in enumerate(total) if n)
 
 
 def estimate(rows: pd.DataFrame, score: str) -> Estimate | None:

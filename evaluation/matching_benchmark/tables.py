@@ -127,14 +127,14 @@ def _gain(rows: pd.DataFrame) -> str:
 
 
 def _measures(rows: pd.DataFrame) -> dict[str, str]:
-    scores = ("precision", "recall", "f1", "accuracy")
-    nodes = {f"{kind} {score}": _mean(rows, f"{kind}_{score}") for kind in TALLIES for score in scores}
+    names = {"precision": "P", "recall": "R", "f1": "F1", "accuracy": "acc"}
+    nodes = {f"{kind} {name}": _mean(rows, f"{kind}_{of}") for kind in TALLIES for of, name in names.items()}
     micro = {f"{kind} micro F1": _number(micro_f1(rows, kind)) for kind in TALLIES}
     shares = ("perfect", "unique", "ambiguous", "none", "decided")
     return {
         "pairs": str(len(rows)), **nodes, **micro,
         **{f"{name} (%)": interval(estimate(rows, name), ".0f", 100.0) for name in shares},
-        "wrong of unique": share_of(int(rows.wrong.sum()), int(rows.unique.sum())),
+        "wrong of unique": _wrong(rows),
         **{f"{kind} ECE": _number(calibration_error(bins_of(rows, kind))) for kind in TALLIES},
         "median (s)": f"{rows.seconds.median():.3f}", "95 % (s)": f"{rows.seconds.quantile(0.95):.3f}",
         "late": str((rows.status == "late").sum()), "failed": str((rows.status == "failed").sum()),
@@ -148,9 +148,12 @@ def _number(value: float | None) -> str:
 def _summary(rows: pd.DataFrame) -> dict[str, str]:
     return {
         "pairs": str(len(rows)), "wall F1": _mean(rows, "wall_f1"), "unique": f"{100 * rows.unique.mean():.0f} %",
-        "wrong of unique": share_of(int(rows.wrong.sum()), int(rows.unique.sum())),
-        "median (s)": f"{rows.seconds.median():.3f}",
+        "wrong of unique": _wrong(rows), "median (s)": f"{rows.seconds.median():.3f}",
     }  # fmt: skip
+
+
+def _wrong(rows: pd.DataFrame) -> str:
+    return share_of(int(rows.wrong.sum()), int(rows.unique.sum()))
 
 
 def _symmetric(rows: pd.DataFrame) -> dict[str, str]:

@@ -7,8 +7,9 @@ process of its own.
 
 import resource
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -88,21 +89,21 @@ def measure(case: TimeCase, work: Path) -> Times:
     """Measures everything in turns, on one thread."""
     s, a = case.graphs()
     learned = Matcher.load("learned")
+    methods: dict[str, Callable[[], object]] = {"match_s": lambda: learned.match(s, a)}
+    if not case.memory:
+        from matching.learned import LearnedProposer
+        from matching.published.forward import paper_forward  # imports torch, whose threads are limited below
+
+        published, proposer = Matcher.load("paper"), LearnedProposer.load()
+        methods |= {
+            "forward_s": paper_forward(s, a), "published_s": lambda: published.match(s, a),
+            "proposals_s": lambda: proposer.propose(s, a),
+        }  # fmt: skip
     with threadpool_limits(1):
         # loads the machine code, or makes it
         Matcher.load("learned").match(*(CASES[0].graphs() if case.memory else (s, a)))
         before = _peak_mb()
         first_s = seconds_of(lambda: learned.match(s, a)).cpu
-        methods = {"match_s": lambda: learned.match(s, a)}
-        if not case.memory:
-            from matching.learned import LearnedProposer
-            from matching.published.forward import paper_forward  # imports torch
-
-            published, proposer = Matcher.load("paper"), LearnedProposer.load()
-            methods |= {
-                "forward_s": paper_forward(s, a), "published_s": lambda: published.match(s, a),
-                "proposals_s": lambda: proposer.propose(s, a),
-            }  # fmt: skip
         times = in_turns(list(methods.values()), case.repeat, warm=not case.memory)
     memory = {"peak_mb": _peak_mb(), "grown_mb": _peak_mb() - before} if case.memory else {}
     return Times(
@@ -120,33 +121,32 @@ def _peak_mb() -> float:
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     """The times of the published sizes, and time and memory of a large plan."""
-    small, large = rows[~rows.memory], rows[rows.memory]
     return {
-        "times": pd.DataFrame({
-            "nodes of plan and map": _pairs(small.plan_nodes, small.map_nodes),
-            "wall surfaces": _pairs(small.plan_surfaces, small.map_surfaces),
-            "published forward (ms)": _texts(1e3 * small.forward_s),
-            "published, whole (ms)": _texts(1e3 * small.published_s), "match (ms)": _texts(1e3 * small.match_s),
-            "times the forward": _texts(small.match_s / small.forward_s),
-            "of it proposals (ms)": _texts(1e3 * small.proposals_s),
-            "plan's part, once (ms)": _texts(1e3 * (small.first_s - small.match_s).clip(0.0)), "answer": small.answer,
-        }),
-        "large": pd.DataFrame({
-            "wall surfaces of plan and map": _pairs(large.plan_surfaces, large.map_surfaces),
-            "match (s)": _texts(large.match_s, ".2f"),
-            "first match, the plan's part as well (s)": _texts(large.first_s, ".2f"),
-            "memory at most (MB)": _texts(large.peak_mb, ".0f"),
-            "of it for the matching (MB)": _texts(large.grown_mb, ".0f"), "answer": large.answer,
-        }),
+        "times": pd.DataFrame([_times(row) for row in rows[~rows.memory].itertuples()]),
+        "large": pd.DataFrame([_large(row) for row in rows[rows.memory].itertuples()]),
+    }
+
+
+def _times(row: Any) -> dict[str, str]:
+    seconds = {
+        "published forward": row.forward_s, "published, whole": row.published_s, "match": row.match_s,
+        "of it proposals": row.proposals_s, "plan's part, once": max(row.first_s - row.match_s, 0.0),
+    }  # fmt: skip
+    return {
+        "nodes of plan and map": f"{row.plan_nodes} and {row.map_nodes}",
+        "wall surfaces": f"{row.plan_surfaces} and {row.map_surfaces}",
+        **{f"{name} (ms)": f"{1e3 * value:.1f}" for name, value in seconds.items()},
+        "match / forward": f"{row.match_s / row.forward_s:.1f}", "answer": row.answer,
     }  # fmt: skip
 
 
-def _texts(values: "pd.Series[float]", form: str = ".1f") -> Sequence[str]:
-    return [format(value, form) for value in values]
-
-
-def _pairs(plan: "pd.Series[int]", of_map: "pd.Series[int]") -> Sequence[str]:
-    return [f"{a} and {s}" for a, s in zip(plan, of_map, strict=True)]
+def _large(row: Any) -> dict[str, str]:
+    return {
+        "wall surfaces of plan and map": f"{row.plan_surfaces} and {row.map_surfaces}",
+        "match (s)": f"{row.match_s:.2f}", "first match, the plan's part as well (s)": f"{row.first_s:.2f}",
+        "memory at most (MB)": f"{row.peak_mb:.0f}", "of it for the matching (MB)": f"{row.grown_mb:.0f}",
+        "answer": row.answer,
+    }  # fmt: skip
 
 
 STUDY = Study(
