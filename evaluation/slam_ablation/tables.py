@@ -72,6 +72,8 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     rows = rows[rows.conditions == NORMAL]
     own, peer = (rows[rows.variant == variant] for variant in ("anchored", "kiss-icp"))
     both = own.merge(peer, on=DRIVE, suffixes=("", "_peer")).dropna(subset="rmse_m")
+    if both.empty:
+        return []
     rmse, missed = bootstrapped(own.rmse_m, own["sequence.bim"]), int((~own.anchored).sum())
     anchored = f"{of(len(own) - missed, len(own))}, at least {1 - upper_bound(missed, len(own)):.0%}"
     relative = ratio(both.rmse_m, both.rmse_m_peer, both["sequence.bim"].tolist())
