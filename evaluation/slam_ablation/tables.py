@@ -50,8 +50,17 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame | str]:
         "readme": _readme(normal), "accuracy": _means(rows, ACCURACY),
         "map": _means(rows[rows.keyframes.notna()], MAP), "cost": _means(rows, COST), "oracle": _behind_oracle(rows),
         "weakened": weakened[["sequence.name", "seed", "weakening"]],
-        "lengths": f"{normal.driven_m.min():.0f} to {normal.driven_m.max():.0f}",
+        "lengths": f"{normal.driven_m.min():.0f} to {normal.driven_m.max():.0f}", **_texts(rows),
     }  # fmt: skip
+
+
+def _texts(rows: pd.DataFrame) -> dict[str, str]:
+    """RMSE (m) and peak memory (MB) of the anchored runs: `rmse-SEQUENCE-CONDITIONS`, `memory-SEQUENCE-CONDITIONS`."""
+    found = {}
+    for (sequence, conditions), own in rows[rows.variant == "anchored"].groupby(["sequence.name", "conditions"]):
+        found[f"rmse-{sequence}-{conditions}"] = mean(own.rmse_m, ".4f")
+        found[f"memory-{sequence}-{conditions}"] = mean(own.peak_memory_mb, ".0f")
+    return found
 
 
 def prepared(rows: pd.DataFrame) -> pd.DataFrame:
