@@ -18,7 +18,7 @@ from data.common.errors import UserError
 from data.scans import ScanFolder
 from evaluation.drives.sequences import DriveCase, DriveOptions, Sequence, prepare
 from evaluation.harness import Claim, Record, Study
-from evaluation.harness.tables import grouped
+from evaluation.harness.tables import grouped, spread
 
 PEERS = {"kiss_icp": "KISS-ICP", "small_gicp": "small_gicp"}
 PROGRAMS = {
@@ -151,8 +151,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
         "programs": pd.DataFrame(lines),
         "drives": grouped(rows, ("sequence.name", "scans"), _of_drive).rename(columns={"sequence.name": "drive"}),
         "scans-a-second": _range(rates["warm"]), "scans-a-second-cold": _range(rates["cold"]),
-        "inner-times": f"{_ratio(rows, 'warm', 'inner').median():.1f}",
-        "cpu-times": f"{_ratio(rows, 'warm', 'cpu').median():.1f}",
+        "inner-times": spread(_ratio(rows, "warm", "inner"), ".1f"),
         "points": f"{rows.points.median():,.0f}",
         "first-seconds": _range(rows["first.whole"].dropna()),
         "warm-seconds": _range(rows.groupby("sequence.name")["warm.whole"].median()),
@@ -187,7 +186,8 @@ def _ratio(rows: pd.DataFrame, name: str, what: str) -> "pd.Series[float]":
 
 
 def _range(rates: "pd.Series[float]") -> str:
-    return f"{rates.min():.0f} to {rates.max():.0f}" if len(rates) else ""
+    ends = dict.fromkeys(f"{rate:.0f}" for rate in (rates.min(), rates.max())) if len(rates) else {}
+    return " to ".join(ends)
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
