@@ -19,6 +19,12 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # on small arrays mor
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Options of `tests/fuzzing`."""
+    parser.addoption("--fuzz", type=int, default=700, metavar="N", help="damaged files for all readers together")
+    parser.addoption("--fuzz-seed", type=int, default=0, metavar="N", help="the same seed makes the same files")
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
     """Folders of tests are shared out over the cores, file by file, where pytest-xdist is there and nothing else is

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from data.scans import ScanFolder
-from evaluation.harness import SequenceSpec, prepare
-from evaluation.harness.sequences import odometry_alone
+from evaluation.drives import SequenceSpec, prepare
+from evaluation.slam_ablation.peers import kiss_icp_alone
 from sgslam.cli.inspect_bim import main as inspect_bim
 from sgslam.geometry.frames import inverse
 from sgslam.run import main as run
@@ -76,9 +76,9 @@ def view(out: Path, profile: Path) -> None:
 
 def drift(scratch: Path) -> None:
     """The same scans located by KISS-ICP alone, its start given, and by us, nothing given; half a page high."""
-    spec = SequenceSpec("demo", "demo", min_rooms=6, min_length=DRIFT_M)
+    spec = SequenceSpec(name="demo", bim="demo", min_rooms=6, min_length=DRIFT_M)
     sequence = prepare(spec, DRIFT_SEED, scratch)
-    alone = odometry_alone(ScanFolder(sequence.scan_dir))
+    alone = kiss_icp_alone(ScanFolder(sequence.scan_dir))
     alone = alone.transformed(sequence.truth.poses[0] @ inverse(alone.poses[0]))
     slam = SceneGraphSlam(bim=sequence.a_graph)
     for scan in ScanFolder(sequence.scan_dir):

@@ -5,7 +5,8 @@ from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
 
-PACKAGES = ("data", "matching", "factors", "sgslam", "evaluation")
+PRODUCT = ("data", "matching", "factors", "sgslam")
+PACKAGES = (*PRODUCT, "evaluation")
 
 
 @lru_cache(maxsize=1)
@@ -14,13 +15,20 @@ def build() -> str:
 
     The version of a checkout alone says little, since it stays the same while the code changes.
     """
-    here, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=4)
-    for package in PACKAGES:
-        for path in sorted((here / package).rglob("*")):
-            if path.is_file() and "__pycache__" not in path.parts and not path.name.startswith("."):
-                digest.update(path.relative_to(here).as_posix().encode() + b"\0" + path.read_bytes())
     try:
         version = metadata.version("sgslam")
     except metadata.PackageNotFoundError:
         version = "not installed"
-    return f"{version} ({digest.hexdigest()})"
+    return f"{version} ({content_hash(PACKAGES)})"
+
+
+@lru_cache(maxsize=2)
+def content_hash(packages: tuple[str, ...] = PRODUCT) -> str:
+    """The hash of all files of the packages, 8 hexadecimal digits; by default of those whose results are measured."""
+    here, digest = Path(__file__).resolve().parents[2], blake2b(digest_size=4)
+    for package in packages:
+        for path in sorted((here / package).rglob("*")):
+            inside = path.relative_to(here)
+            if path.is_file() and "__pycache__" not in inside.parts and not path.name.startswith("."):
+                digest.update(inside.as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()

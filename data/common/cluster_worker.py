@@ -1,10 +1,8 @@
 """The worker's side of `data.common.cluster`: runs one task after checking that its result would be valid."""
 
-import os
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import lru_cache
-from hashlib import blake2b
+from hashlib import blake2b, file_digest
 from pathlib import Path
 from typing import Any
 
@@ -12,101 +10,43 @@ from data.common.build import build
 from data.common.children import ProcessEndedError
 from data.common.errors import UserError
 
-CHUNK = 1 << 20
+Digests = tuple[tuple[str, str], ...]  # paths and the digests of what the caller sees there
 
 
-@dataclass(frozen=True)
-class Needed:
-    """A file or folder that the tasks read, and a digest of its content on the caller's machine."""
+def do(function: Callable[[Any], Any], wanted_build: str, digests: Digests, task: Any) -> Any:
+    """Returns the task's result, or a UserError, since Dask would retry what raises."""
+    from distributed import get_worker
 
-    path: str
-    digest: str
-
-    @staticmethod
-    def of(path: Path | str) -> "Needed":
-        """Raises UserError where there is none."""
-        if not Path(path).exists():
-            raise UserError(f"{path}: there is no such file or folder")
-        return Needed(str(path), _digest(str(path)))
-
-
-@dataclass(frozen=True)
-class Work:
-    """The function for every task, and what must be the same here as on the caller's machine."""
-
-    function: Callable[[Any], Any]
-    build: str
-    needed: tuple[Needed, ...]
-
-    @staticmethod
-    def of(function: Callable[[Any], Any], files: Iterable[Path | str]) -> "Work":
-        """By what is installed and what lies here. Raises UserError for a file that is not there."""
-        return Work(function, build(), tuple(map(Needed.of, files)))
-
-
-@dataclass(frozen=True)
-class Refused:
-    """Why all tasks would fail; a user's mistake."""
-
-    why: str
-
-
-def do(work: Work, task: Any) -> Any:
-    """Returns the task's result, or Refused; raises errors that may not occur elsewhere."""
     try:
-        _check_build(work.build)
-        _check_files(work.needed)
-        return work.function(task)
+        if build() != wanted_build:
+            raise UserError(f"must have sgslam {wanted_build} as the caller, but has: {build()}")
+        _check(digests)
+        return function(task)
     except ProcessEndedError:
         raise
     except UserError as error:
-        return Refused(f"{_place()}: {error}")
-
-
-def itself(work: Work) -> Work:
-    """Returns `work`. Run as a task of its own, it is sent to a worker once and not lost with the worker."""
-    return work
+        return UserError(f"the worker {get_worker().address}: {error}")
 
 
 def scratch() -> Path:
     """The worker's own folder, removed when the worker ends."""
     from distributed import get_worker
 
-    folder = Path(get_worker().local_directory) / "sgslam"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    return Path(get_worker().local_directory)
 
 
-def _check_build(wanted: str) -> None:
-    if build() != wanted:
-        raise UserError(f"has sgslam {build()}, and here it is {wanted}; install the same on all machines")
+def digest(path: Path | str) -> str:
+    """A digest of a file's bytes, or of the names and sizes in a folder, since scans are large. Raises OSError."""
+    if Path(path).is_dir():
+        files = sorted(file for file in Path(path).rglob("*") if file.is_file())
+        return blake2b("\n".join(f"{f.relative_to(path)} {f.stat().st_size}" for f in files).encode()).hexdigest()
+    with Path(path).open("rb") as opened:
+        return file_digest(opened, "blake2b").hexdigest()
 
 
 @lru_cache(maxsize=8)
-def _check_files(needed: tuple[Needed, ...]) -> None:
-    """Checks files once for all tasks; a refusal is not cached, since the user may correct it."""
-    for file in needed:
-        where = file.path if Path(file.path).is_absolute() else f"{file.path} (in {os.getcwd()})"
-        if not Path(file.path).exists():
-            raise UserError(f"does not see {where}; it must lie at the same path on all machines")
-        if _digest(file.path) != file.digest:
-            raise UserError(f"sees another {where} than here; it must be the same on all machines")
-
-
-def _digest(path: str) -> str:
-    """A digest of a file's bytes, or of the names and sizes in a folder, since scans are large."""
-    digest = blake2b(digest_size=16)
-    if Path(path).is_dir():
-        for file in sorted(Path(path).rglob("*")):
-            digest.update(f"{file.relative_to(path)} {file.stat().st_size if file.is_file() else ''}\n".encode())
-    else:
-        with Path(path).open("rb") as opened:
-            while chunk := opened.read(CHUNK):
-                digest.update(chunk)
-    return digest.hexdigest()
-
-
-def _place() -> str:
-    from distributed import get_worker
-
-    return f"the worker {get_worker().address}"
+def _check(digests: Digests) -> None:
+    """Checks files once for all tasks; an error is not cached, since the user may correct it."""
+    for path, wanted in digests:
+        if not Path(path).exists() or digest(path) != wanted:
+            raise UserError(f"{Path(path).absolute()} must be there, and the same as on the caller's machine")

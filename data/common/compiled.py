@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from numba import config, njit, types
 from numba.extending import intrinsic
 
-from data.common.build import PACKAGES
+from data.common.build import PRODUCT
 
 _F = TypeVar("_F", bound=Callable[..., object])
 MOST_VERSIONS = 5  # on disk, of some 12 MB each
@@ -18,7 +18,7 @@ MOST_VERSIONS = 5  # on disk, of some 12 MB each
 
 def sources(root: Path) -> list[Path]:
     """The files that compiled functions and their constants come from: those that contain the word `compiled`."""
-    files = (path for package in PACKAGES for path in sorted((root / package).rglob("*.py")))
+    files = (path for package in PRODUCT for path in sorted((root / package).rglob("*.py")))
     return [path for path in files if b"compiled" in path.read_bytes()]
 
 

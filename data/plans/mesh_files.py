@@ -9,6 +9,7 @@ from data.common.errors import UserError
 
 MESH_SUFFIXES = (".stl", ".dae", ".obj", ".ply")
 HIGHEST = 400.0  # m: what is higher is not in metres
+WIDEST = 20_000.0  # m: likewise
 
 
 def is_mesh(path: Path | str) -> bool:
@@ -24,9 +25,11 @@ def read_triangles(path: Path | str, *more: Path | str) -> NDArray[np.float64]:
     large.
     """
     triangles = np.concatenate([_triangles(Path(p)) for p in (path, *more)])
-    height = float(np.ptp(triangles[:, :, 2]))
-    if not 1.0 < height < HIGHEST:
-        raise UserError(f"{path}: is {height:g} m high; a building in metres with z up is needed")
+    with np.errstate(over="ignore"):
+        *width, height = np.ptp(triangles.reshape(-1, 3), axis=0).tolist()
+    if not 1.0 < height < HIGHEST or not max(width) < WIDEST:
+        size = f"{height:g} m high and up to {max(width):g} m wide"
+        raise UserError(f"{path}: is {size}; a building in metres with z up is needed")
     return triangles
 
 

@@ -1,17 +1,5 @@
-"""What the measurements share: driven sequences, records, result pages, matchers that stand in for the real one."""
+"""The instrument: a study is a function from a case to a record; its rows are kept, and pages are made from them."""
 
-from evaluation.harness.conditions import Conditions
-from evaluation.harness.record_file import RecordFile, read_records, write_records
-from evaluation.harness.sequences import Sequence, SequenceSpec, prepare, read_specs, select_sequences
+from evaluation.harness.study import STUDIES, Case, Claim, Cost, Options, Record, Study, load_study
 
-__all__ = [
-    "Conditions",
-    "RecordFile",
-    "Sequence",
-    "SequenceSpec",
-    "prepare",
-    "read_records",
-    "read_specs",
-    "select_sequences",
-    "write_records",
-]
+__all__ = ["STUDIES", "Case", "Claim", "Cost", "Options", "Record", "Study", "load_study"]

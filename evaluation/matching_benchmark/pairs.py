@@ -1,40 +1,32 @@
 """The pairs of the matching benchmark: plans and S-graphs drawn from them, independent of the plans' order."""
 
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Literal, get_args
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from data import SceneGraph
-from data.common.errors import UserError
-from data.plans import read_plans
-from data.plans.sources import Plan
-from data.synthetic_maps.noise_models import NOISE_MODELS, DrawnGraph, draw
-from evaluation.harness.slam_graph_files import read_drives
-from evaluation.matching_benchmark.rows import written_as
+from data.generation.buildings import KINDS
+from data.plans import Plan
+from data.synthetic_maps.noise_models import DrawnGraph, draw
+from evaluation.drives.slam_graph_files import SlamDrive, read_drives
+from evaluation.matching_benchmark.plan_sets import Candidate, load_plan
 from evaluation.metrics.true_matches import TrueMatches
 from matching.ambiguity.symmetries import symmetries
 
-NEGATIVE, SGSLAM = "negative", "sgslam"
-DRAWN = (*NOISE_MODELS, NEGATIVE)
+Regime = Literal["paper", "real", "drift", "mis_segmented", "heavy_drift", "negative"]
+REGIMES: tuple[Regime, ...] = get_args(Regime)
+NEGATIVE: Literal["negative"] = "negative"
+SGSLAM: Literal["sgslam"] = "sgslam"
+# Draws are seeded by the names that three noise models had at first.
+WRITTEN_AS = {"mis_segmented": "messy", "heavy_drift": "warped", "negative": "elsewhere"}
 COLUMNS = (1, 2, 3, 4, 6, 9, 14)  # rooms seen; the last column is "all"
-FIRST_SEED = 900_000  # of generated plans; beyond the seeds of the training data
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A plan and the name of its set; plan names are unique within a set."""
-
-    plans: str
-    plan: Plan
-
-    @property
-    def size(self) -> int:
-        """The number of rooms of the whole plan, all of which are searched."""
-        return len(self.plan.graph.rooms)
 
 
 @dataclass(frozen=True)
@@ -46,21 +38,82 @@ class Prepared:
     """
 
     drawn: DrawnGraph
-    a_graph: SceneGraph
+    plan: Plan
     truth: TrueMatches
     twin: bool | None
     rival: float | None
 
     @staticmethod
-    def of(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
-        """A pair whose S-graph was drawn from this A-graph."""
-        nats = [twin.nats for twin in symmetries(drawn, a_graph)]
-        return Prepared(drawn, a_graph, truth_of(drawn), bool(nats), min(nats, default=None))
+    def of(drawn: DrawnGraph, plan: Plan) -> "Prepared":
+        """A pair whose S-graph was drawn from this plan."""
+        nats = [twin.nats for twin in symmetries(drawn, plan.graph)]
+        return Prepared(drawn, plan, truth_of(drawn), bool(nats), min(nats, default=None))
 
-    @staticmethod
-    def negative(drawn: DrawnGraph, a_graph: SceneGraph) -> "Prepared":
-        """A pair whose S-graph is of another building."""
-        return Prepared(drawn, a_graph, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None, None)
+
+class Pair(BaseModel, ABC):
+    """An S-graph and a plan, by names: `plan` is the plan's name in its set `plans` (see `Candidate`).
+
+    `rooms` is the number of rooms seen (None: all), `index` that among otherwise identical pairs, `seed` the seed of
+    the random numbers. The S-graph is of another building if there is a `source`: that plan's set and name.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    plans: str
+    plan: str
+    regime: str
+    rooms: int | None
+    index: int
+    seed: int
+    source: tuple[str, str] | None = None
+
+    @abstractmethod
+    def prepare(self) -> Prepared:
+        """Draws or reads the S-graph."""
+
+    def files(self) -> set[str]:
+        """The paths of the files that it reads."""
+        return {self.plans, *(self.source or ())[:1]} - set(KINDS)
+
+
+class DrawnPair(Pair):
+    """An S-graph of `rooms` neighbouring rooms (None: a whole floor), drawn from a plan."""
+
+    regime: Regime
+
+    def prepare(self) -> Prepared:
+        """Draws the S-graph; it depends only on seed, plan, regime, rooms and index."""
+        target = load_plan(self.plans, self.plan)
+        if self.source is None:
+            return Prepared.of(self.drawn_from(target), target)
+        drawn = self.drawn_from(load_plan(*self.source))
+        return Prepared(drawn, target, TrueMatches({}, {}, drawn.T_a_s, None, (0.0, 0.0)), None, None)
+
+    def drawn_from(self, plan: Plan) -> DrawnGraph:
+        """An S-graph of a plan, for this pair."""
+        name = WRITTEN_AS.get(self.regime, self.regime)
+        rng = np.random.default_rng(number_of(self.seed, plan.building, plan.name, name, self.rooms, self.index))
+        floors = floors_of(plan.graph, self.rooms)
+        floor = floors[int(rng.integers(len(floors)))]
+        return draw(plan.graph, "real" if self.regime == NEGATIVE else self.regime, rng, self.rooms, floor)
+
+
+class SlamPair(Pair):
+    """An S-graph that the SLAM system built on a simulated drive, and the building's plan: the graph number `index` of
+    the drive `plan` with this seed in the folder `plans`."""
+
+    regime: Literal["sgslam"] = SGSLAM
+
+    def prepare(self) -> Prepared:
+        """The recorded S-graph with its truth."""
+        drive, building = _drives(self.plans)[self.plan, self.seed]
+        return Prepared.of(drive.graphs[self.index].drawn, Plan(drive.sequence, building, drive.a_graph))
+
+
+@lru_cache(maxsize=4)
+def prepared(pair: Pair) -> Prepared:
+    """The pair's graphs; the last few are kept, since several methods are asked."""
+    return pair.prepare()
 
 
 def truth_of(drawn: DrawnGraph) -> TrueMatches:
@@ -69,130 +122,19 @@ def truth_of(drawn: DrawnGraph) -> TrueMatches:
     return TrueMatches(drawn.rooms, drawn.wall_surfaces, drawn.T_a_s, drawn.floor, (x, y))
 
 
-class Pair(Protocol):
-    """An S-graph and a plan, identified by names until they are drawn. `rooms` is the table's column; None: all."""
-
-    @property
-    def regime(self) -> str:
-        """The regime that the S-graph is drawn by."""
-
-    @property
-    def target(self) -> Candidate:
-        """The plan that is searched."""
-
-    @property
-    def source_name(self) -> str:
-        """The name of the plan that the S-graph is drawn from."""
-
-    @property
-    def rooms(self) -> int | None:
-        """The number of rooms seen."""
-
-    @property
-    def index(self) -> int:
-        """The index among otherwise identical pairs."""
-
-    @property
-    def seed(self) -> int:
-        """The seed of the random numbers."""
-
-    def prepare(self) -> Prepared:
-        """Draws or reads the S-graph."""
-
-
-@dataclass(frozen=True)
-class DrawnPair:
-    """A pair of an S-graph of `rooms` neighbouring rooms (None: a whole floor) of `source`, and the plan `target`."""
-
-    target: Candidate
-    source: Candidate
-    regime: str
-    rooms: int | None
-    index: int
-    seed: int
-
-    @property
-    def source_name(self) -> str:
-        """The set and the name of the plan that the S-graph is drawn from."""
-        return f"{self.source.plans}/{self.source.plan.name}"
-
-    def prepare(self) -> Prepared:
-        """Draws the S-graph; it depends only on seed, plan, regime, rooms and index."""
-        plan = self.source.plan
-        name = written_as(self.regime)
-        rng = np.random.default_rng(_hash(self.seed, plan.building, plan.name, name, self.rooms, self.index))
-        floors = floors_of(plan.graph, self.rooms)
-        floor = floors[int(rng.integers(len(floors)))]
-        if self.regime == NEGATIVE:
-            return Prepared.negative(draw(plan.graph, "real", rng, self.rooms, floor), self.target.plan.graph)
-        return Prepared.of(draw(plan.graph, self.regime, rng, self.rooms, floor), plan.graph)
-
-
-@dataclass(frozen=True)
-class SlamPair:
-    """A pair of an S-graph that the SLAM system built on a simulated drive, and the building's plan."""
-
-    target: Candidate
-    drawn: DrawnGraph
-    rooms: int | None
-    index: int
-    seed: int
-
-    @property
-    def regime(self) -> str:
-        """`sgslam`."""
-        return SGSLAM
-
-    @property
-    def source_name(self) -> str:
-        """The name of the plan."""
-        return f"{self.target.plans}/{self.target.plan.name}"
-
-    def prepare(self) -> Prepared:
-        """The recorded S-graph with its truth."""
-        return Prepared.of(self.drawn, self.target.plan.graph)
-
-
-def read_candidates(paths: Sequence[Path], generated: Sequence[str]) -> list[Candidate]:
-    """The plans of files and folders, and generated ones: KIND:COUNT, or KIND:COUNT:SKIPPED for the COUNT plans after
-    the first SKIPPED. Plans without rooms are left out.
-
-    Raises UserError for an unknown kind, for two sets or two plans of one name, and if there is no plan.
-    """
-    sets: dict[str, Iterator[Plan]] = {}
-    for path in paths:
-        name = path.resolve().name
-        _add(sets, name.split(".")[0] or name, read_plans(path))
-    for text in generated:
-        _add(sets, text.partition(":")[0], _generated(text))
-    found = [Candidate(name, plan) for name, plans in sets.items() for plan in plans if plan.graph.rooms]
-    names = [(c.plans, c.plan.name) for c in found]
-    if len(set(names)) < len(names):
-        twice = next(n for n in names if names.count(n) > 1)
-        raise UserError(f"{twice[0]}: two plans are named '{twice[1]}'; rename one")
-    if not found:
-        raise UserError("no plan: give --plans PATH or --generated KIND:COUNT")
+@lru_cache(maxsize=1)
+def _drives(folder: str) -> dict[tuple[str, int], tuple[SlamDrive, str]]:
+    """The drives of a folder by name and seed, with their building: drives through one building share its A-graph."""
+    found = {}
+    buildings: dict[int, str] = {}
+    for drive in read_drives(Path(folder)):
+        building = buildings.setdefault(id(drive.a_graph), drive.sequence)
+        found[drive.sequence, drive.seed] = drive, building
     return found
 
 
-def _generated(text: str) -> Iterator[Plan]:
-    from data.generation.buildings import KINDS, generate_plan
-
-    kind, *numbers = text.split(":")
-    if kind not in KINDS or len(numbers) not in (1, 2) or not all(map(str.isdecimal, numbers)) or int(numbers[0]) == 0:
-        raise UserError(f"--generated {text}: write KIND:COUNT or KIND:COUNT:SKIPPED; kinds are {', '.join(KINDS)}")
-    count, skipped = [*map(int, numbers), 0][:2]
-    return (generate_plan(kind, FIRST_SEED + skipped + n) for n in range(count))
-
-
-def _add(sets: dict[str, Iterator[Plan]], name: str, plans: Iterator[Plan]) -> None:
-    if name in sets:
-        raise UserError(f"two sets of plans are named '{name}'; rename one")
-    sets[name] = plans
-
-
 def pairs_of_cell(
-    candidates: Sequence[Candidate], regime: str, rooms: int | None, count: int, seed: int
+    candidates: Sequence[Candidate], regime: Regime, rooms: int | None, count: int, seed: int
 ) -> list[DrawnPair]:
     """`count` pairs, distributed evenly over the plans with a floor of at least `rooms` rooms; none if no plan has one.
 
@@ -200,28 +142,32 @@ def pairs_of_cell(
     neither depends on the order of the plans.
     """
     fit = [c for c in candidates if floors_of(c.plan.graph, rooms)]
-    targets = candidates if regime == NEGATIVE else fit
-    order = sorted(targets, key=lambda c: _hash(seed, written_as(regime), rooms, c.plan.building, c.plan.name))
+    targets, name = candidates if regime == NEGATIVE else fit, WRITTEN_AS.get(regime, regime)
+    order = sorted(targets, key=lambda c: number_of(seed, name, rooms, c.plan.building, c.plan.name))
     found = []
     for n in range(count if order else 0):
         target, index = order[n % len(order)], n // len(order)
-        source = _another(fit, target, rooms, index, seed) if regime == NEGATIVE else target
-        if source is not None:
-            found.append(DrawnPair(target, source, regime, rooms, index, seed))
+        names: dict[str, Any] = {"plans": target.plans, "plan": target.plan.name}
+        if regime == NEGATIVE:
+            other = _another(fit, target, rooms, index, seed)
+            if other is None:
+                continue
+            names["source"] = other.plans, other.plan.name
+        found.append(DrawnPair(**names, regime=regime, rooms=rooms, index=index, seed=seed))
     return found
 
 
 def slam_pairs(folder: Path) -> list[SlamPair]:
-    """The S-graphs that `evaluation.harness.slam_graphs` wrote to a folder. Their column is the largest one that they
-    fill; the last graph of a drive is in the column "all"."""
+    """The S-graphs that `evaluation.drives.slam_graphs` wrote to a folder. Their column is the largest one that they
+    fill; the last graph of a drive is in the column "all". Where the folder is missing, a single pair, which the
+    harness skips. Raises UserError for a folder without any."""
+    if not folder.exists():
+        return [SlamPair(plans=str(folder), plan="", rooms=None, index=0, seed=0)]
     found = []
-    buildings: dict[int, str] = {}  # drives through one building share its A-graph
-    for drive in read_drives(folder):
-        building = buildings.setdefault(id(drive.a_graph), drive.sequence)
-        target = Candidate(folder.resolve().name, Plan(drive.sequence, building, drive.a_graph))
+    for (sequence, seed), (drive, _) in _drives(str(folder)).items():
         for index, graph in enumerate(drive.graphs):
             rooms = None if graph.whole else max(n for n in COLUMNS if n <= max(1, len(graph.drawn.s_graph.rooms)))
-            found.append(SlamPair(target, graph.drawn, rooms, index, drive.seed))
+            found.append(SlamPair(plans=str(folder), plan=sequence, rooms=rooms, index=index, seed=seed))
     return found
 
 
@@ -240,8 +186,9 @@ def _another(
     """The plan of another building with the highest hash, which does not depend on the other plans."""
     others = [c for c in sources if (c.plans, c.plan.building) != (target.plans, target.plan.building)]
     names = (target.plan.building, target.plan.name)
-    return max(others, key=lambda c: _hash(seed, rooms, index, *names, c.plan.building, c.plan.name), default=None)
+    return max(others, key=lambda c: number_of(seed, rooms, index, *names, c.plan.building, c.plan.name), default=None)
 
 
-def _hash(*key: object) -> int:
+def number_of(*key: object) -> int:
+    """A number that depends on these values alone: a hash."""
     return int.from_bytes(blake2b(repr(key).encode(), digest_size=16).digest())

@@ -1,221 +1,172 @@
-"""The tables of the matching benchmark, made from its rows, in Markdown and LaTeX."""
+"""The tables and the claims of the matching benchmark, made from its rows."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from functools import partial
 
-from evaluation.matching_benchmark import symmetries as matching_symmetries
-from evaluation.matching_benchmark.cells import LARGE, SIZES, Measures, measure, size_of
-from evaluation.matching_benchmark.gains import BASE, difference, gap_closed
-from evaluation.matching_benchmark.rows import ORACLE, Row
-from evaluation.metrics.bootstrap import Estimate
+import numpy as np
+import pandas as pd
+from scipy.special import ndtr
 
-Cell = Callable[[Measures], str]
-REGIME_ORDER = ("paper", "real", "drift", "mis_segmented", "heavy_drift", "negative", "sgslam")
+from evaluation.harness import Claim
+from evaluation.harness.tables import grouped, interval
+from evaluation.matching_benchmark.methods import ORACLE
+from evaluation.matching_benchmark.pairs import NEGATIVE
+from evaluation.matching_benchmark.scores import (
+    BASE,
+    TALLIES,
+    bins_of,
+    estimate,
+    gain,
+    micro_f1,
+    scored,
+    share_of,
+)
+from evaluation.metrics.calibration import calibration_error
+from matching.ambiguity.symmetries import EQUAL, SURE
+
+LINES = ("regime", "method")
+SUMMARY_METHODS, SUMMARY_REGIMES = ("learned", BASE), ("real", "drift", "mis_segmented", "heavy_drift", NEGATIVE)
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table of text cells with a title and an explanatory note."""
+def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame | str]:
+    """For validation and test plans of each size: wall and room F1 and unique answers by rooms seen, all measures, and
+    gains against voting, with and without the pairs that have an alternative placement. For each set of plans: wall F1
+    and all measures. Symmetric plans, and a summary of the test plans."""
+    own = scored(rows)
+    found: dict[str, pd.DataFrame | str] = {}
+    for (split, size), group in own.groupby(["split", "size_class"]):
+        found |= _named(f"{split}_{size}", _about(group), _tables_of(group))
+    for name, group in own.groupby("set"):
+        found |= _named(str(name), _about(group), {"wall_f1": _wall_f1(group), "measures": _all(group)})
+    twins = own[own.rival.notna() & (own.method != ORACLE)]
+    alike = pd.Series(np.where(twins.rival < EQUAL, "equal", "alike"), twins.index)
+    found["symmetric"] = grouped(twins.assign(alternatives=alike), ("method", "alternatives"), _symmetric)
+    summary = own[own.regime.isin(SUMMARY_REGIMES) & own.method.isin(SUMMARY_METHODS) & (own.split == "test")]
+    found["summary"] = grouped(summary, LINES, _summary)
+    return {name: table for name, table in found.items() if len(table)}
 
-    title: str
-    note: str
-    header: tuple[str, ...]
-    lines: tuple[tuple[str, ...], ...]
 
-
-def tables(rows: Sequence[Row]) -> list[Table]:
-    """For each size of plan: wall F1 and answers by rooms seen, all measures by regime and method; symmetric plans."""
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """Wall F1 of the learned matcher, and its wrong answers, on test plans."""
+    own = scored(rows)
+    own = own[(own.method == "learned") & (own.split == "test")]
     found = []
-    for group in SIZES:
-        own = [r for r in rows if size_of(r.size) == group]
-        if not own:
-            continue
-        about = f"{group} plans ({_about(own)})"
-        to_find = [r for r in own if r.regime != "negative"]
-        if to_find:
-            found.append(_by_rooms(f"Wall F1, {about}", WALL_NOTE, to_find, lambda m: format_estimate(m.walls.f1)))
-            found.append(_by_rooms(f"Room F1, {about}", WALL_NOTE, to_find, lambda m: format_estimate(m.rooms.f1)))
-        asked = [r for r in own if r.method != ORACLE]
-        if asked:
-            found.append(_by_rooms(f"Unique answers, and the wrong of them, {about}", UNIQUE_NOTE, asked, _unique))
-        found.append(_summary(f"All measures, {about}", own))
-        known = [r for r in to_find if not r.twin]  # only the oracle can decide between alternative placements
-        compared = [("on the same pairs", to_find), ("on the same pairs without an alternative placement", known)]
-        for which, pairs in compared if len(known) < len(to_find) else compared[:1]:
-            gains = _gains(f"Wall F1 against `{BASE}`'s {which}, {about}", pairs)
-            found += [gains] if gains.lines else []
-    twins = matching_symmetries.lines(rows)
-    if twins:
-        found.append(Table("Symmetric plans", matching_symmetries.NOTE, matching_symmetries.HEADER, tuple(twins)))
-    return found
+    for regime, what in (("real", "maps with the noise of real scans"), ("drift", "maps that drift")):
+        part = own[own.regime == regime]
+        text = f"Wall F1 of the learned matcher on {what}, of plans that nothing was chosen by"
+        found.append(Claim(text, interval(estimate(part, "wall_f1")), f"{len(part)} maps"))
+    text = "Maps that the learned matcher places uniquely at a wrong place, of all maps of such plans"
+    found.append(Claim(text, share_of(int(own.wrong.sum()), len(own)), f"{len(own)} maps"))
+    negative = own[own.regime == NEGATIVE]
+    text = "Maps of another building that the learned matcher places uniquely"
+    return [*found, Claim(text, share_of(int(negative.unique.sum()), len(negative)), f"{len(negative)} maps")]
 
 
-def full_tables(rows: Sequence[Row]) -> list[Table]:
-    """Wall F1 on each set of plans, and all measures of every cell (size of plan, regime, method, rooms seen)."""
-    found = []
-    for name in sorted({r.plans for r in rows if r.regime != "negative"}):
-        own = [r for r in rows if r.plans == name and r.regime != "negative"]
-        sizes = sorted({(r.size, r.plan) for r in own})
-        title = f"Wall F1, `{name}` ({len(sizes)} plans of {sizes[0][0]} to {sizes[-1][0]} rooms)"
-        found.append(_by_rooms(title, WALL_NOTE, own, lambda m: format_estimate(m.walls.f1)))
-    for group in SIZES:
-        for regime in in_order(rows):
-            own = [r for r in rows if size_of(r.size) == group and r.regime == regime]
-            if own:
-                keys = [(rooms, method) for rooms in _rooms(own) for method in _methods(own)]
-                lines = []
-                for rooms, method in keys:
-                    cell = [r for r in own if r.rooms == rooms and r.method == method]
-                    if cell:
-                        lines.append((_named(rooms), method, *_all_measures(measure(cell))))
-                title = f"`{regime}`, {group} plans ({_about(own)})"
-                found.append(Table(title, SUMMARY_NOTE, ("rooms", "method", *COLUMNS), tuple(lines)))
-    return found
+def _named(group: str, about: str, of: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame | str]:
+    """The tables of a group, and what its plans are, with the group's name."""
+    return {f"about_{group}": about, **{f"{table}_{group}": value for table, value in of.items()}}
 
 
-def markdown(table: Table) -> str:
-    """The table in Markdown, with its title and note."""
-    head = f"**{table.title}.** {table.note}\n\n| {' | '.join(table.header)} |\n|{'---|' * len(table.header)}\n"
-    return head + "".join(f"| {' | '.join(line)} |\n" for line in table.lines)
+def _about(rows: pd.DataFrame) -> str:
+    """The plans of a group in a few words."""
+    plans = rows.drop_duplicates(["plans", "plan"])
+    sets = ", ".join(f"`{name}`" for name in sorted(plans["set"].unique()))
+    return f"{len(plans)} plans of {sets}, {plans['size'].min()} to {plans['size'].max()} rooms"
 
 
-def latex(table: Table) -> str:
-    """The table in LaTeX, as wide as the text; needs the packages booktabs and graphicx."""
-    columns = "ll" + "r" * (len(table.header) - 2)
-    body = "".join(f"  {' & '.join(map(_escaped, line))} \\\\\n" for line in table.lines)
-    return (
-        "\\begin{table}\n  \\centering\n"
-        f"  \\caption{{{_escaped(table.title)}. {_escaped(table.note)}}}\n"
-        f"  \\resizebox{{\\textwidth}}{{!}}{{\\begin{{tabular}}{{{columns}}}\n  \\toprule\n"
-        f"  {' & '.join(map(_escaped, table.header))} \\\\\n  \\midrule\n{body}"
-        "  \\bottomrule\n  \\end{tabular}}\n\\end{table}\n"
-    )
+def _tables_of(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    to_find = rows[rows.regime != NEGATIVE]
+    compared = to_find[~to_find.method.isin((BASE, ORACLE)) & to_find.base_f1.notna()]
+    return {
+        "wall_f1": _wall_f1(rows),
+        "room_f1": _by_rooms(to_find, partial(_mean, score="room_f1")),
+        "unique": _by_rooms(rows[rows.method != ORACLE], _unique),
+        "measures": _all(rows),
+        "gains": _by_rooms(compared, _gain),
+        "gains_without_alternative": _by_rooms(compared[compared.twin.eq(False)], _gain),
+    }
 
 
-def format_estimate(estimate: Estimate | None, percent: bool = False) -> str:
-    """Formats a value with its interval; empty for None."""
-    if estimate is None:
-        return ""
-    if percent:
-        return f"{100 * estimate.value:.0f} [{100 * estimate.low:.0f}, {100 * estimate.high:.0f}]"
-    return f"{estimate.value:.3f} [{estimate.low:.2f}, {estimate.high:.2f}]"
+def _wall_f1(rows: pd.DataFrame) -> pd.DataFrame:
+    return _by_rooms(rows[rows.regime != NEGATIVE], partial(_mean, score="wall_f1"))
 
 
-WALL_NOTE = (
-    "Mean over pairs, whatever the answer's status, with its 95 % interval (bootstrap over buildings), by the number "
-    "of rooms seen"
-)
-UNIQUE_NOTE = "Share of `unique` answers in percent, and how many of them are wrong, by the number of rooms seen"
-SUMMARY_NOTE = (
-    "P, R, F1: means over pairs; micro: over all nodes; acc: S nodes with a correct answer; shares in percent; "
-    "decided: `unique` among pairs without an alternative placement; wrong: of the `unique`, with the share's 97.5 % "
-    "upper bound; ECE: expected calibration error of the confidences"
-)
-GAIN_NOTE = (
-    "Difference of the means with its 95 % interval (bootstrap over buildings); how much of the gap between the oracle "
-    "and `voting` it closes, where that is 0.02 or more; in brackets the pairs"
-)
-COLUMNS = (
-    "pairs", "walls P", "R", "F1", "micro F1", "acc", "rooms P", "R", "F1", "micro F1", "acc", "perfect", "unique",
-    "ambiguous", "none", "decided", "wrong", "ECE walls", "ECE rooms", "median s", "95 % s", "in time",
-)  # fmt: skip
+def _all(rows: pd.DataFrame) -> pd.DataFrame:
+    return grouped(rows, LINES, _measures)
 
 
-def _all_measures(m: Measures) -> tuple[str, ...]:
-    nodes = []
-    for n in (m.walls, m.rooms):
-        nodes += [format_estimate(value) for value in (n.precision, n.recall, n.f1)]
-        nodes += [_value(n.micro_f1), format_estimate(n.accuracy)]
-    shares = (m.perfect, m.unique, m.ambiguous, m.none, m.decided)
-    bound = f" (≤ {100 * m.wrong_bound:.1f} %)" if m.uniques else ""
-    failed = f", {m.failed} failed" if m.failed else ""
-    errors = ("" if e is None else f"{e:.3f}" for e in (m.walls.calibration_error, m.rooms.calibration_error))
-    return (
-        str(m.pairs), *nodes, *(format_estimate(s, percent=True) for s in shares),
-        f"{m.wrong} of {m.uniques}{bound}", *errors, f"{m.median_s:.3f}", f"{m.slow_s:.3f}",
-        f"{100 * m.completed:.0f} %{failed}",
-    )  # fmt: skip
+def _by_rooms(rows: pd.DataFrame, cell: Callable[[pd.DataFrame], str]) -> pd.DataFrame:
+    """A line for each regime and method, a column for each number of rooms seen."""
+    columns = sorted(rows.rooms.unique())
+
+    def cells(own: pd.DataFrame) -> dict[str, str]:
+        parts = dict(iter(own.groupby("rooms")))
+        counts = sorted({len(part) for part in parts.values()})
+        pairs = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+        by_rooms = {n: cell(parts[n]) if n in parts else "" for n in columns}
+        return {**{"all" if n == np.inf else f"{n:.0f}": text for n, text in by_rooms.items()}, "pairs a cell": pairs}
+
+    return grouped(rows, LINES, cells)
 
 
-def _value(estimate: Estimate | None) -> str:
-    return "" if estimate is None else f"{estimate.value:.3f}"
+def _mean(rows: pd.DataFrame, score: str) -> str:
+    return interval(estimate(rows, score))
 
 
-def _unique(m: Measures) -> str:
-    return "" if m.unique is None else f"{100 * m.unique.value:.0f} % · {m.wrong}/{m.uniques}"
+def _unique(rows: pd.DataFrame) -> str:
+    return f"{100 * rows.unique.mean():.0f} % · {rows.wrong.sum()}/{rows.unique.sum():.0f}"
 
 
-def _by_rooms(title: str, note: str, rows: Sequence[Row], cell: Cell) -> Table:
-    columns = _rooms(rows)
-    lines = []
-    for regime in in_order(rows):
-        for method in _methods(rows):
-            own = [r for r in rows if (r.regime, r.method) == (regime, method)]
-            cells = [[r for r in own if r.rooms == rooms] for rooms in columns]
-            if own:
-                counts = sorted({len(c) for c in cells if c})
-                pairs = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-                lines.append((regime, method, *(cell(measure(c)) if c else "" for c in cells), pairs))
-    header = ("regime", "method", *map(_named, columns), "pairs a cell")
-    return Table(title, note, header, tuple(lines))
-
-
-def _summary(title: str, rows: Sequence[Row]) -> Table:
-    lines = []
-    for regime in in_order(rows):
-        for method in _methods(rows):
-            own = [r for r in rows if (r.regime, r.method) == (regime, method)]
-            if own:
-                lines.append((regime, method, *_all_measures(measure(own))))
-    return Table(title, SUMMARY_NOTE, ("regime", "method", *COLUMNS), tuple(lines))
-
-
-def _gains(title: str, rows: Sequence[Row]) -> Table:
-    columns = _rooms(rows)
-    lines = []
-    for regime in in_order(rows):
-        for method in _methods(rows):
-            if method not in (BASE, ORACLE):
-                own = [[r for r in rows if r.regime == regime and r.rooms == rooms] for rooms in columns]
-                cells = [_gain(cell, method) for cell in own]
-                lines += [(regime, method, *cells)] if any(cells) else []
-    return Table(title, GAIN_NOTE, ("regime", "method", *map(_named, columns)), tuple(lines))
-
-
-def _gain(rows: Sequence[Row], method: str) -> str:
-    found, closed = difference(rows, method, BASE), gap_closed(rows, method)
+def _gain(rows: pd.DataFrame) -> str:
+    found = gain(rows)
     if found is None:
         return ""
-    (value, pairs), share = found, "" if closed is None else f" · {100 * closed:.0f} %"
-    return f"{value.value:+.3f} [{value.low:+.3f}, {value.high:+.3f}]{share} ({pairs})"
+    difference, closed, pairs = found
+    share = "" if closed is None else f" · {100 * closed:.0f} %"
+    return f"{interval(difference, '+.3f')}{share} ({pairs})"
 
 
-def _about(rows: Sequence[Row]) -> str:
-    plans = {(r.plans, r.plan): r for r in rows}
-    names = sorted({r.plans for r in rows})
-    sizes = sorted(r.size for r in plans.values())
-    edge = f"below {LARGE} rooms" if size_of(rows[0].size) == "small" else f"{LARGE} rooms and more"
-    return f"{edge}: {len(plans)} of {', '.join(names)}, {sizes[0]} to {sizes[-1]} rooms"
+def _measures(rows: pd.DataFrame) -> dict[str, str]:
+    names = {"precision": "P", "recall": "R", "f1": "F1", "accuracy": "acc"}
+    nodes = {f"{kind} {name}": _mean(rows, f"{kind}_{of}") for kind in TALLIES for of, name in names.items()}
+    micro = {f"{kind} micro F1": _number(micro_f1(rows, kind)) for kind in TALLIES}
+    shares = ("perfect", "unique", "ambiguous", "none", "decided")
+    return {
+        "pairs": str(len(rows)), **nodes, **micro,
+        **{f"{name} (%)": interval(estimate(rows, name), ".0f", 100.0) for name in shares},
+        "wrong of unique": _wrong(rows),
+        **{f"{kind} ECE": _number(calibration_error(bins_of(rows, kind))) for kind in TALLIES},
+        "median (s)": f"{rows.seconds.median():.3f}", "95 % (s)": f"{rows.seconds.quantile(0.95):.3f}",
+        "late": str((rows.status == "late").sum()), "failed": str((rows.status == "failed").sum()),
+    }  # fmt: skip
 
 
-def in_order(rows: Sequence[Row]) -> list[str]:
-    """The regimes of the rows, easy ones first."""
-    return sorted({r.regime for r in rows}, key=REGIME_ORDER.index)
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.3f}"
 
 
-def _methods(rows: Sequence[Row]) -> list[str]:
-    return list(dict.fromkeys(r.method for r in rows))
+def _summary(rows: pd.DataFrame) -> dict[str, str]:
+    return {
+        "pairs": str(len(rows)), "wall F1": _mean(rows, "wall_f1"), "unique": f"{100 * rows.unique.mean():.0f} %",
+        "wrong of unique": _wrong(rows), "median (s)": f"{rows.seconds.median():.3f}",
+    }  # fmt: skip
 
 
-def _rooms(rows: Sequence[Row]) -> list[int | None]:
-    return sorted({r.rooms for r in rows}, key=lambda n: float("inf") if n is None else n)
+def _wrong(rows: pd.DataFrame) -> str:
+    return share_of(int(rows.wrong.sum()), int(rows.unique.sum()))
 
 
-def _named(rooms: int | None) -> str:
-    return "all" if rooms is None else str(rooms)
+def _symmetric(rows: pd.DataFrame) -> dict[str, str]:
+    return {
+        "pairs": str(len(rows)), "unique": f"{rows.unique.sum():.0f}", "wrong": str(rows.wrong.sum()),
+        "ideal observer": f"{to_be_sure(rows.rival):.1f}",
+        "ambiguous": f"{rows.ambiguous.sum():.0f}", "none": f"{rows.none.sum():.0f}",
+    }  # fmt: skip
 
 
-def _escaped(text: str) -> str:
-    for mark in "&%_#":
-        text = text.replace(mark, f"\\{mark}")
-    return text.replace("≤", "$\\leq$").replace("·", "$\\cdot$").replace("`", "")
+def to_be_sure(rivals: "pd.Series[float] | Sequence[float]") -> float:
+    """The expected number of pairs whose evidence reaches `SURE`, given the expected evidence (nats) for the truth over
+    the nearest alternative placement: between two Gaussian hypotheses with an expected evidence of a nats it is normal
+    with mean a and variance 2 a. Negative expected evidence counts as zero."""
+    nats = np.maximum(np.asarray(rivals, dtype=float), 1e-9)
+    return float(ndtr((nats - SURE) / np.sqrt(2 * nats)).sum())

@@ -1,6 +1,6 @@
 """Calibration of confidences: bins of answers by confidence, and the expected calibration error."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,17 +40,6 @@ def binned(confidences: Sequence[float], right: Sequence[bool]) -> tuple[Bin, ..
     hit = np.asarray(right, dtype=float)
     count, good, total = (np.bincount(at, w, BINS) for w in (np.ones(len(value)), hit, value))
     return tuple(Bin(k, int(count[k]), int(good[k]), float(total[k])) for k in range(BINS) if count[k])
-
-
-def merged(every: Iterable[tuple[Bin, ...]]) -> tuple[Bin, ...]:
-    """Merges the bins of several answers."""
-    sums: dict[int, list[float]] = {}
-    for bins in every:
-        for b in bins:
-            total = sums.setdefault(b.index, [0, 0, 0.0])
-            for k, value in enumerate((b.count, b.right, b.confidence)):
-                total[k] += value
-    return tuple(Bin(k, int(sums[k][0]), int(sums[k][1]), sums[k][2]) for k in sorted(sums))
 
 
 def calibration_error(bins: tuple[Bin, ...]) -> float | None:

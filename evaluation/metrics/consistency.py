@@ -7,13 +7,12 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.metrics.trajectories import matched
 from sgslam.geometry.frames import local_coordinates
-from sgslam.report.accuracy import TOLERANCE_NS
 
 Array = NDArray[np.float64]
 DOF = 6
 
 
-def nees(estimate: Trajectory, truth: Trajectory, covariances: Array, tolerance_ns: int = TOLERANCE_NS) -> float:
+def nees(estimate: Trajectory, truth: Trajectory, covariances: Array) -> float:
     """The mean normalised estimation error squared per degree of freedom, without alignment: 1 if the covariances are
     right, above if they are overconfident (Bar-Shalom, Li, Kirubarajan 2001, 5.4).
 
@@ -24,7 +23,7 @@ def nees(estimate: Trajectory, truth: Trajectory, covariances: Array, tolerance_
     covariances = np.asarray(covariances, dtype=float)
     if covariances.shape != (len(estimate), DOF, DOF):
         raise UserError(f"NEES: covariances of shape {covariances.shape} for {len(estimate)} poses; give (N, 6, 6)")
-    both = matched(estimate, truth, tolerance_ns)
+    both = matched(estimate, truth)
     errors = np.array([
         local_coordinates(ours, true)
         for ours, true in zip(both.estimate, both.truth, strict=True)

@@ -15,7 +15,7 @@ from data.geometry import se2
 from data.geometry.areas import overlap, united
 from data.geometry.intervals import united as united_intervals
 from evaluation.metrics.statistics import Score, Statistics
-from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, plan_motion
+from evaluation.metrics.surface_overlap import Overlaps, one_storey, plan_motion
 from evaluation.metrics.true_matches import best_surfaces, overlaps_in_plan, representatives, room_area, true_matches
 
 Array = NDArray[np.float64]
@@ -57,24 +57,22 @@ class RoomScores:
 
 
 def wall_scores(
-    s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array, visible: Collection[str] | None = None,
-    limits: Limits | None = None,
-) -> WallScores:  # fmt: skip
+    s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array, visible: Collection[str] | None = None
+) -> WallScores:
     """Precision, recall and errors of the wall surfaces.
 
     An A surface is found if S surfaces within the limits cover half of it, in one or several pieces; it counts if its
     id is in `visible` (default: all). An S surface is true if half of it lies on A surfaces within the limits, visible
     or not. Raises UserError for a plan with several storeys, unknown ids, and a matrix that is not a rigid motion.
     """
-    limits = limits or Limits()
     _known(visible, a_graph.surface_by_id, "wall surface")
-    lying = overlaps_in_plan(s_graph, one_storey(a_graph), plan_motion(T_bim_map), limits)
+    lying = overlaps_in_plan(s_graph, one_storey(a_graph), plan_motion(T_bim_map))
     a_length, s_length = 2 * lying.a.half, 2 * lying.s.half
     counts = np.array([visible is None or key in visible for key in lying.a.ids], dtype=bool)
     covered = np.array([_covered(lying, j) for j in range(len(a_length))])
     on_plan = np.array([_on_plan(lying, i) for i in range(len(s_length))])
     found, true = covered >= LEAST_COVER * a_length, on_plan >= LEAST_COVER * s_length
-    chosen = best_surfaces(lying, limits)
+    chosen = best_surfaces(lying)
     i = np.flatnonzero(chosen >= 0)
     offset, angle = lying.offset[i, chosen[i]], lying.angle[i, chosen[i]]
     return WallScores(

@@ -50,22 +50,22 @@ class RoomsNeeded:
     sure: int | None = None
 
 
-def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher, seed: int = 0) -> RoomsNeeded:
+def rooms_needed(a_graph: SceneGraph, room: str, matcher: AnyMatcher) -> RoomsNeeded:
     """The number of rooms, from `room` on, that the matcher needs for a unique and correct match of the matching
     benchmark's maps (regime `real`, rooms in any order); empty for a room without walls in the plan."""
     for storey in storeys_of(a_graph):
         start = next((k for k, r in enumerate(storey.rooms) if r.id == room), None)
         if start is not None:
-            return _needed(a_graph, storey, start, matcher, seed)
+            return _needed(a_graph, storey, start, matcher)
     return RoomsNeeded()
 
 
-def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher, seed: int) -> RoomsNeeded:
+def _needed(a_graph: SceneGraph, storey: Storey, start: int, matcher: AnyMatcher) -> RoomsNeeded:
     most = None
     for count in range(1, min(MOST_ASKED, len(storey.rooms)) + 1):
         known: list[bool] = []
         while len(known) < PAIRS or (len(known) < SURE_PAIRS and known.count(False) <= MISSED):
-            rng = np.random.default_rng((seed, start, count, len(known)))
+            rng = np.random.default_rng((0, start, count, len(known)))
             drawn = draw_walk(storey, walk(storey, rng, count, start), "real", rng)
             known.append(bool(drawn.s_graph.wall_surfaces) and is_correct(matcher.match(drawn.s_graph, a_graph), drawn))
         if most is None and 2 * sum(known[:PAIRS]) > PAIRS:

@@ -10,13 +10,10 @@ from data.common.errors import UserError
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of error magnitudes, in their unit; `std` is the standard deviation about the mean (divided by N)."""
+    """Statistics of error magnitudes, in their unit."""
 
     rmse: float
-    mean: float
     median: float
-    std: float
-    min: float
     max: float
 
     @staticmethod
@@ -25,10 +22,7 @@ class Statistics:
         size = np.abs(values)
         if not len(size) or not np.isfinite(size).all():
             raise UserError(f"no statistics of {len(size)} errors: there must be one, and all must be finite")
-        return Statistics(
-            float(np.sqrt(np.mean(size**2))), float(size.mean()), float(np.median(size)), float(size.std()),
-            float(size.min()), float(size.max()),
-        )  # fmt: skip
+        return Statistics(float(np.sqrt(np.mean(size**2))), float(np.median(size)), float(size.max()))
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,10 @@ from sgslam.geometry.frames import is_rigid
 from sgslam.report.accuracy import yaw_errors
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """The limits for an S surface to lie on an A surface: offset (m) along the A surface's normal at the overlap, angle
-    (rad) between the normals, and length of the overlap (m)."""
-
-    offset_m: float = 0.3
-    angle_rad: float = float(np.radians(10))
-    least_overlap_m: float = 0.1
+# Limits for an S surface to lie on an A surface.
+MOST_OFFSET_M = 0.3  # along the A surface's normal at the overlap
+MOST_ANGLE_RAD = float(np.radians(10))  # between the normals
+LEAST_OVERLAP_M = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +80,10 @@ def segments(graph: SceneGraph, T_out_graph: Array) -> Segments:
     return Segments(walls.ids, se2.apply(T, walls.centre), se2.wrap(walls.heading + T[0]), walls.half)
 
 
-def overlaps(s: Segments, a: Segments, limits: Limits) -> Overlaps:
+def overlaps(s: Segments, a: Segments) -> Overlaps:
     """All pairs of surfaces, both in the A-graph's frame."""
     angle = se2.wrap(s.heading[:, None] - a.heading[None, :])
-    facing = np.abs(angle) <= limits.angle_rad
+    facing = np.abs(angle) <= MOST_ANGLE_RAD
     cosine = np.where(facing, np.cos(angle), 1.0)
     apart = s.centre[:, None] - a.centre[None, :]
     along = np.einsum("ijk,jk->ij", apart, a.tangent)
@@ -99,8 +93,8 @@ def overlaps(s: Segments, a: Segments, limits: Limits) -> Overlaps:
     # The S surface's line leaves the A surface's by the tangent of the angle, seen along the A surface's tangent.
     slope = -np.where(facing, np.tan(angle), 0.0)
     offset = np.einsum("ijk,jk->ij", apart, a.normal) + ((low + high) / 2 - along) * slope
-    least = np.minimum(limits.least_overlap_m, np.minimum(2 * s.half[:, None], 2 * a.half[None, :]) / 2)
-    on = facing & (np.abs(offset) <= limits.offset_m) & (high - low >= least)
+    least = np.minimum(LEAST_OVERLAP_M, np.minimum(2 * s.half[:, None], 2 * a.half[None, :]) / 2)
+    on = facing & (np.abs(offset) <= MOST_OFFSET_M) & (high - low >= least)
     return Overlaps(s, a, low, high, np.where(on, high - low, 0.0), offset, angle)
 
 

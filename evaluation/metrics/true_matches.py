@@ -11,7 +11,7 @@ from data import SceneGraph
 from data.geometry import se2
 from data.geometry.areas import Area, overlap, polygons_of
 from data.scene_graph import Room
-from evaluation.metrics.surface_overlap import Limits, Overlaps, one_storey, overlaps, plan_motion, segments
+from evaluation.metrics.surface_overlap import MOST_OFFSET_M, Overlaps, one_storey, overlaps, plan_motion, segments
 
 Array = NDArray[np.float64]
 LEAST_SHARE = 0.3  # share of an S surface's length (S room's area) on its A surface (A room)
@@ -30,9 +30,7 @@ class TrueMatches:
     s_centroid: tuple[float, float]
 
 
-def true_matches(
-    s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array, limits: Limits | None = None
-) -> TrueMatches:
+def true_matches(s_graph: SceneGraph, a_graph: SceneGraph, T_bim_map: Array) -> TrueMatches:
     """The matches that follow from the true T_bim_map (4, 4), for a map that is rigid within the limits.
 
     A wall surface is the A surface on which most of it lies, near ones first: length of the overlap times nearness
@@ -41,10 +39,9 @@ def true_matches(
 
     Raises UserError for an A-graph of several storeys and for a matrix that is no motion of the plan.
     """
-    limits = limits or Limits()
     T_a_s = plan_motion(T_bim_map)
-    lying = overlaps_in_plan(s_graph, one_storey(a_graph), T_a_s, limits)
-    chosen = best_surfaces(lying, limits)
+    lying = overlaps_in_plan(s_graph, one_storey(a_graph), T_a_s)
+    chosen = best_surfaces(lying)
     walls = {lying.s.ids[i]: lying.a.ids[j] for i, j in enumerate(chosen.tolist()) if j >= 0}
     floors = {w.floor for w in a_graph.wall_surfaces} | {r.floor for r in a_graph.rooms}
     x, y = s_graph.centroid().tolist()
@@ -54,17 +51,17 @@ def true_matches(
     )
 
 
-def overlaps_in_plan(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array, limits: Limits) -> Overlaps:
+def overlaps_in_plan(s_graph: SceneGraph, a_graph: SceneGraph, T_a_s: Array) -> Overlaps:
     """The overlaps of all S surfaces, under the motion (yaw, x, y), with all A surfaces."""
-    return overlaps(segments(s_graph, T_a_s), segments(a_graph, np.zeros(3)), limits)
+    return overlaps(segments(s_graph, T_a_s), segments(a_graph, np.zeros(3)))
 
 
-def best_surfaces(lying: Overlaps, limits: Limits) -> NDArray[np.int64]:
+def best_surfaces(lying: Overlaps) -> NDArray[np.int64]:
     """(S,) the index of the A surface that each S surface is, -1 for none."""
     if not lying.length.size:
         return np.full(len(lying.s.ids), -1)
     enough = lying.length >= LEAST_SHARE * 2 * lying.s.half[:, None]
-    score = np.where(enough, lying.length * (1 - np.abs(lying.offset) / limits.offset_m), 0.0)
+    score = np.where(enough, lying.length * (1 - np.abs(lying.offset) / MOST_OFFSET_M), 0.0)
     return np.where(score.max(axis=1) > 0, score.argmax(axis=1), -1)
 
 

@@ -1,56 +1,110 @@
-"""Our implementation of iS-Graphs' search against measurements of its public code.
+"""Our implementation of iS-Graphs' search against measurements of its public code."""
 
-python -m evaluation.published.combinatorial
-"""
-
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from time import process_time
+from typing import Any
 
-from data.common.cli import Parser, run_command
-from data.common.errors import UserError
+import pandas as pd
+from pydantic import Field
 
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """The command line. Raises UserError."""
-    parser = Parser(
-        prog="python -m evaluation.published.combinatorial",
-        description="Measure answers and times of iS-Graphs' search.",
-    )
-    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="time limit per answer (default 60)")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section is written")
-    options = parser.parse_args(arguments)
-    if not options.limit > 0:
-        raise UserError(f"--limit {options.limit:g}: must be more than 0")
-    from evaluation.harness.benchmark_page import made_by, write_section
-    from evaluation.published.combinatorial_behaviour import behaviour
-    from evaluation.published.combinatorial_times import times
-    from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
-
-    released, later = (CombinatorialMatcher(replace(x, limit_s=options.limit)).match for x in (DEVELOP, GRID))
-    answers = behaviour(released, later)
-    print(answers)
-    took, worst = times(released, later, options.limit)
-    command = f"python -m evaluation.published.combinatorial --limit {options.limit:g}"
-    text = f"{HEAD}\n\n{answers}\n{TIMES.format(worst=worst)}\n\n{took}\n{made_by(command)}\n"
-    if options.page is not None:
-        write_section(options.page, "combinatorial", text)
-    print(text)
-    return 0
-
-
-HEAD = (
-    "## The combinatorial search\n\n"
-    "`combinatorial` is iS-Graphs' search as in its public code, `combinatorial-grid` its later branch. Both were run "
-    "on synthetic layouts of the same description as the public code: grids of rooms, uneven unless stated otherwise, "
-    "A rooms:S rooms, walls with 3 cm and 0.5° of noise. The public code breaks ties in random order, so which answer "
-    "comes first has no meaning."
+from evaluation.harness import Case, Cost, Options, Record, Study
+from evaluation.harness.tables import grouped
+from evaluation.published.combinatorial_questions import (
+    GIVEN_UP,
+    HEAVY,
+    VERSIONS,
+    Question,
+    Version,
+    describe,
+    layouts,
+    questions,
 )
-TIMES = (
-    "Seconds for one answer, ours in CPU time of one core (the limit is in wall-clock time). The public code was "
-    "measured on 2 cores; ours tries the same sets of pairs, thousands at once. Ours takes at most {worst:.2f} times "
-    "as long as the public code. Where one of the two was stopped, the time is a bound."
-)
+from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
 
-if __name__ == "__main__":
-    run_command(main)
+
+class Choice(Options):
+    """The time limit of an answer (s), and whether the layouts that may reach it are included."""
+
+    limit_s: float = Field(60.0, gt=0)
+    heavy: bool = True
+
+
+class Search(Case):
+    """A question or a layout, by its name, and the version of the public code whose search it is given to."""
+
+    asked: str
+    version: Version
+    limit_s: float
+
+
+class Answer(Record):
+    """The answer in words, whether the time limit ended the search, and its CPU seconds."""
+
+    answer: str
+    stopped: bool
+    seconds: Cost
+
+
+def cases(options: Choice) -> list[Search]:
+    """Every question and layout, for both versions."""
+    names = [*questions(), *(name for name in layouts() if options.heavy or name not in HEAVY)]
+    return [Search(asked=name, version=of, limit_s=options.limit_s) for name in names for of in VERSIONS]
+
+
+def measure(case: Search, work: Path) -> Answer:
+    """Searches the pairs of the question."""
+    settings = DEVELOP if case.version == "released" else GRID
+    match = CombinatorialMatcher(replace(settings, limit_s=case.limit_s)).match
+    match(*layouts()["2:2"].pairs[0])  # a process's first search takes longer
+    pairs = (questions().get(case.asked) or layouts()[case.asked]).pairs
+    began = process_time()
+    results = [match(s, a) for s, a in pairs]
+    seconds = process_time() - began
+    stopped = any(result.seconds >= case.limit_s for result in results)
+    return Answer(answer=describe(pairs, results), stopped=stopped, seconds=seconds)
+
+
+def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
+    """The answers, the seconds, and the largest ratio of our seconds to the public code's."""
+    times = _with_public_code(rows, layouts())
+    times["ratio"] = (times.seconds / times.public).where(~times.stopped)
+    return {
+        "answers": grouped(_with_public_code(rows, questions()), ("asked",), _answers),
+        "times": grouped(times, ("asked",), _times).rename(columns={"asked": "layout"}),
+        "largest_ratio": f"{times.ratio.max():.2f}",
+    }
+
+
+def _with_public_code(rows: pd.DataFrame, known: Mapping[str, Question[Any]]) -> pd.DataFrame:
+    """The rows of the known questions, the last for each version, with what was measured on the public code."""
+    own = rows[rows.asked.isin(known)].drop_duplicates(["asked", "version"], keep="last")
+    public = [known[row.asked].public[VERSIONS.index(row.version)] for row in own.itertuples()]
+    return own.assign(public=public)
+
+
+def _answers(own: pd.DataFrame) -> dict[str, str]:
+    return {
+        f"{whose}, {row.version}": answer
+        for row in own.itertuples() for whose, answer in (("public code", row.public), ("ours", row.answer))
+    }  # fmt: skip
+
+
+def _times(own: pd.DataFrame) -> dict[str, str]:
+    """Where the public code was stopped, its time is a lower bound, and the ratio an upper one."""
+    cells: dict[str, str] = {}
+    for row in own.itertuples():
+        late = row.public in GIVEN_UP
+        cells |= {
+            f"public code, {row.version} (s)": "" if pd.isna(row.public) else f"{'> ' if late else ''}{row.public:g}",
+            f"ours, {row.version} (s)": f"stopped at {row.limit_s:g}" if row.stopped else f"{row.seconds:.2f}",
+            f"ratio, {row.version}": "" if pd.isna(row.ratio) else f"{'< ' if late else ''}{row.ratio:.3f}",
+        }
+    return cells
+
+
+STUDY = Study(
+    "combinatorial", "whether our implementation of iS-Graphs' search answers as its public code, and how fast",
+    Choice, Choice(heavy=False), Search, Answer, cases, measure, tables, small=True, timed=True,
+)  # fmt: skip

@@ -1,61 +1,106 @@
 """Leave-one-out test of anchoring: distance of each wall from the plan when it has no anchor itself.
 
-    python -m evaluation.published.one_wall_out GRAPH.g2o PLAN.json
-
-GRAPH is a factor graph of S-Graphs, PLAN the building's A-graph (or JSON with the key `a_graph`). For each wall, the
-graph is matched and anchored without it. Then the wall's distance from the plan is measured at the planned wall's
-centre: with the map placed rigidly by the match, rigidly by the best fit of all other walls, and anchored to them.
+A factor graph that S-Graphs saved is matched with the building's A-graph and anchored without one of its walls, for
+each wall in turn. The wall's distance from the plan is measured at the planned wall's centre: with the map placed
+rigidly by the match, rigidly by the best fit of all other walls, and anchored to them.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
-from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph, WallSurface
 from data.scene_graph.g2o import PlaneGraph, PlaneSeen, plane_of, read_g2o
+from evaluation.harness import Case, Claim, Options, Record, Study
+from evaluation.harness.tables import grouped, interval
+from evaluation.metrics.bootstrap import ratio
 from matching import Matcher
 from sgslam.backend import anchor_plane_graph
 from sgslam.geometry.frames import se2_to_se3, transform_planes
 
+SLAM_GRAPHS = "../shared/data/slam_graphs"
+PLACED = {"matched_m": "placed by the match (mm)", "rigid_m": "rigid, best fit (mm)", "anchored_m": "anchored (mm)"}
 Pairs = list[tuple[int, WallSurface]]
 
 
-@dataclass(frozen=True)
-class LeftOut:
+class Choice(Options):
+    """The factor graph (.g2o), the plan (JSON of an A-graph, or with the key `a_graph`), and the matching methods."""
+
+    graph: str = f"{SLAM_GRAPHS}/SE2_s_graph.g2o"
+    plan: str = f"{SLAM_GRAPHS}/SE2.json"
+    methods: tuple[str, ...] = ("learned",)
+
+
+class Map(Case):
+    """A factor graph, the building's plan, and the method that matches them."""
+
+    graph: str
+    plan: str
+    method: str
+
+    def files(self) -> set[str]:
+        """The factor graph and the plan."""
+        return {self.graph, self.plan}
+
+
+class LeftOut(BaseModel):
     """One wall of the plan and its planes; distances (m) from the plan are means over its planned surfaces."""
+
+    model_config = ConfigDict(frozen=True)
 
     wall: str
     planes: tuple[int, ...]
-    laid: float
-    rigid: float
-    anchored: float
+    matched_m: float
+    rigid_m: float
+    anchored_m: float
 
 
-def one_wall_out(graph: PlaneGraph, a: SceneGraph, method: str = "learned") -> list[LeftOut]:
+class Distances(Record):
+    """All matched walls."""
+
+    walls: tuple[LeftOut, ...]
+
+
+def cases(options: Choice) -> list[Map]:
+    """The map with each method."""
+    return [Map(graph=options.graph, plan=options.plan, method=method) for method in options.methods]
+
+
+def measure(case: Map, work: Path) -> Distances:
+    """Leaves out every matched wall in turn. Raises UserError as `one_wall_out` does."""
+    graph, plan = read_g2o(Path(case.graph)), SceneGraph.load(Path(case.plan), "a_graph")
+    return Distances(walls=one_wall_out(graph, plan, case.method))
+
+
+def one_wall_out(graph: PlaneGraph, a: SceneGraph, method: str) -> tuple[LeftOut, ...]:
     """Leaves out every matched wall in turn. Raises UserError if the map, with or without a wall, has no unique
     match."""
     s, matcher = graph.scene_graph(), Matcher.load(method)
-    matched = matcher.match(s, a)
-    if matched.status != "unique":
-        raise UserError(f"the graph is not matched uniquely: {matched.reason}")
-    pairs = [(plane_of(s_id), a.surface_by_id[a_id]) for s_id, a_id, _ in matched.wall_surfaces]
     found = []
-    for mine in _walls(pairs):
+    for mine in _walls(_unique(matcher, s, a, "the graph")[0]):
         planes = {plane for plane, _ in mine}
         rest = replace(s, wall_surfaces=tuple(w for w in s.wall_surfaces if plane_of(w.id) not in planes))
-        match = matcher.match(rest, a)
-        if match.status != "unique" or match.T_a_s is None:
-            raise UserError(f"without wall {_name(mine[0][1])} the graph is not matched uniquely: {match.reason}")
-        T_bim_map = se2_to_se3(*match.T_a_s)
-        others = [(plane_of(s_id), a.surface_by_id[a_id]) for s_id, a_id, _ in match.wall_surfaces]
-        laid = {plane: transform_planes(T_bim_map, graph.planes[plane]) for plane in planes}
+        others, T_bim_map = _unique(matcher, rest, a, f"without wall {_name(mine[0][1])} the graph")
+        matched = {plane: transform_planes(T_bim_map, graph.planes[plane]) for plane in planes}
         rigid, anchored = (anchor_plane_graph(g, others, T_bim_map).planes for g in (_stiff(graph), graph))
+        off = dict(zip(PLACED, (_off(mine, placed) for placed in (matched, rigid, anchored)), strict=True))
         names = sorted({_name(surface) for _, surface in mine})
-        found.append(LeftOut(" ".join(names), tuple(sorted(planes)), *(_off(mine, p) for p in (laid, rigid, anchored))))
-    return found
+        found.append(LeftOut(wall=" ".join(names), planes=tuple(sorted(planes)), **off))
+    return tuple(found)
+
+
+def _unique(matcher: Matcher, s: SceneGraph, a: SceneGraph, what: str) -> tuple[Pairs, NDArray[np.float64]]:
+    """The planes with their planned surfaces, and T_bim_map (4, 4)."""
+    match = matcher.match(s, a)
+    if match.status != "unique" or match.T_a_s is None:
+        raise UserError(f"{what} is not matched uniquely: {match.reason}")
+    return [(plane_of(s_id), a.surface_by_id[a_id]) for s_id, a_id, _ in match.wall_surfaces], se2_to_se3(*match.T_a_s)
 
 
 def _stiff(graph: PlaneGraph) -> PlaneGraph:
@@ -79,50 +124,45 @@ def _name(surface: WallSurface) -> str:
     return surface.source or surface.id.partition("@")[0]
 
 
-def _off(pairs: Pairs, planes_in_bim: dict[int, np.ndarray]) -> float:
+def _off(pairs: Pairs, planes_in_bim: dict[int, NDArray[np.float64]]) -> float:
     points = [np.array([*surface.centroid, 0.0, 1.0]) for _, surface in pairs]
     return float(np.mean([abs(planes_in_bim[plane] @ x) for (plane, _), x in zip(pairs, points, strict=True)]))
 
 
-def table(found: list[LeftOut]) -> str:
-    """Markdown table: a line for each wall, and the medians."""
-    head = ("wall of the plan", "planes of the map", "laid by the match (mm)", "rigid, best fit (mm)", "anchored (mm)")
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
-    off = np.array([(f.laid, f.rigid, f.anchored) for f in found])
-    for row in (*found, LeftOut("**median**", (), *np.median(off, axis=0).tolist())):
-        millimetres = " | ".join(f"{1000 * metres:.1f}" for metres in (row.laid, row.rigid, row.anchored))
-        lines.append(f"| {row.wall} | {' '.join(map(str, row.planes))} | {millimetres} |")
-    return "\n".join(lines) + "\n"
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """A line for each wall, and the medians of each method."""
+
+    def cells(own: pd.DataFrame) -> dict[str, str]:
+        planes = " ".join(str(plane) for plane in own.planes.iloc[0]) if len(own) == 1 else ""
+        return {"planes of the map": planes} | {
+            title: f"{1000 * own[name].median():.1f}" for name, title in PLACED.items()
+        }
+
+    lines = _lines(rows)
+    every = lines.assign(wall="**median**")
+    table = pd.concat([grouped(part, ("method", "wall"), cells) for part in (lines, every)])
+    return {"walls": table.rename(columns={"wall": "wall of the plan"})}
 
 
-def main() -> int:
-    """The command line."""
-    parser = Parser(
-        prog="python -m evaluation.published.one_wall_out", description="Measure anchoring with each wall left out."
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How much nearer to the plan anchors bring a wall that has none."""
+    lines = _lines(rows)
+    lines = lines[lines.method == "learned"]
+    gain = ratio(lines.rigid_m - lines.anchored_m, lines.wall.notna(), lines.wall)
+    means = f"{1000 * lines.anchored_m.mean():.1f} against {1000 * lines.rigid_m.mean():.1f} mm"
+    text = (
+        "Distance from the plan of a wall of a published system's map that has no anchor: with the map anchored, with "
+        "the map placed rigidly, and the difference"
     )
-    parser.add_argument("graph", type=Path, metavar="GRAPH.g2o", help="a factor graph that S-Graphs saved")
-    parser.add_argument("plan", type=Path, metavar="PLAN.json", help="the building's A-graph")
-    parser.add_argument("--method", default="learned", metavar="NAME", help="matching method (default learned)")
-    parser.add_argument("--benchmarks", type=Path, metavar="FILE", help="page of results; its section is written")
-    options = parser.parse_args()
-    text = table(one_wall_out(read_g2o(options.graph), SceneGraph.load(options.plan, "a_graph"), options.method))
-    if options.benchmarks is not None:
-        from evaluation.harness.benchmark_page import made_by, write_section
-
-        command = (
-            f"python -m evaluation.published.one_wall_out {options.graph} {options.plan} --method {options.method}"
-        )
-        write_section(options.benchmarks, "one-wall-out", f"{HEAD}\n\n{text}\nBy {made_by(command)}.")
-    print(text, end="")
-    return 0
+    return [Claim(text, f"{means}; {interval(gain, '.1f', 1000)} mm", f"{len(lines)} walls")]
 
 
-HEAD = (
-    "### A published system's map, anchored: leave-one-out\n\n"
-    "Distance of a wall without an anchor from the plan: with the map placed rigidly by the match of all other walls, "
-    "by their best fit (six degrees of freedom, the same robust losses), and with the map anchored to them. Planes of "
-    "one wall are left out together."
-)
+def _lines(rows: pd.DataFrame) -> pd.DataFrame:
+    """A line for each wall."""
+    return pd.DataFrame([{"method": row.method, **wall} for row in rows.itertuples() for wall in row.walls])
 
-if __name__ == "__main__":
-    run_command(main)
+
+STUDY = Study(
+    "one_wall_out", "how far a wall without an anchor is from the plan, in a published system's map that is anchored",
+    Choice, Choice(), Map, Distances, cases, measure, tables, claims,
+)  # fmt: skip

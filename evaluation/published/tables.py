@@ -1,190 +1,142 @@
-"""`python -m evaluation.published.tables --out DIR`: the published matcher's tables, with the results of other methods.
+"""The published tables and ours, made from the rows. Rooms and wall surfaces are counted together."""
 
-First the published perturbation, also with an unknown start, then maps built by SLAM. Every match is a line in
-DIR/rows.jsonl; lines that exist already are skipped. Tables and the figure are made from the rows alone.
-"""
-
-import json
-import shlex
-import sys
-from datetime import date
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from time import monotonic
-from typing import TYPE_CHECKING, Any
 
-from data.common.cli import Parser, run_command
-from data.common.errors import UserError
-from data.common.files import write_atomically
-from evaluation.harness.benchmark_page import machine, write_section
+import numpy as np
+import pandas as pd
 
-if TYPE_CHECKING:
-    from evaluation.matching_benchmark.pairs import Pair
-    from evaluation.matching_benchmark.worker import Task
+from data.generation.buildings import KINDS
+from evaluation.harness import Claim
+from evaluation.harness.plots import COLOURS, new_figure, save
+from evaluation.harness.tables import grouped, interval
+from evaluation.matching_benchmark.plan_sets import name_of_set
+from evaluation.matching_benchmark.scores import estimate, scores_of
 
-METHODS = ["combinatorial", "paper@published", "paper@repository", "voting", "learned"]
-SLOW = ("combinatorial",)
-REAL_ROOMS: tuple[int | None, ...] = (2, 4, 6, None)
-COMMANDS = "commands.jsonl"
-PROGRESS_EVERY_S = 10.0
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command line. Raises UserError."""
-    given = sys.argv[1:] if arguments is None else arguments
-    options = _parser().parse_args(given)
-    if not options.report_only:
-        _run(options, given)
-    _report(options)
-    return 0
+LINES = ("pairs of", "method")
+STARTS = (0.0, 1.0, 5.0, 20.0)  # metres, to within which the start is known
+LIMIT_S = 60.0  # above, a pair is not completed, as in the paper
+NAMES = {
+    "combinatorial": "iS-Graphs' search, `combinatorial`", "paper@published": "the paper's matcher, `paper@published`",
+    "paper@repository": "its repository's better parameters, `paper@repository`", "voting": "ours, `voting`",
+    "learned": "ours, `learned`", "pca-gm": "PCA-GM on our features, `pca-gm`",
+    "superglue": "SuperGlue on our features, `superglue`",
+}  # fmt: skip
+SETS = {"msd": "MSD apartments", "apartment": "generated apartments"}
+MAPS = {
+    "known_map": "parts of one map of the published SLAM, in its own frame",
+    "known_map_moved": "the same parts, placed anywhere", "sgslam": "maps of our own SLAM, simulated drives",
+}  # fmt: skip
 
 
-def _parser() -> Parser:
-    parser = Parser(prog="python -m evaluation.published.tables", description="Reproduce the published tables.")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for rows.jsonl and tables.md")
-    parser.add_argument("--msd", type=Path, metavar="DIR", help="apartments of Modified Swiss Dwellings as JSON")
-    parser.add_argument("--pairs", type=int, default=100, metavar="N", help="pairs per cell of --msd (default 100)")
-    parser.add_argument("--generated", type=int, default=0, metavar="N", help="generated apartments, one pair each")
-    parser.add_argument("--se2", type=Path, metavar="FILE", help="a known map, see evaluation.published.se2_subsets")
-    parser.add_argument("--slam-graphs", type=Path, metavar="DIR", help="maps made by evaluation.harness.slam_graphs")
-    parser.add_argument("--methods", nargs="*", default=METHODS, metavar="NAME")
-    parser.add_argument(
-        "--ablation",
-        nargs="+",
-        default=[],
-        metavar="NAME=FILE",
-        help="networks of matching.published.train",
-    )
-    parser.add_argument(
-        "--slow-pairs", type=int, default=25, metavar="N", help="pairs of combinatorial in the first table (default 25)"
-    )
-    parser.add_argument("--limit", type=float, default=60.0, metavar="S", help="time limit per pair (default 60)")
-    parser.add_argument("--seed", type=int, default=0, metavar="N")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes of one thread each (default 1)")
-    parser.add_argument("--report-only", action="store_true", help="only write the tables of existing rows")
-    parser.add_argument("--page", type=Path, metavar="FILE", help="page of results; its section 'published' is written")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="SVG file for F1 with an unknown start")
-    return parser
+# As printed in the paper, "Learning-Based Hierarchical Scene Graph Matching for Robot Localization Leveraging Prior
+# Maps": the MSD test set and the real environment. The replicas are others' measurements on apartments that they drew.
+PUBLISHED = (*LINES, "precision", "recall", "F1", "time (s)", "completed")
+PERTURBED = (
+    ("its MSD test set", "iS-Graphs, as published", "0.99", "0.92", "0.95", "7.66", "86 %"),
+    ("its MSD test set", "the paper's matcher, as published", "0.85", "0.85", "0.85", "0.093", "100 %"),
+    ("synthetic apartments", "a small replica of the paper's parameters", "0.683", "0.683", "0.683", "", "100 %"),
+    ("synthetic apartments", "a small replica of the better parameters", "0.966", "0.966", "0.966", "", "100 %"),
+)
+SLAM_BUILT = (
+    ("its real environment", "iS-Graphs, as published", "0.88", "0.53", "0.67", "0.191", "100 %"),
+    ("its real environment", "the paper's matcher, as published", "0.80", "0.88", "0.84", "0.021", "100 %"),
+)
 
 
-def _run(options: Any, given: list[str]) -> None:
-    from evaluation.matching_benchmark.rows import FILE, appending, read_rows
-    from evaluation.matching_benchmark.worker import run_tasks
-
-    for name, value in (("pairs", options.pairs), ("limit", options.limit), ("jobs", options.jobs)):
-        if not value > 0:
-            raise UserError(f"--{name} {value:g}: must be more than 0")
-    methods = _methods(options)
-    path = options.out / FILE
-    tasks = _tasks(options, methods, {r.key for r in read_rows(path)})
-    total = sum(len(t.methods) for t in tasks)
-    print(f"{total} matches to make", flush=True)
-    if total:
-        _remember(options.out, given)
-    began = printed = monotonic()
-    with appending(path) as append:
-        for done, row in enumerate(run_tasks(tasks, options.jobs, options.limit), 1):
-            append(row)
-            if monotonic() - printed > PROGRESS_EVERY_S or done == total:
-                printed = monotonic()
-                left = (printed - began) / done * (total - done) / 60
-                print(f"{done}/{total} {row.regime} {row.plan}, {row.method}: {row.status}; about {left:.0f} min left")
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """The published tables with ours below, F1 where the start is not known, and the contributions of the published
+    matcher's parts."""
+    own = _scored(rows)
+    whole, networks = own[own.network.isna()], own[own.network.notna()]
+    of_starts = _of_starts(own)
+    found = {
+        "perturbed": _below(PERTURBED, whole[whole.start_m == 0]),
+        "slam_built": _below(SLAM_BUILT, whole[whole.regime.isin(MAPS)]),
+        "unknown_start": grouped(of_starts.assign(method=of_starts.method.replace(NAMES)), ("method",), _unknown_start),
+        "contributions": grouped(networks.assign(method=networks.network), LINES, _measures),
+    }
+    return {name: table for name, table in found.items() if len(table)}
 
 
-def _methods(options: Any) -> tuple[str, ...]:
-    """The networks of the ablation; loads all methods once, so that mistakes are reported before anything runs."""
-    from matching import Matcher
-
-    networks = []
-    for text in options.ablation:
-        name, _, file = text.partition("=")
-        if not name or not file:
-            raise UserError(f"--ablation {text}: write NAME=FILE")
-        networks.append(f"paper@{file}")
-    for method in (*options.methods, *networks):
-        Matcher.load(method)
-    return tuple(networks)
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """F1 of the published matcher, and of ours, on apartments of the data set that it was published with."""
+    own = _scored(rows)
+    own = own[(own.start_m == 0) & ~own.plans.isin(KINDS)]
+    found = []
+    of = {"paper@published": "the published matcher, reproduced (0.85 in its paper)", "learned": "ours"}
+    for method, whose in of.items():
+        part = own[own.method == method]
+        text = f"F1 on MSD apartments with the published perturbation: {whose}"
+        found.append(Claim(text, interval(estimate(part, "node_f1")), f"{len(part)} pairs"))
+    return found
 
 
-def _tasks(options: Any, networks: tuple[str, ...], there: set[tuple[Any, ...]]) -> list["Task"]:
-    from evaluation.matching_benchmark.pairs import SGSLAM
-    from evaluation.matching_benchmark.tasks import key_of
-    from evaluation.matching_benchmark.worker import Task
-    from evaluation.published.pairs import SE2, MovedPair
-
-    tasks = []
-    for cell in _cells(options):
-        for n, pair in enumerate(cell):
-            plain = pair.regime == "paper"
-            in_tables = pair.regime != "real" and not isinstance(pair, MovedPair)
-            few = in_tables and (n < options.slow_pairs or pair.regime in (SE2, SGSLAM))
-            wanted = [m for m in options.methods if m not in SLOW or few]
-            wanted += networks if plain else ()
-            missing = tuple(m for m in wanted if key_of(pair, m) not in there)
-            if missing:
-                tasks.append(Task(pair, missing))
-    return tasks
+def plots(rows: pd.DataFrame, folder: Path) -> None:
+    """F1 against the uncertainty of the start and, in the regime `real`, against the rooms seen."""
+    own = _of_starts(_scored(rows))
+    figure = new_figure(7.4, 3.0)
+    axes = figure.subplots(1, 2, sharey=True)
+    for colour, (method, part) in zip(COLOURS, own.groupby("method", sort=False), strict=False):
+        for ax, by in zip(axes, ("start_m", "rooms"), strict=True):
+            f1 = part.groupby(by).node_f1.mean()
+            ax.plot([_number(at) for at in f1.index], f1, color=colour, marker="o", ms=3, label=method)
+    axes[0].set(title="published perturbation", xlabel="start known to within ± (m)", ylabel="F1", ylim=(0, 1.03))
+    axes[1].set(title="maps as of real scans", xlabel="rooms seen")
+    for ax in axes:
+        ax.grid(alpha=0.3)
+    axes[0].legend(fontsize=7, loc="lower left")
+    save(figure, folder / "published-collapse.svg")
 
 
-def _cells(options: Any) -> list[list["Pair"]]:
-    from evaluation.matching_benchmark.pairs import pairs_of_cell, slam_pairs
-    from evaluation.published import pairs as of
-
-    cells: list[list[Pair]] = []
-    if options.msd is not None:
-        drawn = pairs_of_cell(of.published_candidates(options.msd), "paper", None, options.pairs, options.seed)
-        cells += [of.with_starts(drawn)]
-        cells += [of.real_pairs(options.msd, [rooms], options.pairs, options.seed) for rooms in REAL_ROOMS]
-    if options.generated:
-        candidates = of.generated_candidates(options.generated)
-        cells.append(list(pairs_of_cell(candidates, "paper", None, options.generated, options.seed)))
-    if options.se2 is not None:
-        cells.append(of.known_map_pairs(options.se2))
-    if options.slam_graphs is not None:
-        cells.append(list(slam_pairs(options.slam_graphs)))
-    if not cells:
-        raise UserError("nothing to match: give --msd, --generated, --se2 or --slam-graphs")
-    return cells
+def _scored(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the pair's fields under their own names, and with scores of rooms and walls together."""
+    own = rows.rename(columns=lambda name: name.removeprefix("pair."))
+    sets = own.plans.map(name_of_set)
+    own["building"] = sets + "/" + own.building
+    own["pairs of"] = own.regime.map(MAPS).fillna(sets.map(SETS)).fillna(sets)
+    own["rooms"] = own.rooms.astype(float).fillna(np.inf).where(own.regime == "real")
+    own["completed"] = ~own.status.isin(("late", "failed")) & (own.seconds < LIMIT_S)
+    for count in ("right", "answered", "true", "spare", "left", "bins"):
+        own[f"node_tally.{count}"] = own[f"room_tally.{count}"] + own[f"wall_tally.{count}"]
+    return own.assign(**scores_of(own, "node"))
 
 
-def _remember(out: Path, given: list[str]) -> None:
-    command = shlex.join(["python", "-m", "evaluation.published.tables", *given])
-    path = out / COMMANDS
-    before = path.read_text().splitlines(keepends=True) if path.exists() else []
-    entry = json.dumps({"command": command, "machine": machine(), "date": date.today().isoformat()}) + "\n"
-    out.mkdir(parents=True, exist_ok=True)
-    if entry not in before:
-        write_atomically(path, "".join([*before, entry]))
+def _below(published: Sequence[tuple[str, ...]], rows: pd.DataFrame) -> pd.DataFrame:
+    """The published lines, and below them ours; empty without ours."""
+    ours = grouped(rows.assign(method=rows.method.replace(NAMES)), LINES, _measures)
+    if not len(ours):
+        return ours
+    theirs = pd.DataFrame(published, columns=list(PUBLISHED)).reindex(columns=ours.columns)
+    return pd.concat([theirs, ours])
 
 
-def _report(options: Any) -> None:
-    from evaluation.matching_benchmark.rows import FILE, read_rows
-    from evaluation.published.page import page_of
-
-    rows = read_rows(options.out / FILE)
-    if not rows:
-        raise UserError(f"{options.out / FILE}: no rows; run it without --report-only first")
-    networks = [(name, file) for name, _, file in (text.partition("=") for text in options.ablation)]
-    names = {f"paper@{file}": name for name, file in networks}
-    path = options.out / COMMANDS
-    lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    made = "".join(f"\n- `{v['command']}` on {v['machine']}, {v['date']}" for v in lines)
-    made += "".join(f"\n- {name}: `{_trained_by(Path(file))}`" for name, file in networks)
-    text = page_of(rows, names, options.figure) + made + "\n"
-    write_atomically(options.out / "tables.md", text)
-    if options.figure is not None:
-        from evaluation.published.plot import write_collapse
-
-        write_collapse(rows, options.figure)
-    if options.page is not None:
-        write_section(options.page, "published", text)
-    print(text)
+def _measures(own: pd.DataFrame) -> dict[str, str]:
+    done = own[own.completed]
+    nodes = {
+        name: interval(estimate(own, f"node_{name.lower()}")) for name in ("precision", "recall", "F1", "accuracy")
+    }
+    return {
+        "pairs": str(len(own)), **nodes, "time (s)": f"{own.seconds.mean():.3f}",
+        "completed": f"{100 * own.completed.mean():.0f} %",
+        "F1 of the completed": _f1(done) if len(done) < len(own) else "",
+    }  # fmt: skip
 
 
-def _trained_by(file: Path) -> str:
-    """The training command in a network's model card."""
-    card = file.with_name("model_card.json")
-    return str(json.loads(card.read_text())["command"]) if card.exists() else file.name
+def _of_starts(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows of given plans with the published perturbation or in the regime `real`, of methods with all starts."""
+    own = rows[rows.network.isna() & ~rows.plans.isin(KINDS) & (rows.start_m.notna() | rows.rooms.notna())]
+    return own[own.method.isin(own[own.start_m == STARTS[-1]].method)]
 
 
-if __name__ == "__main__":
-    run_command(main)
+def _unknown_start(own: pd.DataFrame) -> dict[str, str]:
+    starts = {f"±{start:g} m": _f1(part) for start, part in own.groupby("start_m")}
+    return starts | {f"`real`, {_number(rooms)} rooms": _f1(part) for rooms, part in own.groupby("rooms")}
+
+
+def _f1(own: pd.DataFrame) -> str:
+    return f"{own.node_f1.mean():.3f}" if len(own) else ""
+
+
+def _number(value: float) -> str:
+    return "all" if np.isinf(value) else f"{value:g}"

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.plans.mesh_files import is_mesh
 from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
+from evaluation.drives import Sequence
 
 Array = NDArray[np.float64]
 CLASSES = (
@@ -56,6 +58,17 @@ def register_to_bim(scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: 
     in_bim = np.array(poses)
     in_bim[:, :3, 3] += origin
     return Trajectory(np.array(stamps, dtype=np.int64), in_bim)
+
+
+def surfaces_of(sequence: Sequence) -> Array:
+    """(M, 3, 3) triangles of the surfaces of a sequence's building. Raises UserError if there are none."""
+    if is_mesh(sequence.bim):
+        from data.plans.mesh_plan import read_mesh
+
+        return np.asarray(read_mesh(sequence.bim).triangles)
+    if sequence.bim.suffix.lower() == ".json":
+        return surfaces_of_graph(sequence.a_graph)
+    return surfaces_of_ifc(sequence.bim)
 
 
 def surfaces_of_ifc(path: Path) -> Array:

@@ -1,101 +1,138 @@
-"""The ablation's tables in Markdown and LaTeX: mean and standard deviation over the seeds."""
+"""The ablation's tables, over the seeds of each sequence, and its claims."""
 
-import statistics
-from collections.abc import Callable
+from collections.abc import Mapping
+from typing import Any
 
-from evaluation.slam_ablation.rows import Records
+import pandas as pd
 
-Columns = dict[str, tuple[str, float]]  # of the CSV: heading, factor
+from evaluation.drives import Conditions
+from evaluation.harness import Claim
+from evaluation.harness.tables import bootstrapped, grouped, interval, mean, of
+from evaluation.metrics.bootstrap import ratio, upper_bound
+from evaluation.slam_ablation.variants import WITHOUT_ANCHORS, WITHOUT_PLAN
 
-ACCURACY: Columns = {
-    "rmse_bim_m": ("RMSE (m)", 1.0), "max_bim_m": ("max (m)", 1.0), "yaw_rmse_deg": ("yaw (deg)", 1.0),
-    "drift_reduction": ("drift reduction (%)", 100.0), "rpe_1m_m": ("RPE 1 m (m)", 1.0),
-    "drift_percent": ("drift (%)", 1.0), "first_anchor_s": ("first anchor (s)", 1.0),
+NORMAL = Conditions().name
+KEY = ["sequence.name", "conditions", "variant"]
+DRIVE = ["sequence.name", "conditions", "seed"]
+DRIVES = {
+    "demo": "demo building, ground floor", "institute": "an institute of 5 storeys, ground floor",
+    "office": "an office of 2 storeys", "basement": "a basement, its plan cut from a mesh",
 }  # fmt: skip
-MAP: Columns = {
-    "wall_precision": ("wall P", 1.0), "wall_recall": ("wall R", 1.0), "wall_offset_mm": ("offset (mm)", 1.0),
-    "wall_angle_deg": ("angle (deg)", 1.0), "room_precision": ("room P", 1.0), "room_recall": ("room R", 1.0),
-    "room_centroid_m": ("centroid (m)", 1.0), "match_precision": ("match P", 1.0), "match_recall": ("match R", 1.0),
-    "match_f1": ("match F1", 1.0),
+README = {
+    "kiss-icp": "KISS-ICP alone", "small_gicp": "small_gicp alone", "icp-to-bim": "each scan to the BIM by ICP",
+    "graph": "our map without the plan", "anchored:voting": "anchored by voting",
+    "anchored": "**anchored by learned**", "oracle": "oracle",
 }  # fmt: skip
-COST: Columns = {
-    "scans": ("scans", 1.0), "keyframes": ("keyframes", 1.0), "rooms": ("rooms", 1.0),
-    "wall_surfaces": ("wall surfaces", 1.0), "seconds": ("seconds", 1.0), "seconds_reading": ("reading", 1.0),
-    "seconds_odometry": ("odometry", 1.0), "seconds_surfaces": ("surfaces", 1.0), "seconds_rooms": ("rooms cut", 1.0),
-    "seconds_matching": ("matching", 1.0), "seconds_optimisation": ("optimisation", 1.0),
-    "peak_memory_mb": ("peak memory (MB)", 1.0),
+ACCURACY = {
+    "rmse_m": "RMSE (m)", "max_m": "max (m)", "yaw_rmse_deg": "yaw (deg)", "drift_reduction": "drift reduction (%)",
+    "rpe_1m_m": "RPE 1 m (m)", "drift_percent": "drift (%)", "first_anchor_s": "first anchor (s)",
+}  # fmt: skip
+MAP = {
+    "wall_precision": "wall P", "wall_recall": "wall R", "wall_offset_mm": "offset (mm)",
+    "wall_angle_deg": "angle (deg)", "room_precision": "room P", "room_recall": "room R",
+    "room_centroid_m": "centroid (m)", "match_precision": "match P", "match_recall": "match R", "match_f1": "match F1",
+}  # fmt: skip
+COST = {
+    "poses": "scans", "keyframes": "keyframes", "rooms": "rooms", "wall_surfaces": "wall surfaces",
+    "seconds": "seconds", "seconds_reading": "reading", "seconds_odometry": "odometry", "seconds_surfaces": "surfaces",
+    "seconds_rooms": "rooms cut", "seconds_loops": "loops", "seconds_matching": "matching",
+    "seconds_optimisation": "optimisation", "peak_memory_mb": "peak memory (MB)",
 }  # fmt: skip
 
 
-def groups(records: Records) -> dict[tuple[str, str, str], Records]:
-    """The runs by (sequence, conditions, variant), in the records' order."""
-    found: dict[tuple[str, str, str], Records] = {}
-    for record in records:
-        found.setdefault((record["sequence"], record["conditions"], record["arm"]), []).append(record)
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame | str]:
+    """README's table, those of accuracy, map, cost, the oracle and the weakened front ends; the least and
+    the largest length of a drive (m)."""
+    rows = prepared(rows)
+    normal = rows[rows.conditions == NORMAL]
+    weakened = rows[rows.weakening != ""].drop_duplicates(DRIVE)
+    return {
+        "readme": _readme(normal), "accuracy": _means(rows, ACCURACY),
+        "map": _means(rows[rows.keyframes.notna()], MAP), "cost": _means(rows, COST), "oracle": _behind_oracle(rows),
+        "weakened": weakened[["sequence.name", "seed", "weakening"]],
+        "lengths": f"{normal.driven_m.min():.0f} to {normal.driven_m.max():.0f}", **_texts(rows),
+    }  # fmt: skip
+
+
+def _texts(rows: pd.DataFrame) -> dict[str, str]:
+    """RMSE (m) and peak memory (MB) of the anchored runs: `rmse-SEQUENCE-CONDITIONS`, `memory-SEQUENCE-CONDITIONS`."""
+    found = {}
+    for (sequence, conditions), own in rows[rows.variant == "anchored"].groupby(["sequence.name", "conditions"]):
+        found[f"rmse-{sequence}-{conditions}"] = mean(own.rmse_m, ".4f")
+        found[f"memory-{sequence}-{conditions}"] = mean(own.peak_memory_mb, ".0f")
     return found
 
 
-def values(records: Records, column: str) -> list[float]:
-    """The numbers of a column, without empty cells."""
-    return [float(r[column]) for r in records if r[column]]
+def prepared(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the name of their `conditions`, and with `drift_reduction`: the percentage of the drift that the
+    anchors remove, 1 - RMSE / RMSE of the graph without anchors on the same drive."""
+    fields = [*Conditions.model_fields]
+    chosen = rows[[f"conditions.{name}" for name in fields]].set_axis(fields, axis=1).to_dict("records")
+    rows = rows.assign(conditions=[Conditions.model_validate(own).name for own in chosen])
+    graph = rows[rows.variant == "graph"][[*DRIVE, "rmse_m"]]
+    rows = rows.merge(graph, on=DRIVE, how="left", suffixes=("", "_graph"))
+    reduction = 100 * (1 - rows.rmse_m.astype(float) / rows.rmse_m_graph.astype(float))
+    return rows.assign(drift_reduction=reduction.mask(rows.variant.isin(WITHOUT_PLAN)))
 
 
-def markdown(records: Records, columns: Columns) -> str:
-    """Markdown table with a line for each sequence, condition and variant."""
-    head = ["sequence", "conditions", "variant", "runs", "anchored", "poses matched", *(h for h, _ in columns.values())]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join(row) + " |" for row in _rows(records, columns, _mean_and_deviation)]
-    return "\n".join(lines) + "\n"
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """The error of the anchored runs, how many there are, and their error relative to KISS-ICP alone."""
+    rows = prepared(rows)
+    rows = rows[rows.conditions == NORMAL]
+    own, peer = (rows[rows.variant == variant] for variant in ("anchored", "kiss-icp"))
+    both = own.merge(peer, on=DRIVE, suffixes=("", "_peer")).dropna(subset="rmse_m")
+    if both.empty:
+        return []
+    rmse, missed = bootstrapped(own.rmse_m, own["sequence.bim"]), int((~own.anchored).sum())
+    anchored = f"{of(len(own) - missed, len(own))}, at least {1 - upper_bound(missed, len(own)):.0%}"
+    relative = ratio(both.rmse_m, both.rmse_m_peer, both["sequence.bim"].tolist())
+    cases, compared = (f"{len(drives)} drives, {drives['sequence.bim'].nunique()} buildings" for drives in (own, both))
+    return [
+        Claim("RMSE in building coordinates (m), no initial pose given", interval(rmse, ".4f"), cases),
+        Claim("Share of the drives that are anchored", anchored, cases),
+        Claim("RMSE relative to KISS-ICP alone with the true first pose", interval(relative), compared),
+    ]
 
 
-def latex(records: Records, columns: Columns) -> str:
-    r"""The same as a `tabular` with booktabs' rules; needs \usepackage{booktabs}."""
-    head = ["sequence", "conditions", "variant", "runs", "anchored", "poses matched", *(h for h, _ in columns.values())]
-    lines = [rf"\begin{{tabular}}{{lll{'r' * (len(head) - 3)}}}", r"\toprule"]
-    lines += [" & ".join(map(_escaped, head)) + r" \\", r"\midrule"]
-    lines += [" & ".join(map(_escaped, row)) + r" \\" for row in _rows(records, columns, _mean_and_deviation)]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
+def _readme(rows: pd.DataFrame) -> pd.DataFrame:
+    there = {variant: heading for variant, heading in README.items() if variant in set(rows.variant)}
+
+    def cells(own: pd.DataFrame) -> dict[str, str]:
+        name = own["sequence.name"].iloc[0]
+        errors = {heading: _error(own[own.variant == variant]) for variant, heading in there.items()}
+        return {"drives": DRIVES.get(name, name)} | errors
+
+    return grouped(rows, ["sequence.name"], cells).drop(columns="sequence.name", errors="ignore")
 
 
-def against_oracle(records: Records) -> str:
-    """Markdown table of each anchored variant's RMSE against the oracle's; empty without an oracle."""
-    found = groups(records)
+def _error(own: pd.DataFrame) -> str:
+    """The mean RMSE, and how many are anchored if not all of them are."""
+    known = own.rmse_m.dropna().astype(float)
+    error = f"{known.mean():.3f} m" if len(known) else ""
+    return error if len(known) == len(own) else f"{error} ({len(known)} of {len(own)} anchored)".strip()
+
+
+def _means(rows: pd.DataFrame, columns: Mapping[str, str]) -> pd.DataFrame:
+    def cells(own: pd.DataFrame) -> dict[str, str]:
+        anchored = "" if own.variant.iloc[0] in WITHOUT_ANCHORS else of(own.anchored.sum(), len(own))
+        matched = of(own.matched_poses.sum(), own.poses.sum())
+        counts = {"runs": str(len(own)), "anchored": anchored, "poses matched": matched}
+        return counts | {heading: _mean(own[column]) for column, heading in columns.items()}
+
+    return grouped(rows, KEY, cells).rename(columns={"sequence.name": "sequence"})
+
+
+def _mean(values: "pd.Series[Any]") -> str:
+    return mean(values, ".0f" if values.astype(float).abs().max() >= 100 else ".3g")
+
+
+def _behind_oracle(rows: pd.DataFrame) -> pd.DataFrame:
+    """The RMSE of each anchored variant against the oracle's, means over the seeds."""
+    errors = rows.rmse_m.astype(float).groupby([rows[name] for name in KEY], sort=False).mean()
     lines = []
-    for (sequence, conditions, variant), own in found.items():
-        best = values(found.get((sequence, conditions, "oracle"), []), "rmse_bim_m")
-        mine = values(own, "rmse_bim_m")
-        if variant.startswith("anchored") and best and mine:
-            oracle, error = statistics.mean(best), statistics.mean(mine)
+    for (sequence, conditions, variant), error in errors.items():
+        oracle = errors.get((sequence, conditions, "oracle"))
+        if variant.startswith("anchored") and oracle is not None:
             behind = f"{100 * (error / oracle - 1):+.0f} %"
-            lines.append(f"| {sequence} | {conditions} | {variant} | {error:.4f} | {oracle:.4f} | {behind} |")
-    if not lines:
-        return ""
-    head = "| sequence | conditions | variant | RMSE (m) | oracle's RMSE (m) | behind the oracle |"
-    return "\n".join([head, "|---|---|---|---|---|---|", *lines]) + "\n"
-
-
-def _rows(records: Records, columns: Columns, format_cell: Callable[[list[float]], str]) -> list[list[str]]:
-    rows = []
-    for key, own in groups(records).items():
-        anchored = sum(r["anchored"] == "True" for r in own)
-        poses = f"{sum(int(r['matched_poses']) for r in own)} of {sum(int(r['total_poses']) for r in own)}"
-        cells = [format_cell([factor * v for v in values(own, c)]) for c, (_, factor) in columns.items()]
-        rows.append([*key, str(len(own)), str(anchored), poses, *cells])
-    return rows
-
-
-def _mean_and_deviation(numbers: list[float]) -> str:
-    if not numbers:
-        return ""
-    spread = f" ± {statistics.stdev(numbers):.2g}" if len(numbers) > 1 else ""
-    return f"{_short(statistics.mean(numbers))}{spread}"
-
-
-def _short(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
-
-
-def _escaped(text: str) -> str:
-    for plain, written in (("%", r"\%"), ("_", r"\_"), ("&", r"\&"), ("±", r"$\pm$")):
-        text = text.replace(plain, written)
-    return text
+            lines.append((sequence, conditions, variant, f"{error:.4f}", f"{oracle:.4f}", behind))
+    return pd.DataFrame(lines, columns=["sequence", "conditions", "variant", "RMSE (m)", "oracle's RMSE (m)", "behind"])

@@ -1,134 +1,88 @@
-"""`python -m evaluation.studies.as_built --out DIR`: precision and recall of reported deviations from the plan.
+"""Precision and recall of reported deviations from the plan.
 
 Each building is driven twice per seed: with a share of its walls moved by 10 to 30 cm, and with some walls absent and
-some added that the plan lacks. The storey is given, since a similar unchanged storey would explain the map better. The
-CSV has a line for each drive and kind of deviation; lines that exist already are skipped.
+some added that the plan lacks. The storey is given, since a similar unchanged storey would explain the map better.
 """
 
-import argparse
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
+import pandas as pd
 
-from data.common.cli import Parser, run_command
 from data.common.errors import UserError
-from data.common.files import write_atomically
 from data.scans import ScanFolder
 from data.simulation import Changes
-from evaluation.harness import (
-    Conditions,
-    Sequence,
-    SequenceSpec,
-    prepare,
-    read_records,
-    read_specs,
-    select_sequences,
-    write_records,
-)
-from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.record_file import Record
-from evaluation.harness.sequences import storey_of
-from evaluation.metrics.as_built_scores import KINDS, LEAST_VIEWS, deviation_scores
+from evaluation.drives.conditions import Conditions, Share
+from evaluation.drives.runs import run_through
+from evaluation.drives.sequences import DriveCase, DriveOptions, Sequence, SequenceSpec, prepare, storey_of
+from evaluation.harness import Claim, Record, Study
+from evaluation.harness.tables import grouped, interval, of
+from evaluation.metrics.as_built_scores import KINDS, DeviationScore, deviation_scores
+from evaluation.metrics.bootstrap import ratio
+from evaluation.metrics.trajectories import error_in_bim
 from evaluation.metrics.true_walls import TrueWall, true_walls
 from sgslam.config import Config, MatchingSettings
+from sgslam.mapping import KeyframeRule
+from sgslam.slam import SceneGraphSlam
 
-DEMO = [SequenceSpec("demo", "demo", min_rooms=14, min_length=90.0)]
-MOVED, GONE = 0.3333, 0.12  # shares of a storey's walls: moved; absent, and as many added
 WITHIN_M = 0.03  # of a moved wall's true offset
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One kind of deviation in one drive.
+class Choice(DriveOptions):
+    """Which drives, and the shares of a storey's walls that are `moved`, and `gone`: absent, and as many added."""
 
-    `found` of the `expected` walls were reported; of the `told` reports, `right` are true. `offsets_mm` are the offset
-    errors of the moved walls that were found.
-    """
-
-    sequence: str
-    conditions: str
-    seed: int
-    kind: str
-    anchored: bool
-    rmse_bim_m: float | None
-    expected: int
-    found: int
-    told: int
-    right: int
-    offsets_mm: str
-    missed: str
-    false: str
+    sequences: tuple[str, ...] = ("institute", "office")
+    moved: Share = 0.3333
+    gone: Share = 0.12
+    method: str = MatchingSettings().method
 
 
-COLUMNS = tuple(f.name for f in fields(Row))
+class Changed(DriveCase):
+    """A drive through a building that is not as planned."""
+
+    conditions: Conditions
+    method: str
 
 
-def measure(
-    specs: list[SequenceSpec], seeds: list[int], shares: tuple[float, float], out: Path, config: Config
-) -> list[Record]:
-    """Runs what `out`/as_built.csv lacks; returns all requested records.
+class Deviations(Record):
+    """The scores of a run's reports by kind, and its RMSE (m) in the BIM frame; None if it is not anchored."""
 
-    `shares` are those of the moved walls, and of the absent and of the added ones; `config` is the runs'. Raises
-    UserError as the simulator and the readers do.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    path = out / "as_built.csv"
-    records = read_records(path, COLUMNS)
-    requested = []
-    for spec in specs:
+    rmse_m: float | None
+    moved: DeviationScore
+    absent: DeviationScore
+    extra: DeviationScore
+
+
+def cases(options: Choice) -> list[Changed]:
+    """Each drive with walls moved, and with walls absent and added. Raises UserError for walls that are fixed."""
+    drives = list(options.drives())
+    for spec, _ in drives:
         if not spec.simulated or spec.is_mesh:
             raise UserError(f"'{spec.name}': not a simulated IFC model; leave it out, only those can be changed")
-        for seed in seeds:
-            for conditions in _conditions(shares):
-                key = (spec.name, conditions.name, str(seed))
-                requested.append(key)
-                if any(_key(r) == key for r in records):
-                    continue
-                fresh = [_record(row) for row in _rows(spec, seed, conditions, out, config)]
-                records += fresh
-                write_records(path, COLUMNS, records)
-                print("; ".join(_short(r) for r in fresh), flush=True)
-    return [r for r in records if _key(r) in set(requested)]
+    gone = Conditions(absent_walls=options.gone, unplanned_walls=options.gone)
+    changes = (Conditions(moved_walls=options.moved), gone)
+    return [
+        Changed(sequence=spec, seed=seed, conditions=conditions, method=options.method)
+        for spec, seed in drives for conditions in changes if conditions.of_the_drive
+    ]  # fmt: skip
 
 
-def _conditions(shares: tuple[float, float]) -> Iterator[Conditions]:
-    if shares[0]:
-        yield Conditions(moved_walls=shares[0])
-    if shares[1]:
-        yield Conditions(absent_walls=shares[1], unplanned_walls=shares[1])
-
-
-def _rows(spec: SequenceSpec, seed: int, conditions: Conditions, out: Path, config: Config) -> Iterator[Row]:
-    from evaluation.metrics.trajectories import error_in_bim
-    from sgslam.slam import SceneGraphSlam
-
-    sequence = prepare(spec, seed, out, conditions)
-    walls = walls_of(spec, sequence)
+def measure(case: Changed, work: Path) -> Deviations:
+    """Runs the drive with the plan of its storey."""
+    sequence = prepare(case.sequence, case.seed, work, case.conditions)
     storey = storey_of(sequence.a_graph, sequence.truth.poses[0])
+    config = Config(matching=MatchingSettings(method=case.method))
     slam = SceneGraphSlam(sequence.a_graph.on_floor(storey), config=config)
-    for scan in ScanFolder(sequence.scan_dir):
-        slam.add_scan(scan.stamp_ns, scan.points)
-    result = slam.finish()
-    write_atomically(sequence.scan_dir.parent / "deviations.json", json.dumps(result.deviations, indent=1))
+    result = run_through(slam, ScanFolder(sequence.scan_dir))
+    walls = walls_of(case.sequence, sequence)
     scores = deviation_scores(result.deviations, result.s_graph, sequence.a_graph, result.T_bim_map, walls)
     rmse = error_in_bim(result.trajectory, sequence.truth).position.rmse if result.anchored else None
-    for kind, of_kind in scores.items():
-        s = of_kind.score
-        yield Row(
-            sequence=spec.name, conditions=conditions.name, seed=seed, kind=kind, anchored=result.anchored,
-            rmse_bim_m=rmse, expected=s.expected, found=s.found, told=s.answered, right=s.right,
-            offsets_mm=" ".join(f"{1000 * e:.1f}" for e in of_kind.offset_errors),
-            missed=" ".join(of_kind.missed), false=" ".join(of_kind.false),
-        )  # fmt: skip
+    return Deviations(rmse_m=rmse, **scores)
 
 
 def walls_of(spec: SequenceSpec, sequence: Sequence) -> list[TrueWall]:
     """The true walls of a drive's storey, with the poses of would-be keyframes as viewpoints."""
-    from sgslam.mapping import KeyframeRule
-
     drive, c = sequence.scan_dir.parent, sequence.conditions
     rule = KeyframeRule(Config().keyframes)
     keyframes = [k for k, pose in enumerate(sequence.truth.poses) if rule.wants(pose)]
@@ -138,89 +92,52 @@ def walls_of(spec: SequenceSpec, sequence: Sequence) -> list[TrueWall]:
     return true_walls(ifc, settings["storey"], changes, sequence.seed, sequence.truth, keyframes, drive / "walls.json")
 
 
-def table(records: list[Record]) -> str:
-    """Markdown table: a line for each sequence and kind, over its seeds."""
-    head = ("sequence", "drives", "walls", "kind", "to find", "recall", "precision", "offset error, median",
-            "within 3 cm", "RMSE (m)")  # fmt: skip
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    groups: dict[tuple[str, str, str], list[Record]] = {}
-    for r in records:
-        groups.setdefault((r["sequence"], r["conditions"], r["kind"]), []).append(r)
-    for (sequence, conditions, kind), own in groups.items():
-        offsets = [float(x) for r in own for x in r["offsets_mm"].split()]
-        errors = [float(r["rmse_bim_m"]) for r in own if r["rmse_bim_m"]]
-        lines.append("| " + " | ".join([
-            sequence, str(len(own)), conditions, kind, str(_total(own, "expected")),
-            _share(own, "found", "expected"), _share(own, "right", "told"),
-            f"{np.median(offsets):.1f} mm" if offsets else "",
-            f"{sum(x <= 1000 * WITHIN_M for x in offsets)}/{len(offsets)}" if offsets else "",
-            f"{np.mean(errors):.4f}" if errors else "not anchored",
-        ]) + " |")  # fmt: skip
-    return "\n".join(lines) + "\n"
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """A line for each sequence, what became of its walls, and kind of deviation, over its seeds."""
+
+    def cells(own: pd.DataFrame) -> dict[str, str]:
+        right, reported, found, expected = own[["score.right", "score.answered", "score.found", "score.expected"]].sum()
+        offsets = own.offset_errors.explode().dropna().astype(float)
+        return {
+            "drives": str(len(own)), "to find": str(expected), "recall": _share(found, expected),
+            "precision": _share(right, reported),
+            "offset error, median": f"{1000 * offsets.median():.1f} mm" if len(offsets) else "",
+            "within 3 cm": of((offsets <= WITHIN_M).sum(), len(offsets)),
+            "RMSE (m)": f"{own.rmse_m.mean():.4f}" if own.rmse_m.notna().any() else "not anchored",
+        }  # fmt: skip
+
+    shares = zip(rows["conditions.moved_walls"], rows["conditions.absent_walls"], strict=True)
+    walls = [f"{100 * m:.0f} % moved" if m else f"{100 * a:.0f} % absent, as many added" for m, a in shares]
+    rows = rows.rename(columns={"sequence.name": "sequence"}).assign(walls=walls)
+    kinds = pd.concat([_of_kind(rows, kind) for kind in KINDS]).sort_index(kind="stable")
+    return {"deviations": grouped(kinds, ("sequence", "walls", "kind"), cells)}
 
 
-def _total(records: list[Record], column: str) -> int:
-    return sum(int(r[column]) for r in records)
+def _of_kind(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """The rows with the counts of one kind of deviation as columns of their own."""
+    return rows.assign(kind=kind).rename(columns=lambda name: name.removeprefix(f"{kind}."))
 
 
-def _share(records: list[Record], part: str, whole: str) -> str:
-    a, b = _total(records, part), _total(records, whole)
-    return f"{a / b:.2f} ({a}/{b})" if b else ""
+def _share(part: int, whole: int) -> str:
+    return f"{part / whole:.2f} ({of(part, whole)})" if whole else ""
 
 
-def _short(r: Record) -> str:
-    where = f"{r['sequence']} seed {r['seed']} {r['conditions']}: " if r["kind"] == "moved" else ""
-    return f"{where}{r['kind']} found {r['found']}/{r['expected']}, right {r['right']}/{r['told']}"
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """Recall and precision of moved walls."""
+    buildings = rows["sequence.name"].tolist()
+
+    def claim(text: str, part: str, whole: str) -> Claim:
+        counts, of_counts = rows[f"moved.score.{part}"], rows[f"moved.score.{whole}"]
+        share = interval(ratio(counts, of_counts, buildings), ".2f")
+        return Claim(text, share, f"{of(counts.sum(), of_counts.sum())} walls, {len(rows)} drives")
+
+    return [
+        claim("Walls built 10 to 30 cm off the plan that are reported", "found", "expected"),
+        claim("Reports of moved walls that are true", "right", "answered"),
+    ]
 
 
-def _key(record: Record) -> tuple[str, ...]:
-    return record["sequence"], record["conditions"], record["seed"]
-
-
-def _record(row: Row) -> Record:
-    return {name: "" if (value := getattr(row, name)) is None else str(value) for name in COLUMNS}
-
-
-def _parser() -> argparse.ArgumentParser:
-    about = "Measure which deviations of walls from the plan are reported, and how many reports are false."
-    parser = Parser(prog="python -m evaluation.studies.as_built", description=about)
-    add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="folder for as_built.csv, as_built.md and drives")
-    add("--list", type=Path, metavar="FILE", help="YAML list of sequences (default: the demo building)")
-    add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
-    add("--moved", type=float, default=MOVED, metavar="SHARE", help=f"share of walls moved (default {MOVED})")
-    add("--gone", type=float, default=GONE, metavar="SHARE",
-        help=f"share of walls absent, and added, each (default {GONE})")  # fmt: skip
-    add("--method", default=MatchingSettings().method, metavar="NAME", help="matching method (default %(default)s)")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'as-built' is written")
-    return parser
-
-
-def main() -> int:
-    """The command line."""
-    options = _parser().parse_args()
-    specs = select_sequences(DEMO if options.list is None else read_specs(options.list), options.sequences)
-    config = Config(matching=MatchingSettings(method=options.method))
-    text = table(measure(specs, options.seeds, (options.moved, options.gone), options.out, config))
-    write_atomically(options.out / "as_built.md", f"# As built against as planned\n\n{text}")
-    if options.benchmarks is not None:
-        command = f"python -m evaluation.studies.as_built --out {options.out.name} --method {options.method}"
-        command += f" --benchmarks {options.benchmarks.name}"
-        section = f"## As built against as planned\n\n{_ABOUT}\n\n{text}\nBy {made_by(command)}."
-        write_section(options.benchmarks, "as-built", section)
-    print(text)
-    return 0
-
-
-_ABOUT = (
-    f"Walls are counted by IFC wall. To find: walls of which {LEAST_VIEWS} keyframes or more could see half a metre "
-    "(through the place of an absent wall). Moved walls are built 10 to 30 cm off the plan; extra walls are missing in "
-    "the plan. Precision is over all significant reports, for extra walls over wall surfaces. Kinds: "
-    f"{', '.join(KINDS)}; in each drive all three may be reported falsely. The run gets the storey, but no initial "
-    "pose."
-)
-
-
-if __name__ == "__main__":
-    run_command(main)
+STUDY = Study(
+    "as_built", "which walls that are not as planned are reported, and how many reports are false",
+    Choice, Choice(sequences=("demo",), seeds=(0,)), Changed, Deviations, cases, measure, tables, claims,
+)  # fmt: skip

@@ -1,194 +1,142 @@
 """KISS-ICP, small_gicp and an external odometry, alone and in runs.
 
-    python -m evaluation.studies.odometries --out DIR --list FILE
-
-Alone: on the points that a run passes to it, without walls, floor or plan. The external odometry is a TUM file of
-KISS-ICP on whole scans. The CSV has a line for each drive and odometry; lines that exist already are skipped.
+Alone: on the points that a run passes to it, without walls, floor or plan. The external odometry is KISS-ICP on whole
+scans, with its own best settings. Computing times are relative to KISS-ICP's own pipeline on the same drive.
 """
 
-import argparse
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from itertools import islice
 from pathlib import Path
 from time import process_time
+from typing import Literal
 
-import numpy as np
+import pandas as pd
 
-from data.common.cli import Parser, run_command
-from data.common.files import write_atomically
-from data.scans import ScanFolder
+from data.scans import Scan, ScanFolder
 from data.trajectory import Trajectory
-from evaluation.harness import RecordFile, Sequence, SequenceSpec, prepare, read_specs, select_sequences
-from evaluation.harness.benchmark_page import made_by, write_section
-from evaluation.harness.record_file import Record
-from evaluation.harness.sequences import odometry_alone, odometry_of_run
+from evaluation.drives import Sequence, prepare
+from evaluation.drives.conditions import NORMAL
+from evaluation.drives.runs import run_through
+from evaluation.drives.sequences import DriveCase, DriveOptions, odometry_of_run
+from evaluation.harness import Claim, Cost, Record, Study
+from evaluation.harness.tables import each, grouped, interval
+from evaluation.metrics.bootstrap import ratio
 from evaluation.metrics.consistency import nees
 from evaluation.metrics.trajectories import ape, error_in_bim, rpe
-from evaluation.studies.timing import seconds_of_kiss_icp
+from evaluation.slam_ablation.peers import cpu_seconds_of_kiss_icp, kiss_icp_alone
+from matching import Matcher
+from matching.self_test import make_ready
 from sgslam.config import Config, OdometrySettings
-from sgslam.odometry import METHODS
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
-ODOMETRIES = {"kiss": "KISS-ICP", "small_gicp": "small_gicp", "given": "a TUM file"}
+ODOMETRIES = {"kiss": "KISS-ICP", "small_gicp": "small_gicp", "external": "external"}
 RPE_M = 1.0
+WARM_UP = 20  # scans that are run first, so that libraries and compiled loops are loaded before time counts
 WRONG_M = 0.5  # RMSE above which an anchored run counts as anchored to a wrong place
+Name = Literal["kiss", "small_gicp", "external"]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Row:
-    """One drive with one odometry.
+class Choice(DriveOptions):
+    """The drives and the odometries."""
 
-    `alone_*` are the odometry's relative error over a metre and its absolute error after SE(3) alignment (m). `cpu_*`
-    are CPU seconds, reading the scans included; `cpu_kiss` are those of KISS-ICP's own pipeline on the same drive.
-    """
+    sequences: tuple[str, ...] = ("demo", "institute")
+    odometries: tuple[Name, ...] = ("kiss", "small_gicp", "external")
 
-    sequence: str
-    seed: int
-    odometry: str
-    scans: int
+
+class Run(DriveCase):
+    """A drive with one odometry."""
+
+    odometry: Name
+
+
+class Errors(Record):
+    """`alone_*` are the odometry's relative error over a metre and its absolute error after SE(3) alignment (m);
+    `rmse_m` and `max_m` those of the run in the BIM frame. `cpu_*` are CPU seconds, reading the scans included;
+    `cpu_kiss` are those of KISS-ICP's own pipeline on the same drive."""
+
     alone_rpe_m: float
     alone_ape_m: float
     anchored: bool
-    rmse_bim_m: float | None
-    max_bim_m: float | None
+    rmse_m: float | None
+    max_m: float | None
     nees_per_dof: float | None
-    cpu_alone: float
-    cpu_run: float
-    cpu_kiss: float
+    cpu_alone: Cost
+    cpu_run: Cost
+    cpu_kiss: Cost
 
 
-def measure(specs: list[SequenceSpec], seeds: list[int], names: Iterable[str], out: Path) -> list[Record]:
-    """Runs what `out`/odometries.csv lacks; returns all requested records.
-
-    Raises UserError as the simulator and the readers do.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    file, requested = RecordFile(out / "odometries.csv", Row), []
-    for spec in specs:
-        for seed in seeds:
-            cpu_kiss: float | None = None
-            for name in names:
-                record = file.find(sequence=spec.name, seed=seed, odometry=name)
-                if record is None:
-                    sequence = prepare(spec, seed, out)
-                    cpu_kiss = cpu_kiss or seconds_of_kiss_icp(sequence.scan_dir)["cpu"]
-                    record = file.add(_row(sequence, name, cpu_kiss))
-                    print(_short(record), flush=True)
-                requested.append(record)
-    return requested
+def cases(options: Choice) -> list[Run]:
+    """Each drive with all odometries."""
+    return [
+        Run(sequence=spec, seed=seed, odometry=name)
+        for spec, seed in options.drives() for name in options.odometries
+    ]  # fmt: skip
 
 
-def _row(sequence: Sequence, name: str, cpu_kiss: float) -> Row:
-    config = Config(odometry=OdometrySettings(method=name)) if name in METHODS else Config()  # type: ignore[arg-type]
-    used = process_time()
-    alone = odometry_of_run(ScanFolder(sequence.scan_dir), config) if name in METHODS else _given(sequence)
-    cpu_alone = process_time() - used
-    used = process_time()
-    result = _run(sequence, config, None if name in METHODS else ExternalOdometry(alone))
-    cpu_run = process_time() - used
+def measure(case: Run, work: Path) -> Errors:
+    """Runs the odometry alone, and the system with it; the drive is simulated if it is missing."""
+    sequence = prepare(case.sequence, case.seed, work, NORMAL)
+    scans = ScanFolder(sequence.scan_dir)
+    make_ready(Matcher.load(), Config().matching.method)
+    _run(case.odometry, sequence, list(islice(scans, WARM_UP)))
+    alone, result, cpu_alone, cpu_run = _run(case.odometry, sequence, scans)
     error = error_in_bim(result.trajectory, sequence.truth).position if result.anchored else None
     known = result.pose_covariances
-    return Row(
-        sequence=sequence.name, seed=sequence.seed, odometry=name, scans=len(result.trajectory),
+    return Errors(
         alone_rpe_m=rpe(alone, sequence.truth, RPE_M).translation.rmse,
         alone_ape_m=ape(alone, sequence.truth, "se3").translation.rmse,
-        anchored=result.anchored, rmse_bim_m=None if error is None else error.rmse,
-        max_bim_m=None if error is None else error.max,
+        anchored=result.anchored, rmse_m=None if error is None else error.rmse,
+        max_m=None if error is None else error.max,
         nees_per_dof=None if known is None else nees(known.trajectory, sequence.truth, known.covariances),
-        cpu_alone=cpu_alone, cpu_run=cpu_run, cpu_kiss=cpu_kiss,
+        cpu_alone=cpu_alone, cpu_run=cpu_run, cpu_kiss=cpu_seconds_of_kiss_icp(sequence.scan_dir),
     )  # fmt: skip
 
 
-def _given(sequence: Sequence) -> Trajectory:
-    """The external odometry of the drive, cached next to the scans."""
-    kept = sequence.scan_dir.parent / f"{sequence.scan_dir.name}.given.tum"
-    if not kept.exists():
-        odometry_alone(ScanFolder(sequence.scan_dir)).write_tum(kept)
-    return Trajectory.read_tum(kept)
-
-
-def _run(sequence: Sequence, config: Config, given: ExternalOdometry | None) -> Result:
+def _run(name: Name, sequence: Sequence, scans: Iterable[Scan]) -> tuple[Trajectory, Result, float, float]:
+    """The odometry alone, the run with it, and the CPU seconds of both."""
+    config = Config() if name == "external" else Config(odometry=OdometrySettings(method=name))
+    began = process_time()
+    alone = kiss_icp_alone(scans) if name == "external" else odometry_of_run(scans, config)
+    ended = process_time()
     slam = SceneGraphSlam(sequence.a_graph, config=config)
-    for scan in ScanFolder(sequence.scan_dir):
-        T_odom_sensor = None if given is None else given.at(scan.stamp_ns)
-        slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
-    return slam.finish()
+    result = run_through(slam, scans, ExternalOdometry(alone) if name == "external" else None)
+    return alone, result, ended - began, process_time() - ended
 
 
-def table(records: list[Record]) -> str:
-    """Markdown table: a line for each sequence and odometry, over its seeds."""
-    head = ("sequence", "odometry", "drives", "alone: RPE over 1 m (m)", "alone: APE (m)", "anchored", "wrong",
-            "RMSE in the BIM frame (m)", "largest error (m)", "NEES per dof", "alone, times KISS-ICP",
-            "whole run, times KISS-ICP")  # fmt: skip
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    groups: dict[tuple[str, str], list[Record]] = {}
-    for record in records:
-        groups.setdefault((record["sequence"], record["odometry"]), []).append(record)
-    for (sequence, name), own in groups.items():
-        errors = _numbers(own, "rmse_bim_m")
-        lines.append("| " + " | ".join([
-            sequence, ODOMETRIES[name], str(len(own)), f"{np.mean(_numbers(own, 'alone_rpe_m')):.3f}",
-            f"{np.mean(_numbers(own, 'alone_ape_m')):.3f}", f"{sum(r['anchored'] == 'True' for r in own)}",
-            f"{sum(error > WRONG_M for error in errors)}", _each(errors, 4), _each(_numbers(own, "max_bim_m"), 3),
-            _each(_numbers(own, "nees_per_dof"), 2),
-            "" if name == "given" else f"{_ratio(own, 'cpu_alone'):.2f}", f"{_ratio(own, 'cpu_run'):.2f}",
-        ]) + " |")  # fmt: skip
-    return "\n".join(lines) + "\n"
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """A line for each sequence and odometry, over its seeds."""
+
+    def cells(own: pd.DataFrame) -> dict[str, str]:
+        external = own.odometry.iloc[0] == "external"
+        return {
+            "drives": str(len(own)), "alone: RPE over 1 m (m)": f"{own.alone_rpe_m.mean():.3f}",
+            "alone: APE (m)": f"{own.alone_ape_m.mean():.3f}", "anchored": str(own.anchored.sum()),
+            "wrong": str((own.rmse_m > WRONG_M).sum()), "RMSE in the BIM frame (m)": each(own.rmse_m, ".4f"),
+            "largest error (m)": each(own.max_m), "NEES per dof": each(own.nees_per_dof, ".2f"),
+            "alone, times KISS-ICP": "" if external else f"{(own.cpu_alone / own.cpu_kiss).median():.2f}",
+            "whole run, times KISS-ICP": f"{(own.cpu_run / own.cpu_kiss).median():.2f}",
+        }  # fmt: skip
+
+    table = grouped(rows, ["sequence.name", "odometry"], cells).rename(columns={"sequence.name": "sequence"})
+    return {"odometries": table.assign(odometry=table.odometry.map(ODOMETRIES))}
 
 
-def _numbers(records: list[Record], column: str) -> list[float]:
-    return [float(r[column]) for r in records if r[column]]
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How much the error depends on the odometry."""
+    anchored, drive = rows.dropna(subset="rmse_m"), ["sequence.name", "seed"]
+    kiss, other = (anchored[anchored.odometry == name] for name in ("kiss", "small_gicp"))
+    both = other.merge(kiss, on=drive, suffixes=("", "_kiss"))
+    if both.empty:
+        return []
+    relative = ratio(both.rmse_m, both.rmse_m_kiss, both["sequence.bim"].tolist())
+    cases = f"{len(both)} drives, {both['sequence.bim'].nunique()} buildings"
+    return [Claim("RMSE of anchored runs with small_gicp, relative to KISS-ICP", interval(relative, ".2f"), cases)]
 
 
-def _each(numbers: list[float], places: int) -> str:
-    return ", ".join(f"{number:.{places}f}" for number in numbers)
-
-
-def _ratio(records: list[Record], column: str) -> float:
-    return float(np.median([float(r[column]) / float(r["cpu_kiss"]) for r in records]))
-
-
-def _short(r: Record) -> str:
-    error = f"{float(r['rmse_bim_m']):.4f} m" if r["rmse_bim_m"] else "not anchored"
-    return f"{r['sequence']} seed {r['seed']} {r['odometry']}: alone {float(r['alone_ape_m']):.3f} m, {error}"
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="python -m evaluation.studies.odometries", description="Measure the odometries.")
-    add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="folder for odometries.csv, odometries.md, drives")
-    add("--list", type=Path, required=True, metavar="FILE", help="YAML list of sequences")
-    add("--sequences", nargs="+", metavar="NAME", help="only these of the list")
-    add("--seeds", nargs="+", type=int, default=[0, 1, 2], metavar="N", help="seeds of the drives (default 0 1 2)")
-    add("--odometries", nargs="+", choices=ODOMETRIES, default=list(ODOMETRIES), metavar="NAME", help="only these")
-    add("--benchmarks", type=Path, metavar="FILE", help="page of results; its section 'odometries' is written")
-    return parser
-
-
-def main() -> int:
-    """The command line."""
-    options = _parser().parse_args()
-    specs = select_sequences(read_specs(options.list), options.sequences)
-    text = table(measure(specs, options.seeds, options.odometries, options.out))
-    write_atomically(options.out / "odometries.md", f"# Odometries\n\n{text}")
-    print(text, end="")
-    if options.benchmarks is not None:
-        names = f" --sequences {' '.join(options.sequences)}" if options.sequences else ""
-        command = f"python -m evaluation.studies.odometries --out {options.out.name} --list {options.list}{names}"
-        command += f" --seeds {' '.join(map(str, options.seeds))}"
-        section = f"## Odometries\n\n{_ABOUT}\n\n{text}\nBy {made_by(command)}."
-        write_section(options.benchmarks, "odometries", section)
-    return 0
-
-
-_ABOUT = (
-    "Alone: the odometry on the points that a run passes to it, without walls, floor or plan; its absolute error is "
-    "after SE(3) alignment. The external odometry is a TUM file of KISS-ICP on whole scans (voxel 0.5 m). Anchored "
-    "runs get no initial pose; their errors are in building coordinates without alignment, one per drive. CPU times "
-    "are relative to KISS-ICP's own pipeline on the same drive (median over the drives)."
-)
-
-if __name__ == "__main__":
-    run_command(main)
+QUICK = Choice(sequences=("demo",), seeds=(0,), odometries=("kiss", "small_gicp"))
+STUDY = Study(
+    "odometries", "how much the accuracy, the consistency and the time of a run depend on the odometry",
+    Choice, QUICK, Run, Errors, cases, measure, tables, claims, timed=True,
+)  # fmt: skip

@@ -1,9 +1,4 @@
-"""`python -m evaluation.studies.timing --scan-dir DIR --bim FILE`: time of a run relative to KISS-ICP's own pipeline.
-
-Both process the same folder alternately, each in a process of its own. Imports, loading compiled loops and the report
-are excluded; the IFC file is cached. The result is a ratio of medians, since absolute times depend on the machine. On a
-shared machine the ratio of CPU times (all threads) is more reliable than that of wall-clock times; the load is printed.
-"""
+"""Time of a whole run beside KISS-ICP's and small_gicp's, in turns, each in a process of its own."""
 
 import json
 import os
@@ -11,84 +6,203 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Any
 
-from data.common.cli import Parser, run_command
+import pandas as pd
+from pydantic import BaseModel, PositiveInt
+
 from data.common.errors import UserError
+from data.scans import ScanFolder
+from evaluation.drives.sequences import DriveCase, DriveOptions, Sequence, prepare
+from evaluation.harness import Claim, Record, Study
+from evaluation.harness.tables import grouped, spread
 
-_KISS = """
-import json, sys, time
+PEERS = {"kiss_icp": "KISS-ICP", "small_gicp": "small_gicp"}
+PROGRAMS = {
+    "warm": "sgslam", "cold": "sgslam, a building not seen before", "first": "sgslam, just installed",
+    "kiss_icp_pipeline": "KISS-ICP's own pipeline, its default voxels of 1 m", **PEERS,
+}  # fmt: skip
+_PIPELINE = """
+import sys
 from pathlib import Path
 from kiss_icp.datasets import dataset_factory
 from kiss_icp.pipeline import OdometryPipeline
+def run(scans): OdometryPipeline(dataset_factory(dataloader="generic", data_dir=Path(scans))).run()
+"""
+_PEER = """
+import sys
+from pathlib import Path
+from data.scans import ScanFolder
+from evaluation.slam_ablation import peers
+def run(scans): getattr(peers, sys.argv[3] + "_alone")(ScanFolder(Path(scans)))
+"""
+_TIMED = """
+import json, time
 began, used = time.perf_counter(), time.process_time()
-pipeline = OdometryPipeline(dataset_factory(dataloader="generic", data_dir=Path(sys.argv[1])))
-pipeline.run()
-seconds = {"whole": time.perf_counter() - began, "cpu": time.process_time() - used}
+run(sys.argv[1])
+seconds = {"inner": time.perf_counter() - began, "cpu": time.process_time() - used}
 Path(sys.argv[2]).write_text(json.dumps(seconds))
 """
 
 
-def seconds_of_kiss_icp(scan_dir: Path) -> dict[str, float]:
-    """Seconds of KISS-ICP's pipeline in its default configuration (reading, odometry, results): `whole` is wall-clock
-    time, `cpu` CPU time of all threads."""
-    with tempfile.TemporaryDirectory() as folder:
-        answer = Path(folder) / "seconds"
-        _run([sys.executable, "-c", _KISS, str(scan_dir.resolve()), str(answer)], folder)
-        seconds: dict[str, float] = json.loads(answer.read_text())
-        return seconds
+class Choice(DriveOptions):
+    """Which drives are timed, and in how many turns."""
+
+    sequences: tuple[str, ...] = ("institute", "office")
+    seeds: tuple[int, ...] = (0,)
+    turns: PositiveInt = 3
 
 
-def seconds_of_run(scan_dir: Path, bim: Path | None) -> dict[str, float]:
-    """Seconds of `sgslam.run` by stage; `whole` is wall-clock time without the report, `cpu` CPU time of all
-    threads."""
+class Turn(DriveCase):
+    """All programs once, one after another, on the same scans. `first` is measured in the first turn only, since
+    installing compiles for a minute."""
+
+    turn: int
+
+
+class Timed(BaseModel):
+    """Seconds of a process from its start to its end (`whole`), of the work in it without start, imports, reading the
+    plan and the report (`inner`), and of the CPU in the latter (all threads)."""
+
+    whole: float
+    inner: float
+    cpu: float
+
+
+Measured = Annotated[Timed | None, "cost"]
+
+
+class Times(Record):
+    """The times of the programs (`PROGRAMS`)."""
+
+    scans: int
+    points: int
+    load: Annotated[float, "cost"]
+    warm: Measured
+    cold: Measured
+    first: Measured
+    kiss_icp_pipeline: Measured
+    kiss_icp: Measured
+    small_gicp: Measured
+
+
+def cases(options: Choice) -> list[Turn]:
+    """The turns of each drive."""
+    drives = options.drives()
+    return [Turn(sequence=spec, seed=seed, turn=n) for spec, seed in drives for n in range(options.turns)]
+
+
+def measure(case: Turn, work: Path) -> Times:
+    """Runs all programs on a drive."""
+    sequence = prepare(case.sequence, case.seed, work)
+    sizes = [len(scan.points) for scan in ScanFolder(sequence.scan_dir)]
+    _of_run(sequence, {})  # fills the caches of the building and of compiled loops
+    with tempfile.TemporaryDirectory() as empty, tempfile.TemporaryDirectory() as bare:
+        cold = {"SGSLAM_CACHE_DIR": empty}
+        first = {"SGSLAM_CACHE_DIR": str(Path(bare, "plans")), "NUMBA_CACHE_DIR": str(Path(bare, "loops"))}
+        return Times(
+            scans=len(sizes), points=round(statistics.mean(sizes)), load=os.getloadavg()[0],
+            kiss_icp_pipeline=_of_peer(_PIPELINE, sequence.scan_dir), warm=_of_run(sequence, {}),
+            kiss_icp=_of_peer(_PEER, sequence.scan_dir, "kiss_icp"), cold=_of_run(sequence, cold),
+            small_gicp=_of_peer(_PEER, sequence.scan_dir, "small_gicp"),
+            first=None if case.turn else _of_run(sequence, first),
+        )  # fmt: skip
+
+
+def _of_run(sequence: Sequence, environment: dict[str, str]) -> Timed:
+    """The time of `sgslam.run`, results and report included; `inner` is without the report."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "sgslam.run", "--scan-dir", str(scan_dir.resolve()), "--out", "out"]
-        _run(command + ([] if bim is None else ["--bim", str(bim.resolve())]), folder)
-        metrics = json.loads((Path(folder) / "out" / "metrics.json").read_text())
+        files = ["--scan-dir", str(sequence.scan_dir.resolve()), "--bim", str(sequence.bim.resolve())]
+        whole = _run([sys.executable, "-m", "sgslam.run", *files, "--out", "out"], folder, environment)
+        metrics = json.loads(Path(folder, "out", "metrics.json").read_text())
     seconds = metrics["seconds"]
-    return {**seconds, "whole": seconds["total"] - seconds["report"], "cpu": metrics["cpu_seconds"]}
+    return Timed(whole=whole, inner=seconds["total"] - seconds["report"], cpu=metrics["cpu_seconds"])
 
 
-def _run(command: list[str], folder: str) -> None:
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+def _of_peer(script: str, scans: Path, *arguments: str) -> Timed:
+    with tempfile.TemporaryDirectory() as folder:
+        words = [sys.executable, "-c", script + _TIMED, str(scans.resolve()), "seconds", *arguments]
+        whole = _run(words, folder, {})
+        return Timed(whole=whole, **json.loads(Path(folder, "seconds").read_text()))
+
+
+def _run(command: list[str], folder: str, environment: dict[str, str]) -> float:
+    """The seconds of a command in a folder; modules are found as in this process."""
+    paths = os.pathsep.join(path or os.getcwd() for path in sys.path)
+    began = perf_counter()
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": paths, **environment},
+    )  # fmt: skip
     if done.returncode:
-        what = "sgslam.run" if "sgslam.run" in command else "KISS-ICP's pipeline"
         output = [line for line in (done.stderr + done.stdout).splitlines() if line.strip()]
-        raise UserError(f"{what} failed on this folder: {output[-1].strip() if output else 'no message'}")
+        raise UserError(f"a timed program failed: {output[-1].strip() if output else 'no message'}")
+    return perf_counter() - began
 
 
-def main() -> int:
-    """The command line."""
-    parser = Parser(
-        prog="python -m evaluation.studies.timing", description="Time a run relative to KISS-ICP's own pipeline."
-    )
-    add = parser.add_argument
-    add("--scan-dir", type=Path, required=True, metavar="DIR", help="folder of scans (.bin for KISS-ICP)")
-    parser.add_argument("--bim", type=Path, metavar="FILE", help="the building")
-    parser.add_argument("--repeat", type=int, default=3, metavar="N", help="repetitions (default 3)")
-    options = parser.parse_args()
-    if options.repeat < 1:
-        raise UserError(f"--repeat {options.repeat}: must be at least 1")
-    if not options.scan_dir.is_dir():
-        raise UserError(f"--scan-dir {options.scan_dir}: no such folder")
-    if options.bim is not None:
-        seconds_of_run(options.scan_dir, options.bim)  # fills the cache of the IFC file
-    kiss, ours = [], []
-    for _ in range(options.repeat):
-        kiss.append(seconds_of_kiss_icp(options.scan_dir))
-        ours.append(seconds_of_run(options.scan_dir, options.bim))
-        clock, cpu = (ours[-1][which] / kiss[-1][which] for which in ("whole", "cpu"))
-        print(
-            f"KISS-ICP {kiss[-1]['whole']:.2f} s, run {ours[-1]['whole']:.2f} s: {clock:.2f} times; "
-            f"processors {cpu:.2f} times; load {os.getloadavg()[0]:.1f}",
-            flush=True,
-        )
-    for stage in ours[0]:
-        reference = statistics.median(run["cpu" if stage == "cpu" else "whole"] for run in kiss)
-        print(f"{stage:14s} {statistics.median(run[stage] for run in ours) / reference:6.2f} times KISS-ICP's pipeline")
-    return 0
+def tables(rows: pd.DataFrame) -> Mapping[str, Any]:
+    """A line for each program: scans a second over all drives, and times KISS-ICP's pipeline; and for each drive."""
+    lines = [_line(rows, name, label) for name, label in PROGRAMS.items() if f"{name}.whole" in rows]
+    rates = {name: _rates(rows, name) for name in ("warm", "cold")}
+    return {
+        "programs": pd.DataFrame(lines),
+        "drives": grouped(rows, ("sequence.name", "scans"), _of_drive).rename(columns={"sequence.name": "drive"}),
+        "scans-a-second": _range(rates["warm"]), "scans-a-second-cold": _range(rates["cold"]),
+        "inner-times": spread(_ratio(rows, "warm", "inner"), ".1f"),
+        "points": f"{rows.points.median():,.0f}",
+        "first-seconds": _range(rows["first.whole"].dropna()),
+        "warm-seconds": _range(rows.groupby("sequence.name")["warm.whole"].median()),
+    }  # fmt: skip
 
 
-if __name__ == "__main__":
-    run_command(main)
+def _line(rows: pd.DataFrame, name: str, label: str) -> dict[str, str]:
+    rates = _rates(rows, name)
+    ratios = {what: _ratio(rows, name, what).dropna() for what in ("whole", "inner", "cpu")}
+    return {
+        "program": label, "runs": str(rows[f"{name}.whole"].notna().sum()),
+        "scans a second, whole process": _range(rates),
+        "process, times KISS-ICP's": f"{ratios['whole'].median():.2f}",
+        "work alone, times KISS-ICP's": f"{ratios['inner'].median():.2f}",
+        "its CPU, times KISS-ICP's": f"{ratios['cpu'].median():.2f}",
+    }  # fmt: skip
+
+
+def _of_drive(own: pd.DataFrame) -> dict[str, str]:
+    names = [name for name in PROGRAMS if f"{name}.whole" in own]
+    return {f"{PROGRAMS[name]} (s)": f"{own[f'{name}.whole'].median():.1f}" for name in names}
+
+
+def _rates(rows: pd.DataFrame, name: str) -> "pd.Series[float]":
+    """Scans a second of the whole process, the median of each drive."""
+    return (rows.scans / rows[f"{name}.whole"]).groupby(rows["sequence.name"]).median().dropna()
+
+
+def _ratio(rows: pd.DataFrame, name: str, what: str) -> "pd.Series[float]":
+    """Times KISS-ICP's own pipeline in the same turn."""
+    return rows[f"{name}.{what}"] / rows[f"kiss_icp_pipeline.{what}"]
+
+
+def _range(rates: "pd.Series[float]") -> str:
+    ends = dict.fromkeys(f"{rate:.0f}" for rate in (rates.min(), rates.max())) if len(rates) else {}
+    return " to ".join(ends)
+
+
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How fast a whole run is."""
+    ratio, n = _ratio(rows, "warm", "inner"), f"{len(rows)} turns on {rows['sequence.name'].nunique()} drives"
+    times = f"{ratio.median():.2f} [{ratio.min():.2f}, {ratio.max():.2f}]"
+    rate = _range(_rates(rows, "warm"))
+    points = f"{rows.points.median():.0f}"
+    return [
+        Claim(f"scans of {points} points a second of a whole run, start and report included", rate, n),
+        Claim("time of a run, times KISS-ICP's own pipeline (median, least, most)", times, n),
+    ]
+
+
+STUDY = Study(
+    "timing", "how long a whole run takes beside KISS-ICP and small_gicp", Choice,
+    Choice(sequences=("demo",), turns=1), Turn, Times, cases, measure, tables, claims, timed=True,
+)  # fmt: skip

@@ -49,7 +49,8 @@ def read_state(path: Path, known: Mapping[str, type]) -> tuple[dict[str, Any], A
             arrays = {name: _array(file, name) for name in names if name not in (_HEADER, _TREE)}
             return about, Unpacker(known, arrays).unpack(json.loads(_array(file, _TREE).tobytes()))
         except _DAMAGE as error:
-            raise UserError(f"{path}: damaged, or of another version ({error}); start a new run") from None
+            reason = str(error).partition("\n")[0]  # numpy explains a large header over several lines
+            raise UserError(f"{path}: damaged, or of another version ({reason}); start a new run") from None
 
 
 def _bytes(value: Any) -> NDArray[np.uint8]:

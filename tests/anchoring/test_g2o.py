@@ -1,18 +1,17 @@
 """Factor graphs of S-Graphs: what is read, what is refused, where they are anchored."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from g2o_files import T_BIM_MAP, LoopBuilding, drawn_graph
+from study_rows import rows_of
 
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
-from evaluation.published.one_wall_out import one_wall_out
+from evaluation.published.one_wall_out import Choice, Distances, Map, cases, claims, measure, one_wall_out, tables
 from matching import Matcher
 from sgslam.backend import anchor_plane_graph
 
@@ -153,16 +152,17 @@ def test_each_wall_is_left_out_in_its_turn(tmp_path: Path) -> None:
     drawn = drawn_graph()
     found = one_wall_out(read(drawn, tmp_path), drawn.plan, "voting")
     assert {f.wall for f in found} <= set(drawn.pairs.values()) and len(found) >= 8
-    laid, rigid, anchored = np.median([(f.laid, f.rigid, f.anchored) for f in found], axis=0)
-    assert anchored < 0.5 * min(laid, rigid)
+    matched, rigid, anchored = np.median([(f.matched_m, f.rigid_m, f.anchored_m) for f in found], axis=0)
+    assert anchored < 0.5 * min(matched, rigid)
+    rows = rows_of([(Map(graph="", plan="", method="learned"), Distances(walls=found))])
+    assert tables(rows)["walls"]["anchored (mm)"].iloc[-1] == f"{1000 * anchored:.1f}"
+    assert claims(rows)[0].cases == f"{len(found)} walls"
 
 
 def test_a_map_without_a_place_is_reported(tmp_path: Path) -> None:
     elsewhere = SceneGraph("bim", drawn_graph().plan.rooms[:1], drawn_graph().plan.wall_surfaces[:3])
     with pytest.raises(UserError, match="not matched uniquely"):
         one_wall_out(read(drawn_graph(), tmp_path), elsewhere, "voting")
-
-
 
 
 @needs_se2
@@ -178,8 +178,8 @@ def test_the_published_graph_is_read_as_it_is() -> None:
 
 @needs_se2
 def test_the_published_graph_comes_closer_to_its_plan() -> None:
-    files = [str(SE2 / "SE2_s_graph.g2o"), str(SE2 / "SE2.json")]
-    command = [sys.executable, "-m", "evaluation.published.one_wall_out", *files, "--method", "voting"]
-    told = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1]
-    laid, _, anchored = (float(cell) for cell in told.split("|")[3:6])
-    assert anchored < 0.5 * laid
+    options = Choice(graph=str(SE2 / "SE2_s_graph.g2o"), plan=str(SE2 / "SE2.json"), methods=("voting",))
+    (case,) = cases(options)
+    assert case.files() == {options.graph, options.plan}
+    median = tables(rows_of([(case, measure(case, Path()))]))["walls"].iloc[-1]
+    assert float(median["anchored (mm)"]) < 0.5 * float(median["placed by the match (mm)"])

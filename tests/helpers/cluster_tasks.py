@@ -2,16 +2,40 @@
 
 import os
 import signal
+import time
+from pathlib import Path
+
+from data.common import build as of_build
+from data.common import cluster_worker
+from data.common.build import build
 
 
 def doubled(n: int) -> int:
     return 2 * n
 
 
+def slowly_doubled(n: int) -> int:
+    time.sleep(0.05)
+    return 2 * n
+
+
 def deadly(n: int) -> int:
-    """Three ends whatever process it is worked on in, and minus three raises."""
+    """Three ends whatever process it is worked on in."""
     if n == 3:
         os.kill(os.getpid(), signal.SIGKILL)
-    if n == -3:
-        raise ValueError("minus three\nis too few")
     return 2 * n
+
+
+def failing(log: Path, error: type[Exception], times: int, n: int) -> int:
+    """Logs that it is called; three raises an error so many times."""
+    if n == 3:
+        with log.open("a") as lines:
+            lines.write("called\n")
+        if len(log.read_text().splitlines()) <= times:
+            raise error("three\nis too much")
+    return 2 * n
+
+
+def pretend(version: str | None) -> None:
+    """Lets this process take itself for another build; None ends it."""
+    of_build.build = cluster_worker.build = build if version is None else lambda: version

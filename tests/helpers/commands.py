@@ -15,7 +15,8 @@ from data.common.cli import run_command
 def called(module: str, *arguments: object) -> CompletedProcess[str]:
     """What `python -m MODULE ARGUMENTS` ends with and says; each command has a test as a process of its own too."""
     words = [module, *map(str, arguments)]
-    main = importlib.import_module(module).main
+    loaded = importlib.import_module(module)
+    main = (importlib.import_module(f"{module}.__main__") if hasattr(loaded, "__path__") else loaded).main
     out, err = StringIO(), StringIO()
     with redirect_stdout(out), redirect_stderr(err), _logger_left_alone(), patch.object(sys, "argv", words):
         try:

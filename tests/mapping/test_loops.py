@@ -12,7 +12,7 @@ from boxes import Array, pose
 import factors
 from data.geometry.raycast import TriangleScene
 from data.simulation import SpinningSensor
-from evaluation.harness.loop_buildings import LoopBuilding, long_corridor, ring
+from evaluation.drives.loop_buildings import LoopBuilding, long_corridor, ring
 from sgslam.backend import Backend
 from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings

@@ -1,20 +1,19 @@
 """iS-Graphs' search: every row of the behaviour that was measured on its public code, and its answers' contract."""
 
 import dataclasses
-import subprocess
-import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
+from study_rows import rows_of
 
 from data import Floor, Room, SceneGraph, WallSurface
-from evaluation.published.combinatorial_behaviour import Question, behaviour, describe_answer
+from evaluation.published.combinatorial import Choice, Search, cases, measure, tables
 from evaluation.published.combinatorial_layouts import Noise, grid, polygons, seen
 from matching import Matcher
 from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
 from matching.combinatorial.clipper import densest
-from matching.result import MatchResult
 
 RELEASED, LATER = Matcher.load("combinatorial"), Matcher.load("combinatorial-grid")
 EXACT = Noise(0.0, 0.0)
@@ -159,15 +158,23 @@ def test_the_densest_set_is_a_clique():
     assert GRID.restarts == 10
 
 
-def test_the_table_tells_answers_in_words_and_the_command_mistakes():
-    page = behaviour(lambda s, a: MatchResult("none", ""), lambda s, a: MatchResult("none", ""))
-    assert "| the building mirrored | unique | none | none | none |" in page
-    question = Question("", ((seen(PLAN, L_SHAPE), PLAN),), "", "")
-    assert describe_answer(question, [RELEASED.match(*question.pairs[0])]) == "unique, right"
-    done = subprocess.run(
-        [sys.executable, "-m", "evaluation.published.combinatorial", "--limit", "0"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert done.returncode == 2 and done.stderr.count("\n") == 1
+def test_answers_are_told_in_words_beside_those_of_the_public_code():
+    def asked(name: str, limit_s: float = 60.0):
+        listed = (Search(asked=name, version=version, limit_s=limit_s) for version in ("released", "later branch"))
+        return [(case, measure(case, Path())) for case in listed]
+
+    names = ("the building mirrored", "twins: equal squares, 2:2", "8:2")
+    rows = rows_of([*(pair for name in names for pair in asked(name)), *asked("8:8", 0.01)])
+    found = tables(rows)
+    mirrored, twins = found["answers"].to_numpy().tolist()
+    assert mirrored == ["the building mirrored", "unique", "unique, right", "none", "none"]
+    assert twins[1:3] == ["4 tie", "4 tie, 10 pairs each; the first is right"]
+    measured, stopped = found["times"].to_dict("records")
+    assert measured["public code, released (s)"] == "0.32" and float(measured["ours, released (s)"]) < 0.32
+    assert stopped["public code, released (s)"] == "> 300" and stopped["ours, released (s)"] == "stopped at 0.01"
+    assert stopped["ratio, released"] == "" and 0 < float(found["largest_ratio"]) < 1
+
+
+def test_layouts_that_take_minutes_can_be_left_out():
+    every, short = ({case.asked for case in cases(Choice(heavy=heavy))} for heavy in (True, False))
+    assert every - short == {"12:6", "12:12", "2:2, 8 walls a room"}

@@ -1,21 +1,18 @@
-"""How what is told of walls is scored against what became of them; the command that does it, resumed."""
+"""How what is told of walls is scored against what became of them; a drive that is scored."""
 
-import csv
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from commands import called
 from small_ifc import STOREY, write_small_ifc
+from study_rows import rows_of
 
 from data import SceneGraph, WallSurface
 from evaluation.metrics.as_built_scores import deviation_scores
 from evaluation.metrics.true_walls import TrueWall
+from evaluation.studies.as_built import Choice, cases, claims, measure, tables
 
 pytestmark = pytest.mark.slow
 
@@ -55,23 +52,20 @@ def test_each_kind_is_scored_by_wall() -> None:
     assert extra.false == ("s2",)
 
 
-def test_the_command_goes_on_where_it_was(tmp_path: Path) -> None:
+def test_a_moved_wall_of_a_drive_is_counted(tmp_path: Path) -> None:
     building = write_small_ifc(tmp_path / "small.ifc")
     spec = {"name": "small", "bim": str(building.path), "storey": STOREY, "min_rooms": 3, "min_length": 12.0}
     (tmp_path / "list.yaml").write_text(yaml.safe_dump([spec]))
-    words = [
-        sys.executable, "-m", "evaluation.studies.as_built", "--out", str(tmp_path / "out"), "--seeds", "3", "--list",
-        str(tmp_path / "list.yaml"), "--moved", "0.2", "--gone", "0", "--method", "voting",
-    ]  # fmt: skip
-    page = tmp_path / "page.md"
-    subprocess.run([*words, "--benchmarks", str(page)], check=True, capture_output=True)
-    with (tmp_path / "out" / "as_built.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [r["kind"] for r in rows] == ["moved", "absent", "extra"]
-    assert int(rows[0]["expected"]) == 1 and rows[1]["expected"] == rows[2]["expected"] == "0"
-    assert "<!-- as-built -->" in page.read_text() and "| small | 1 | moved-walls-0.2 | moved | 1 |" in page.read_text()
-    shutil.rmtree(tmp_path / "out" / "small-3-moved0.2")  # what has a row is not driven again
-    again = called(*words[2:])
-    assert again.returncode == 0
-    assert "| small | 1 | moved-walls-0.2 |" in again.stdout
-    assert not (tmp_path / "out" / "small-3-moved0.2").exists()
+    choice = Choice(
+        listed=tmp_path / "list.yaml", sequences=("small",), seeds=(3,), moved=0.2, gone=0, method="voting"
+    )  # fmt: skip
+    (case,) = cases(choice)
+    record = measure(case, tmp_path)
+    assert record.moved.score.expected == 1 and record.absent.score.expected == record.extra.score.expected == 0
+    rows = rows_of([(case, record)])
+    lines = tables(rows)["deviations"].to_numpy().tolist()
+    assert [line[:5] for line in lines] == [
+        ["small", "20 % moved", kind, "1", expected]
+        for kind, expected in (("moved", "1"), ("absent", "0"), ("extra", "0"))
+    ]
+    assert claims(rows)[0].cases == f"{record.moved.score.found}/1 walls, 1 drives"

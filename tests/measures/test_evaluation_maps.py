@@ -13,7 +13,7 @@ from data.common.errors import UserError
 from data.geometry import se2
 from data.synthetic_maps.noise_models import draw
 from evaluation.metrics.maps import room_scores, wall_scores
-from evaluation.metrics.surface_overlap import Limits, best_rigid_fit, plan_motion
+from evaluation.metrics.surface_overlap import best_rigid_fit, plan_motion
 from evaluation.metrics.true_matches import representatives, true_matches
 from sgslam.geometry.frames import se2_to_se3
 
@@ -89,12 +89,12 @@ def test_offsets_and_angles_are_those_that_were_put_in() -> None:
 def test_an_offset_is_taken_where_the_walls_overlap() -> None:
     plan = SceneGraph("bim", (), (WallSurface("a", None, (0.0, 0.0), (0.0, 1.0), 2.0),))
     tilt = 0.1  # the S wall crosses the A wall's line at x = 0 and is long to one side only
-    s = SceneGraph(
-        "map", (), (WallSurface("s", None, (4.0, 4 * np.tan(tilt)), (-np.sin(tilt), np.cos(tilt)), 8 / np.cos(tilt)),)
-    )
-    assert wall_scores(s, plan, np.eye(4), limits=Limits(0.06)).pairs == ()  # at 0.5, so less than 0.3 of its length
-    short = dataclasses.replace(s.wall_surfaces[0], length=7 / np.cos(tilt), centroid=(2.5, 2.5 * np.tan(tilt)))
-    result = wall_scores(SceneGraph("map", (), (short,)), plan, np.eye(4), limits=Limits(0.2, 0.2))
+    normal = (-np.sin(tilt), np.cos(tilt))
+    long = WallSurface("s", None, (3.9, 3.9 * np.tan(tilt)), normal, 8.2 / np.cos(tilt))
+    result = wall_scores(SceneGraph("map", (), (long,)), plan, np.eye(4))
+    assert result.pairs == () and result.score.found == 1  # 4 cm off at 0.4 m, 39 cm in its own middle
+    short = dataclasses.replace(long, length=7 / np.cos(tilt), centroid=(2.5, 2.5 * np.tan(tilt)))
+    result = wall_scores(SceneGraph("map", (), (short,)), plan, np.eye(4))
     assert result.pairs == () and result.score == dataclasses.replace(result.score, right=0, found=1)
     near = dataclasses.replace(short, length=3 / np.cos(tilt), centroid=(0.5, 0.5 * np.tan(tilt)))
     result = wall_scores(SceneGraph("map", (), (near,)), plan, np.eye(4))

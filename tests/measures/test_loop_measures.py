@@ -1,19 +1,19 @@
-"""The measurement of loop closure: its drives, what it calls false, its table and its command line."""
+"""The measurement of loop closure: its drives, what it calls false, and its table."""
 
-import csv
-import subprocess
-import sys
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from boxes import pose
+from study_rows import rows_of
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from evaluation.harness.loop_buildings import DEPTH, PITCH, long_corridor, ring
-from evaluation.harness.loop_drives import ROUTES, drive_along
-from evaluation.studies.loops import COLUMNS, FALSE_M, FALSE_RAD, errors_of, measure, table
+from evaluation.drives.loop_buildings import DEPTH, PITCH, long_corridor, ring
+from evaluation.drives.loop_drives import Route, drive_along
+from evaluation.drives.sequences import SequenceSpec
+from evaluation.studies.loops import FALSE_M, FALSE_RAD, Choice, Errors, Run, cases, claims, errors_of, tables
 from sgslam.mapping import Closure
 
 
@@ -30,8 +30,8 @@ def test_an_office_looks_as_its_neighbour_does() -> None:
     assert np.allclose(np.diff(inside[:, 0]), PITCH)
 
 
-@pytest.mark.parametrize("route", ROUTES)
-def test_a_drive_runs_into_nothing_and_is_the_same_for_the_same_seed(route: str) -> None:
+@pytest.mark.parametrize("route", get_args(Route))
+def test_a_drive_runs_into_nothing_and_is_the_same_for_the_same_seed(route: Route) -> None:
     drive = drive_along(route, 1)
     again = drive_along(route, 1)
     assert np.array_equal(drive.truth.poses, again.truth.poses)
@@ -48,11 +48,6 @@ def test_the_ring_is_a_loop_and_along_is_none() -> None:
     assert (np.diff(x) >= -1e-9).all()
 
 
-def test_an_unknown_route_is_refused() -> None:
-    with pytest.raises(UserError, match="unknown route 'up'"):
-        drive_along("up", 0)
-
-
 def test_a_closure_is_judged_by_its_motion_whatever_the_frame() -> None:
     truth = Trajectory(np.array([10, 20, 30]), np.array([pose(0, 0, 0, 0), pose(5, 0, 0, 1.0), pose(5, 2, 0, 2.0)]))
     right = np.linalg.inv(truth.poses[0]) @ truth.poses[2]
@@ -62,32 +57,30 @@ def test_a_closure_is_judged_by_its_motion_whatever_the_frame() -> None:
     assert far == pytest.approx(0.6) and far > FALSE_M and turned == pytest.approx(0.2) and turned > FALSE_RAD
 
 
-def record(loops: bool, seed: int, ape: float, false: int) -> dict[str, str]:
-    values = dict.fromkeys(COLUMNS, "1")
-    return values | {
-        "drive": "ring", "front_end": "weak", "seed": str(seed), "loops": str(loops), "ape_m": str(ape),
-        "false": str(false), "closure_m": "0.02" if loops else "",
-    }  # fmt: skip
+def run(closing: bool, seed: int, ape: float, false: int) -> tuple[Run, Errors]:
+    values: dict[str, float | None] = dict.fromkeys(Errors.model_fields, 1)
+    values |= {"ape_m": ape, "false": false, "closures": 3, "closure_m": 0.02 if closing else None}
+    return Run(drive="ring", storey=None, front_end="weak", seed=seed, closing=closing), Errors.model_validate(values)
 
 
 def test_the_table_sets_open_beside_closed() -> None:
-    rows = [record(True, 0, 0.1, 0), record(True, 1, 0.3, 2), record(False, 0, 0.5, 0), record(False, 1, 0.7, 0)]
-    cells = [cell.strip() for cell in table(rows).splitlines()[2].strip("|").split("|")]
+    rows = rows_of([run(True, 0, 0.1, 0), run(True, 1, 0.3, 2), run(False, 0, 0.5, 0), run(False, 1, 0.7, 0)])
+    (cells,) = tables(rows)["drives"].to_numpy().tolist()
     assert cells[:6] == ["ring", "weak", "2", "1", "0.600", "0.200"]
-    assert cells[14] == "2", "false closures are counted, not averaged"
+    assert cells[14:16] == ["2", "0.020"], "false closures are counted, not averaged"
+    assert claims(rows)[0].value.startswith("2 of 6 ")
 
 
-def test_what_is_measured_already_is_not_run_again(tmp_path: Path) -> None:
-    rows = [record(True, 0, 0.1, 0), record(False, 0, 0.5, 0)]
-    with (tmp_path / "loops.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
-    assert measure(["ring"], [], ["weak"], [0], tmp_path) == rows
+def test_drives_that_never_come_back_are_run_with_loop_closure_alone() -> None:
+    chosen = cases(Choice(routes=("along", "ring"), sequences=("institute",), front_ends=("weak",), seeds=(4,)))
+    assert [(case.drive, case.closing) for case in chosen] == [
+        ("along", True), ("ring", True), ("ring", False), ("institute", True), ("institute", False)
+    ]  # fmt: skip
+    assert not chosen[1].files() and len(chosen[-1].files()) == 1
 
 
-@pytest.mark.slow
-def test_the_command_line_refuses_an_unknown_route(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "evaluation.studies.loops", "--out", str(tmp_path), "--routes", "up"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and "up" in done.stderr and "Traceback" not in done.stderr
+def test_a_recorded_sequence_is_refused(tmp_path: Path) -> None:
+    spec = SequenceSpec(name="own", bim="own.ifc", scans="scans", truth="truth.tum")
+    (tmp_path / "list.yaml").write_text(f"[{spec.model_dump_json()}]")
+    with pytest.raises(UserError, match="'own': needs an IFC model"):
+        cases(Choice(listed=tmp_path / "list.yaml", sequences=("own",)))

@@ -1,15 +1,17 @@
-"""The measurements of trust: plans of other buildings, rooms matched wrongly."""
+"""The measurement of trust: plans of other buildings."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from drives import Drive, small_drive
+from study_rows import rows_of
 
 from data import UserError
 from data.generation.buildings import generate_plan
-from evaluation.harness import SequenceSpec
-from evaluation.studies import negative_plans, wrong_matches
+from evaluation.drives.sequences import SequenceSpec
+from evaluation.studies.negative_plans import Choice, cases, claims, measure, tables
 
 
 @pytest.fixture(scope="module")
@@ -32,48 +34,33 @@ def folder(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def spec(folder: Path, name: str) -> SequenceSpec:
-    scans, truth = folder / "scans", folder / "truth.tum"
-    return SequenceSpec(name, str(folder / f"{name}.json"), scans=str(scans), truth=str(truth))
+def choice(folder: Path, *names: str) -> Choice:
+    listed = [
+        SequenceSpec(
+            name=name, bim=str(folder / f"{name}.json"), scans=str(folder / "scans"), truth=str(folder / "truth.tum")
+        ).model_dump() for name in names
+    ]  # fmt: skip
+    (folder / "list.yaml").write_text(yaml.safe_dump(listed))
+    return Choice(listed=folder / "list.yaml", seeds=(0, 1))
 
 
 @pytest.mark.slow
 def test_a_drive_is_run_with_every_plan_but_its_own(folder: Path, tmp_path: Path) -> None:
-    own, other = spec(folder, "own"), spec(folder, "other")
-    found = list(negative_plans.pairings([own, other], [0], tmp_path))
-    first, last = found
-    assert (first.sequence, first.plan, first.anchored_scans) == ("own", "other", 0)
-    assert first.answers and "unique" not in first.answers
-    assert first.reason.startswith(("the plan does not explain the map", "too little evidence at the best place"))
+    own, other = cases(choice(folder, "own", "other"))  # recorded: one seed
+    assert own.files() == {str(folder / name) for name in ("own.json", "other.json", "scans", "truth.tum")}
+    right, wrong = measure(own, tmp_path), measure(other, tmp_path)
+    assert (own.sequence.name, own.plan.name, right.anchored_scans) == ("own", "other", 0)
+    assert right.none + right.ambiguous > 0 and right.unique == 0
+    assert right.reason.startswith(("the plan does not explain the map", "too little evidence at the best place"))
     # the same drive, said to be of another building: there the table must tell
-    assert (last.sequence, last.plan) == ("other", "own") and last.anchored_scans > 10
-    text = negative_plans.table(found)
-    assert "Anchored at any time: 1 of 2 pairings." in text
-    assert f"**for {last.anchored_scans} scans**" in text and "| never |" in text
+    assert (other.sequence.name, other.plan.name) == ("other", "own") and wrong.anchored_scans > 10
+    rows = rows_of([(own, right), (other, wrong)])
+    table = tables(rows)["pairings"]
+    assert table.anchored.tolist() == ["never", f"**for {wrong.anchored_scans} scans**"]
+    assert f"{wrong.unique} unique" in table.answers[1] and "unique" not in table.answers[0]
+    assert claims(rows)[0].value.startswith("1 of 2 ")
 
 
-def test_one_building_has_no_other(folder: Path, tmp_path: Path) -> None:
+def test_one_building_has_no_other(folder: Path) -> None:
     with pytest.raises(UserError, match="only one building"):
-        list(negative_plans.pairings([spec(folder, "own")], [0], tmp_path))
-
-
-def record(sequence: str, seed: int, conditions: str, error: str, first: str) -> dict[str, str]:
-    return {
-        "sequence": sequence, "seed": str(seed), "conditions": conditions, "rmse_bim_m": error, "first_anchor_s": first
-    }  # fmt: skip
-
-
-def test_spoilt_runs_stand_beside_clean_ones() -> None:
-    records = [
-        record("a", 0, "normal", "0.010", "20"), record("a", 1, "normal", "0.020", "30"),
-        record("b", 0, "normal", "0.010", "20"),
-        record("a", 1, "wrong-matches-5", "0.024", "50"), record("a", 0, "wrong-matches-5", "0.009", "20"),
-        record("b", 0, "wrong-matches-5", "", ""),
-    ]  # fmt: skip
-    lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in wrong_matches.table(records).splitlines()[2:]]
-    assert lines == [
-        ["a", "1", "0.0200", "0.0240", "1.20", "30", "50"],
-        ["a", "0", "0.0100", "0.0090", "0.90", "20", "20"],
-        ["**a**", "all", "0.0150", "0.0165", "1.10", "25", "35"],
-        ["b", "0", "0.0100", "not anchored", "", "20", ""],
-    ]
+        cases(choice(folder, "own"))

@@ -117,8 +117,10 @@ def test_files_that_are_no_buildings_are_refused(tmp_path: Path) -> None:
     big = two_rooms()
     big.apply_scale(1000.0)
     big.export(tmp_path / "millimetres.stl")
+    (tmp_path / "far.obj").write_text("v 0 0 0\nv -1e308 0 3\nv 0 1e308 3\nf 1 2 3\n")
     for name, what in (
-        ("absent.stl", "no mesh"), ("broken.stl", "cannot be read|no triangles"), ("plate.stl", "metres"),
+        ("far.obj", "wide"), ("absent.stl", "no mesh"),
+        ("broken.stl", "cannot be read|no triangles"), ("plate.stl", "metres"),
         ("block.stl", "no walls"), ("millimetres.stl", "metres"),
     ):  # fmt: skip
         with pytest.raises(UserError, match=what):

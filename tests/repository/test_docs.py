@@ -19,7 +19,7 @@ from snippets import KNOWN, ROOT, Block, blocks, call, check_form, run
 
 import factors
 from data.generation.demo_building import write_demo_building
-from evaluation.harness import read_specs
+from evaluation.drives import read_specs
 from sgslam.config import Config
 from sgslam.config.reference import parameters_page
 
@@ -140,7 +140,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     nav = re.findall(r"^ +- .*: (.+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
     assert sorted(nav) == sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md"))
     for page in nav:
-        built = tmp_path / "site" / ("index.html" if page == "index.md" else f"{page.removesuffix('.md')}/index.html")
+        built = tmp_path / "site" / page.removesuffix(".md").removesuffix("index") / "index.html"
         html = built.read_text()
         assert "--8&lt;--" not in html and "--8<--" not in html, page
         for source in re.findall(r'<img[^>]* src="([^":]+)"', html):

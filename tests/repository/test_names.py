@@ -36,7 +36,7 @@ def test_a_foreign_package_that_a_run_does_not_need_does_no_harm(tmp_path: Path)
     code = "from sgslam import load_bim; from sgslam.cli.command import call; call(['--help'])"
     done = import_sgslam(tmp_path, code=code)
     assert done.returncode == 0, done.stderr
-    assert "measurements" in done.stdout
+    assert "evaluate" in done.stdout
 
 
 def test_a_foreign_evaluation_is_told_where_it_is_used(tmp_path: Path) -> None:

@@ -7,15 +7,17 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import refused
 from plans import a_graph, box, merged, moved, offices
 
-from data import Door, Floor, Room, SceneGraph, UserError
+from data import Door, Floor, Room, SceneGraph
 from data.synthetic_maps.exploration import storeys_of
 from data.synthetic_maps.noise_models import draw_walk
 from data.synthetic_maps.walks import nearest_first, restricted_to
-from evaluation.studies.rooms_to_localise import Side, Start, sides_of, table
+from evaluation.studies.rooms_to_localise import STUDY, BuildingCase, Side, Start, Starts, sides_of
+from evaluation.studies.rooms_to_localise import Choice as CheckOptions
 from matching import Matcher
 from sgslam.inspection import InspectionSettings, Inspection, inspect
 from matching.ambiguity import Trials, MatchCache
@@ -231,8 +233,26 @@ def test_the_check_asks_the_benchmark_on_both_sides_of_what_was_foretold() -> No
         sides_of(1) == [(1, True)] and sides_of(5) == [(4, False), (6, True)] and sides_of(6) == [(4, False), (6, True)]
     )
     assert sides_of(40) == [(14, False), (None, True)] and sides_of(None) == [(None, False)]
-    fewer, enough = Side(4, False, 1, 3), Side(6, True, 2, 3)
-    text = table([Start("r", 5, (fewer, enough)), Start("q", None, (Side(None, False, 2, 3),))], "house")
-    assert "| enough rooms: known (1) | 100 % (1 of 1) |" in text and "| both sides | 50 % (1 of 2) |" in text
-    with pytest.raises(UserError, match="no start room"):
-        table([], "house")
+
+
+def test_the_check_agrees_where_most_maps_are_as_foretold() -> None:
+    fewer, enough, never = ((4, False, 1), (6, True, 2), (None, False, 2))
+    starts = Starts(starts=(start("r", 5, fewer, enough), start("q", None, never)))
+    case = BuildingCase(building="house.ifc", order="near", every=1, pairs=3, maps=1, seed=0)
+    table = STUDY.tables(pd.DataFrame([{**case.model_dump(), **starts.model_dump()}]))["buildings"]
+    assert table.iloc[0].tolist() == ["house", 2, "100 % (1 of 1)", "50 % (1 of 2)", "50 % (1 of 2)"]
+
+
+def start(room: str, needed: int | None, *sides: tuple[int | None, bool, int]) -> Start:
+    """A start room of which so many of three maps are known on each side."""
+    return Start(room=room, needed=needed, sides=[Side(rooms=n, predicted=p, known=k, of=3) for n, p, k in sides])
+
+
+@pytest.mark.slow
+def test_each_start_room_of_a_building_is_checked(tmp_path: Path) -> None:
+    corridor_house().save(tmp_path / "house.json")
+    options = CheckOptions(buildings=(str(tmp_path / "house.json"),), every=3, pairs=3, maps=1)
+    (case,) = STUDY.cases(options)
+    found = STUDY.measure(case, tmp_path)
+    assert isinstance(found, Starts) and [s.room for s in found.starts] == ["room0", "room3", "room6"]
+    assert all(side.known <= side.of and 2 <= side.of <= 3 for s in found.starts for side in s.sides)

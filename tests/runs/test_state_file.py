@@ -1,6 +1,7 @@
 """What a state file gives back is what went in; what was damaged on the way is refused in one line."""
 
 import dataclasses
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -90,6 +91,17 @@ def test_another_version_and_another_file_are_refused(tmp_path: Path, monkeypatc
     for name in ("b.npz", "c.npz", "nothing.npz"):
         with pytest.raises(UserError, match=name):
             read_state(tmp_path / name, KNOWN)
+
+
+def test_a_header_larger_than_numpy_reads_is_refused_in_one_line(tmp_path: Path) -> None:
+    write_state(tmp_path / "a.npz", {}, [Place("p", np.zeros(3), 1.0)], KNOWN)
+    large = b"\x93NUMPY\x02\x00" + (20_000).to_bytes(4, "little") + b" " * 20_000
+    with zipfile.ZipFile(tmp_path / "a.npz") as whole, zipfile.ZipFile(tmp_path / "b.npz", "w") as damaged:
+        for name in whole.namelist():
+            damaged.writestr(name, whole.read(name) if name.partition(".")[0] in ("tree", "header") else large)
+    with pytest.raises(UserError, match=r"damaged, or of another version \(.*\); start a new run$") as refusal:
+        read_state(tmp_path / "b.npz", KNOWN)
+    assert len(str(refusal.value).splitlines()) == 1
 
 
 def test_a_damaged_file_is_refused_or_tells_the_same(tmp_path: Path) -> None:

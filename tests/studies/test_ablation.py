@@ -1,30 +1,21 @@
-"""The ablation: its list, its rows, its tables and page; killed and resumed; on a user's own sequence."""
+"""The ablation: its runs on a user's own sequence, and its tables, plots and claims."""
 
-import csv
-import os
-import signal
-import subprocess
-import sys
-import time
-from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
+import pandas as pd
 import pytest
-import yaml
-from commands import called, refused
 from drives import SENSOR
 from small_ifc import STOREY, write_small_ifc
+from study_rows import rows_of
 
 from data.common.errors import UserError
 from data.simulation.simulate import simulate
-from evaluation.harness import Conditions, SequenceSpec, prepare, read_specs
-from evaluation.slam_ablation.rows import Records
-from evaluation.slam_ablation.run import ablate
-from evaluation.slam_ablation.tables import ACCURACY, against_oracle, latex, markdown
-from evaluation.slam_ablation.variants import check_variant
+from evaluation.drives import Conditions, SequenceSpec, prepare, read_specs
+from evaluation.slam_ablation.scores import CURVE, Scores
+from evaluation.slam_ablation.study import STUDY, Choice, Run, cases, measure
+from evaluation.slam_ablation.tables import prepared
 
-pytestmark = pytest.mark.slow
+VARIANTS = ("kiss-icp", "small_gicp", "graph", "oracle")
 
 
 @pytest.fixture(scope="module")
@@ -33,120 +24,79 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:
     folder = tmp_path_factory.mktemp("own")
     building = write_small_ifc(folder / "small.ifc")
     simulate(building.path, STOREY, folder / "drive", seed=1, min_rooms=1, min_length=6.0, sensor=SENSOR)
-    return SequenceSpec(
-        "own", str(building.path), scans=str(folder / "drive" / "scans"), truth=str(folder / "drive" / "truth.tum")
-    )
+    scans, truth = folder / "drive" / "scans", folder / "drive" / "truth.tum"
+    return SequenceSpec(name="own", bim=str(building.path), scans=str(scans), truth=str(truth))
+
+
+def run(spec: SequenceSpec, variant: str, conditions: Conditions = Conditions(), seed: int = 0) -> Run:  # noqa: B008
+    return Run(sequence=spec, seed=seed, conditions=conditions, variant=variant)
 
 
 @pytest.fixture(scope="module")
-def listed(own: SequenceSpec, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("list") / "list.yaml"
-    path.write_text(yaml.safe_dump([{k: v for k, v in asdict(own).items() if v is not None}]))
-    return path
+def measured(own: SequenceSpec, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Scores]:
+    work = tmp_path_factory.mktemp("work")
+    return {variant: measure(run(own, variant), work) for variant in VARIANTS}
 
 
-def command(listed: Path, out: Path, *more: str) -> list[str]:
-    words = [sys.executable, "-m", "evaluation.slam_ablation.run", "--out", str(out), "--list", str(listed)]
-    return [*words, "--seeds", "0", "--variants", "odometry", "graph", "oracle", *more]
+@pytest.mark.slow
+def test_records_say_how_it_went(measured: dict[str, Scores]) -> None:
+    kiss, small_gicp, graph, oracle = measured.values()
+    assert oracle.anchored and oracle.rmse_m is not None and oracle.rmse_m < 0.03
+    assert not graph.anchored and graph.rmse_m is not None and graph.rmse_m < 0.05
+    for peer in (kiss, small_gicp):
+        assert not peer.anchored and peer.rmse_m is not None and peer.rmse_m < 0.5 and peer.wall_precision is None
+    for own in measured.values():
+        assert own.matched_poses == own.poses > 50 and 6.0 < own.driven_m < 40.0
+        assert own.peak_memory_mb is not None and 30 < own.peak_memory_mb < 4000
+        assert own.rmse_m is not None and own.max_m is not None and own.seconds is not None
+        assert 0 < len(own.errors_m) == len(own.times_s) <= CURVE
+        assert own.rmse_m / 2 < sum(own.errors_m) / len(own.errors_m) and max(own.errors_m) <= own.max_m + 1e-4
+    assert oracle.wall_precision is not None and oracle.wall_precision > 0.5
+    assert oracle.match_precision is not None and oracle.match_precision > 0.9
+    stages = (oracle.seconds_odometry, oracle.seconds_surfaces, oracle.seconds_matching, oracle.seconds_optimisation)
+    assert oracle.seconds is not None and 0 < sum(stage or 0.0 for stage in stages) <= oracle.seconds
 
 
-def without_times(out: Path) -> list[dict[str, str]]:
-    with (out / "runs.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    changing = [name for name in rows[0] if name.startswith("seconds")] + ["peak_memory_mb", "command"]
-    return [{k: v for k, v in row.items() if k not in changing} for row in rows]
+@pytest.mark.slow
+def test_tables_plots_and_claims_of_runs(own: SequenceSpec, measured: dict[str, Scores], tmp_path: Path) -> None:
+    rows = rows_of((run(own, variant), record) for variant, record in measured.items())
+    reduction = prepared(rows).set_index("variant").drift_reduction
+    oracle, graph = measured["oracle"].rmse_m, measured["graph"].rmse_m
+    assert oracle is not None and graph is not None
+    assert reduction["oracle"] == pytest.approx(100 * (1 - oracle / graph)) and reduction.isna().sum() == 3
+    found = STUDY.tables(rows)
+    assert found["map"].variant.tolist() == ["graph", "oracle"]
+    assert found["cost"].seconds.astype(float).gt(0).all()
+    STUDY.plots(rows, tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"ablation-error-own-normal.svg", "ablation-drift-reduction.svg"}
+    before = {name: (tmp_path / name).read_bytes() for name in names}
+    STUDY.plots(rows, tmp_path)
+    assert before == {name: (tmp_path / name).read_bytes() for name in names}
 
 
-@pytest.fixture(scope="module")
-def whole(listed: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that nobody kills, with everything it leaves."""
-    out = tmp_path_factory.mktemp("whole")
-    page = out / "BENCHMARKS.md"
-    done = subprocess.run(command(listed, out, "--benchmarks", str(page)), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert "min left" in done.stdout
-    return out
-
-
-def test_rows_say_what_was_run_and_how_it_went(whole: Path) -> None:
-    with (whole / "runs.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [r["arm"] for r in rows] == ["odometry", "graph", "oracle"]
-    odometry, graph, oracle = rows
-    assert float(graph["rmse_bim_m"]) < 0.05 and graph["anchored"] == "False" and graph["drift_reduction"] == ""
-    assert oracle["anchored"] == "True" and float(oracle["rmse_bim_m"]) < 0.03
-    expected = 1 - float(oracle["rmse_bim_m"]) / float(graph["rmse_bim_m"])
-    assert np.isclose(float(oracle["drift_reduction"]), expected)
-    for row in rows:
-        assert row["matched_poses"] == row["total_poses"] == row["scans"] != "0"
-        assert 30 < float(row["peak_memory_mb"]) < 4000 and float(row["seconds"]) > 0
-        assert "--seeds 0 --variants" in row["command"] and row["arm"] in row["command"].split()
-    assert odometry["wall_precision"] == "" and float(oracle["wall_precision"]) > 0.5
-    assert float(oracle["match_precision"]) > 0.9
-    stages = sum(float(oracle[f"seconds_{s}"]) for s in ("odometry", "surfaces", "rooms", "matching", "optimisation"))
-    assert stages <= float(oracle["seconds"])
-    settings = yaml.safe_load((whole / oracle["config"]).read_text())
-    assert settings["ablation"]["arm"] == "oracle" and settings["anchors"]["planes"] is True
-
-
-def test_the_page_has_tables_and_plots(whole: Path) -> None:
-    page = (whole / "ablation.md").read_text()
-    assert "| own | normal | oracle | 1 | 1 |" in page and "## Commands" in page
-    for line in page.splitlines():
-        if line.startswith("!["):
-            picture = whole / line.split("(")[-1].rstrip(")")
-            assert picture.read_text().lstrip().startswith("<?xml")
-    assert r"\toprule" in (whole / "table.tex").read_text()
-    section = (whole / "BENCHMARKS.md").read_text()
-    assert section.startswith("<!-- ablation -->") and "| own | normal | oracle" in section and "cores" in section
-    assert (whole / "docs" / "ablation-drift-reduction.svg").exists()
-
-
-def test_killed_three_times_and_resumed_it_is_the_same(listed: Path, whole: Path, tmp_path: Path) -> None:
-    def rows() -> int:
-        return len((tmp_path / "runs.csv").read_text().splitlines()) if (tmp_path / "runs.csv").exists() else 0
-
-    for enough in (lambda: (tmp_path / "configs").exists(), lambda: rows() >= 3, lambda: rows() >= 4):
-        run = subprocess.Popen(command(listed, tmp_path), stdout=subprocess.DEVNULL, start_new_session=True)
-        while not enough() and run.poll() is None:
-            time.sleep(0.02)
-        os.killpg(run.pid, signal.SIGKILL)
-        assert run.wait() in (-signal.SIGKILL, 0)
-    assert called(*command(listed, tmp_path)[2:]).returncode == 0
-    assert without_times(tmp_path) == without_times(whole)
-    before = (tmp_path / "runs.csv").read_bytes()
-    again = called(*command(listed, tmp_path)[2:])
-    assert (tmp_path / "runs.csv").read_bytes() == before and "min left" not in again.stdout
-
-
-def test_by_a_cluster_it_is_the_same(scheduler: str, listed: Path, whole: Path, tmp_path: Path) -> None:
-    ablate(read_specs(listed), [0], ["oracle"], tmp_path, scheduler=scheduler)
-    (found,), expected = without_times(tmp_path), without_times(whole)[-1]
-    assert found == expected | {"drift_reduction": ""}  # the graph without anchors has not been run
-    for name in ("errors/own_normal_0_oracle.csv", found["config"]):
-        assert (tmp_path / name).read_bytes() == (whole / name).read_bytes()
-
-
-def test_a_csv_of_another_version_is_refused(own: SequenceSpec, tmp_path: Path) -> None:
-    (tmp_path / "runs.csv").write_text("sequence,seed\nown,0\n")
-    with pytest.raises(UserError, match="columns"):
-        ablate([own], [0], ["graph"], tmp_path)
-
-
+@pytest.mark.slow
 def test_what_a_run_refuses_reaches_the_user(own: SequenceSpec, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="not simulated"):
-        ablate([own], [0], ["graph"], tmp_path, Conditions(moved_walls=0.3))
+        measure(run(own, "graph", Conditions(moved_walls=0.3)), tmp_path)
 
 
-def test_a_weak_front_end_has_an_odometry_of_its_own(own: SequenceSpec, tmp_path: Path) -> None:
-    sequence = prepare(own, 0, tmp_path, Conditions(weaken=True))
+@pytest.mark.slow
+def test_a_weak_front_end_has_an_odometry_of_its_own(
+    own: SequenceSpec, measured: dict[str, Scores], tmp_path: Path
+) -> None:
+    weaken = Conditions(weaken=True)
+    sequence = prepare(own, 0, tmp_path, weaken)
     assert sequence.weak is not None and len(sequence.weak.trajectory) == len(sequence.truth)
-    kept = tmp_path / "own-0.odometry.tum"
+    (kept,) = tmp_path.glob("own-odometry/odometry-*.tum")
     before = kept.stat().st_mtime_ns
-    again = prepare(own, 0, tmp_path, Conditions(weaken=True))
+    again = prepare(own, 0, tmp_path, weaken)
     assert again.weak is not None and again.weak.rmse_m == sequence.weak.rmse_m > 0.5
     assert kept.stat().st_mtime_ns == before
     assert prepare(own, 0, tmp_path).weak is None
+    record, whole = measure(run(own, "graph", weaken), tmp_path), measured["graph"]
+    assert record.rmse_m is not None and whole.rmse_m is not None and record.rmse_m > whole.rmse_m
+    assert STUDY.tables(rows_of([(run(own, "graph", weaken), record)]))["weakened"].weakening.item() == record.weakening
 
 
 def test_list_of_sequences(tmp_path: Path) -> None:
@@ -154,6 +104,9 @@ def test_list_of_sequences(tmp_path: Path) -> None:
     path.write_text("- name: a\n  bim: a.ifc\n  storey: Ground\n- {name: b, bim: b.json, scans: s, truth: t.tum}\n")
     first, second = read_specs(path)
     assert (first.storey, first.scans, second.truth) == ("Ground", None, "t.tum")
+    chosen = cases(Choice(listed=path, sequences=(), seeds=(0, 1), variants=("graph",), loops=True))
+    assert [(case.sequence.name, case.seed) for case in chosen] == [("a", 0), ("a", 1), ("b", 0)]
+    assert all(case.conditions == Conditions(loops=True) for case in chosen)
     path.write_text("- {name: a, bim: mesh.stl}")
     assert read_specs(path)[0].is_mesh
     for text, what in (
@@ -166,39 +119,55 @@ def test_list_of_sequences(tmp_path: Path) -> None:
             read_specs(path)
 
 
-def records(**errors: list[float]) -> Records:
-    """Runs of variants with these errors."""
-    return [
-        {
-            **dict.fromkeys(ACCURACY, ""), "sequence": "a_b", "conditions": "normal", "arm": variant, "seed": str(seed),
-            "rmse_bim_m": str(error), "anchored": "True", "matched_poses": "9", "total_poses": "10", "weakening": "",
-        }
+def rows_with(errors: dict[str, list[float | None]], driven: float = 50.0) -> pd.DataFrame:
+    """Runs of variants with these errors, one a seed."""
+    demo = SequenceSpec(name="demo", bim="demo")
+    record = Scores(anchored=False, poses=10, driven_m=driven, seconds=150.0, seconds_reading=1.0, peak_memory_mb=200.0)
+    return rows_of(
+        (
+            run(demo, variant, seed=seed),
+            record.model_copy(
+                update={"rmse_m": error, "anchored": error is not None, "matched_poses": 0 if error is None else 9}
+            ),
+        )
         for variant, own in errors.items()
         for seed, error in enumerate(own)
-    ]  # fmt: skip
+    )
 
 
 def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
-    some = records(anchored=[0.01, 0.02, 0.03], oracle=[0.01, 0.01, 0.01])
-    first = markdown(some, ACCURACY).splitlines()[2]
-    assert first.startswith("| a_b | normal | anchored | 3 | 3 | 27 of 30 | 0.02 ± 0.01 |")
-    assert r"a\_b & normal & anchored & 3 & 3 & 27 of 30 & 0.02 $\pm$ 0.01 &" in latex(some, ACCURACY)
-    assert "| 0.0200 | 0.0100 | +100 % |" in against_oracle(some)
-    assert against_oracle(records(anchored=[0.01])) == ""
+    own: list[float | None] = [0.01, 0.02, 0.03]
+    found = STUDY.tables(rows_with({"graph": [0.1, 0.1, 0.1], "anchored": own, "oracle": [0.01, 0.01, 0.01]}))
+    line = found["accuracy"].set_index("variant").loc["anchored"]
+    assert (line["runs"], line["anchored"], line["poses matched"]) == ("3", "3/3", "27/30")
+    assert line["RMSE (m)"] == "0.02 ± 0.01" and line["drift reduction (%)"] == "80 ± 10"
+    assert found["cost"].seconds[0] == "150 ± 0" and found["lengths"] == "50 to 50"
+    assert found["oracle"].to_numpy().tolist() == [["demo", "normal", "anchored", "0.0200", "0.0100", "+100 %"]]
+    assert list(found["readme"].iloc[0]) == ["demo building, ground floor", "0.100 m", "0.020 m", "0.010 m"]
 
 
-def test_mistakes_on_the_command_line(tmp_path: Path) -> None:
-    assert "castle" in refused("evaluation.slam_ablation.run", "--out", tmp_path, "--sequences", "castle")
+def test_runs_that_are_not_anchored_are_told() -> None:
+    rows = rows_with({"kiss-icp": [0.2, 0.2, 0.4], "anchored": [0.01, None, 0.03], "anchored:voting": [None] * 3})
+    readme = STUDY.tables(rows)["readme"].iloc[0]
+    assert readme["**anchored by learned**"] == "0.020 m (2 of 3 anchored)"
+    assert readme["anchored by voting"] == "(0 of 3 anchored)"
+    rmse, anchored, relative = STUDY.claims(rows)
+    assert rmse.value.startswith("0.0200 [") and rmse.cases == "3 drives, 1 buildings"
+    assert anchored.value == "2/3, at least 9%"  # Clopper and Pearson
+    assert relative.value.startswith("0.067 [") and relative.cases == "2 drives, 1 buildings"
+
+
+def test_unknown_variants_are_refused() -> None:
     unknown, no_method = "unknown variant", "no matching method"
-    for variant, what in (("fast", unknown), ("oracle:x", unknown), ("anchored:guessing", no_method)):
+    for variant, what in (("fast", unknown), ("oracle:x", unknown), ("anchored:", unknown), ("anchored:x", no_method)):
         with pytest.raises(UserError, match=what):
-            check_variant(variant)
-    with pytest.raises(UserError, match="share"):
-        Conditions(moved_walls=2.0)
+            cases(Choice(variants=(variant,)))
 
 
-def test_conditions_are_told_by_their_options() -> None:
-    assert Conditions().name == "normal" and not list(Conditions().options())
+def test_conditions_are_told_by_their_names() -> None:
+    assert Conditions().name == "normal" and Conditions().of_the_drive == ""
     hard = Conditions(weaken=True, moved_walls=0.33, wrong_matches=2, loops=True)
-    assert list(hard.options()) == ["--weaken", "--moved-walls 0.33", "--wrong-matches 2", "--loops"]
-    assert hard.name == "weaken moved-walls-0.33 wrong-matches-2 loops" and hard.of_the_drive == "-moved0.33-loops"
+    assert hard.name == "weaken moved-walls-0.33 wrong-matches-2 loops"
+    assert hard.of_the_drive == "-moved_walls0.33-loops"
+    with pytest.raises(ValueError, match="moved_walls"):
+        Conditions(moved_walls=2.0)

@@ -1,45 +1,79 @@
-"""What the ablation makes harder, and what it compares with: weak odometry, wrong matches, ICP to the BIM."""
+"""What the ablation makes harder, and what it compares with: weak odometry, wrong matches, ICP to the BIM; growth."""
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from small_ifc import STOREY, SmallBuilding, write_small_ifc
+from study_rows import rows_of
 
 from data import Room, SceneGraph, WallSurface
 from data.common.errors import UserError
 from data.plans import load_bim
-from data.scans import ScanFolder
+from data.scans import Scan, ScanFolder
 from data.simulation import SimulatedRun
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from evaluation.harness.stand_in_matchers import OracleMatcher, WrongMatches
-from evaluation.harness.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
+from evaluation.drives import Conditions, SequenceSpec
+from evaluation.drives.conditions import NORMAL
+from evaluation.drives.stand_in_matchers import OracleMatcher, WrongMatches
+from evaluation.drives.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
 from evaluation.metrics.trajectories import ape, error_in_bim
 from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
-from evaluation.studies.growth import STAGES, measure, picture, table
+from evaluation.slam_ablation.scores import Scores
+from evaluation.slam_ablation.study import Run
+from evaluation.slam_ablation.variants import shortened_scan
+from evaluation.studies import growth, wrong_matches
 from matching import MatchResult
 
 
-@pytest.mark.slow
+def scores(**values: Any) -> Scores:
+    """A record with these values."""
+    plain = {"anchored": True, "driven_m": 9.0, "seconds": 1.0, "seconds_reading": 1.5, "peak_memory_mb": 200.4}
+    return Scores(**{**plain, "poses": 600, **values})
+
+
 def test_growth_is_told_by_stage(tmp_path: Path) -> None:
-    stages = {f"seconds_{stage}": "1.5" for stage in STAGES}
-    records = [
-        {
-            "sequence": f"{m}m", "scans": str(20 * m), "keyframes": str(2 * m), "rooms": str(m // 10),
-            "wall_surfaces": "9", "seconds": str(m / 10), "peak_memory_mb": "200.4", **stages,
-        }
-        for m in (30, 60)
-    ]  # fmt: skip
-    lines = table(records).splitlines()
-    assert lines[2].startswith("| 30m | 600 | 60 | 3 | 9 | 3.0 | 5.0 | 1.50 |") and lines[3].endswith("| 200 |")
-    picture(records, tmp_path / "growth.svg")
-    first = (tmp_path / "growth.svg").read_bytes()
-    picture(records, tmp_path / "growth.svg")
-    assert b"<svg" in first and (tmp_path / "growth.svg").read_bytes() == first
-    with pytest.raises(UserError, match="above 0"):
-        measure("demo", None, [0.0], tmp_path)
+    first, second = growth.cases(growth.Choice(lengths=(30.0, 60.0)))
+    assert first.sequence.min_length == 30.0 and first.sequence.name != second.sequence.name
+    stages = {f"seconds_{stage}": 1.5 for stage in growth.STAGES}
+    record = scores(seconds=3.0, keyframes=60, rooms=3, wall_surfaces=9, **stages)
+    rows = rows_of([(first, record), (second, record)])
+    line = growth.tables(rows)["drives"].iloc[0].tolist()
+    assert line == ["demo-30m", "600", "60", "3", "9", "3.0", "5.0", *["1.50"] * 6, "200"]
+    growth.plots(rows, tmp_path)
+    assert b"<svg" in (tmp_path / "growth.svg").read_bytes()
+
+
+def test_the_length_of_a_recorded_drive_cannot_be_chosen(tmp_path: Path) -> None:
+    listed = tmp_path / "list.yaml"
+    listed.write_text("- {name: own, bim: a.json, scans: s, truth: t.tum}")
+    with pytest.raises(UserError, match="recorded"):
+        growth.cases(growth.Choice(listed=listed, sequences=()))
+
+
+def test_corrupted_runs_stand_beside_clean_ones() -> None:
+    found = [("a", 0, 0.010, 20.0, 0.009, 20.0), ("a", 1, 0.020, 30.0, 0.024, 50.0), ("b", 0, 0.010, 20.0, None, None)]
+    rows = rows_of(
+        (
+            Run(sequence=SequenceSpec(name=name, bim="demo"), seed=seed, conditions=conditions, variant="anchored"),
+            scores(rmse_m=error, first_anchor_s=first),
+        )
+        for name, seed, *values in found
+        for conditions, error, first in zip(
+            (NORMAL, Conditions(wrong_matches=5)), values[::2], values[1::2], strict=True
+        )
+    )
+    assert wrong_matches.tables(rows)["drives"].to_numpy().tolist() == [
+        ["a", "5", "0", "0.0100", "0.0090", "0.90", "20", "20"],
+        ["a", "5", "1", "0.0200", "0.0240", "1.20", "30", "50"],
+        ["**a**", "5", "all", "0.0150", "0.0165", "1.10", "25", "35"],
+        ["b", "5", "0", "0.0100", "not anchored", "", "20", ""],
+    ]
+    (claim,) = wrong_matches.claims(rows)
+    assert claim.value.startswith("1.10 [") and claim.cases == "2 drives, 1 buildings"
 
 
 def around_a_block(metres: float) -> Trajectory:
@@ -75,6 +109,8 @@ def test_a_weak_sensor_sees_what_is_near() -> None:
     points = np.column_stack([ranges, np.zeros((400, 2))])
     assert shortened(points)[:, 0].max() < RANGE_M and len(shortened(points)) == np.sum(ranges < RANGE_M)
     assert len(shortened(points + np.array([50.0, 0.0, 0.0]))) == 50
+    scan = shortened_scan(Scan(0, 0, points[::-1], 0, Path(), point_times=ranges[::-1]))
+    assert scan.point_times is not None and np.array_equal(scan.point_times, scan.points[:, 0])
 
 
 def plan(rooms: int, frame: str) -> SceneGraph:

@@ -1,18 +1,17 @@
 """Long runs are measured: the drive comes in parts, and what is told of it adds up."""
 
-import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from small_ifc import write_small_ifc
+from study_rows import rows_of
 
 from data.common.errors import UserError
 from data.scans import ScanFolder
-from evaluation.harness import endless_drive
-from evaluation.harness.endless_drive import DriveSpec, EndlessDrive
+from evaluation.drives import endless_drive as drives
+from evaluation.drives.endless_drive import DriveSpec, endless_drive
+from evaluation.studies.long_run import Choice, cases, claims, measure, plots, tables
 
 pytestmark = pytest.mark.slow
 
@@ -23,24 +22,24 @@ def bim(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_drive_comes_in_parts_that_are_gone_when_they_were_read(bim: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(endless_drive, "_PART", 8)
+    monkeypatch.setattr(drives, "PART", 8)
     stamps, sizes, before = list[int](), list[int](), None
-    with EndlessDrive(DriveSpec(bim, "Ground", 20)) as drive:
-        for part in drive.parts():
+    with endless_drive(DriveSpec(bim, "Ground", 20)) as (truth, parts):
+        for part in parts:
             assert before is None or not before.exists()
             before = part
             scans = list(ScanFolder(part))
             stamps += [scan.stamp_ns for scan in scans]
             sizes.append(len(scans))
             assert min(len(scan.points) for scan in scans) > 13_000
-        assert stamps == drive.truth.stamps_ns.tolist()
+        assert stamps == truth.stamps_ns.tolist()
     assert sizes == [8, 8, 4] and before is not None and not before.parent.exists()
 
 
 def test_a_standing_robots_scans_differ_by_their_noise_alone(bim: Path) -> None:
-    with EndlessDrive(DriveSpec(bim, "Ground", 3, standing=True)) as drive:
-        assert np.ptp(drive.truth.positions, axis=0).max() == 0
-        (part,) = ([scan.points for scan in ScanFolder(folder)] for folder in drive.parts())
+    with endless_drive(DriveSpec(bim, "Ground", 3, standing=True)) as (truth, parts):
+        assert np.ptp(truth.positions, axis=0).max() == 0
+        (part,) = ([scan.points for scan in ScanFolder(folder)] for folder in parts)
     first, second = part[0], part[1]
     assert first.shape == second.shape and not np.array_equal(first, second)
     away = np.linalg.norm(first - second, axis=1)
@@ -48,22 +47,30 @@ def test_a_standing_robots_scans_differ_by_their_noise_alone(bim: Path) -> None:
 
 
 def test_a_storey_that_is_not_there_is_told(bim: Path) -> None:
-    with pytest.raises(UserError, match="Attic"):
-        EndlessDrive(DriveSpec(bim, "Attic", 3))
+    with pytest.raises(UserError, match="Attic"), endless_drive(DriveSpec(bim, "Attic", 3)):
+        pass
 
 
-def test_the_command_measures_and_writes_its_section(bim: Path, tmp_path: Path) -> None:
-    words = ["--out", "out", "--bim", str(bim), "--storey", "Ground", "--scans", "60", "--standing"]
-    command = [sys.executable, "-m", "evaluation.studies.long_run", *words, "--benchmarks", "page.md"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    told = json.loads((tmp_path / "out/samples.json").read_text())
-    samples, whole = told["samples"], told["whole"]
-    assert [s["scans"] for s in samples] == [60] and whole["scans"] == 60
-    assert 0 < samples[-1]["memory"] <= whole["peak_memory_mb"]
-    parts = samples[-1]["seconds"] + whole["finish_seconds"] + whole["writing_seconds"]
-    assert whole["seconds"] == pytest.approx(parts) and whole["scans_per_second"] == pytest.approx(60 / parts)
-    page = (tmp_path / "page.md").read_text()
-    assert page.count("<!-- standing -->") == 1 and "| 60 | " in page and "cores, 20" in page
-    assert (tmp_path / "docs/standing.svg").read_text().startswith("<?xml")
-    assert (tmp_path / "out/run/report.html").exists()
+def test_the_parts_of_a_run_add_up(bim: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drives, "PART", 30)
+    (case,) = cases(Choice(bim=str(bim), storey="Ground", scans=60, standing=True))
+    whole = measure(case, tmp_path)
+    assert not list(tmp_path.iterdir())
+    assert whole.seconds is not None and whole.peak_memory_mb is not None
+    first, last = whole.samples
+    assert (first.scans, last.scans) == (30, 60) and 0 < last.memory_mb <= whole.peak_memory_mb
+    assert whole.seconds == pytest.approx(last.seconds + (whole.finish_seconds or 0) + (whole.writing_seconds or 0))
+    rows = rows_of([(case, whole)])
+    made = tables(rows)
+    assert made["runs"]["scans a second"].tolist() == [f"{60 / whole.seconds:.0f}"]
+    assert made["tenths"].scans.tolist() == ["30", "60"]
+    speed = 30 / (last.seconds - first.seconds)
+    assert made["tenths"]["scans a second"].tolist() == [f"{30 / first.seconds:.0f}", f"{speed:.0f}"]
+    assert claims(rows)[1].value == f"{first.memory_mb:.0f} to {last.memory_mb:.0f}"
+    plots(rows, tmp_path)
+    assert (tmp_path / "long_run.svg").read_text().startswith("<?xml")
+
+
+def test_a_storey_must_be_named() -> None:
+    with pytest.raises(UserError, match="name the storey"):
+        cases(Choice(storey=None))

@@ -1,44 +1,27 @@
-"""The tables of odometries and of moving scans, and the file that their rows are kept in."""
+"""The odometries alone and in runs, and the tables of odometries and of moving scans."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from drives import small_drive
+from study_rows import rows_of
 
-from data import UserError
+from data.scans import Scan, ScanFolder
 from data.scans.writers import SCAN_WRITERS
+from data.trajectory import Trajectory
 from data.trajectory.stamps import ns_to_seconds
-from evaluation.harness import RecordFile, SequenceSpec
-from evaluation.harness.sequences import odometry_of_run
+from evaluation.drives import SequenceSpec
+from evaluation.drives.sequences import odometry_of_run
+from evaluation.metrics.trajectories import ape
+from evaluation.slam_ablation.peers import kiss_icp_alone, small_gicp_alone
 from evaluation.studies import moving_scans, odometries
 from sgslam.config import Config, OdometrySettings
 
 pytestmark = pytest.mark.slow
 
-
-@dataclass(frozen=True)
-class Row:
-    name: str
-    seed: int
-    error: float | None
-
-
-def test_rows_are_found_again_after_a_restart(tmp_path: Path) -> None:
-    first = RecordFile(tmp_path / "rows.csv", Row)
-    assert first.find(name="a") is None
-    first.add(Row("a", 0, 0.5))
-    first.add(Row("a", 1, None))
-    again = RecordFile(tmp_path / "rows.csv", Row)
-    assert again.find(name="a", seed=1) == {"name": "a", "seed": "1", "error": ""}
-    assert again.records == first.records and again.find(name="b") is None
-
-
-def test_rows_of_another_version_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "rows.csv").write_text("name,seed\na,0\n")
-    with pytest.raises(UserError, match="other columns"):
-        RecordFile(tmp_path / "rows.csv", Row)
+Register = Callable[[Iterable[Scan]], Trajectory]
 
 
 @pytest.fixture(scope="module")
@@ -52,22 +35,31 @@ def own_sequence(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:
     (folder / "scans" / "times.txt").write_text(stamps)
     drive.truth.write_tum(folder / "truth.tum")
     drive.bim.graph.save(folder / "plan.json")
-    return SequenceSpec("own", str(folder / "plan.json"), None, str(folder / "scans"), str(folder / "truth.tum"))
+    scans, truth = folder / "scans", folder / "truth.tum"
+    return SequenceSpec(name="own", bim=str(folder / "plan.json"), scans=str(scans), truth=str(truth))
 
 
-def test_a_given_odometry_is_measured_and_not_again(own_sequence: SequenceSpec, tmp_path: Path) -> None:
-    (r,) = records = odometries.measure([own_sequence], [0], ["given"], tmp_path)
-    assert r["odometry"] == "given" and r["anchored"] == "True" and float(r["rmse_bim_m"]) < 0.03
-    assert float(r["cpu_run"]) > 0 and float(r["cpu_kiss"]) > 0 and float(r["alone_ape_m"]) < 1.0
-    before = (tmp_path / "odometries.csv").read_bytes()
-    assert odometries.measure([own_sequence], [0], ["given"], tmp_path) == records
-    assert (tmp_path / "odometries.csv").read_bytes() == before
-    assert "| own | a TUM file | 1 |" in odometries.table(records)
+def test_an_external_odometry_is_measured(own_sequence: SequenceSpec, tmp_path: Path) -> None:
+    case = odometries.Run(sequence=own_sequence, seed=0, odometry="external")
+    found = odometries.measure(case, tmp_path)
+    assert found.anchored and found.rmse_m is not None and found.rmse_m < 0.03 and found.alone_ape_m < 1.0
+    assert found.cpu_run is not None and found.cpu_kiss is not None and found.cpu_run > 0 and found.cpu_kiss > 0
+    own = case.model_copy(update={"odometry": "kiss"}), found.model_copy(update={"cpu_alone": 3 * found.cpu_kiss})
+    lost = own[0].model_copy(update={"seed": 1}), own[1].model_copy(update={"anchored": False, "rmse_m": None})
+    table = odometries.tables(rows_of([(case, found), own, lost]))["odometries"]
+    external, kiss = table.to_dict("records")
+    assert (external["drives"], external["anchored"], external["alone, times KISS-ICP"]) == ("1", "1", "")
+    assert (kiss["drives"], kiss["anchored"], kiss["wrong"], kiss["alone, times KISS-ICP"]) == ("2", "1", "0", "3.00")
+
+
+@pytest.mark.parametrize("alone", [kiss_icp_alone, small_gicp_alone])
+def test_peers_alone_follow_the_sensor(own_sequence: SequenceSpec, alone: Register) -> None:
+    assert own_sequence.scans is not None and own_sequence.truth is not None
+    found, truth = alone(ScanFolder(own_sequence.scans)), Trajectory.read_tum(own_sequence.truth)
+    assert np.array_equal(found.stamps_ns, truth.stamps_ns) and ape(found, truth, "origin").translation.rmse < 0.5
 
 
 def test_an_odometry_alone_is_the_one_that_is_asked_for() -> None:
-    from data.scans import Scan
-
     scans = [Scan(i, stamp, points, 0, Path()) for i, (stamp, points) in enumerate(small_drive().scans[:15])]
     found = [
         odometry_of_run(scans, Config(odometry=OdometrySettings(method=method))).poses  # type: ignore[arg-type]
@@ -77,12 +69,18 @@ def test_an_odometry_alone_is_the_one_that_is_asked_for() -> None:
     assert np.array_equal(odometry_of_run(scans).poses, found[0])
 
 
-def test_the_table_of_moving_scans_tells_each_arm() -> None:
-    rows = [
-        {"drive": "quick", "seed": str(seed), "arm": arm, "scans": "9", "anchored": str(error is not None),
-         "rmse_bim_m": "" if error is None else str(error), "max_bim_m": "" if error is None else str(3 * error)}
-        for seed in (0, 1) for arm, error in (("as they are", 0.04 if seed else None), ("deskewed", 0.006))
-    ]  # fmt: skip
-    text = moving_scans.table(rows)
-    assert "| quick | moving, as they are | 1 of 2 | none, 0.0400 | 0.120 |" in text
-    assert "| quick | moving, deskewed | 2 of 2 | 0.0060, 0.0060 | 0.018 |" in text
+def test_the_table_of_moving_scans_tells_each_kind() -> None:
+    rows = rows_of(
+        (
+            moving_scans.Drive(drive="quick", seed=seed, scans=scans),
+            moving_scans.Errors(
+                poses=9, anchored=error is not None, rmse_m=error, max_m=None if error is None else 3 * error
+            ),
+        )
+        for seed in (0, 1)
+        for scans, error in (("moving, as they are", 0.04 if seed else None), ("moving, deskewed", 0.006))
+    )
+    assert moving_scans.tables(rows)["errors"].to_numpy().tolist() == [
+        ["quick", "moving, as they are", "1/2", "0.0400", "0.120"],
+        ["quick", "moving, deskewed", "2/2", "0.0060, 0.0060", "0.018, 0.018"],
+    ]

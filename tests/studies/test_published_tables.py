@@ -1,143 +1,171 @@
-"""The published tables: pairs whose truth holds, rows that are not made twice, the page."""
+"""The published tables: pairs whose truth holds, which methods are asked, and the tables."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from known_maps import write_known_map
 from plans import a_graph, flat
+from study_rows import rows_of
 
 from data import UserError
 from data.geometry import se2
-from data.plans.sources import Plan
-from data.synthetic_maps.noise_models import draw
-from evaluation.matching_benchmark.pairs import Candidate, DrawnPair, Pair, Prepared
-from evaluation.matching_benchmark.rows import Row, Tally, read_rows
-from evaluation.published.page import f1_of, joint, page_of
-from evaluation.published.pairs import SE2_ANYWHERE, generated_candidates, known_map_pairs, start_regime, with_starts
-from evaluation.published.tables import main
+from evaluation.matching_benchmark.pairs import Prepared
+from evaluation.matching_benchmark.records import MatchRecord, Tally
+from evaluation.published.pairs import PublishedPair, published_pairs
+from evaluation.published.study import Choice, PublishedCase, cases, measure
+from evaluation.published.tables import claims, plots, tables
 from matching.published.network import REPOSITORY, PaperNetwork
 from matching.published.weights import save_paper_network
 
-PLAN = a_graph(flat(np.random.default_rng(5), 12, 9), "ground")
+NOTHING = Choice(msd=None, generated=0, known_map=None, slam_graphs=None, methods=("voting",))
 
 
-def distance_of_partners(prepared: Prepared) -> float:
-    """The largest distance between the centroids of true partners by the true motion, metres."""
-    of_a = {x.id: x.centroid for x in (*prepared.a_graph.rooms, *prepared.a_graph.wall_surfaces)}
-    s = prepared.drawn.s_graph
-    truth = {**prepared.truth.rooms, **prepared.truth.wall_surfaces}
-    points = {x.id: np.array(x.centroid) for x in (*s.rooms, *s.wall_surfaces)}
-    laid = {i: se2.apply(np.array(prepared.truth.T_a_s), p) for i, p in points.items()}
-    return max(float(np.hypot(*(laid[i] - of_a[j]))) for i, j in truth.items())
-
-
-def test_a_moved_start_takes_its_truth_along():
-    pair = DrawnPair(Candidate("p", Plan("n", "b", PLAN)), Candidate("p", Plan("n", "b", PLAN)), "paper", None, 0, 0)
-    found = with_starts([pair])
-    assert [p.regime for p in found] == ["paper", "paper+1m", "paper+5m", "paper+20m"]
-    at_home = found[0].prepare()
-    for other, reach in zip(found[1:], (1, 5, 20), strict=True):
-        there = other.prepare()
-        assert distance_of_partners(there) < 0.02
-        shift = there.drawn.s_graph.centroid() - at_home.drawn.s_graph.centroid()
-        assert 0 < np.abs(shift).max() <= reach
-        assert there.drawn.s_graph.centroid() == pytest.approx(np.array(there.truth.s_centroid))
-        assert there.drawn.T_a_s == there.truth.T_a_s == there.drawn.T_a_s_by_room[next(iter(there.drawn.rooms))]
-        assert other.prepare().drawn == there.drawn
+def choice(**changed: Any) -> Choice:
+    return NOTHING.model_copy(update=changed)
 
 
 @pytest.fixture
-def known(tmp_path: Path) -> Path:
-    drawn = draw(PLAN, "real", np.random.default_rng(2), 3)
-    matches = {"rooms": [*drawn.rooms.items()], "wall_surfaces": [*drawn.wall_surfaces.items()]}
-    path = tmp_path / "known.json"
-    path.write_text(json.dumps({"s_graph": drawn.s_graph.to_dict(), "a_graph": PLAN.to_dict(), "matches": matches}))
-    return path
-
-
-def test_parts_of_a_known_map_are_there_as_they_lie_and_laid_anywhere(known: Path):
-    found = known_map_pairs(known)
-    assert len(found) == 2 * 4 and [p.rooms for p in found[:2]] == [2, 2] and found[-1].rooms is None
-
-    def yaw(pair: Pair) -> float:
-        return pair.prepare().truth.T_a_s[0]
-
-    anywhere = [p for p in found if p.regime == SE2_ANYWHERE]
-    assert len({round(yaw(p), 3) for p in anywhere}) == 4
-    assert np.ptp([yaw(p) for p in found if p not in anywhere]) < 0.1
-
-
-def test_generated_apartments_lie_near_the_origin():
-    middles = np.array([c.plan.graph.centroid() for c in generated_candidates(6)])
-    assert np.abs(middles).max() <= 15 and np.ptp(middles, axis=0).min() > 1
-
-
-def row(method: str, regime: str, rooms: tuple[int, ...], walls: tuple[int, ...], **more: object) -> Row:
-    values = {
-        "plans": "msd-edges", "plan": "p", "building": "b", "source": "msd-edges/p", "rooms": None, "index": 0,
-        "seed": 0, "size": 5, "s_rooms": 4, "s_walls": 16, "status": "unique", "reason": "", "wrong": False,
-        "twin": False, "rival": None, "seconds": 0.25, "room_tally": Tally(*rooms), "wall_tally": Tally(*walls), **more,
-    }  # fmt: skip
-    return Row(method, regime, **values)  # type: ignore[arg-type]
-
-
-def test_rooms_and_walls_are_counted_together():
-    one = row("voting", "paper", (1, 2, 4), (8, 12, 16))
-    assert joint(one).wall_tally == Tally(9, 14, 20)
-    assert f1_of([one]) == pytest.approx(2 * 9 / 34)
-
-
-def test_the_page_holds_published_numbers_and_ours():
-    rows = [row("paper@published", "paper", (4, 4, 4), (8, 16, 16))]
-    rows += [row("paper@published", start_regime(20), (1, 4, 4), (1, 16, 16))]
-    rows += [row("combinatorial", "paper", (0, 0, 4), (0, 0, 16), status="late", seconds=60.0)]
-    rows += [row("combinatorial", "paper", (4, 4, 4), (16, 16, 16), index=1)]
-    rows += [row("combinatorial", "paper", (0, 0, 4), (0, 0, 16), status="none", seconds=60.01, index=2)]
-    rows += [row("paper@x.pt", "paper", (2, 4, 4), (8, 16, 16))]
-    text = page_of(rows, {"paper@x.pt": "without ring edges"}, Path("a/collapse.svg"))
-    assert "0.99 | 0.92 | 0.95" in text and "| 0.966 |" in text and "0.600 [" in text and "docs/collapse.svg" in text
-    late = next(line for line in text.splitlines() if line.startswith("| MSD apartments | iS-Graphs"))
-    assert "| 3 |" in late and "| 33 % | 1.000 |" in late and "0.333 [" in late and "40.087" in late
-    assert "| MSD apartments | without ring edges | 1 | 0.500" in text
-
-
-@pytest.mark.slow
-def test_the_command_goes_on_and_writes_all(known: Path, tmp_path: Path):
-    torch.manual_seed(0)
-    save_paper_network(tmp_path / "w.pt", PaperNetwork(REPOSITORY))
-    page, figure = tmp_path / "page.md", tmp_path / "f.svg"
-    folder = tmp_path / "plans"
+def apartments(tmp_path: Path) -> Path:
+    folder = tmp_path / "msd"
     folder.mkdir()
     rooms = [
         {"name": f"r{n}", "polygon": {"type": "Polygon", "coordinates": [[*r, r[0]]]}}
         for n, r in enumerate(flat(np.random.default_rng(0), 9, 7))
     ]
     (folder / "p.json").write_text(json.dumps({"name": "p", "unit": "m", "rooms": rooms}))
-    given = ["--out", str(tmp_path / "out"), "--msd", str(folder), "--pairs", "1", "--se2", str(known)]
-    given += ["--generated", "1", "--methods", "voting", "--ablation", f"untrained={tmp_path / 'w.pt'}"]
-    main([*given, "--page", str(page), "--figure", str(figure)])
-    rows = read_rows(tmp_path / "out" / "rows.jsonl")
-    counts = {m: sum(r.method == m for r in rows) for m in {r.method for r in rows}}
-    assert counts == {"voting": 4 + 3 + 1 + 8, f"paper@{tmp_path / 'w.pt'}": 1 + 1}  # the plan has fewer than 6 rooms
-    assert not any(r.status == "failed" for r in rows)
-    before = (tmp_path / "out" / "rows.jsonl").read_bytes()
-    main(given)
-    assert (tmp_path / "out" / "rows.jsonl").read_bytes() == before
-    assert "| untrained |" in page.read_text() and "`voting`" in page.read_text() and figure.stat().st_size > 1000
+    return folder
+
+
+@pytest.fixture
+def known(tmp_path: Path) -> Path:
+    return write_known_map(tmp_path / "known.json", a_graph(flat(np.random.default_rng(5), 12, 9), "ground"), 3)
+
+
+def distance_of_partners(prepared: Prepared) -> float:
+    """The largest distance between the centroids of true partners by the true motion, metres."""
+    a, s = prepared.plan.graph, prepared.drawn.s_graph
+    of_a = {i: node.centroid for nodes in (a.room_by_id, a.surface_by_id) for i, node in nodes.items()}
+    truth = {**prepared.truth.rooms, **prepared.truth.wall_surfaces}
+    points = {i: np.array(node.centroid) for nodes in (s.room_by_id, s.surface_by_id) for i, node in nodes.items()}
+    placed = {i: se2.apply(np.array(prepared.truth.T_a_s), p) for i, p in points.items()}
+    return max(float(np.hypot(*(placed[i] - of_a[j]))) for i, j in truth.items())
+
+
+def test_a_moved_start_takes_its_truth_along(apartments: Path) -> None:
+    pairs = [c.pair for c in cases(choice(msd=str(apartments), pairs=1)) if isinstance(c.pair, PublishedPair)]
+    assert [pair.start_m for pair in pairs] == [0, 1, 5, 20]
+    at_home = pairs[0].prepare()
+    for pair in pairs[1:]:
+        there = pair.prepare()
+        assert distance_of_partners(there) < 0.02
+        shift = there.drawn.s_graph.centroid() - at_home.drawn.s_graph.centroid()
+        assert 0 < np.abs(shift).max() <= pair.start_m
+        assert there.drawn.s_graph.centroid() == pytest.approx(np.array(there.truth.s_centroid))
+        assert there.drawn.T_a_s == there.truth.T_a_s == there.drawn.T_a_s_by_room[next(iter(there.drawn.rooms))]
+        assert pair.prepare().drawn == there.drawn
+
+
+def test_parts_of_a_known_map_are_there_as_they_lie_and_moved_anywhere(known: Path) -> None:
+    parts = [c.pair for c in cases(choice(known_map=str(known)))]
+    assert len(parts) == 2 * 4 and [p.rooms for p in parts[:4]] == [2, 2, 2, None]
+    yaws = {regime: [p.prepare().truth.T_a_s[0] for p in parts if p.regime == regime] for regime in MOVED}
+    assert len({round(yaw, 3) for yaw in yaws["known_map_moved"]}) == 4
+    assert np.ptp(yaws["known_map"]) < 0.1
+
+
+MOVED = ("known_map", "known_map_moved")
+
+
+def test_generated_apartments_lie_near_the_origin() -> None:
+    middles = np.array([pair.prepare().plan.graph.centroid() for pair in published_pairs("apartment", 6, 0)])
+    assert np.abs(middles).max() <= 15 and np.ptp(middles, axis=0).min() > 1
+
+
+def test_the_slow_search_is_asked_for_the_tables_alone(apartments: Path, known: Path) -> None:
+    options = choice(
+        msd=str(apartments), pairs=2, generated=2, known_map=str(known), slow_pairs=1, methods=("combinatorial",)
+    )
+    asked = [case.pair for case in cases(options)]
+    assert [p.plans for p in asked if isinstance(p, PublishedPair)] == [str(apartments), "apartment"]
+    assert all(p.regime == "known_map" for p in asked[2:]) and len(asked) == 2 + 4
+
+
+def test_what_is_missing_is_named_and_mistakes_are_told(tmp_path: Path) -> None:
+    gone = {name: str(tmp_path / name) for name in ("msd", "known_map", "slam_graphs")}
+    listed = cases(choice(**gone))
+    assert set().union(*(case.files() for case in listed)) == set(gone.values())
+    assert all(not Path(file).exists() for case in listed for file in case.files())
+    with pytest.raises(UserError, match="no matching method"):
+        cases(choice(methods=("no",)))
+    with pytest.raises(UserError, match=r"w\.pt"):
+        cases(choice(networks={"untrained": str(tmp_path / "w.pt")}))
+
+
+def row(method: str, tally: tuple[tuple[int, ...], tuple[int, ...]], start_m: float | None = 0.0, **more: Any) -> Any:
+    """A case and its record: right, answered and true of rooms and of walls."""
+    network = more.pop("network", None)
+    seen = {"rooms": more.pop("rooms", None), "index": more.pop("index", 0), "seed": 0}
+    pair: dict[str, Any] = {"plans": "a/msd", "plan": "p", **seen}
+    pair |= {"regime": "real"} if start_m is None else {"regime": "paper", "start_m": start_m}
+    case = PublishedCase.model_validate({"pair": pair, "method": method, "limit_s": 60, "network": network})
+    room_tally, wall_tally = (Tally(right=right, answered=answered, true=true) for right, answered, true in tally)
+    values = {
+        "status": "unique", "reason": "", "wrong": False, "twin": False, "rival": None, "seconds": 0.25,
+        "building": "b", "size": 5, "s_rooms": 4, "s_walls": 16, **more,
+    }  # fmt: skip
+    return case, MatchRecord(**values, room_tally=room_tally, wall_tally=wall_tally)
+
+
+def test_the_tables_hold_published_numbers_and_ours(tmp_path: Path) -> None:
+    nothing = ((0, 0, 4), (0, 0, 16))
+    rows = rows_of([
+        row("combinatorial", nothing, status="late", seconds=60.0),
+        row("combinatorial", ((4, 4, 4), (16, 16, 16)), index=1),
+        row("combinatorial", nothing, status="none", seconds=60.01, index=2),
+        row("paper@published", ((4, 4, 4), (8, 16, 16))),
+        row("paper@published", ((1, 4, 4), (1, 16, 16)), 20.0),
+        row("paper@published", ((1, 2, 4), (8, 12, 16)), None, rooms=2),
+        row("paper@published", ((4, 4, 4), (16, 16, 16)), None),
+        row("paper@x.pt", ((2, 4, 4), (8, 16, 16)), network="without ring edges"),
+    ])  # fmt: skip
+    found = tables(rows)
+    assert set(found) == {"perturbed", "unknown_start", "contributions"}
+    perturbed = found["perturbed"]
+    assert perturbed["pairs of"].tolist()[::2] == ["its MSD test set", "synthetic apartments", "MSD apartments"]
+    assert perturbed.F1.tolist()[:4] == ["0.95", "0.85", "0.683", "0.966"]
+    slow, paper = perturbed.iloc[4], perturbed.iloc[5]
+    assert slow.pairs == "3" and slow.completed == "33 %" and slow["F1 of the completed"] == "1.000"
+    assert slow.F1.startswith("0.333 [") and slow["time (s)"] == "40.087"
+    assert paper.F1.startswith("0.600 [") and paper["F1 of the completed"] == ""
+    (start,) = found["unknown_start"].to_dict("records")
+    assert start == {
+        "method": "the paper's matcher, `paper@published`", "±0 m": "0.600", "±20 m": "0.100",
+        "`real`, 2 rooms": f"{2 * 9 / 34:.3f}", "`real`, all rooms": "1.000",
+    }  # fmt: skip
+    (part,) = found["contributions"].to_dict("records")
+    assert part["method"] == "without ring edges" and part["F1"].startswith("0.500")
+    assert claims(rows)[0].value.startswith("0.600 [") and claims(rows)[0].cases == "1 pairs"
+    plots(rows, tmp_path)
+    assert (tmp_path / "published-collapse.svg").stat().st_size > 1000
 
 
 @pytest.mark.slow
-def test_mistakes_are_told(tmp_path: Path):
-    out = ["--out", str(tmp_path)]
-    for wrong, about in ((["--ablation", "x"], "NAME=FILE"), (["--pairs", "0"], "--pairs"), ([], "nothing to match")):
-        with pytest.raises(UserError, match=about):
-            main([*out, "--methods", "voting", *wrong])
-    with pytest.raises(UserError, match="no rows"):
-        main([*out, "--report-only"])
-    command = [sys.executable, "-m", "evaluation.published.tables", *out, "--methods", "no"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2 and "no matching method" in done.stderr and done.stderr.count("\n") == 1
+def test_all_that_is_listed_is_measured(apartments: Path, known: Path, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    network = str(tmp_path / "w.pt")
+    save_paper_network(tmp_path / "w.pt", PaperNetwork(REPOSITORY))
+    options = choice(msd=str(apartments), pairs=1, generated=1, known_map=str(known), networks={"untrained": network})
+    listed = cases(options)
+    counts = {m: sum(case.method == m for case in listed) for m in {case.method for case in listed}}
+    assert counts == {"voting": 4 + 3 + 1 + 8, f"paper@{network}": 1 + 1}  # the plan has fewer than 6 rooms
+    assert all(PublishedCase.model_validate_json(case.key) == case for case in listed)
+    assert all(network in case.files() for case in listed if case.network == "untrained")
+    rows = rows_of((case, measure(case, tmp_path)) for case in listed)
+    assert not (rows.status == "failed").any()
+    found = tables(rows)
+    assert found["slam_built"].pairs.tolist()[2:] == ["4", "4"]
+    assert found["contributions"]["method"].tolist() == ["untrained"] * 2

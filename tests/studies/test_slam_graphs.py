@@ -12,9 +12,9 @@ from small_ifc import STOREY, write_small_ifc
 from data import UserError
 from data.geometry import se2
 from data.simulation.simulate import simulate
-from evaluation.harness import SequenceSpec, prepare
-from evaluation.harness.slam_graph_files import SlamDrive, drive_file, read_drives, write_drive
-from evaluation.harness.slam_graphs import make, record, specs_of
+from evaluation.drives import SequenceSpec, prepare
+from evaluation.drives.slam_graph_files import SlamDrive, drive_file, read_drives, write_drive
+from evaluation.drives.slam_graphs import make, record, specs_of
 from evaluation.metrics.surface_overlap import best_rigid_fit
 
 pytestmark = pytest.mark.slow
@@ -26,7 +26,7 @@ def spec(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:
     building = write_small_ifc(folder / "small.ifc")
     simulate(building.path, STOREY, folder / "drive", seed=1, min_rooms=1, min_length=6.0, sensor=SENSOR)
     scans, truth = folder / "drive" / "scans", folder / "drive" / "truth.tum"
-    return SequenceSpec("own", str(building.path), scans=str(scans), truth=str(truth))
+    return SequenceSpec(name="own", bim=str(building.path), scans=str(scans), truth=str(truth))
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_files_are_read_as_they_were_written(drive: SlamDrive, tmp_path: Path) -
     drive_file(tmp_path, "own", 0).write_text('{"graphs": []}')
     with pytest.raises(UserError, match=r"own-0.*make it again"):
         list(read_drives(tmp_path))
-    with pytest.raises(UserError, match=r"evaluation\.harness\.slam_graphs"):
+    with pytest.raises(UserError, match=r"evaluation\.drives\.slam_graphs"):
         list(read_drives(tmp_path / "drives"))
 
 
@@ -62,18 +62,18 @@ def test_a_drive_that_is_there_is_left_as_it_is(spec: SequenceSpec, drive: SlamD
     before = drive_file(tmp_path, "own", 0).stat().st_mtime_ns
     assert make([spec], [0, 1], tmp_path) == 1
     assert drive_file(tmp_path, "own", 0).stat().st_mtime_ns == before
-    lost = SequenceSpec("lost", spec.bim, storey="no such storey")
+    lost = SequenceSpec(name="lost", bim=spec.bim, storey="no such storey")
     assert make([lost], [0], tmp_path) == 0
     assert not drive_file(tmp_path, "lost", 0).exists()
 
 
 def test_which_storeys_are_driven(spec: SequenceSpec) -> None:
     demo, *others = specs_of(["demo", spec.bim])
-    assert demo == SequenceSpec("demo", "demo")
+    assert demo == SequenceSpec(name="demo", bim="demo")
     assert all(s.bim == spec.bim and s.storey for s in others)
 
 
 def test_a_missing_building_is_a_users_mistake(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "evaluation.harness.slam_graphs", "--out", str(tmp_path), "--bims", "nowhere.ifc"]
+    command = [sys.executable, "-m", "evaluation.drives.slam_graphs", "--out", str(tmp_path), "--bims", "nowhere.ifc"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 2 and done.stderr.startswith("error: nowhere.ifc") and done.stderr.count("\n") == 1

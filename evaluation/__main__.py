@@ -1,0 +1,114 @@
+"""The measurements.
+
+    python -m evaluation list | run NAME ... [--quick] | render
+
+`run` computes the rows of studies, `render` writes all pages from the rows.
+"""
+
+import argparse
+import shlex
+from pathlib import Path
+from typing import Any
+
+from data.common.build import content_hash
+from data.common.cli import Parser, run_command
+from data.common.cluster import add_options
+from data.common.errors import UserError
+from data.common.processes import cores
+from evaluation.harness.study import STUDIES, Options, Study, load_study
+
+WORK = Path("out/evaluation")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line. Raises UserError."""
+    options = _parser().parse_args(arguments)
+    if options.command == "list":
+        return _list()
+    if options.command == "render":
+        from evaluation.harness.rendering import render, render_folder
+
+        changed = render(options.mixed) if options.rows is None else render_folder(options.rows, options.mixed)
+        print("\n".join(f"{path}: written" for path in changed) or "all pages are as the rows say")
+        return 0
+    return _run(options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="python -m evaluation", description="Measure accuracy, matching and time.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="list | run | render")
+    commands.add_parser("list", help="list the studies")
+    run = commands.add_parser("run", help="compute the rows of studies")
+    run.add_argument("studies", nargs="+", metavar="NAME", help="studies, or 'all'")
+    run.add_argument("--quick", action="store_true", help="the short version, compared with its rows before")
+    run.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="options of the study; see 'list'")
+    run.add_argument("--rows", type=Path, metavar="DIR", help="folder of the rows (default: the project's own)")
+    run.add_argument("--work", type=Path, default=WORK, metavar="DIR", help="folder for drives (default %(default)s)")
+    add_options(run, "--jobs", "processes (default: the number of cores)")
+    run.set_defaults(jobs=cores())
+    render = commands.add_parser("render", help="write all pages from the rows")
+    render.add_argument("--mixed", action="store_true", help="allow rows of several builds in a table, which says so")
+    about = "write the tables of a folder of rows there, as Markdown and LaTeX, instead of the project's pages"
+    render.add_argument("--rows", type=Path, metavar="DIR", help=about)
+    return parser
+
+
+def _list() -> int:
+    for name in STUDIES:
+        study = load_study(name)
+        print(f"{name}: {study.asks}")
+        for option, field in study.options.model_fields.items():
+            quick = getattr(study.quick, option)
+            short = "" if quick == field.default else f", --quick: {_plain(quick)}"
+            print(f"    {option} = {_plain(field.default)}{short}")
+    return 0
+
+
+def _plain(value: Any) -> str:
+    return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, tuple) else str(value)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from evaluation.harness.running import QUICK, ROWS, Place, run_study
+
+    if options.jobs < 1:
+        raise UserError(f"--jobs {options.jobs}: must be at least 1")
+    names = list(STUDIES) if options.studies == ["all"] else options.studies
+    studies = [load_study(name) for name in names]
+    chosen = [_options(study, options.quick, options.set) for study in studies]
+    folder = options.rows or ROWS
+    work = options.work / content_hash(("data",))  # drives of another simulator are not used
+    place = Place(folder / QUICK if options.quick else folder, work, options.jobs, options.scheduler)
+    lines = []
+    for study, own in zip(studies, chosen, strict=True):
+        lines += run_study(study, own, not options.set, place, _command(study.name, options)).lines()
+    print("\n".join(lines))
+    return 0
+
+
+def _command(study: str, options: argparse.Namespace) -> str:
+    """The command for one study's rows, without what they do not depend on."""
+    words = ["python", "-m", "evaluation", "run", study, *(["--quick"] if options.quick else [])]
+    return shlex.join([*words, *(["--set", *options.set] if options.set else [])])
+
+
+def _options(study: Study, quick: bool, changes: list[str]) -> Options:
+    """The options of a run. Raises UserError for unknown names and invalid values."""
+    import yaml
+    from pydantic import ValidationError
+
+    values = (study.quick if quick else study.options()).model_dump()
+    for change in changes:
+        name, _, text = change.partition("=")
+        if name not in values:
+            raise UserError(f"--set {change}: {study.name} has no option '{name}'; it has {', '.join(values)}")
+        values[name] = yaml.safe_load(text)
+    try:
+        return study.options.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise UserError(f"--set {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,159 @@
+"""Writes every number of the pages from the rows.
+
+A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
+its source, or a short text within a sentence. `STUDY/older-NAME` are tables of older builds whose rows were not kept,
+`STUDY/older-NAME@ROW,COLUMN` is a cell of one, counted from 0.
+"""
+
+import re
+from collections.abc import Mapping
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from data.common.errors import UserError
+from data.common.files import write_atomically
+from evaluation.harness.older import OlderTable, older_tables
+from evaluation.harness.row_file import read_rows, rows_path
+from evaluation.harness.running import QUICK, ROWS
+from evaluation.harness.study import STUDIES, load_study
+from evaluation.harness.tables import frame, markdown
+
+ROOT = Path(__file__).resolve().parents[2]
+PLOTS = ROOT / "docs/benchmarks"
+BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w@,-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
+CLAIMS = "claims"
+_HEAD = ("claim", "value", "cases", "command", "build")
+
+
+class Renderer:
+    """Renders pages from the rows of a folder; with `mixed`, a table may have rows of several builds, and says so."""
+
+    def __init__(self, rows: Path = ROWS, mixed: bool = False) -> None:
+        self._rows, self._mixed = rows, mixed
+        self._tables = cache(self._tables_of)
+        self._frame = cache(self._read)
+        self._older = cache(partial(older_tables, rows))
+
+    def page(self, text: str) -> str:
+        """The page with today's blocks. Raises UserError for a block that there is not, and for mixed builds."""
+
+        def block(found: re.Match[str]) -> str:
+            begin, study, name, _, end = found.groups()
+            return begin + self._block(study, name) + end
+
+        return BLOCK.sub(block, text)
+
+    def rows_of(self, study: str) -> pd.DataFrame:
+        """The rows of the study, or those of its short version. Raises UserError without any, and for mixed builds."""
+        return self._frame(study)
+
+    def tables(self, study: str) -> Mapping[str, Any]:
+        """The tables and texts of a study, by name."""
+        return self._tables(study)
+
+    def claims(self) -> pd.DataFrame:
+        """A line for each claim: of the rows of a whole study, or of its tables of an older build."""
+        lines: list[tuple[str, ...]] = []
+        for name in STUDIES:
+            if read_rows(rows_path(self._rows, name)):
+                rows = self.rows_of(name)
+                made = rows.iloc[-1]
+                source = (f"`{made['made.command']}`", f"`{made['made.build']}`")
+                lines += [(claim.text, claim.value, claim.cases, *source) for claim in load_study(name).claims(rows)]
+                continue
+            for table in self._older(name).values():
+                source = (f"`python -m evaluation run {name}`", f"older, commit `{table.made.commit}`")
+                lines += [(c.text, table.rows[c.row][c.column], c.cases, *source) for c in table.claims]
+        return pd.DataFrame(lines, columns=list(_HEAD))
+
+    def _block(self, study: str, name: str) -> str:
+        if study == CLAIMS:
+            return f"\n{markdown(self.claims())}\n"
+        content = self._content(study, name)
+        if isinstance(content, str):
+            return content
+        if isinstance(content, OlderTable):
+            return f"\n{content.markdown()}\n"
+        return f"\n{markdown(content)}\n\n{self._source(study)}\n"
+
+    def _content(self, study: str, name: str) -> Any:
+        """A table or a text. Raises UserError if the study has none of this name."""
+        name, _, cell = name.partition("@")
+        tables: Mapping[str, Any] = self._older(study) if name.startswith("older-") else self.tables(study)
+        if name not in tables:
+            raise UserError(f"<!-- rows: {study}/{name} -->: {study} has no such table; it has {', '.join(tables)}")
+        if not cell:
+            return tables[name]
+        row, column = map(int, cell.split(","))
+        text: str = tables[name].rows[row][column]
+        return text
+
+    def _tables_of(self, study: str) -> Mapping[str, Any]:
+        return load_study(study).tables(self.rows_of(study))
+
+    def has_rows(self, study: str) -> bool:
+        """Whether the study, or its short version, has rows."""
+        return any(read_rows(rows_path(folder, study)) for folder in (self._rows, self._rows / QUICK))
+
+    def _read(self, study: str) -> pd.DataFrame:
+        load_study(study)
+        rows = read_rows(rows_path(self._rows, study)) or read_rows(rows_path(self._rows / QUICK, study))
+        if not rows:
+            raise UserError(f"{study}: no rows; make them with python -m evaluation run {study}")
+        builds = list(dict.fromkeys(row.made.build for row in rows))
+        if len(builds) > 1 and not self._mixed:
+            text = f"{study}: its rows are of {len(builds)} builds ({', '.join(builds)})"
+            raise UserError(f"{text}; run the study again, or allow it with --mixed")
+        return frame(rows)
+
+    def _source(self, study: str) -> str:
+        """The source of a table in one line."""
+        rows = self.rows_of(study)
+        made = {name: list(dict.fromkeys(rows[f"made.{name}"])) for name in ("build", "command", "machine", "date")}
+        builds = ", ".join(f"`{build}`" for build in made["build"])
+        mixed = f"**Rows of {len(made['build'])} builds:** " if len(made["build"]) > 1 else "Build "
+        commands = ", ".join(f"`{command}`" for command in made["command"])
+        days = sorted({date.partition(" ")[0] for date in made["date"]})
+        return f"{mixed}{builds}, {len(rows)} rows, {days[-1]}, {'; '.join(made['machine'])}: {commands}"
+
+
+def pages() -> list[Path]:
+    """The pages that may hold blocks."""
+    return [ROOT / "README.md", ROOT / "BENCHMARKS.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def render(mixed: bool = False) -> list[Path]:
+    """Writes all pages and plots from the rows; returns the pages that changed."""
+    renderer = Renderer(mixed=mixed)
+    texts = {path: path.read_text() for path in pages()}
+    changed = {path: new for path, text in texts.items() if (new := renderer.page(text)) != text}
+    for path, text in changed.items():
+        write_atomically(path, text)
+    for study in STUDIES:
+        if read_rows(rows_path(ROWS, study)):  # plots are of the whole study
+            load_study(study).plots(renderer.rows_of(study), PLOTS)
+    return list(changed)
+
+
+def render_folder(rows: Path, mixed: bool = False) -> list[Path]:
+    """Writes all tables and texts of the studies with rows in a folder of one's own there: `NAME.md`, the tables as
+    `NAME.tex` (which needs the LaTeX package booktabs), and the plots. Returns the pages.
+
+    Raises UserError if there are no rows.
+    """
+    renderer = Renderer(rows, mixed)
+    names = sorted({path.name.partition(".")[0] for path in rows.glob("*.jsonl*")} - {"older"})
+    found = [name for name in names if renderer.has_rows(name)]
+    if not found:
+        raise UserError(f"{rows}: no rows of a study")
+    for name in found:
+        tables = renderer.tables(name)
+        blocks = "\n".join(f"## {table}\n<!-- rows: {name}/{table} --><!-- /rows -->\n" for table in tables)
+        write_atomically(rows / f"{name}.md", renderer.page(f"# {name}\n\n{blocks}"))
+        latex = [table.to_latex(index=False, escape=True) for table in tables.values() if not isinstance(table, str)]
+        write_atomically(rows / f"{name}.tex", "\n".join(latex))
+        load_study(name).plots(renderer.rows_of(name), rows)
+    return [rows / f"{name}.md" for name in found]
