@@ -100,7 +100,7 @@ def measure(case: BenchmarkCase, work: Path) -> MatchRecord:
 
 STUDY = Study(
     name="matching",
-    asks="How well do matchers find maps with known truth in plans?",
+    asks="how well matchers find maps with known truth in plans",
     options=Choice,
     quick=Choice(
         plans=(), generated=("apartment:3:2000", "office:3:2000", "corridor:2:2000"), slam_graphs=None,

@@ -151,7 +151,7 @@ def _large(row: Any) -> dict[str, str]:
 
 STUDY = Study(
     name="matching_time",
-    asks="How long does a match take, against the published model's forward pass, and how much memory?",
+    asks="how long a match takes beside the published model's forward pass, and its memory",
     options=Choice,
     quick=Choice(repeat=5),
     case=TimeCase,

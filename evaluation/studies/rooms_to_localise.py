@@ -166,7 +166,7 @@ def _percent(hits: Sequence[bool]) -> str:
 
 STUDY = Study(
     name="rooms_to_localise",
-    asks="How many rooms must be seen: are the predictions of inspect-bim right?",
+    asks="whether inspect-bim predicts rightly how many rooms must be seen",
     options=Choice,
     quick=Choice(buildings=("demo",), every=4, pairs=9, maps=5),
     case=BuildingCase,
