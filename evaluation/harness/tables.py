@@ -52,7 +52,7 @@ def of(part: float, whole: float) -> str:
 
 def rare(count: int, whole: int) -> str:
     """How often something rare was seen, with the exact 97.5 % upper bound of its share."""
-    return f"{count} of {whole} (≤ {100 * upper_bound(count, whole):.1f} %)"
+    return f"{count} of {whole}" + (f" (≤ {100 * upper_bound(count, whole):.1f} %)" if whole else "")
 
 
 def interval(estimate: Estimate | None, form: str = ".3f", factor: float = 1.0) -> str:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from evaluation.matching_benchmark.methods import ORACLE
 from evaluation.matching_benchmark.pairs import REGIMES, SGSLAM
 from evaluation.matching_benchmark.plan_sets import name_of_set, size_class, split_of
-from evaluation.metrics.bootstrap import Estimate, ratio, upper_bound
+from evaluation.metrics.bootstrap import Estimate, ratio
 from evaluation.metrics.calibration import BINS, Bin
 
 BASE = "voting"
@@ -97,11 +97,6 @@ def micro_f1(rows: pd.DataFrame, kind: str) -> float | None:
     """F1 of all nodes together; None without any."""
     right, answered, true = (rows[f"{kind}_tally.{name}"].sum() for name in ("right", "answered", "true"))
     return 2 * right / (answered + true) if answered + true else None
-
-
-def share_of(count: int, of: int) -> str:
-    """A count of rare events, and the bound of their share (one-sided 97.5 %)."""
-    return f"{count} of {of}" + (f" (≤ {100 * upper_bound(count, of):.1f} %)" if of else "")
 
 
 def gain(rows: pd.DataFrame) -> tuple[Estimate, float | None, int] | None:

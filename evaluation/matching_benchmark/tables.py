@@ -8,7 +8,7 @@ import pandas as pd
 from scipy.special import ndtr
 
 from evaluation.harness import Claim
-from evaluation.harness.tables import grouped, interval
+from evaluation.harness.tables import grouped, interval, rare
 from evaluation.matching_benchmark.methods import ORACLE
 from evaluation.matching_benchmark.pairs import NEGATIVE
 from evaluation.matching_benchmark.scores import (
@@ -19,7 +19,6 @@ from evaluation.matching_benchmark.scores import (
     gain,
     micro_f1,
     scored,
-    share_of,
 )
 from evaluation.metrics.calibration import calibration_error
 from matching.ambiguity.symmetries import EQUAL, SURE
@@ -56,10 +55,10 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
         text = f"Wall F1 of the learned matcher on {what}, of plans that nothing was chosen by"
         found.append(Claim(text, interval(estimate(part, "wall_f1")), f"{len(part)} maps"))
     text = "Maps that the learned matcher places uniquely at a wrong place, of all maps of such plans"
-    found.append(Claim(text, share_of(int(own.wrong.sum()), len(own)), f"{len(own)} maps"))
+    found.append(Claim(text, rare(int(own.wrong.sum()), len(own)), f"{len(own)} maps"))
     negative = own[own.regime == NEGATIVE]
     text = "Maps of another building that the learned matcher places uniquely"
-    return [*found, Claim(text, share_of(int(negative.unique.sum()), len(negative)), f"{len(negative)} maps")]
+    return [*found, Claim(text, rare(int(negative.unique.sum()), len(negative)), f"{len(negative)} maps")]
 
 
 def _named(group: str, about: str, of: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame | str]:
@@ -153,7 +152,7 @@ def _summary(rows: pd.DataFrame) -> dict[str, str]:
 
 
 def _wrong(rows: pd.DataFrame) -> str:
-    return share_of(int(rows.wrong.sum()), int(rows.unique.sum()))
+    return rare(int(rows.wrong.sum()), int(rows.unique.sum()))
 
 
 def _symmetric(rows: pd.DataFrame) -> dict[str, str]:

@@ -17,11 +17,11 @@ from data.common.errors import UserError
 from data.plans import Plan
 from data.synthetic_maps.noise_models import DrawnGraph, Motion
 from evaluation.harness import Claim, Options, Study
-from evaluation.harness.tables import grouped
+from evaluation.harness.tables import grouped, rare
 from evaluation.matching_benchmark.judge import judged
 from evaluation.matching_benchmark.pairs import Pair, Prepared, prepared
 from evaluation.matching_benchmark.records import MatchCase, MatchRecord
-from evaluation.matching_benchmark.scores import bins_of, micro_f1, scores_of, share_of
+from evaluation.matching_benchmark.scores import bins_of, micro_f1, scores_of
 from evaluation.metrics.calibration import calibration_error
 from evaluation.metrics.surface_overlap import best_rigid_fit
 from evaluation.published.pairs import with_motion
@@ -154,7 +154,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     own = _scored(rows[rows.method == "learned"])
     missed = (~own.unique | own.wrong).sum()
     text = "Parts of a published system's map, moved at random, that the learned matcher does not find, or wrongly"
-    return [Claim(text, share_of(missed, len(own)), f"{len(own)} parts")]
+    return [Claim(text, rare(missed, len(own)), f"{len(own)} parts")]
 
 
 def _scored(rows: pd.DataFrame) -> pd.DataFrame:
@@ -166,7 +166,7 @@ def _cells(own: pd.DataFrame) -> dict[str, str]:
     return {
         "matches": str(len(own)), "room F1": f"{micro_f1(own, 'room') or 0:.3f}",
         "wall F1": f"{micro_f1(own, 'wall') or 0:.3f}", "all right": f"{100 * own.perfect.mean():.1f} %",
-        "unique": f"{100 * own.unique.mean():.1f} %", "wrong": share_of(own.wrong.sum(), own.unique.sum()),
+        "unique": f"{100 * own.unique.mean():.1f} %", "wrong": rare(own.wrong.sum(), own.unique.sum()),
         "ECE walls": f"{calibration_error(bins_of(own, 'wall')) or 0:.3f}",
         "ECE rooms": f"{calibration_error(bins_of(own, 'room')) or 0:.3f}",
         "median (s)": f"{own.seconds.median():.3f}",

@@ -9,9 +9,10 @@ import pytest
 
 from data import SceneGraph, WallSurface
 from data.common.errors import UserError
+from evaluation.harness.tables import rare
 from evaluation.matching_benchmark.judge import is_wrong, tallies
 from evaluation.matching_benchmark.records import Tally
-from evaluation.matching_benchmark.scores import bins_of, estimate, gain, micro_f1, scored, share_of
+from evaluation.matching_benchmark.scores import bins_of, estimate, gain, micro_f1, scored
 from evaluation.matching_benchmark.tables import claims, tables, to_be_sure
 from evaluation.metrics.bootstrap import ratio, upper_bound
 from evaluation.metrics.calibration import Bin, binned, calibration_error
@@ -84,7 +85,7 @@ def test_what_there_is_nothing_of_is_not_measured() -> None:
     rows = scored(frame(row(**{"pair.regime": "negative"}, **unlike)))
     assert all(value(rows, name) is None for name in ("wall_f1", "wall_recall", "perfect", "decided"))
     assert value(rows, "wall_accuracy") == 0.25
-    assert share_of(1, 1) == "1 of 1 (≤ 100.0 %)" and share_of(0, 0) == "0 of 0"
+    assert rare(1, 1) == "1 of 1 (≤ 100.0 %)" and rare(0, 0) == "0 of 0"
 
 
 def test_confidences_are_summed_bin_by_bin() -> None:
