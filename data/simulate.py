@@ -1,26 +1,35 @@
-"""Simulates a robot that drives a building with a spinning LiDAR: an IFC file or a mesh in, scans and the truth out.
+"""Simulates a sensor carried through a building: an IFC file or a mesh in, scans and the truth out.
 
     python -m data.simulate --bim FILE --storey NAME --out DIR [--seed N] [--min-length M] [--moved-walls SHARE]
     python -m data.simulate --bim FILE --storey NAME --storey NEXT --out DIR
+    python -m data.simulate --bim FILE --storey NAME --out DIR --carrier handheld --sensor Mid-360 --mount 180,0,0
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
 frame), `run.json` (what was driven) and, if the building differs from its plan, `changes.json`, and
-`plan.ifc` if the plan is to lack walls. Each scan is a snapshot of one instant, without motion distortion,
-unless `--rolling` asks for scans of a moving sensor, each point with its time.
+`plan.ifc` if the plan is to lack walls. A robot's scan is a snapshot of one instant, without motion distortion; a
+person's is measured while the sensor moves, each point with its time (`--effects` says otherwise).
 """
 
 import argparse
+from dataclasses import replace
+
+import numpy as np
 
 from data.common.cli import Parser, run_command
 from data.plans.mesh_files import MESH_SUFFIXES
 from data.scans.writers import SCAN_WRITERS
-from data.simulation import Changes, Robot
-from data.simulation.simulate import ROBOT, simulate
+from data.simulation import Changes
+from data.simulation.carriers import CARRIERS, carrier_named
+from data.simulation.effects import EFFECTS
+from data.simulation.sensors import SENSORS, sensor_named
+from data.simulation.simulate import simulate
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Simulates a robot that drives a building with a spinning LiDAR: IFC in, scans and truth out."
-    parser = Parser(prog="python -m data.simulate", description=about)
+    about = "Simulates a LiDAR carried through a building by a robot or a person: IFC in, scans and truth out."
+    effects = "effects:\n" + "".join(f"  {name:<10} {what}\n" for name, what in EFFECTS.items())
+    formatter = argparse.RawDescriptionHelpFormatter
+    parser = Parser(prog="python -m data.simulate", description=about, epilog=effects, formatter_class=formatter)
     add = parser.add_argument
     add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
     add("--storey", action="append", default=[], metavar="NAME",
@@ -33,21 +42,46 @@ def _parser() -> argparse.ArgumentParser:
     add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
     add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that stand and no plan shows (default 0)")
     add("--and-back", action="store_true", help="drive the whole way back again")
-    add("--rolling", action="store_true", help="scans of a moving sensor, points with times (--format pcd or ply)")
-    add("--speed", type=float, default=ROBOT.speed, help="metres a second (default 0.8)")
-    add("--sensor-height", type=float, default=0.8, help="metres above the floor (default 0.8)")
-    add("--format", default="bin", choices=SCAN_WRITERS, help="of the scans (default bin)")
+    add("--seconds", type=float, metavar="S", help="end the drive after so long")
+    add("--carrier", default="wheeled", metavar="NAME",
+        help=f"{', '.join(CARRIERS)}, or FILE.tum: a recorded motion, put along the way (default wheeled)")
+    add("--pace", type=float, default=1.0, help="factor of the recorded motion's pace (default 1)")
+    add("--backwards", action="store_true", help="play the recorded motion backwards")
+    add("--mount", type=_angles, default=(0.0, 0.0, 0.0), metavar="R,P,Y",
+        help="roll, pitch and yaw of the sensor in the carrier's frame, degrees (default 0,0,0; 180,0,0: upside down)")
+    add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
+    add("--azimuths", type=int, metavar="N", help="of a spinning sensor, a turn (default: the sensor's)")
+    add("--effects", type=_names, default=[], metavar="LIST", help="names with commas between, see below")
+    add("--speed", type=float, help="metres a second (default: the carrier's; wheeled 0.8, on foot 1.1)")
+    add("--sensor-height", type=float, help="metres above the floor (default: the carrier's; wheeled 0.8)")
+    add("--format", choices=SCAN_WRITERS, help="of the scans (default bin; ply for points with times)")
     return parser
+
+
+def _angles(text: str) -> tuple[float, float, float]:
+    try:
+        roll, pitch, yaw = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not three angles; give roll,pitch,yaw in degrees") from None
+    if not np.isfinite([roll, pitch, yaw]).all():
+        raise argparse.ArgumentTypeError(f"'{text}' holds an angle that is not finite")
+    return roll, pitch, yaw
+
+
+def _names(text: str) -> list[str]:
+    return [name for name in text.split(",") if name]
 
 
 def main() -> int:
     """Runs the command. Raises UserError."""
     args = _parser().parse_args()
+    carrier = carrier_named(args.carrier, args.pace, args.backwards)
+    robot = None if args.speed is None else replace(carrier.robot, speed=args.speed)
     run = simulate(
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
-        robot=Robot(speed=args.speed), sensor_height=args.sensor_height, scan_format=args.format,
-        changes=Changes(args.moved_walls, args.absent_walls, args.unplanned_walls), and_back=args.and_back,
-        rolling=args.rolling,
+        sensor_named(args.sensor, args.azimuths), robot,
+        args.sensor_height, args.format, Changes(args.moved_walls, args.absent_walls, args.unplanned_walls),
+        args.and_back, carrier, args.mount, args.effects, args.seconds,
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"

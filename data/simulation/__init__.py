@@ -1,9 +1,9 @@
-"""A simulated LiDAR on a robot that drives through a building."""
+"""A simulated LiDAR, carried through a building by a robot or a person."""
 
 from data.simulation.changes import Change, Changes
 from data.simulation.drive import Robot
+from data.simulation.run import SimulatedRun
 from data.simulation.sensor import SpinningSensor
-from data.simulation.simulate import SimulatedRun
 
 __all__ = [
     "Change",

@@ -40,13 +40,29 @@ class _Phase:
     at: Callable[[NDArray[np.float64]], Poses]  # seconds since the phase began (N,) to poses
 
 
-def drive(
-    legs: Sequence[NDArray[np.float64]], start_yaw: float, robot: Robot, rate: float
-) -> tuple[NDArray[np.float64], Poses]:
+@dataclass(frozen=True)
+class Drive:
+    """A drive from rest to rest; see `plan_drive`."""
+
+    phases: tuple[_Phase, ...]
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the beginning to the end."""
+        return float(np.cumsum([p.duration for p in self.phases])[-1])
+
+    def at(self, seconds: NDArray[np.float64]) -> Poses:
+        """x y yaw (N, 3), or with the ground's z (N, 4), at times (N,) that increase, seconds since the beginning."""
+        ends = np.cumsum([p.duration for p in self.phases])
+        begins = ends - [p.duration for p in self.phases]
+        phase = np.minimum(np.searchsorted(ends, seconds, side="right"), len(self.phases) - 1)
+        return np.concatenate([self.phases[k].at(seconds[phase == k] - begins[k]) for k in np.unique(phase)])
+
+
+def plan_drive(legs: Sequence[NDArray[np.float64]], start_yaw: float, robot: Robot) -> Drive:
     """Drives legs (N, 2), each beginning where the one before ends; the robot's x axis points along the way.
 
-    Returns stamps (M,) from 0, `rate` a second, and x y yaw (M, 3). Legs (N, 3) have the ground's z too, and the poses
-    are x y yaw z (M, 4) then; on stairs the robot is slower.
+    Legs (N, 3) have the ground's z too; on stairs the robot is slower.
     """
     yaw = start_yaw
     phases = [_stand(legs[0][0], yaw, robot.rest)]
@@ -57,11 +73,16 @@ def drive(
         phases += [_turn(leg[0], yaw, turn, robot), _follow(leg, headings, robot)]
         yaw = float(headings[-1])
     phases.append(_stand(legs[-1][-1], yaw, robot.rest))
-    ends = np.cumsum([p.duration for p in phases])
-    begins = ends - [p.duration for p in phases]
-    stamps = np.arange(int(ends[-1] * rate) + 1) / rate
-    phase = np.minimum(np.searchsorted(ends, stamps, side="right"), len(phases) - 1)
-    return stamps, np.concatenate([p.at(stamps[phase == k] - begins[k]) for k, p in enumerate(phases)])
+    return Drive(tuple(phases))
+
+
+def drive(
+    legs: Sequence[NDArray[np.float64]], start_yaw: float, robot: Robot, rate: float
+) -> tuple[NDArray[np.float64], Poses]:
+    """Returns stamps (M,) from 0, `rate` a second, and the poses of `plan_drive` then."""
+    planned = plan_drive(legs, start_yaw, robot)
+    stamps = np.arange(int(planned.duration * rate) + 1) / rate
+    return stamps, planned.at(stamps)
 
 
 def _headings(leg: NDArray[np.float64]) -> NDArray[np.float64]:

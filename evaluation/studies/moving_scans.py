@@ -70,7 +70,7 @@ def measure(case: Drive, work: Path) -> Errors:
         if not folder.exists():
             simulate(
                 bim, DEMO_STOREY, folder, seed=case.seed, min_rooms=6, min_length=50.0, robot=ROBOTS[case.drive],
-                scan_format="ply", rolling=rolling,
+                scan_format="ply", effects=("rolling",) if rolling else (),
             )  # fmt: skip
     truth, slam = Trajectory.read_tum(folder / "truth.tum"), SceneGraphSlam(load_bim(bim))
     for scan in ScanFolder(folder / "scans"):

@@ -14,6 +14,7 @@ from data import UserError
 from data.plans import Bim, load_bim
 from data.scans import Scan, ScanFolder
 from data.simulation import Robot, SpinningSensor
+from data.simulation.sensor import moving_scan
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse
@@ -34,7 +35,7 @@ def fast_drive() -> tuple[Bim, list[Scan], Trajectory]:
         building = write_small_ifc(folder / "small.ifc", site=(3000.0, -2000.0, 40.0), yaw=0.5, elevation=3.0)
         run = simulate(
             building.path, "Ground", folder / "run", seed=3, min_rooms=3, min_length=20.0, sensor=SENSOR, robot=FAST,
-            scan_format="ply", rolling=True,
+            effects=("rolling",),
         )  # fmt: skip
         return load_bim(building.path, folder / "cache"), list(ScanFolder(run.out_dir / "scans")), run.truth
 
@@ -64,20 +65,20 @@ def test_times_that_are_none_are_refused(bad: object) -> None:
 def test_a_sweep_sees_each_point_from_where_the_sensor_is_then() -> None:
     bounds, sensor = (-3.0, -2.0, 4.0, 2.5), SpinningSensor(azimuths=90, beams=4, range_noise=0.0)
     poses = np.stack([pose(0.4 * a, 0.1, 1.0, 0.5 * a) for a in np.linspace(0, 1, 90, endpoint=False)])
-    points, seconds = sensor.sweep(scene_of(room(*bounds)), poses, np.random.default_rng(0))
+    points, seconds = moving_scan(sensor, scene_of(room(*bounds)), poses, np.random.default_rng(0))
     assert seconds.min() == 0 and seconds.max() < 1 / sensor.rate
     T = poses[np.rint(seconds * sensor.rate * 90).astype(int)]
     there = np.einsum("nij,nj->ni", T[:, :3, :3], points) + T[:, :3, 3]
     box = np.array([[-3.0, 4.0], [-2.0, 2.5], [0.0, 2.6]])
     assert np.abs(there[:, :, None] - box).min(axis=(1, 2)).max() < 1e-4
-    still, _ = sensor.sweep(scene_of(room(*bounds)), np.repeat(poses[:1], 90, axis=0), np.random.default_rng(0))
+    still, _ = moving_scan(sensor, scene_of(room(*bounds)), np.repeat(poses[:1], 90, axis=0), np.random.default_rng(0))
     snapshot = sensor.scan(scene_of(room(*bounds)), poses[0], np.random.default_rng(0))
     np.testing.assert_allclose(still, snapshot, atol=1e-5)
 
 
 def test_rolling_scans_need_a_format_with_times(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="pcd or ply, not bin"):
-        simulate(tmp_path / "none.ifc", "Ground", tmp_path / "run", rolling=True)
+        simulate(tmp_path / "none.ifc", "Ground", tmp_path / "run", scan_format="bin", effects=("rolling",))
 
 
 def run(scans: list[Scan], bim: Bim, timed: bool, stretched: float = 1.0) -> Result:

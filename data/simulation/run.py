@@ -1,0 +1,137 @@
+"""A simulated run: what is measured along a motion, and the folder that it is written to."""
+
+import shutil
+import tempfile
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.files import write_atomically, write_json
+from data.scans.writers import SCAN_WRITERS
+from data.simulation.carriers import Motion
+from data.simulation.changes import Change, write_plan_without
+from data.simulation.effects import Timing
+from data.simulation.sensor import Scene, Sensor, instants, moving_scan, snapshot
+from data.trajectory import Trajectory
+from data.trajectory.stamps import ns_to_seconds
+
+Settings = dict[str, object]  # for run.json
+Array = NDArray[np.float64]
+
+PLAN = "plan.ifc"  # what the plan shows, where it lacks walls that stand
+
+
+@dataclass(frozen=True)
+class VisitedRoom:
+    """A room (GlobalId, Name and LongName of its IfcSpace), when the robot entered it, in seconds, and the name of its
+    storey."""
+
+    id: str
+    name: str
+    long_name: str
+    entered_s: float
+    storey: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRun:
+    """A simulated drive. `rooms` are in order of entry, starting room first; `truth` is T_bim_sensor of each scan.
+
+    `storey` is where it began, `storeys` are all in order. Metres, seconds, radians; `start_yaw` is in the BIM frame.
+    `changes` are the differences from the plan.
+    """
+
+    out_dir: Path
+    storey: str
+    seed: int
+    length: float
+    start_yaw: float
+    rooms: tuple[VisitedRoom, ...]
+    truth: Trajectory
+    changes: tuple[Change, ...] = ()
+    storeys: tuple[str, ...] = ()
+
+    @property
+    def rooms_entered(self) -> int:
+        """The number of different rooms entered."""
+        return len({room.id for room in self.rooms})
+
+
+@dataclass(frozen=True, eq=False)
+class Taken:
+    """A sensor taken along a motion, turned in the carrier's hand by roll, pitch and yaw `mount_deg`."""
+
+    sensor: Sensor
+    motion: Motion
+    mount_deg: tuple[float, float, float]
+    timing: Timing
+
+    @cached_property
+    def _mount(self) -> Array:
+        if not any(self.mount_deg):
+            return np.eye(4)
+        from scipy.spatial.transform import Rotation  # here, because it takes a third of a second
+
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_euler("ZYX", self.mount_deg[::-1], degrees=True).as_matrix()
+        return T
+
+    def truth(self, seconds: float | None) -> Trajectory:
+        """T_bim_sensor at the scans' stamps, up to the motion's end or, if given, for so many `seconds`."""
+        rate = self.sensor.rate
+        count = int(self.motion.duration * rate) + 1
+        if seconds is not None:
+            count = min(count, max(1, int(np.ceil(seconds * rate - 1e-9))))
+        stamps = np.arange(count) / rate
+        if self.timing == "snapshots":
+            T_bim_sensor = self.motion.poses(stamps) @ self._mount
+        else:
+            T_bim_sensor = np.concatenate([self._poses(k, 2)[:1] for k in range(count)])
+        return Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
+
+    def scan(
+        self, k: int, T_bim_sensor: Array, scene: Scene, rng: np.random.Generator
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Points (N, 3) of scan k and, where they are told, their times (N,) in seconds after the stamp."""
+        if self.timing == "snapshots":
+            return snapshot(self.sensor, scene, T_bim_sensor, rng, k), None
+        points, times = moving_scan(self.sensor, scene, self._poses(k), rng, k)
+        return points, times if self.timing == "rolling" else None
+
+    def _poses(self, k: int, first: int | None = None) -> Array:
+        """(M, 4, 4) T_bim_sensor at the first instants, or all, at which scan k measures."""
+        after = instants(self.sensor.rays(k)[1])[:first]
+        return np.asarray(self.motion.poses(k / self.sensor.rate + after) @ self._mount)
+
+
+def write_run(
+    run: SimulatedRun, taken: Taken, scene: Scene, scan_format: str, settings: Settings, bim: Path | str
+) -> None:
+    """Casts the rays and writes to a temporary folder, which is then renamed: all or nothing."""
+    run.out_dir.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
+    try:
+        (scans := unfinished / "scans").mkdir()
+        for i, T_bim_sensor in enumerate(run.truth.poses):
+            points, times = taken.scan(i, T_bim_sensor, scene, np.random.default_rng([run.seed, i]))
+            SCAN_WRITERS[scan_format](scans / f"{i:06d}.{scan_format}", points, times)
+        stamps = run.truth.stamps_ns.tolist()
+        write_atomically(scans / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
+        run.truth.write_tum(unfinished / "truth.tum")
+        if run.changes:
+            write_json(unfinished / "changes.json", [asdict(change) for change in run.changes])
+        if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
+            write_plan_without(bim, unplanned, unfinished / PLAN)
+        write_json(unfinished / "run.json", {
+            "storey": run.storey, "storeys": run.storeys, "seed": run.seed, "scans": len(run.truth),
+            "length_m": run.length, "start_yaw_rad": run.start_yaw, "rooms_entered": run.rooms_entered,
+            "rooms": [asdict(room) for room in run.rooms], **settings,
+        })  # fmt: skip
+        unfinished.chmod(0o755)
+        unfinished.replace(run.out_dir)
+    except BaseException:
+        shutil.rmtree(unfinished)
+        raise
