@@ -22,3 +22,15 @@ class TriangleScene:
         rays = np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
         hits = self._scene.run(*rays, query="DISTANCE")
         return np.where(hits < 1e30, hits, np.inf).astype(np.float64)
+
+    def incidences(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """As `distances`, and (N,) the cosines of the angles between rays and surfaces' normals; 1 where nothing is."""
+        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
+        rays = np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
+        hits = self._scene.run(*rays, output=1)
+        found, normals = hits["primID"] >= 0, hits["Ng"].astype(np.float64)
+        lengths = np.where(found, np.linalg.norm(normals, axis=1), 1.0)
+        cosines = np.abs(np.einsum("ij,ij->i", normals, directions)) / np.maximum(lengths, 1e-12)
+        return np.where(found, hits["tfar"].astype(np.float64), np.inf), np.where(found, cosines, 1.0)

@@ -64,6 +64,16 @@ def draw_changes(walls: list[IfcProduct], changes: Changes, seed: int) -> tuple[
     return tuple(sorted(drawn, key=lambda change: change.id))
 
 
+def draw_tolerances(walls: list[IfcProduct], tolerance: float, seed: int) -> tuple[Change, ...]:
+    """A Gaussian shift of each wall across its footprint, of this standard deviation in metres."""
+    rng = np.random.default_rng([seed, 102])
+    drawn = []
+    for wall in sorted(walls, key=lambda wall: wall.global_id):
+        x, y = (rng.normal(0.0, tolerance) * _across(wall)).tolist()
+        drawn.append(Change(wall.global_id, "moved", (x, y)))
+    return tuple(drawn)
+
+
 def as_built(
     model: ifcopenshell.file, planned: list[IfcProduct], changes: tuple[Change, ...]
 ) -> list[IfcProduct]:

@@ -14,7 +14,8 @@ from data.scans.writers import SCAN_WRITERS
 from data.simulation.carriers import Motion
 from data.simulation.changes import Change, write_plan_without
 from data.simulation.effects import Timing
-from data.simulation.sensor import Scene, Sensor, instants, moving_scan, snapshot
+from data.simulation.effects.world import World
+from data.simulation.sensor import Sensor, instants, moving_scan, snapshot
 from data.trajectory import Trajectory
 from data.trajectory.stamps import ns_to_seconds
 
@@ -93,11 +94,14 @@ class Taken:
         return Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
 
     def scan(
-        self, k: int, T_bim_sensor: Array, scene: Scene, rng: np.random.Generator
+        self, k: int, T_bim_sensor: Array, world: World, seed: int
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Points (N, 3) of scan k and, where they are told, their times (N,) in seconds after the stamp."""
+        rng, chance = np.random.default_rng([seed, k]), np.random.default_rng([seed, k, 41])
+        stamp = k / self.sensor.rate
         if self.timing == "snapshots":
-            return snapshot(self.sensor, scene, T_bim_sensor, rng, k), None
+            return snapshot(self.sensor, world.at(stamp, chance), T_bim_sensor, rng, k), None
+        scene = world.at(stamp + self.sensor.rays(k)[1], chance)
         points, times = moving_scan(self.sensor, scene, self._poses(k), rng, k)
         return points, times if self.timing == "rolling" else None
 
@@ -108,7 +112,7 @@ class Taken:
 
 
 def write_run(
-    run: SimulatedRun, taken: Taken, scene: Scene, scan_format: str, settings: Settings, bim: Path | str
+    run: SimulatedRun, taken: Taken, world: World, scan_format: str, settings: Settings, bim: Path | str
 ) -> None:
     """Casts the rays and writes to a temporary folder, which is then renamed: all or nothing."""
     run.out_dir.parent.mkdir(parents=True, exist_ok=True)
@@ -116,7 +120,7 @@ def write_run(
     try:
         (scans := unfinished / "scans").mkdir()
         for i, T_bim_sensor in enumerate(run.truth.poses):
-            points, times = taken.scan(i, T_bim_sensor, scene, np.random.default_rng([run.seed, i]))
+            points, times = taken.scan(i, T_bim_sensor, world, run.seed)
             SCAN_WRITERS[scan_format](scans / f"{i:06d}.{scan_format}", points, times)
         stamps = run.truth.stamps_ns.tolist()
         write_atomically(scans / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))

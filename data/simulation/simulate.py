@@ -36,6 +36,7 @@ __all__ = ["PLAN", "ROBOT", "ROBOT_TOP", "SENSOR", "SimulatedRun", "VisitedRoom"
 SENSOR = SpinningSensor()
 ROBOT = WHEELED.robot
 ROBOT_TOP = WHEELED.top  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
+TOLERANCE = 0.015  # m, standard deviation of a wall's place
 ON_FLOOR = 0.1  # m from a storey's level, at which the robot is on it
 SENSOR_TOP = 0.1  # m: half a sensor's height
 
@@ -76,15 +77,21 @@ def simulate(
     stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
     """
     from data.geometry.raycast import TriangleScene
+    from data.simulation.effects.furnishing import IN_SCENE, Driven, furnished
+    from data.simulation.effects.platforms import RISE, platforms
+    from data.simulation.effects.returns import noisy
+    from data.simulation.effects.world import World
     from data.simulation.occupancy import build_grid
     from data.simulation.route import curve_length
 
-    timing = timing_of(checked(effects), carrier.rolling)
+    chosen = checked(effects)
+    timing = timing_of(chosen, carrier.rolling)
     scan_format = scan_format or ("ply" if timing == "rolling" else "bin")
     robot, height = robot or carrier.robot, carrier.height if sensor_height is None else sensor_height
+    sensor = noisy(sensor) if "returns" in chosen else sensor
     out = Path(out_dir)
     _check(out, scan_format, height, seed, timing, seconds)
-    models = _models(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed)
+    models = _models(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed, chosen)
     scene = TriangleScene(np.concatenate([m.solid for m in dict.fromkeys(models)]))
     grids = {m: build_grid(m, scene, max(carrier.top, height + SENSOR_TOP)) for m in dict.fromkeys(models)}
     rng = np.random.default_rng(seed)
@@ -92,20 +99,26 @@ def simulate(
     legs = _legs(models, grids, scene, robot.radius, min_rooms, min_length, rng)
     if and_back:
         legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
+    raised = platforms(models, legs, seed) if "steps" in chosen else None
+    if raised is not None:
+        legs = tuple(raised.over(leg, models[0].level) for leg in legs)
     motion = carrier.motion(plan_drive(legs, start_yaw, robot), models[0].level, height, seed)
     taken = Taken(sensor, motion, mount_deg, timing)
     truth = taken.truth(seconds)
     stamps = truth.stamps_ns / 1e9
     way = motion.ground(stamps)
     length = sum(map(curve_length, legs)) if seconds is None else curve_length(way[:, :2])
+    visited = _visited(grids, stamps, way, ON_FLOOR if raised is None else ON_FLOOR + RISE)
     run = SimulatedRun(
-        out, models[0].name, seed, length, start_yaw, _visited(grids, stamps, way), truth,
+        out, models[0].name, seed, length, start_yaw, visited, truth,
         models[0].changes, tuple(model.name for model in models),
     )  # fmt: skip
     settings: Settings = {"bim": Path(ifc).name, "sensor": described(sensor), "robot": asdict(robot)}
     settings |= {"sensor_height_m": height, "rolling": timing != "snapshots", "times_told": timing == "rolling"}
-    settings |= {"carrier": carrier.name, "mount_deg": list(mount_deg), "effects": sorted(effects)}
-    write_run(run, taken, scene, scan_format, settings, ifc)
+    settings |= {"carrier": carrier.name, "mount_deg": list(mount_deg), "effects": sorted(chosen)}
+    drive = Driven(grids, legs, motion, tuple(room.id for room in visited), float(stamps[-1]), robot.radius)
+    world = furnished(chosen, drive, raised, sensor.beams, seed) if chosen & IN_SCENE else World(scene)
+    write_run(run, taken, world, scan_format, settings, ifc)
     return run
 
 
@@ -126,18 +139,21 @@ def _check(
         raise UserError(f"{out}: exists already and is not an empty folder; give another one")
 
 
-def _models(ifc: Path | str, storeys: list[str], changes: Changes | None, seed: int) -> "list[StoreyModel]":
+def _models(
+    ifc: Path | str, storeys: list[str], changes: Changes | None, seed: int, effects: Collection[str]
+) -> "list[StoreyModel]":
     from data.simulation.mesh_storey import mesh_storey
     from data.simulation.storey_model import load_storey, load_storeys
 
+    tolerance = TOLERANCE if "tolerance" in effects else 0.0
     if len(storeys) == 1:
-        only = storeys[0]
-        return [mesh_storey(ifc, only, changes) if is_mesh(ifc) else load_storey(ifc, only, changes, seed)]
+        load = mesh_storey if is_mesh(ifc) else load_storey
+        return [load(ifc, storeys[0], changes, seed, tolerance)]
     if changes is not None and changes.any:
         raise UserError("walls that stand otherwise than planned: give one storey, not several")
     if is_mesh(ifc):
         raise UserError(f"{ifc}: a mesh has no marked stairs; give one storey, or an IFC file")
-    return load_storeys(ifc, storeys)
+    return load_storeys(ifc, storeys, seed, tolerance)
 
 
 def _legs(
@@ -155,12 +171,15 @@ def _legs(
     return plan_storeys([of[model] for model in models], scene, radius, min_rooms, min_length, rng)
 
 
-def _visited(grids: "Grids", stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> tuple[VisitedRoom, ...]:
+def _visited(
+    grids: "Grids", stamps: NDArray[np.float64], poses: NDArray[np.float64], highest: float
+) -> tuple[VisitedRoom, ...]:
+    """The rooms entered; on a storey's floor is what lies up to `highest` (m) above its level."""
     visited: list[VisitedRoom] = []
     z = poses[:, 3] if poses.shape[1] == 4 else np.full(len(poses), next(iter(grids)).level)
     entered = np.full((len(grids), len(poses)), -1)
     for row, (model, grid) in enumerate(grids.items()):
-        on = np.abs(z - model.level) < ON_FLOOR
+        on = (np.abs(z - model.level) < ON_FLOOR) | ((z > model.level) & (z - model.level < highest))
         entered[row, on] = grid.room_at(poses[on, :2])
     for stamp, of in zip(stamps, entered.T, strict=True):
         for k, (model, grid) in zip(of, grids.items(), strict=True):

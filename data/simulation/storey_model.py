@@ -8,12 +8,13 @@ import ifcopenshell
 import ifcopenshell.util.placement
 import ifcopenshell.util.unit
 import numpy as np
+from ifcopenshell.util.element import get_aggregate
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import IfcProduct, open_ifc, products
-from data.simulation.changes import Change, Changes, as_built, draw_changes
+from data.simulation.changes import Change, Changes, as_built, draw_changes, draw_tolerances
 
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
 Xy = NDArray[np.float64]  # (2,)
@@ -45,7 +46,8 @@ class StoreyModel:
     """A storey in the BIM frame, in metres; `solid` and `stairs` are those of the whole building.
 
     `level` is the z of the finished floor, `extent` the lowest and highest (x, y), (2,) each. `changes` are the
-    differences from the plan; `walls` are the storey's IfcWalls and, like the spaces, as planned.
+    differences from the plan; `walls` are the storey's IfcWalls and, like the spaces, as planned. `glazed` (M,) are
+    the solid triangles of windows and of curtain walls' panels.
     """
 
     id: str
@@ -53,6 +55,7 @@ class StoreyModel:
     level: float
     spaces: tuple[Space, ...]
     solid: Triangles
+    glazed: NDArray[np.bool_]
     doors: tuple[Triangles, ...]
     extent: tuple[Xy, Xy]
     changes: tuple[Change, ...] = ()
@@ -60,25 +63,31 @@ class StoreyModel:
     stairs: tuple[Triangles, ...] = ()
 
 
-def load_storey(ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0) -> StoreyModel:
-    """Reads the model; `storey` is a name, long name or GlobalId. `changes` are made to the storey's walls, by `seed`.
+def load_storey(
+    ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0, tolerance: float = 0.0
+) -> StoreyModel:
+    """Reads the model; `storey` is a name, long name or GlobalId. `changes` are made to the storey's walls, by `seed`;
+    each stands off its place by a `tolerance` (m, standard deviation) besides, which is no change.
 
     Spaces that have hardly a floor or ceiling in the model lend their lower and upper faces as such. Raises
     UserError for an unreadable file, an unknown storey, or a storey with nothing on it.
     """
     model = open_ifc(ifc)
     entity = _find_storey(model, storey, ifc)
-    return _storey_model(model, entity, _Shapes.of(model), changes, seed, f"{ifc}: storey '{storey}'")
+    return _storey_model(model, entity, _Shapes.of(model), changes, seed, tolerance, f"{ifc}: storey '{storey}'")
 
 
-def load_storeys(ifc: Path | str, storeys: Sequence[str]) -> list[StoreyModel]:
-    """As `load_storey`, for several storeys, as planned. A storey named twice is read once."""
+def load_storeys(
+    ifc: Path | str, storeys: Sequence[str], seed: int = 0, tolerance: float = 0.0
+) -> list[StoreyModel]:
+    """As `load_storey`, for several storeys without changes. A storey named twice is read once."""
     model = open_ifc(ifc)
     entities = {name: _find_storey(model, name, ifc) for name in storeys}
     shapes, models = _Shapes.of(model), dict[str, StoreyModel]()
     for name, entity in entities.items():
         if entity.GlobalId not in models:
-            models[entity.GlobalId] = _storey_model(model, entity, shapes, None, 0, f"{ifc}: storey '{name}'")
+            what = f"{ifc}: storey '{name}'"
+            models[entity.GlobalId] = _storey_model(model, entity, shapes, None, seed, tolerance, what)
     return [models[entities[name].GlobalId] for name in storeys]
 
 
@@ -101,22 +110,24 @@ class _Shapes:
 
 def _storey_model(
     model: ifcopenshell.file, entity: ifcopenshell.entity_instance, shapes: _Shapes, changes: Changes | None, seed: int,
-    what: str,
+    tolerance: float, what: str,
 ) -> StoreyModel:  # fmt: skip
     """Returns the model; `what` names the storey in messages."""
     solid = shapes.solid
     walls = [p for p in solid if p.storey == entity.GlobalId and model.by_guid(p.global_id).is_a("IfcWall")]
     made = draw_changes(walls, changes, seed) if changes is not None else ()
-    solid = as_built(model, solid, made)
+    shifts = draw_tolerances(walls, tolerance, seed) if tolerance else ()
+    solid = as_built(model, as_built(model, solid, made), shifts)
     own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
     rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
     if not solid or not (spaces or own):
         raise UserError(f"{what} has no geometry to drive in; take another storey")
-    leaves = as_built(model, shapes.doors, made)
+    leaves = as_built(model, as_built(model, shapes.doors, made), shifts)
     doors = tuple(_triangles(p) for p in leaves if p.storey == entity.GlobalId)
     corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
     triangles = np.concatenate([_triangles(p) for p in solid])
+    panes = np.concatenate([np.full(len(p.faces), _is_pane(model.by_guid(p.global_id))) for p in solid])
     stairs = [_triangles(p) for p in solid if p.ifc_class in STAIRS]
     level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
@@ -124,9 +135,10 @@ def _storey_model(
         floors += [_threshold(p, level) for p in shapes.openings]
     solid_triangles = np.concatenate([triangles, *floors, *ceilings])
     extent = (corners.min(axis=0), corners.max(axis=0))
+    glazed = np.pad(panes, (0, len(solid_triangles) - len(panes)))
     level = _measured_floor(TriangleScene(solid_triangles), level, extent)
     return StoreyModel(
-        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, doors, extent, made, tuple(walls),
+        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, glazed, doors, extent, made, tuple(walls),
         tuple(stairs),
     )
 
@@ -143,6 +155,13 @@ def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifco
 
 def _is_any(entity: ifcopenshell.entity_instance, classes: tuple[str, ...]) -> bool:
     return any(entity.is_a(c) for c in classes)
+
+
+def _is_pane(entity: ifcopenshell.entity_instance) -> bool:
+    """Windows with their frames; a curtain wall's panels, but not its posts."""
+    whole = get_aggregate(entity)
+    of_curtain = entity.is_a("IfcPlate") and whole is not None and whole.is_a("IfcCurtainWall")
+    return bool(of_curtain) or _is_any(entity, ("IfcWindow", "IfcCurtainWall"))
 
 
 def _triangles(product: IfcProduct) -> Triangles:

@@ -16,7 +16,7 @@ from data.simulation.drive import Drive, Robot
 
 STEP_RATE = 1.9  # steps a second
 NEAREST = 0.12  # m: the sensor stays so far from what the way keeps clear of
-PERSON = Robot(radius=0.25, speed=1.1, acceleration=1.0, yaw_rate=1.2, yaw_acceleration=2.5, rest=1.0, stair_speed=0.6)
+PERSON = Robot(radius=0.25, speed=1.1, acceleration=1.0, yaw_rate=1.1, yaw_acceleration=2.0, rest=1.0, stair_speed=0.6)
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class Walker:
     rolling: bool = True
     bob: float = 0.02
     sway: float = 0.02
-    tilt_deg: float = 3.4
-    tilt_time: float = 1.2
-    liveliness: float = 0.55
-    rock_deg: float = 1.0
+    tilt_deg: float = 3.15
+    tilt_time: float = 1.5
+    liveliness: float = 0.57
+    rock_deg: float = 0.8
     glance_deg: float = 20.0
     lever: float = 0.0
 
@@ -68,8 +68,8 @@ class Walker:
         roll, pitch = (np.radians(self.tilt_deg) * lively * wander(rng, count, self.tilt_time) for _ in range(2))
         rock = np.radians(self.rock_deg) * walk
         roll += rock * np.sin(phase / 2 + 0.5)
-        pitch += rock * np.sin(phase + 1.0)
-        yaw = way[:, 2] + 1.5 * rock * np.sin(phase / 2) + np.radians(3.0) * lively * wander(rng, count, 0.5)
+        pitch += 0.6 * rock * np.sin(phase + 1.0)
+        yaw = way[:, 2] + rock * np.sin(phase / 2) + np.radians(3.0) * lively * wander(rng, count, 0.8)
         return yaw + np.radians(self.glance_deg) * _glances(rng, count), roll, pitch
 
 

@@ -1,0 +1,85 @@
+"""Raised floors in some rooms, and the way over them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from data.simulation.route import SPACING
+from data.simulation.storey_model import Space, StoreyModel
+
+Array = NDArray[np.float64]
+RISE = 0.3  # m
+SHARE = 0.4  # of the rooms
+FROM_WALLS = 0.4  # m that stay at the floor's height, so that no lintel is over a platform
+HEADROOM = 2.4  # m: rooms lower than this get none
+SMOOTH = 0.12  # m along the way: over half a step the sensor rises
+
+
+@dataclass(frozen=True, eq=False)
+class Platforms:
+    """Areas of storeys with RISE more height."""
+
+    areas: tuple[tuple[float, shapely.MultiPolygon], ...]  # the storey's level, and where it is raised
+
+    @property
+    def triangles(self) -> Array:
+        """(M, 3, 3) tops and risers."""
+        parts = [_solid(area, level) for level, area in self.areas if not area.is_empty]
+        return np.concatenate(parts) if parts else np.empty((0, 3, 3))
+
+    def rise(self, places: Array) -> Array:
+        """(N,) metres above the floor at places (N, 3) of the way's ground."""
+        rise = np.zeros(len(places))
+        for level, area in self.areas:
+            near = np.abs(places[:, 2] - level) < RISE
+            rise[near] = np.where(shapely.contains_xy(area, places[near, 0], places[near, 1]), RISE, 0.0)
+        return rise
+
+    def over(self, leg: Array, level: float) -> Array:
+        """(N, 3) a leg (N, 2) or (N, 3) over the platforms."""
+        ground = leg if leg.shape[1] == 3 else np.column_stack([leg, np.full(len(leg), level)])
+        rise = gaussian_filter1d(self.rise(ground), SMOOTH / SPACING, mode="nearest")
+        return ground + np.column_stack([np.zeros((len(leg), 2)), rise])
+
+
+def platforms(models: Sequence[StoreyModel], legs: Sequence[Array], seed: int) -> Platforms:
+    """Raises the floor of SHARE of the rooms, of one at least that the way's legs (N, 2) or (N, 3) enter."""
+    rng, way, areas = np.random.default_rng([seed, 52]), np.concatenate(legs)[:, :2], []
+    for model in dict.fromkeys(models):
+        rooms = [area for space in model.spaces if not (area := _inner(space, model.level)).is_empty]
+        entered = [shapely.contains_xy(area, way[::20, 0], way[::20, 1]).any() for area in rooms]
+        chosen = rng.random(len(rooms)) < SHARE
+        if any(entered):
+            chosen[rng.choice(np.flatnonzero(entered))] = True
+        kept = [area for area, take in zip(rooms, chosen, strict=True) if take]
+        areas.append((model.level, shapely.union_all(kept) if kept else shapely.MultiPolygon()))
+    return Platforms(tuple(areas))
+
+
+def _inner(space: Space, level: float) -> shapely.Geometry:
+    """Where a room's floor can be raised; empty for rooms that are low, or whose floor is not at the storey's level."""
+    if not len(space.bottom) or np.abs(np.median(space.bottom[:, :, 2]) - level) > RISE:
+        return shapely.MultiPolygon()
+    if len(space.top) and space.top[:, :, 2].min() - level < HEADROOM:
+        return shapely.MultiPolygon()
+    floor = shapely.union_all([shapely.Polygon(corners).buffer(1e-3) for corners in space.bottom[:, :, :2]])
+    return floor.buffer(-FROM_WALLS, join_style="mitre")
+
+
+def _solid(area: shapely.Geometry, level: float) -> Array:
+    parts = []
+    for part in shapely.get_parts(shapely.constrained_delaunay_triangles(area)):
+        corners = np.asarray(part.exterior.coords)[:3]
+        parts.append(np.column_stack([corners, np.full(3, level + RISE)])[None])
+    for polygon in shapely.get_parts(area):
+        for ring in (polygon.exterior, *polygon.interiors):
+            points = np.asarray(ring.coords)
+            low = np.column_stack([points, np.full(len(points), level)])
+            high = low + np.array([0.0, 0.0, RISE])
+            parts.append(np.stack([low[:-1], low[1:], high[1:]], axis=1))
+            parts.append(np.stack([low[:-1], high[1:], high[:-1]], axis=1))
+    return np.concatenate(parts)
