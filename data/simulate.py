@@ -46,7 +46,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--carrier", default="wheeled", metavar="NAME",
         help=f"{', '.join(CARRIERS)}, or FILE.tum: a recorded motion, put along the way (default wheeled)")
     add("--pace", type=float, default=1.0, help="factor of the recorded motion's pace (default 1)")
-    add("--backwards", action="store_true", help="play the recorded motion backwards")
+    add("--reversed", action="store_true", help="play the recorded motion from its end")
     add("--mount", type=_angles, default=(0.0, 0.0, 0.0), metavar="R,P,Y",
         help="roll, pitch and yaw of the sensor in the carrier's frame, degrees (default 0,0,0; 180,0,0: upside down)")
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
@@ -75,7 +75,7 @@ def _names(text: str) -> list[str]:
 def main() -> int:
     """Runs the command. Raises UserError."""
     args = _parser().parse_args()
-    carrier = carrier_named(args.carrier, args.pace, args.backwards)
+    carrier = carrier_named(args.carrier, args.pace, args.reversed)
     robot = None if args.speed is None else replace(carrier.robot, speed=args.speed)
     run = simulate(
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,

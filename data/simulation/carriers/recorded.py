@@ -40,7 +40,7 @@ class Recorded:
     top: float = 1.75
 
     @staticmethod
-    def read(path: Path | str, pace: float = 1.0, backwards: bool = False) -> "Recorded":
+    def read(path: Path | str, pace: float = 1.0, reverse: bool = False) -> "Recorded":
         """Reads a TUM file: T_map_sensor with z upwards and metres above the floor.
 
         `pace` plays it faster. Raises UserError if it is no trajectory, too short, or goes nowhere.
@@ -51,9 +51,9 @@ class Recorded:
         rows = _resampled(recording, pace)
         if (len(rows) - 1) / KNOTS < SHORTEST:
             raise UserError(f"{path}: shorter than {SHORTEST:g} s; give a longer recording")
-        how = [f"pace {pace:g}"] * (pace != 1) + ["backwards"] * backwards
+        how = [f"pace {pace:g}"] * (pace != 1) + ["reversed"] * reverse
         name = ", ".join([Path(path).name, *how])
-        return _along_its_way(rows, backwards, name, path)
+        return _along_its_way(rows, reverse, name, path)
 
     def motion(self, drive: Drive, level: float, height: float, seed: int) -> SmoothMotion:
         """As in `Carrier`: `seed` says where in the recording it begins."""
@@ -83,8 +83,8 @@ def _resampled(recording: Trajectory, pace: float) -> Array:
     return np.asarray(rows)
 
 
-def _along_its_way(rows: Array, backwards: bool, name: str, path: Path | str) -> Recorded:
-    """The person walks forward in a recording played backwards too: only its motions are reversed."""
+def _along_its_way(rows: Array, reverse: bool, name: str, path: Path | str) -> Recorded:
+    """The person walks forward in a recording played from its end too: only its motions are reversed."""
     way = gaussian_filter1d(rows[:, :3], SMOOTH * KNOTS, axis=0, mode="nearest")
     velocity = np.gradient(way[:, :2], axis=0) * KNOTS
     speed = np.linalg.norm(velocity, axis=1)
@@ -100,7 +100,7 @@ def _along_its_way(rows: Array, backwards: bool, name: str, path: Path | str) ->
     height = float(np.median(rows[:, 2]))
     usual = float(np.median(speed[moving]))
     parts = (attitude, beside, rows[:, 2] - height, speed / usual)
-    attitude, beside, rise, share = (_loop(part[::-1] if backwards else part) for part in parts)
+    attitude, beside, rise, share = (_loop(part[::-1] if reverse else part) for part in parts)
     attitude /= np.linalg.norm(attitude, axis=1)[:, None]
     robot = Robot(
         PERSON.radius, usual, PERSON.acceleration, PERSON.yaw_rate, PERSON.yaw_acceleration, 0.0, PERSON.stair_speed

@@ -16,7 +16,7 @@ from data.simulation.drive import Drive, Robot
 
 STEP_RATE = 1.9  # steps a second
 NEAREST = 0.12  # m: the sensor stays so far from what the way keeps clear of
-PERSON = Robot(radius=0.25, speed=1.1, acceleration=1.0, yaw_rate=1.1, yaw_acceleration=2.0, rest=1.0, stair_speed=0.6)
+PERSON = Robot(radius=0.25, speed=1.1, acceleration=1.2, yaw_rate=1.2, yaw_acceleration=4.0, rest=1.0, stair_speed=0.6)
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Walker:
     tilt_deg: float = 3.15
     tilt_time: float = 1.5
     liveliness: float = 0.57
-    rock_deg: float = 0.8
-    glance_deg: float = 20.0
+    rock_deg: float = 0.6
+    glance_deg: float = 15.0
     lever: float = 0.0
 
     def motion(self, drive: Drive, level: float, height: float, seed: int) -> SmoothMotion:
@@ -112,6 +112,6 @@ def turned(offset: Array, yaw: Array) -> Array:
 
 HANDHELD = Walker()
 POLE = Walker(
-    name="pole", height=1.9, top=1.95, bob=0.015, sway=0.01, tilt_deg=2.5, tilt_time=2.0, liveliness=0.4, rock_deg=0.6,
+    name="pole", height=1.9, top=1.95, bob=0.015, sway=0.01, tilt_deg=2.5, tilt_time=2.0, liveliness=0.4, rock_deg=0.4,
     glance_deg=10.0, lever=0.8,
 )  # fmt: skip
