@@ -107,6 +107,7 @@ def _cylinder(origins: Array, directions: Array) -> Array:
         top = (HEIGHT - origins[:, 2]) / directions[:, 2]
     z = origins[:, 2] + side * directions[:, 2]
     hit = (root > 0) & (side > 0) & (z > 0) & (z < HEIGHT)
-    on_top = np.sum((origins[:, :2] + top[:, None] * directions[:, :2]) ** 2, axis=1) < RADIUS**2
-    falls = (directions[:, 2] < 0) & (top > 0) & on_top
+    falls = (directions[:, 2] < 0) & (top > 0)
+    top = np.where(falls, top, 0.0)
+    falls &= np.sum((origins[:, :2] + top[:, None] * directions[:, :2]) ** 2, axis=1) < RADIUS**2
     return np.minimum(np.where(hit, side, np.inf), np.where(falls, top, np.inf))
