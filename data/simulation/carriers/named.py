@@ -12,7 +12,7 @@ CARRIERS: dict[str, Carrier] = {"wheeled": WHEELED, "handheld": HANDHELD, "pole"
 
 
 def carrier_named(name: str, pace: float = 1.0, reverse: bool = False) -> Carrier:
-    """The carrier of this name, or the motion recorded in this TUM file, at a factor of its pace, or played from its end.
+    """The carrier of this name, or the motion in this TUM file, at a factor of its pace, or played from its end.
 
     Raises UserError for what is neither, and for a pace of a carrier that is not recorded.
     """

@@ -25,11 +25,9 @@ def furniture(
     grid: Grid, level: float, way: Array, radius: float, doors: Sequence[Array], rng: np.random.Generator
 ) -> list[UprightBox]:
     """Pieces that keep `radius` and 5 cm more from the way (N, 2) of the sensor, and from doors, triangles each."""
-    free = [way, *(np.atleast_2d(door[:, :, :2].reshape(-1, 2).mean(axis=0)) for door in doors)]
-    keep = [radius + 0.05, *[DOORWAY] * len(doors)]
-    trees = [(cKDTree(way), keep[0])]
-    if len(free) > 1:
-        trees.append((cKDTree(np.concatenate(free[1:])), DOORWAY))
+    trees = [(cKDTree(way), radius + 0.05)]
+    if doors:
+        trees.append((cKDTree(np.stack([door.reshape(-1, 3)[:, :2].mean(axis=0) for door in doors])), DOORWAY))
     pieces: list[UprightBox] = []
     taken = np.zeros_like(grid.room, dtype=bool)
     for k in range(len(grid.rooms)):
@@ -56,7 +54,7 @@ def _placed(
             continue
         spots = box.footprint
         at = tuple(np.clip(grid.to_cells(spots), 0, np.array(grid.room.shape) - 1).T)
-        stands = grid.clearance_at(spots).min() > 0 and not taken[at].any()
+        stands = grid.clearance[at].min() > 0 and not taken[at].any()
         if stands and all(tree.query(spots)[0].min() > far for tree, far in trees):
             taken[at] = True
             return box
