@@ -1,8 +1,8 @@
 """Simulates a drive through a building: a route through its rooms, scans along it, and the truth.
 
-All doors are open (their leaves are left out), furniture is included, window panes are opaque. The route changes
-storeys by the building's stairs; the sensor rises along the flight's slope, as if carried or on legs, and tilts with it
-by a small part of its angle.
+All doors are open (their leaves are left out), furniture is included, window panes are opaque, unless effects say
+otherwise. The route changes storeys by the building's stairs; the sensor rises along the flight's slope, as if carried
+or on legs, and on wheels tilts with it by a small part of its angle.
 """
 
 from collections.abc import Collection, Sequence
@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
-from data.plans.mesh_files import is_mesh
 from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.carriers import WHEELED, Carrier
 from data.simulation.changes import Changes
@@ -25,18 +24,13 @@ from data.simulation.sensor import Sensor, SpinningSensor
 from data.simulation.sensors import described
 
 if TYPE_CHECKING:
-    from data.geometry.raycast import TriangleScene
-    from data.simulation.occupancy import Grid
-    from data.simulation.storey_model import StoreyModel
-
-    Grids = dict[StoreyModel, Grid]
+    from data.simulation.building import Grids
 
 __all__ = ["PLAN", "ROBOT", "ROBOT_TOP", "SENSOR", "SimulatedRun", "VisitedRoom", "simulate"]
 
 SENSOR = SpinningSensor()
 ROBOT = WHEELED.robot
 ROBOT_TOP = WHEELED.top  # m above the floor: the robot passes under what is higher, unless its sensor is higher still
-TOLERANCE = 0.015  # m, standard deviation of a wall's place
 ON_FLOOR = 0.1  # m from a storey's level, at which the robot is on it
 SENSOR_TOP = 0.1  # m: half a sensor's height
 
@@ -77,6 +71,7 @@ def simulate(
     stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
     """
     from data.geometry.raycast import TriangleScene
+    from data.simulation.building import legs_over, storeys_as_built
     from data.simulation.effects.furnishing import IN_SCENE, Driven, furnished
     from data.simulation.effects.platforms import RISE, platforms
     from data.simulation.effects.returns import noisy
@@ -91,12 +86,12 @@ def simulate(
     sensor = noisy(sensor) if "returns" in chosen else sensor
     out = Path(out_dir)
     _check(out, scan_format, height, seed, timing, seconds)
-    models = _models(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed, chosen)
+    models = storeys_as_built(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed, chosen)
     scene = TriangleScene(np.concatenate([m.solid for m in dict.fromkeys(models)]))
     grids = {m: build_grid(m, scene, max(carrier.top, height + SENSOR_TOP)) for m in dict.fromkeys(models)}
     rng = np.random.default_rng(seed)
     start_yaw = float(rng.uniform(-np.pi, np.pi))
-    legs = _legs(models, grids, scene, robot.radius, min_rooms, min_length, rng)
+    legs = legs_over(models, grids, scene, robot.radius, min_rooms, min_length, rng)
     if and_back:
         legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
     raised = platforms(models, legs, seed) if "steps" in chosen else None
@@ -137,38 +132,6 @@ def _check(
         raise UserError(f"the seed {seed} is negative; give 0 or more")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise UserError(f"{out}: exists already and is not an empty folder; give another one")
-
-
-def _models(
-    ifc: Path | str, storeys: list[str], changes: Changes | None, seed: int, effects: Collection[str]
-) -> "list[StoreyModel]":
-    from data.simulation.mesh_storey import mesh_storey
-    from data.simulation.storey_model import load_storey, load_storeys
-
-    tolerance = TOLERANCE if "tolerance" in effects else 0.0
-    if len(storeys) == 1:
-        load = mesh_storey if is_mesh(ifc) else load_storey
-        return [load(ifc, storeys[0], changes, seed, tolerance)]
-    if changes is not None and changes.any:
-        raise UserError("walls that stand otherwise than planned: give one storey, not several")
-    if is_mesh(ifc):
-        raise UserError(f"{ifc}: a mesh has no marked stairs; give one storey, or an IFC file")
-    return load_storeys(ifc, storeys, seed, tolerance)
-
-
-def _legs(
-    models: "list[StoreyModel]", grids: "Grids", scene: "TriangleScene", radius: float, min_rooms: int,
-    min_length: float, rng: np.random.Generator,
-) -> tuple[NDArray[np.float64], ...]:  # fmt: skip
-    """(N, 2) on one storey, (N, 3) over several."""
-    from data.simulation.multi_storey_drive import plan_storeys
-    from data.simulation.route import Planner, plan_tour
-    from data.simulation.stairs import Storey
-
-    if len(models) == 1:
-        return plan_tour(grids[models[0]], radius, min_rooms, min_length, rng)
-    of = {model: Storey(model, Planner(grid, radius, rng)) for model, grid in grids.items()}
-    return plan_storeys([of[model] for model in models], scene, radius, min_rooms, min_length, rng)
 
 
 def _visited(
