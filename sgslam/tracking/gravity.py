@@ -1,0 +1,150 @@
+"""The vertical from the surfaces of a building: walls are upright, floors and ceilings level.
+
+Most surfaces are parallel or perpendicular to the vertical, but in most buildings also to two other directions. Which
+one is the vertical, and which end is up, is told by cues (`gravity_cues`, `gravity_sign`), summed as log odds.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.tracking.gravity_cues import UprightView, axis_log_odds
+from sgslam.tracking.gravity_sign import sign_log_odds
+
+Floats = NDArray[np.float64]
+
+FEWEST = 30  # surfels
+DIRECTIONS = 6  # of surfaces that are looked at, the commonest first
+LEAST_SHARE = 0.04  # of the surfaces that have one of these directions
+SPREAD = float(np.cos(np.radians(10.0)))  # normals of one direction
+DISTINCT = float(np.cos(np.radians(5.0)))  # between candidates; nearer ones are the same
+WINDOWS = np.radians([12.0, 8.0, 6.0, 6.0])  # of the robust fit, from coarse to fine
+SAMPLE = 400  # surfels that propose a direction
+# Angles between the expected and the true vertical: most sensors stand within some degrees of it, some are tilted, some
+# lie on their side or hang. (share, middle, standard deviation) in radians.
+MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.1, np.pi, 0.26))
+LEAST_AXIS_ODDS, LEAST_SIGN_ODDS = 0.8, 1.0  # natural logarithms; below, no answer is better than a wrong one
+NORMAL_SIGMA = np.radians(4.0)  # of a surfel's normal, with what surfels of one wall have in common
+ALIKE = 3.0  # surfels of one surface share errors: so many count as one measurement of its direction
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """The vertical in the frame of the surfels: `up_in_odom` (3,), a unit vector, and `sigma` (rad) of its direction.
+
+    Natural log odds: `axis_odds` against the next best vertical, expectation and all; `sign_odds` against upside down,
+    likewise; `sign_seen`, what the surfaces alone say of that: near zero where they look alike either way up, and the
+    sign is the expected one.
+    """
+
+    up_in_odom: Floats
+    sigma: float
+    axis_odds: float
+    sign_odds: float
+    sign_seen: float
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    axis: Floats
+    odds: float  # that it is the vertical, without the expected mount
+    sign: float  # log odds that its end is up, without the expected mount
+
+
+def estimate_gravity(
+    positions: Floats, normals: Floats, weights: Floats, sensor_positions: Floats, expected_up: Floats
+) -> Gravity | None:
+    """The vertical, or None if it cannot be told.
+
+    Args: surfels of the first seconds in a frame of any attitude: positions (N, 3) in metres, unit normals (N, 3)
+    turned to the sensor that saw them, weights (N,) such as areas or numbers of points; the sensor's positions (M, 3)
+    on its way; `expected_up` (3,), the vertical if the sensor is mounted as expected, a hint only.
+    """
+    if len(positions) < FEWEST:
+        return None
+    capped = np.minimum(weights, np.median(weights))  # near surfaces have many points, not more to say
+    capped = capped / capped.max()
+    seen = (positions, normals, capped, sensor_positions)
+    candidates = [_judged(axis, *seen) for axis in _axes(normals, capped)]
+    if not candidates:
+        return None
+    up, axis_odds, sign_odds, sign_seen = _choose(candidates, expected_up / np.linalg.norm(expected_up))
+    if axis_odds < LEAST_AXIS_ODDS or sign_odds < LEAST_SIGN_ODDS:
+        return None
+    return Gravity(up, _sigma(up, normals, capped), axis_odds, sign_odds, sign_seen)
+
+
+def _axes(normals: Floats, weights: Floats) -> list[Floats]:
+    """Candidates (3,), either end up: the commonest directions of surfaces and those square to two of them, refined."""
+    left, directions = weights.copy(), list[Floats]()
+    proposals = normals[:: max(1, len(normals) // SAMPLE)]
+    alike = np.abs(proposals @ normals.T) > SPREAD
+    while len(directions) < DIRECTIONS and left.sum() > LEAST_SHARE * weights.sum():
+        direction = _mean_direction(proposals[np.argmax(alike @ left)], normals, left)
+        directions.append(direction)
+        left[np.abs(normals @ direction) > SPREAD] = 0.0
+    square = [np.cross(a, b) for k, a in enumerate(directions) for b in directions[:k] if abs(a @ b) < 0.9]
+    axes: list[Floats] = []
+    for start in directions + square:
+        axis = _refined(start / np.linalg.norm(start), normals, weights)
+        if all(abs(axis @ other) < DISTINCT for other in axes):
+            axes.append(axis)
+    return axes
+
+
+def _mean_direction(start: Floats, normals: Floats, weights: Floats) -> Floats:
+    direction = start
+    for _ in range(2):
+        cosine = normals @ direction
+        turned = np.where(np.abs(cosine) > SPREAD, np.sign(cosine) * weights, 0.0)
+        direction = turned @ normals / np.linalg.norm(turned @ normals)
+    return direction
+
+
+def _refined(axis: Floats, normals: Floats, weights: Floats) -> Floats:
+    """The axis to which the surfels near it and near its plane are most parallel and square (Tukey's biweight)."""
+    for window in WINDOWS:
+        square_sine = np.sin(window) ** 2
+        cosine = normals @ axis
+        level = weights * np.clip(1 - (1 - cosine**2) / square_sine, 0.0, None) ** 2
+        upright = weights * np.clip(1 - cosine**2 / square_sine, 0.0, None) ** 2
+        vector = np.linalg.eigh((normals * (upright - level)[:, None]).T @ normals)[1][:, 0]
+        axis = vector * (1.0 if vector @ axis > 0 else -1.0)
+    return axis
+
+
+def _judged(axis: Floats, positions: Floats, normals: Floats, weights: Floats, sensors: Floats) -> _Candidate:
+    view = UprightView.along(axis, positions, normals, weights, sensors)
+    return _Candidate(axis, axis_log_odds(view), sign_log_odds(view))
+
+
+def _expectation(up: Floats, expected_up: Floats) -> float:
+    """The log density of a mount whose vertical lies so far from the expected one."""
+    angle = np.arccos(np.clip(up @ expected_up, -1.0, 1.0))
+    densities = [share / sigma**2 * np.exp(-(((angle - middle) / sigma) ** 2) / 2) for share, middle, sigma in MOUNTS]
+    return float(np.log(sum(densities)))
+
+
+def _choose(candidates: list[_Candidate], expected_up: Floats) -> tuple[Floats, float, float, float]:
+    """The likeliest vertical, its log odds against all other axes and against upside down, and the latter as seen."""
+    ends = [(c.axis * end, c.sign * end, c) for c in candidates for end in (1.0, -1.0)]
+    odds = np.array([c.odds + sign / 2 + _expectation(up, expected_up) for up, sign, c in ends])
+    best = int(np.argmax(odds))
+    up, sign, chosen = ends[best]
+    others = [o for o, (_, _, c) in zip(odds, ends, strict=True) if c is not chosen]
+    flipped = odds[best ^ 1]
+    axis_odds = np.logaddexp(odds[best], flipped) - np.logaddexp.reduce(others) if others else np.inf
+    return up, float(axis_odds), float(odds[best] - flipped), sign
+
+
+def _sigma(up: Floats, normals: Floats, weights: Floats) -> float:
+    """The standard deviation of the direction in its weakest sense, from the normals that fit it."""
+    cosine = normals @ up
+    x = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    x /= np.linalg.norm(x)
+    across = normals @ np.stack([x, np.cross(up, x)]).T
+    level, upright = weights * (np.abs(cosine) > SPREAD), weights * (np.abs(cosine) < np.sqrt(1 - SPREAD**2))
+    # a level surface tells both angles, an upright one that about the line in which it cuts the level
+    information = np.eye(2) * level.sum() + (across * upright[:, None]).T @ across
+    return float(NORMAL_SIGMA * np.sqrt(ALIKE / max(np.linalg.eigvalsh(information)[0], 1e-9)))
