@@ -20,11 +20,15 @@ LEAST_SHARE = 0.04  # of the surfaces that have one of these directions
 SPREAD = float(np.cos(np.radians(10.0)))  # normals of one direction
 DISTINCT = float(np.cos(np.radians(5.0)))  # between candidates; nearer ones are the same
 WINDOWS = np.radians([12.0, 8.0, 6.0, 6.0])  # of the robust fit, from coarse to fine
-SAMPLE = 400  # surfels that propose a direction
-# Angles between the expected and the true vertical: most sensors stand within some degrees of it, some are tilted, some
-# lie on their side or hang. (share, middle, standard deviation) in radians.
+SAMPLE = 150  # surfels that propose a direction
+# How plausible an angle between the expected and the true vertical is: most sensors stand within some degrees of it, some
+# are tilted, some lie on their side or hang. (weight, middle, standard deviation), radians. Those that lie and hang weigh
+# more than they are frequent: a wrong answer is worse than none.
 MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.1, np.pi, 0.26))
-LEAST_AXIS_ODDS, LEAST_SIGN_ODDS = 0.8, 1.0  # natural logarithms; below, no answer is better than a wrong one
+LEAST_AXIS_ODDS, LEAST_SIGN_ODDS = 1.0, 1.0  # natural logarithms; below, no answer is better than a wrong one
+SIGN_SEEN = 1.0  # likewise
+HOPELESS = 6.0  # likewise: so far behind, a candidate is not the vertical whatever its sign says
+LEAST_FITTING = 0.3  # share of surfaces parallel or square to the vertical; under a bare roof there may be fewer
 NORMAL_SIGMA = np.radians(4.0)  # of a surfel's normal, with what surfels of one wall have in common
 ALIKE = 3.0  # surfels of one surface share errors: so many count as one measurement of its direction
 
@@ -43,6 +47,11 @@ class Gravity:
     axis_odds: float
     sign_odds: float
     sign_seen: float
+
+    @property
+    def sign_told(self) -> bool:
+        """Whether the surfaces tell the sign; else it is that of the expected mount."""
+        return self.sign_seen >= SIGN_SEEN
 
 
 @dataclass(frozen=True)
@@ -65,11 +74,13 @@ def estimate_gravity(
         return None
     capped = np.minimum(weights, np.median(weights))  # near surfaces have many points, not more to say
     capped = capped / capped.max()
-    seen = (positions, normals, capped, sensor_positions)
-    candidates = [_judged(axis, *seen) for axis in _axes(normals, capped)]
-    if not candidates:
+    expected = expected_up / np.linalg.norm(expected_up)
+    views = [UprightView.along(axis, positions, normals, capped, sensor_positions) for axis in _axes(normals, capped)]
+    if not views:
         return None
-    up, axis_odds, sign_odds, sign_seen = _choose(candidates, expected_up / np.linalg.norm(expected_up))
+    up, axis_odds, sign_odds, sign_seen = _choose(_judged(views, expected), expected)
+    if _fitting(up, normals, capped) < LEAST_FITTING:
+        return None
     if axis_odds < LEAST_AXIS_ODDS or sign_odds < LEAST_SIGN_ODDS:
         return None
     return Gravity(up, _sigma(up, normals, capped), axis_odds, sign_odds, sign_seen)
@@ -79,7 +90,7 @@ def _axes(normals: Floats, weights: Floats) -> list[Floats]:
     """Candidates (3,), either end up: the commonest directions of surfaces and those square to two of them, refined."""
     left, directions = weights.copy(), list[Floats]()
     proposals = normals[:: max(1, len(normals) // SAMPLE)]
-    alike = np.abs(proposals @ normals.T) > SPREAD
+    alike = (np.abs(proposals @ normals.T) > SPREAD).astype(np.float64)
     while len(directions) < DIRECTIONS and left.sum() > LEAST_SHARE * weights.sum():
         direction = _mean_direction(proposals[np.argmax(alike @ left)], normals, left)
         directions.append(direction)
@@ -114,15 +125,18 @@ def _refined(axis: Floats, normals: Floats, weights: Floats) -> Floats:
     return axis
 
 
-def _judged(axis: Floats, positions: Floats, normals: Floats, weights: Floats, sensors: Floats) -> _Candidate:
-    view = UprightView.along(axis, positions, normals, weights, sensors)
-    return _Candidate(axis, axis_log_odds(view), sign_log_odds(view))
+def _judged(views: list[UprightView], expected_up: Floats) -> list[_Candidate]:
+    """The candidates; their signs, which take the most time, only where they can matter."""
+    odds = np.array([axis_log_odds(view) for view in views])
+    likely = odds + [max(_expectation(view.up, expected_up), _expectation(-view.up, expected_up)) for view in views]
+    signs = [sign_log_odds(v) if o > likely.max() - HOPELESS else 0.0 for v, o in zip(views, likely, strict=True)]
+    return [_Candidate(view.up, float(o), sign) for view, o, sign in zip(views, odds, signs, strict=True)]
 
 
 def _expectation(up: Floats, expected_up: Floats) -> float:
     """The log density of a mount whose vertical lies so far from the expected one."""
     angle = np.arccos(np.clip(up @ expected_up, -1.0, 1.0))
-    densities = [share / sigma**2 * np.exp(-(((angle - middle) / sigma) ** 2) / 2) for share, middle, sigma in MOUNTS]
+    densities = [w / sigma**2 * np.exp(-(((angle - middle) / sigma) ** 2) / 2) for w, middle, sigma in MOUNTS]
     return float(np.log(sum(densities)))
 
 
@@ -136,6 +150,11 @@ def _choose(candidates: list[_Candidate], expected_up: Floats) -> tuple[Floats, 
     flipped = odds[best ^ 1]
     axis_odds = np.logaddexp(odds[best], flipped) - np.logaddexp.reduce(others) if others else np.inf
     return up, float(axis_odds), float(odds[best] - flipped), sign
+
+
+def _fitting(up: Floats, normals: Floats, weights: Floats) -> float:
+    cosine = np.abs(normals @ up)
+    return float(weights[(cosine > SPREAD) | (cosine < np.sqrt(1 - SPREAD**2))].sum() / weights.sum())
 
 
 def _sigma(up: Floats, normals: Floats, weights: Floats) -> float:

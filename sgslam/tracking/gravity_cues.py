@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 LEVEL = float(np.cos(np.radians(10.0)))  # of a normal's z: a voxel of a floor is level to a few degrees
 UPRIGHT = float(np.sin(np.radians(10.0)))
 HIGHEST_STOREY = 4.0  # m: what is seen within one storey rarely spans more
+FARTHEST = 2.5  # m between a carried sensor and the floor or the ceiling
 BOB = 0.03  # m: a walking person's up and down
 FACES = 0.4  # m: so near the lowest and highest points, a level surface is floor or ceiling
 
@@ -22,9 +23,11 @@ FACES = 0.4  # m: so near the lowest and highest points, a level surface is floo
 class UprightView:
     """Surfels in a frame whose z axis is up, if the axis is the vertical, and whose x axis is square to most walls.
 
-    The origin is the mean of the sensor's positions. Metres; positions, normals and sensors (N, 3), weights (N,).
+    The origin is the mean of the sensor's positions. Metres; positions, normals and sensors (N, 3), weights (N,); `up`
+    (3,) is the z axis in the surfels' own frame.
     """
 
+    up: Floats
     positions: Floats
     normals: Floats
     weights: Floats
@@ -43,7 +46,7 @@ class UprightView:
         c, s = np.cos(turn), np.sin(turn)
         R = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
         middle = sensors.mean(axis=0)
-        return UprightView((positions - middle) @ R.T, normals @ R.T, weights, (sensors - middle) @ R.T)
+        return UprightView(up, (positions - middle) @ R.T, normals @ R.T, weights, (sensors - middle) @ R.T)
 
 
 def axis_log_odds(view: UprightView) -> float:
@@ -51,15 +54,17 @@ def axis_log_odds(view: UprightView) -> float:
     z, n = view.positions[:, 2], np.abs(view.normals[:, 2])
     total = view.weights.sum()
     low, high = quantiles(z, view.weights)
-    # Walls lie at any distance, floors and ceilings within a storey.
+    # Walls lie at any distance, floors and ceilings within a storey,
     too_high = float(np.clip((high - low - HIGHEST_STOREY) / 2, 0.0, 3.0))
+    # and within reach of a sensor that is carried.
+    too_far = float(np.clip(max(-low, high) - FARTHEST, 0.0, 4.0))
     # In a building every surface is level or upright; about another axis skewed walls and partitions are neither.
     fitting = float(view.weights[(n > LEVEL) | (n < UPRIGHT)].sum() / total)
     # Nothing large and level lies between floor and ceiling; between two walls of a building there are others.
     between = float(view.weights[(n > LEVEL) & (z > low + FACES) & (z < high - FACES)].sum() / total)
-    # One walks in the level.
+    # One walks in the level. On a stair this is wrong, so it weighs less than its fit, 3.3.
     climbing = float(np.clip(np.log(max(float(view.sensors[:, 2].std()), BOB) / BOB), 0.0, 3.0))
-    return -1.0 * too_high + 4.0 * fitting - 5.0 * between - 1.5 * climbing
+    return -1.5 * too_high - 1.0 * too_far + 4.0 * fitting - 1.0 * between - 2.0 * climbing
 
 
 def quantiles(z: Floats, weights: Floats) -> tuple[float, float]:

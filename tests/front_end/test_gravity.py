@@ -30,7 +30,8 @@ def through_the_door() -> Array:
     """(50, 4, 4) level poses."""
     x = np.linspace(2.0, 7.0, 50)
     y = 2.95 + 0.8 * np.sin((x - 4.95) / 1.5)
-    return np.stack([pose(*at, 1.3, yaw=np.arctan2(*np.gradient([y, x], axis=1)[:, k])) for k, at in enumerate(zip(x, y, strict=True))])
+    yaw = np.arctan2(np.gradient(y), np.gradient(x))
+    return np.stack([pose(a, b, 1.3, yaw=c) for a, b, c in zip(x, y, yaw, strict=True)])
 
 
 def seen(mount: Array, sensor: str, seed: int, voxel: float = 0.25) -> Surfels:
@@ -58,3 +59,93 @@ def test_a_tilted_mount_needs_no_flag(sensor: str, degrees: float) -> None:
     assert len(errors) >= 2
     assert max(errors) < 1.5
     assert all(np.radians(error_deg(g, s)) < 4 * g.sigma for s, g in found if g is not None)
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("mount", [HANGING, LYING], ids=["hanging", "lying"])
+def test_a_sensor_that_hangs_or_lies_is_never_taken_for_another(sensor: str, mount: Array) -> None:
+    for seed in range(3):
+        s = seen(mount, sensor, seed)
+        found = estimated(s)
+        if found is not None and found.sign_told:
+            assert error_deg(found, s) < 1.5
+
+
+@pytest.mark.parametrize("mount", [HANGING, LYING], ids=["hanging", "lying"])
+def test_a_told_mount_settles_the_sign(mount: Array) -> None:
+    for sensor in SENSORS:
+        s = seen(mount, sensor, 0)
+        found = estimated(s, s.up + 0.1)
+        assert found is not None
+        assert error_deg(found, s) < 1.5
+
+
+@pytest.mark.parametrize("sensor", ["32 rings", "dome"])
+def test_tables_and_a_door_tell_the_sign(sensor: str) -> None:
+    """Hanging, where the dome sees the floor."""
+    for seed in range(4):
+        s = seen(HANGING, sensor, seed)
+        found = estimated(s, s.up)
+        assert found is not None
+        assert found.sign_told
+        assert found.sign_seen > 1.5
+
+
+def lone_room(size: tuple[float, float, float], voxel: float = 0.5) -> Surfels:
+    """A closed bare room, by a sensor in its middle that does not move and looks to all sides."""
+    rays = rings(-85, 85, 60, 120)
+    poses = np.tile(pose(size[0] / 2, size[1] / 2, size[2] / 2, pitch=0.1), (5, 1, 1))
+    rng = np.random.default_rng(0)
+    return surfels_seen(scene_of(room(0, 0, size[0], size[1], size[2])), poses, rays, rng, voxel)
+
+
+@pytest.mark.parametrize("toward", [0.0, 1.0])
+def test_a_cube_looks_the_same_from_all_sides(toward: float) -> None:
+    s = lone_room((3.0, 3.0, 3.0))
+    level = np.cross(s.up, [0.6, 0.8, 0.0])
+    assert estimated(s, toward * s.up + level) is None
+
+
+def test_a_bare_hall_has_one_vertical_but_no_sign() -> None:
+    s = lone_room((9.0, 7.0, 2.8))
+    found = estimated(s, s.up + [0.4, 0.3, 0.0])
+    assert found is not None
+    assert error_deg(found, s) < 1.5
+    assert not found.sign_told
+    level = np.cross(s.up, [0.6, 0.8, 0.0])
+    assert estimated(s, level) is None  # which end is up, nothing says
+
+
+def test_no_building_no_vertical() -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        normals = rng.normal(size=(500, 3))
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        places = rng.uniform(-5, 5, (500, 3))
+        assert estimate_gravity(places, normals, np.ones(500), np.zeros((5, 3)), EXPECTED) is None
+
+
+def test_few_surfels_tell_nothing() -> None:
+    s = seen(np.eye(3), "32 rings", 0)
+    assert estimate_gravity(s.positions[:20], s.normals[:20], s.weights[:20], s.sensor_positions, EXPECTED) is None
+
+
+def test_another_frame_gives_the_same_vertical() -> None:
+    s = seen(tilted(25.0, np.random.default_rng(0)), "32 rings", 0)
+    R, t = Rotation.random(random_state=1).as_matrix(), np.array([100.0, -40.0, 7.0])
+    here = estimated(s)
+    there = estimate_gravity(s.positions @ R.T + t, s.normals @ R.T, s.weights, s.sensor_positions @ R.T + t, R[:, 2])
+    assert here is not None
+    assert there is not None
+    np.testing.assert_allclose(there.up_in_odom, R @ here.up_in_odom, atol=1e-3)
+
+
+def test_it_takes_no_time() -> None:
+    s = seen(np.eye(3), "32 rings", 0)
+    chosen = np.resize(np.arange(len(s.weights)), 5000)
+    times = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        estimate_gravity(s.positions[chosen], s.normals[chosen], s.weights[chosen], s.sensor_positions, EXPECTED)
+        times.append(time.perf_counter() - begin)
+    assert min(times) < 0.1  # measured: 0.02
