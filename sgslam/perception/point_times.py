@@ -53,12 +53,13 @@ def guessed_times(points: Floats, duration_s: float) -> GuessedTimes | None:
     turned = np.concatenate([[0.0], np.cumsum(steps)])
     if turned[-1] < 0:
         turned, steps = -turned, -steps
-    progress, rule = _by_azimuth(turned), "azimuth"
+    rule: Rule = "azimuth"
+    progress = _by_azimuth(turned)
     if progress is None:
         elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
-        progress, rule = _by_rings(turned, steps, elevation), "rings"
-        if progress is None:
-            progress, rule = _by_index(points, azimuth, elevation), "index"
+        rule, progress = "rings", _by_rings(turned, steps, elevation)
+    if progress is None:
+        rule, progress = "index", _by_index(points, azimuth, elevation)
     if progress is None:
         return None
     longest = max(TURN, float(progress.max()))

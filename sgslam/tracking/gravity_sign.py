@@ -104,7 +104,7 @@ class _Panorama:
         ranges, bins = self._directions(places)
         nearest = np.take_along_axis(self._nearest, bins, axis=1)
         beyond = np.isfinite(nearest) & (nearest > ranges + HIDDEN)
-        return (nearest < ranges - HIDDEN).any(axis=0), beyond.any(axis=0)
+        return np.any(nearest < ranges - HIDDEN, axis=0), np.any(beyond, axis=0)
 
     def _directions(self, places: Floats) -> tuple[Floats, Ints]:
         """(VIEWPOINTS, N) distances and bins."""

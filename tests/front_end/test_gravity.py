@@ -108,7 +108,7 @@ def test_a_cube_looks_the_same_from_all_sides(toward: float) -> None:
 
 def test_a_bare_hall_has_one_vertical_but_no_sign() -> None:
     s = lone_room((9.0, 7.0, 2.8))
-    found = estimated(s, s.up + [0.4, 0.3, 0.0])
+    found = estimated(s, s.up + np.array([0.4, 0.3, 0.0]))
     assert found is not None
     assert error_deg(found, s) < 1.5
     assert not found.sign_told

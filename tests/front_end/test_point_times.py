@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from boxes import Array, pose, room, scene_of
+from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.simulation import SpinningSensor
 from sgslam.perception.point_times import GuessedTimes, guessed_times
 
-PERIOD = 0.1
+Ints = NDArray[np.int64]
+PERIOD = 0.1  # s
 REAL = Path(__file__).resolve().parents[3] / "shared/data/scans/vlp16_room_corridor"
 FILTERED = 6  # the one of the real scans that was filtered: its points are in no order
 
@@ -33,13 +35,13 @@ def spun() -> tuple[Array, Array]:
     return points.astype(float), times.astype(float)
 
 
-def ring_by_ring(points: Array) -> Array:
+def ring_by_ring(points: Array) -> Ints:
     """Indices."""
     elevation = np.degrees(np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1])))
     return np.argsort(np.rint(elevation), kind="stable")
 
 
-def half(count: int, seed: int) -> Array:
+def half(count: int, seed: int) -> Ints:
     """Indices of a random half, in order."""
     return np.sort(np.random.default_rng(seed).permutation(count)[: count // 2])
 
@@ -134,14 +136,14 @@ def dome(turns: float, lasers: int, count: int = 20000) -> Array:
     ids=["rosette", "rosette back", "dome", "dome 4", "dome 4 fast"],
 )
 def test_a_sensor_that_does_not_turn_once_around(points: Array) -> None:
-    times = np.arange(len(points)) * (PERIOD / len(points))
+    times = np.arange(len(points)) * np.float64(PERIOD / len(points))
     check(guessed_times(points, PERIOD), "index", times)
     kept = half(len(points), 1)
     check(guessed_times(points[kept], PERIOD), "index", times[kept], within=0.002)
     assert guessed_times(np.random.default_rng(2).permutation(points), PERIOD) is None
 
 
-def sorted_otherwise(points: Array) -> dict[str, Array]:
+def sorted_otherwise(points: Array) -> dict[str, Ints]:
     """The orders that programs leave behind."""
     cells = np.floor(points / 0.25).astype(int)
     _, first = np.unique(cells, axis=0, return_index=True)
