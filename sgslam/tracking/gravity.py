@@ -22,8 +22,8 @@ DISTINCT = float(np.cos(np.radians(5.0)))  # between candidates; nearer ones are
 WINDOWS = np.radians([12.0, 8.0, 6.0, 6.0])  # of the robust fit, from coarse to fine
 SAMPLE = 150  # surfels that propose a direction
 # How plausible an angle between the expected and the true vertical is: most sensors stand within some degrees of it,
-# some are tilted, some lie on their side or hang. (weight, middle, standard deviation), radians. Those that lie and hang
-# weigh more than they are frequent: a wrong answer is worse than none.
+# some are tilted, some lie on their side or hang. (weight, middle, standard deviation), radians. Those that lie and
+# hang weigh more than they are frequent: a wrong answer is worse than none.
 MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.1, np.pi, 0.26))
 LEAST_AXIS_ODDS, LEAST_SIGN_ODDS = 1.0, 1.0  # natural logarithms; below, no answer is better than a wrong one
 SIGN_SEEN = 1.0  # likewise

@@ -1,7 +1,7 @@
 """Surfels seen along an axis, and what speaks for that axis being the vertical of a building.
 
-Each cue is a log odds (natural logarithm); the weights are those of a logistic regression over simulated walks through
-a dozen buildings, rounded.
+Each cue is a log odds (natural logarithm); the weights are near those of a logistic regression over simulated walks
+through a dozen buildings.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Which end of a building's vertical is up, from its surfaces.
 
-Each cue is a log odds (natural logarithm) and changes sign with the axis; the weights are those of a logistic
-regression over simulated walks through a dozen buildings, rounded. A bare closed room looks the same upside down.
+Each cue is a log odds (natural logarithm) and changes sign with the axis; the weights are near those of a
+logistic regression over simulated walks through a dozen buildings. A bare closed room looks the same upside down.
 """
 
 from dataclasses import dataclass
