@@ -153,6 +153,11 @@ class SceneGraphSlam:
         return len((prior.backend if self._session.kidnaps and prior is not None else self._map.backend).keyframes)
 
     @property
+    def kidnaps(self) -> int:
+        """How often so far the sensor was found to have been carried elsewhere."""
+        return self._session.kidnaps
+
+    @property
     def loops(self) -> LoopCloser:
         """The loop closures, including withdrawn ones."""
         return self._map.loops

@@ -16,6 +16,7 @@ from data.scans import Scan
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.steps import far_apart
+from sgslam.perception.deskew import deskewed
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,7 @@ VOXEL_M, POINTS_PER_VOXEL = 0.3, 1
 # small_gicp, chosen likewise: points are thinned out to this distance, correspondences at most so far apart; the local
 # map has so many scans, so far apart (m or rad)
 DOWNSAMPLED_M, REACH_M, LOCAL_SCANS, SPACING = 0.25, 0.3, 15, 0.3
+DESKEWING_ROUNDS = 3  # a scan deskewed by the step before it, and only once, diverges
 
 _PIPELINE = """
 import json, sys, time
@@ -38,7 +40,8 @@ Path(sys.argv[2]).write_text(json.dumps(time.process_time() - used))
 
 
 def kiss_icp_alone(scans: Iterable[Scan]) -> Trajectory:
-    """T_odom_sensor of KISS-ICP (Vizzo et al., RA-L 2023) on whole scans, deskewed where their points have times."""
+    """T_odom_sensor of KISS-ICP (Vizzo et al., RA-L 2023) on whole scans, deskewed to their ends where their points
+    have times."""
     from kiss_icp.config import KISSConfig
     from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
     from kiss_icp.kiss_icp import KissICP
@@ -56,23 +59,31 @@ def kiss_icp_alone(scans: Iterable[Scan]) -> Trajectory:
 
 def small_gicp_alone(scans: Iterable[Scan]) -> Trajectory:
     """T_odom_sensor of small_gicp's GICP (Segal et al., RSS 2009; Koide, JOSS 2024) on whole scans, with a constant
-    velocity, against a local map of the last spaced scans."""
+    velocity, against a local map of the last spaced scans.
+
+    Scans whose points have times are deskewed to their ends, by the step that was just found, several times over.
+    """
     import small_gicp
 
-    T, step = np.eye(4), np.eye(4)
+    T, step, stamp_ns = np.eye(4), np.eye(4), 0
     kept: list[tuple[Array, Array]] = []  # pose and points (N, 3), odometry frame, of the scans of the local map
     target: tuple[Any, Any] | None = None
 
     def register(scan: Scan) -> Array:
-        nonlocal T, step, kept, target
-        source, _ = small_gicp.preprocess_points(scan.points, downsampling_resolution=DOWNSAMPLED_M)
-        if target is not None:
+        nonlocal T, step, stamp_ns, kept, target
+        interval_s, before, T = (scan.stamp_ns - stamp_ns) / 1e9, T, T @ step
+        for _ in range(1 if scan.point_times is None else DESKEWING_ROUNDS):
+            points = scan.points if target is None else _at_the_end(scan, step, interval_s)
+            source, _ = small_gicp.preprocess_points(points, downsampling_resolution=DOWNSAMPLED_M)
+            if target is None:
+                break
             cloud, tree = target
             found = small_gicp.align(
-                cloud, source, tree, T @ step, registration_type="GICP", max_correspondence_distance=REACH_M
+                cloud, source, tree, T, registration_type="GICP", max_correspondence_distance=REACH_M
             )
-            T_new = squared_up(found.T_target_source)
-            T, step = T_new, inverse(T) @ T_new
+            T = squared_up(found.T_target_source)
+            step = inverse(before) @ T
+        stamp_ns = scan.stamp_ns
         if not kept or far_apart(kept[-1][0], T, SPACING):
             points = source.points()[:, :3] @ T[:3, :3].T + T[:3, 3]
             kept = [*kept, (T, points)][-LOCAL_SCANS:]
@@ -81,6 +92,13 @@ def small_gicp_alone(scans: Iterable[Scan]) -> Trajectory:
         return T.copy()
 
     return _trajectory(scans, register)
+
+
+def _at_the_end(scan: Scan, step: Array, interval_s: float) -> Array:
+    """(N, 3) the points in the sensor frame at the scan's end, for a sensor that makes `step` (4, 4) in `interval_s`;
+    as they are if they have no times."""
+    times = scan.point_times
+    return scan.points if times is None else deskewed(scan.points, times - times.max(), step, interval_s)
 
 
 def _trajectory(scans: Iterable[Scan], register: Callable[[Scan], Array]) -> Trajectory:
