@@ -183,7 +183,7 @@ def demo_building(folder: Path) -> Path:
 
 
 def _prepared(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions) -> Sequence:
-    bim, storey = _building(spec, folder)
+    bim, storey = building_of(spec, folder)
     graph = _a_graph(bim)
     if spec.scans is not None and spec.truth is not None:
         if conditions.of_the_drive:
@@ -210,10 +210,11 @@ def _prepared(spec: SequenceSpec, seed: int, folder: Path, conditions: Condition
 
 def plan_of(spec: SequenceSpec, folder: Path) -> SceneGraph:
     """The whole building's A-graph; the demo building is written to `folder` if missing."""
-    return _a_graph(_building(spec, folder)[0])
+    return _a_graph(building_of(spec, folder)[0])
 
 
-def _building(spec: SequenceSpec, folder: Path) -> tuple[Path, str]:
+def building_of(spec: SequenceSpec, folder: Path) -> tuple[Path, str]:
+    """The building's file and the storey; the demo building is written to `folder` if missing."""
     if spec.bim != "demo":
         return Path(spec.bim), spec.storey or ""
     from data.generation.demo_building import DEMO_STOREY

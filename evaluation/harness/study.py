@@ -99,6 +99,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "one_wall_out": "evaluation.published.one_wall_out",
     "combinatorial": "evaluation.published.combinatorial",
     "as_built": "evaluation.studies.as_built",
+    "carriers": "evaluation.studies.carriers",
     "growth": "evaluation.studies.growth",
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",

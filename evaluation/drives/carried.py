@@ -1,0 +1,89 @@
+"""Short drives with any carrier, mount, sensor and effect; their scans are deleted when they were used."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from pydantic import Field, PositiveFloat
+
+from data.scans import Scan, ScanFolder
+from data.simulation.carriers import carrier_named
+from data.simulation.sensors import sensor_named
+from data.trajectory import Trajectory
+from evaluation.drives.sequences import DriveCase, building_of
+
+Degrees = tuple[float, float, float]
+LEVEL: Degrees = (0.0, 0.0, 0.0)
+ONE_MORE_S = 0.2  # the truth reaches beyond the end of the last scan
+
+
+class CarriedCase(DriveCase):
+    """The first `seconds` of a drive through a building.
+
+    `carrier` is one of the simulator's or a recorded motion FILE.tum, which may be played at another `pace` or
+    `backwards`. `mount_deg` are roll, pitch and yaw of the sensor on its carrier. The sensor moves within each scan;
+    without `times`, nobody says when the points were measured.
+    """
+
+    carrier: str
+    pace: PositiveFloat = 1.0
+    backwards: bool = False
+    mount_deg: Degrees = LEVEL
+    sensor: str
+    effects: tuple[str, ...] = ()
+    times: bool = True
+    seconds: float = Field(ge=5.0)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the motion is a recorded one."""
+        return self.carrier.endswith(".tum")
+
+    def files(self) -> set[str]:
+        """The building's file and the recording."""
+        return super().files() | ({self.carrier} if self.recorded else set())
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedDrive:
+    """A simulated drive of `count` scans; `truth` is T_bim_sensor at the scans' stamps, and at some after them."""
+
+    folder: Path
+    truth: Trajectory
+    count: int
+    times: bool
+
+    @property
+    def period_s(self) -> float:
+        """Seconds from scan to scan, which is how long each takes."""
+        return float(np.median(np.diff(self.truth.stamps_ns)) / 1e9)
+
+    def scans(self, count: int | None = None) -> Iterator[Scan]:
+        """Reads the scans, or the first `count`, one by one; with their points' times only if these are told."""
+        for scan in islice(ScanFolder(self.folder), self.count if count is None else count):
+            yield scan if self.times else replace(scan, point_times=None)
+
+
+@contextmanager
+def carried(case: CarriedCase, work: Path) -> Iterator[CarriedDrive]:
+    """Simulates the drive in a folder within `work` that is deleted at the end: all drives of a study take hundreds of
+    gigabytes, and to simulate one is quicker than to track it.
+
+    Raises UserError as the simulator does.
+    """
+    from data.simulation.simulate import simulate
+
+    bim, storey = building_of(case.sequence, work)
+    carrier = carrier_named(case.carrier, case.pace, case.backwards)
+    with TemporaryDirectory(prefix="carried.", dir=work) as name:
+        run = simulate(
+            bim, storey, Path(name) / "drive", case.seed, min_rooms=1, min_length=case.seconds * carrier.robot.speed,
+            sensor=sensor_named(case.sensor), carrier=carrier, mount_deg=case.mount_deg,
+            effects=("rolling", *case.effects), seconds=case.seconds + ONE_MORE_S,
+        )  # fmt: skip
+        count = int(np.searchsorted(run.truth.stamps_ns, round(case.seconds * 1e9)))
+        yield CarriedDrive(Path(name) / "drive/scans", run.truth, count, case.times)

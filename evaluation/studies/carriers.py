@@ -1,0 +1,186 @@
+"""How well each scan's pose is tracked without a plan, whoever carries the sensor, and whatever it is.
+
+Each method gets the same scans: with their points' times where these are told, else without.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import product
+from pathlib import Path
+from time import process_time
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import PositiveFloat
+
+from data.common.errors import UserError
+from data.scans import Scan
+from data.simulation.effects.names import EFFECTS, TIMINGS
+from data.trajectory import Trajectory
+from evaluation.drives.carried import LEVEL, CarriedCase, CarriedDrive, Degrees, carried
+from evaluation.drives.runs import run_through
+from evaluation.drives.sequences import DriveOptions
+from evaluation.harness import Cost, Record, Study
+from evaluation.metrics.tracking import errors_over_time, step_errors
+from evaluation.metrics.trajectories import ape
+from evaluation.slam_ablation.peers import kiss_icp_alone, small_gicp_alone
+from evaluation.studies.carriers_tables import claims, tables
+from sgslam.slam import SceneGraphSlam
+
+Method = Literal["sgslam", "kiss_icp", "small_gicp"]
+Part = Literal["carriers", "effects", "all_effects", "mounts", "recording"]
+Tracked = tuple[Trajectory, int | None]  # T_odom_sensor of the scans, and how many kidnappings were seen
+
+RECORDING = "../shared/data/motion/handheld_survey.tum"
+WARM_UP = 5  # scans that are run first, so that libraries and compiled loops are loaded before time counts
+
+
+class Choice(DriveOptions):
+    """Which `parts` of the design: each of `carriers` with each of `sensors`; each of `effects` alone, on a hand with
+    each of `pattern_sensors`; all effects together with each of `sensors`; each of `mounts` (roll, pitch, yaw in
+    degrees) of the first sensor on the first carrier; the `recording` at each of `paces` (negative: backwards), with
+    each of `pattern_sensors`, times told and not. Each over all `sequences` and `seeds`, `seconds` long."""
+
+    sequences: tuple[str, ...] = ("demo", "institute", "office", "basement", "house-1", "house-2")
+    parts: tuple[Part, ...] = ("carriers", "effects", "all_effects", "mounts", "recording")
+    carriers: tuple[str, ...] = ("wheeled", "handheld", "pole")
+    sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "OS1-64", "XT32", "Mid-360", "sector")
+    pattern_sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
+    effects: tuple[str, ...] = tuple(name for name in EFFECTS if name not in TIMINGS)
+    mounts: tuple[Degrees, ...] = (
+        (0.0, 12.0, 0.0), (4.0, 25.0, 0.0), (0.0, 40.0, 0.0), (180.0, 0.0, 0.0), (0.0, 90.0, 0.0),
+    )  # fmt: skip
+    recording: str = RECORDING
+    paces: tuple[float, ...] = (1.0, -1.0, 2.0, 4.0)
+    seconds: PositiveFloat = 60.0
+    methods: tuple[Method, ...] = ("sgslam", "kiss_icp", "small_gicp")
+
+
+class Run(CarriedCase):
+    """A drive tracked by one method."""
+
+    method: Method
+
+
+class Errors(Record):
+    """How well one method tracked a drive.
+
+    `ate_m` is the RMSE of the positions after SE(3) alignment, None without enough motion; `second_*` are errors of the
+    motion over a second, median and 95 %; `worst_step_m` is the largest error between neighbouring scans. `missing` of
+    the `scans` have no pose. `instant` is where in a scan its pose holds, from 0 (its stamp) to 1 (its end). `kidnaps`
+    is how often the sensor was thought to have been carried elsewhere: always wrongly.
+    """
+
+    scans: int
+    missing: int
+    instant: float
+    ate_m: float | None
+    second_m: float
+    second_95_m: float
+    second_deg: float
+    second_95_deg: float
+    worst_step_m: float
+    kidnaps: int | None
+    scans_per_s: Cost
+
+
+def cases(options: Choice) -> list[Run]:
+    """Every cell of the design, in each building with each seed, by each method."""
+    drives = [
+        CarriedCase(sequence=spec, seed=seed, seconds=options.seconds, **cell)
+        for cell in _cells(options) for spec, seed in options.drives()
+    ]  # fmt: skip
+    once = {drive.key: drive for drive in drives}.values()
+    return [Run(**dict(drive), method=method) for drive in once for method in options.methods]
+
+
+def _cells(options: Choice) -> Iterator[dict[str, Any]]:
+    """The fields of each cell that differ from their defaults."""
+    hand, together = "handheld", options.effects
+    if "carriers" in options.parts:
+        for carrier, sensor in product(options.carriers, options.sensors):
+            yield {"carrier": carrier, "sensor": sensor}
+    if "effects" in options.parts:
+        for effect, sensor in product(options.effects, options.pattern_sensors):
+            yield {"carrier": hand, "sensor": sensor, "effects": (effect,)}
+    if "all_effects" in options.parts:
+        for sensor in options.sensors:
+            yield {"carrier": hand, "sensor": sensor, "effects": together}
+    if "mounts" in options.parts:
+        for mount in (LEVEL, *options.mounts):
+            yield {"carrier": options.carriers[0], "sensor": options.sensors[0], "mount_deg": mount}
+    if "recording" in options.parts:
+        for pace, sensor, times in product(options.paces, options.pattern_sensors, (True, False)):
+            played = {"carrier": options.recording, "pace": abs(pace), "backwards": pace < 0}
+            yield {**played, "sensor": sensor, "times": times}
+
+
+def measure(case: Run, work: Path) -> Errors:
+    """Simulates the drive and tracks it."""
+    track = METHODS[case.method]
+    with carried(case, work) as drive:
+        track(drive.scans(WARM_UP))
+        began = process_time()
+        found, kidnaps = track(drive.scans())
+        seconds = process_time() - began
+    return errors_of(found, drive, instants(case.method, case.times), kidnaps, drive.count / seconds)
+
+
+def instants(method: Method, times: bool) -> tuple[float, ...]:
+    """Where in a scan the poses of a method may hold, from 0 (its stamp) to 1 (its end).
+
+    Ours hold at the stamp; the others deskew to the end. Without times it is unknown: the best counts, for all alike.
+    """
+    if not times:
+        return 0.0, 0.5, 1.0
+    return (0.0,) if method == "sgslam" else (1.0,)
+
+
+def errors_of(
+    found: Trajectory, drive: CarriedDrive, at: tuple[float, ...], kidnaps: int | None, scans_per_s: float
+) -> Errors:
+    """The errors of the poses found, which hold at the best of the instants `at`."""
+
+    def shifted(instant: float) -> Trajectory:
+        return Trajectory(found.stamps_ns + round(1e9 * instant * drive.period_s), found.poses)
+
+    by_instant = {instant: errors_over_time(shifted(instant), drive.truth) for instant in at}
+    instant = min(at, key=lambda own: float(np.median(by_instant[own].translation_m)))
+    second, poses = by_instant[instant], shifted(instant)
+    metres, degrees = second.translation_m, np.degrees(second.rotation_rad)
+    return Errors(
+        scans=drive.count, missing=drive.count - len(found), instant=instant, ate_m=_ate(poses, drive.truth),
+        second_m=float(np.median(metres)), second_95_m=float(np.percentile(metres, 95)),
+        second_deg=float(np.median(degrees)), second_95_deg=float(np.percentile(degrees, 95)),
+        worst_step_m=float(step_errors(poses, drive.truth).translation_m.max()), kidnaps=kidnaps,
+        scans_per_s=scans_per_s,
+    )  # fmt: skip
+
+
+def _ate(found: Trajectory, truth: Trajectory) -> float | None:
+    """The RMSE (m) after SE(3) alignment; None for too little motion."""
+    try:
+        return ape(found, Trajectory(found.stamps_ns, truth.at(found.stamps_ns)), "se3").translation.rmse
+    except UserError:
+        return None
+
+
+def _sgslam(scans: Iterable[Scan]) -> Tracked:
+    """The whole system without a plan."""
+    slam = SceneGraphSlam(None)
+    result = run_through(slam, scans)
+    return result.trajectory_map, slam.kidnaps
+
+
+METHODS: dict[Method, Callable[[Iterable[Scan]], Tracked]] = {
+    "sgslam": _sgslam,
+    "kiss_icp": lambda scans: (kiss_icp_alone(scans), None),
+    "small_gicp": lambda scans: (small_gicp_alone(scans), None),
+}
+QUICK = Choice(
+    sequences=("demo",), seeds=(0,), parts=("carriers", "recording"), carriers=("wheeled", "handheld"),
+    sensors=("VLP-16",), pattern_sensors=("VLP-16",), paces=(1.0,), seconds=20.0,
+)  # fmt: skip
+STUDY = Study(
+    "carriers", "how well each scan is tracked without a plan, for any carrier, mount, sensor and effect",
+    Choice, QUICK, Run, Errors, cases, measure, tables, claims, small=True,
+)  # fmt: skip

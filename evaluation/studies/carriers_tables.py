@@ -1,0 +1,115 @@
+"""Tables of the tracking with any carrier: each cell of the design, with all methods side by side."""
+
+from collections.abc import Mapping, Sequence
+
+import pandas as pd
+
+from evaluation.harness import Claim
+from evaluation.harness.tables import grouped, interval, of, rare, spread
+from evaluation.metrics.bootstrap import ratio
+
+METHODS = {"sgslam": "sgslam", "kiss_icp": "KISS-ICP", "small_gicp": "small_gicp"}
+OURS, PEERS = "sgslam", ["kiss_icp", "small_gicp"]
+TRACKED_M = 0.1  # ATE up to which a drive of a minute counts as tracked
+LEVEL, NO_EFFECT = "0, 0, 0", "none"
+_DRIVE = ["sequence.name", "seed", "carrier", "pace", "backwards", "mount_deg", "sensor", "effects", "times", "seconds"]
+
+
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """The ATE by carrier and sensor, by effect, by mount, and of the recorded motion; then all errors by method. A part
+    of the design without rows has no table."""
+    rows = _named(rows)
+    parts = {name: (own, by) for name, (own, by) in _parts(rows).items() if len(own)}
+    found = {name: grouped(own, [*by, "seconds"], _cell) for name, (own, by) in parts.items()}
+    ratios = [{"part": name, **_compared(own)} for name, (own, _) in parts.items()]
+    errors = grouped(rows, ["method"], _errors).replace({"method": METHODS})
+    return {**found, "ratios": pd.DataFrame(ratios), "errors": errors}
+
+
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How the error without a plan compares with that of the better odometry, and false kidnappings."""
+    rows = _named(rows)
+    both = _by_method(rows).dropna()
+    drives = f"{len(both)} drives, {rows.building.nunique()} buildings"
+    relative = ratio(both[OURS], both.peer, both.index.get_level_values("building").tolist())
+    ours = rows[rows.method == OURS]
+    return [
+        Claim("ATE without a plan, relative to the better of KISS-ICP and small_gicp, any carrier and sensor",
+              interval(relative, ".2f"), drives),
+        Claim("drives with a kidnapping seen where there was none", rare(int((ours.kidnaps > 0).sum()), len(ours)),
+              f"{len(ours)} drives, {ours.building.nunique()} buildings"),
+    ]  # fmt: skip
+
+
+def _named(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with the drive in words, and as `drive` all that tells one from another."""
+    carriers = zip(rows.carrier, rows.pace, rows.backwards, strict=True)
+    return rows.assign(
+        drive=rows[_DRIVE].astype(str).agg("; ".join, axis=1), building=rows["sequence.name"],
+        recorded=rows.carrier.str.endswith(".tum"), carrier=[_carrier(*carrier) for carrier in carriers],
+        mount=[", ".join(f"{angle:g}" for angle in mount) for mount in rows.mount_deg],
+        effects=[_effects(own) for own in rows.effects], times=rows.times.map({True: "told", False: "not told"}),
+        seconds=rows.seconds.map("{:g}".format),
+    )  # fmt: skip
+
+
+def _carrier(name: str, pace: float, backwards: bool) -> str:
+    if not name.endswith(".tum"):
+        return name
+    return "recording" + (", backwards" if backwards else "") + (f", pace {pace:g}" if pace != 1 else "")
+
+
+def _effects(own: Sequence[str]) -> str:
+    return "all together" if len(own) > 1 else own[0] if own else NO_EFFECT
+
+
+def _parts(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
+    """The rows of each part of the design, and the columns of its cells; effects and mounts beside the same without."""
+    level, plain = rows["mount"] == LEVEL, rows.effects == NO_EFFECT
+    varied = ["carrier", "sensor"]
+    tried = rows.merge(rows[~plain][varied].drop_duplicates(), on=varied)
+    mounted = rows.merge(rows[~level][varied].drop_duplicates(), on=varied)
+    return {
+        "carriers": (rows[~rows.recorded & level & plain], varied),
+        "effects": (tried[tried["mount"] == LEVEL].sort_values("sensor", kind="stable"), ["effects", *varied]),
+        "mounts": (mounted[mounted.effects == NO_EFFECT], ["mount", *varied]),
+        "recording": (rows[rows.recorded], [*varied, "times"]),
+    }
+
+
+def _cell(own: pd.DataFrame) -> dict[str, str]:
+    """Median, least and largest ATE of each method, and the ratio of ours to the better of the others."""
+    ate = {f"{label}: ATE (m)": spread(own[own.method == name].ate_m, ".3f") for name, label in METHODS.items()}
+    both = _by_method(own)
+    return {"drives": str(len(both)), **ate, "ratio": spread(both[OURS] / both.peer, ".2f")}
+
+
+def _compared(own: pd.DataFrame) -> dict[str, str]:
+    """Ours against the better of the others, drive by drive."""
+    both = _by_method(own).dropna()
+    found = both[OURS] / both.peer
+    return {
+        "drives": str(len(both)), "ATE relative to the better peer's": spread(found, ".2f"),
+        "no worse": of((found <= 1).sum(), len(both)), "tracked": of((both[OURS] <= TRACKED_M).sum(), len(both)),
+        "tracked by the better peer": of((both.peer <= TRACKED_M).sum(), len(both)),
+    }  # fmt: skip
+
+
+def _by_method(rows: pd.DataFrame) -> pd.DataFrame:
+    """A line for each drive: the ATE of ours, and as `peer` that of the better of the others."""
+    wide = rows.pivot(index=["building", "drive"], columns="method", values="ate_m").astype(float)
+    wide = wide.reindex(columns=[OURS, *PEERS])
+    return wide[[OURS]].assign(peer=wide[PEERS].min(axis=1))
+
+
+def _errors(own: pd.DataFrame) -> dict[str, str]:
+    """All errors of one method."""
+    known = own.kidnaps.dropna()
+    return {
+        "drives": str(len(own)), "ATE (m)": spread(own.ate_m, ".3f"),
+        "tracked": of((own.ate_m <= TRACKED_M).sum(), len(own)),
+        "1-s error (m)": spread(own.second_m, ".3f"), "its 95 %": spread(own.second_95_m, ".3f"),
+        "1-s error (deg)": spread(own.second_deg, ".2f"), "its 95 % (deg)": spread(own.second_95_deg, ".2f"),
+        "worst step (m)": spread(own.worst_step_m, ".2f"), "poses missing": of(own.missing.sum(), own.scans.sum()),
+        "false kidnappings": str(int(known.sum())) if len(known) else "", "scans a second": spread(own.scans_per_s),
+    }  # fmt: skip
