@@ -12,13 +12,16 @@ METHODS = {"sgslam": "sgslam", "kiss_icp": "KISS-ICP", "small_gicp": "small_gicp
 OURS, PEERS = "sgslam", ["kiss_icp", "small_gicp"]
 TRACKED_M = 0.1  # ATE up to which a drive of a minute counts as tracked
 LEVEL, NO_EFFECT = "0, 0, 0", "none"
-_DRIVE = ["sequence.name", "seed", "carrier", "pace", "backwards", "mount_deg", "sensor", "effects", "times", "seconds"]
+_DRIVE = [  # what tells one row from another
+    "sequence.name", "seed", "carrier", "pace", "backwards", "mount_deg", "sensor", "effects", "times", "seconds",
+    "methods",
+]  # fmt: skip
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """The ATE by carrier and sensor, by effect, by mount, and of the recorded motion; then all errors by method. A part
     of the design without rows has no table."""
-    rows = _named(rows)
+    rows = _by_drive_and_method(rows)
     parts = {name: (own, by) for name, (own, by) in _parts(rows).items() if len(own)}
     found = {name: grouped(own, [*by, "seconds"], _cell) for name, (own, by) in parts.items()}
     ratios = [{"part": name, **_compared(own)} for name, (own, _) in parts.items()]
@@ -28,7 +31,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
     """How the error without a plan compares with that of the better odometry, and false kidnappings."""
-    rows = _named(rows)
+    rows = _by_drive_and_method(rows)
     both = _by_method(rows).dropna()
     drives = f"{len(both)} drives, {rows.building.nunique()} buildings"
     relative = ratio(both[OURS], both.peer, both.index.get_level_values("building").tolist())
@@ -39,6 +42,17 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
         Claim("drives with a kidnapping seen where there was none", rare(int((ours.kidnaps > 0).sum()), len(ours)),
               f"{len(ours)} drives, {ours.building.nunique()} buildings"),
     ]  # fmt: skip
+
+
+def _by_drive_and_method(rows: pd.DataFrame) -> pd.DataFrame:
+    """A line for each drive and method that tracked it: the drive in words, and the errors."""
+    named, lines = _named(rows), []
+    for method in METHODS:
+        before = f"found.{method}."
+        if any(name.startswith(before) for name in rows):
+            own = {name: name.removeprefix(before) for name in named} | {f"scans_per_s.{method}": "scans_per_s"}
+            lines.append(named.rename(columns=own).assign(method=method))
+    return pd.concat(lines, ignore_index=True).dropna(subset="second_m")
 
 
 def _named(rows: pd.DataFrame) -> pd.DataFrame:
