@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, PositiveFloat
 
 from data.common.errors import UserError
 from data.scans import Scan
-from data.simulation.effects.names import EFFECTS, TIMINGS
+from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
 from evaluation.drives.carried import LEVEL, CarriedCase, CarriedDrive, Degrees, carried
 from evaluation.drives.runs import run_through
@@ -102,7 +102,7 @@ def cases(options: Choice) -> list[Run]:
 
 def _cells(options: Choice) -> Iterator[dict[str, Any]]:
     """The fields of each cell that differ from their defaults."""
-    hand, together = "handheld", options.effects
+    hand = "handheld"
     if "carriers" in options.parts:
         for carrier, sensor in product(options.carriers, options.sensors):
             yield {"carrier": carrier, "sensor": sensor}
@@ -111,7 +111,7 @@ def _cells(options: Choice) -> Iterator[dict[str, Any]]:
             yield {"carrier": hand, "sensor": sensor, "effects": (effect,)}
     if "all_effects" in options.parts:
         for sensor in options.sensors:
-            yield {"carrier": hand, "sensor": sensor, "effects": together}
+            yield {"carrier": hand, "sensor": sensor, "effects": (ALL,)}
     if "mounts" in options.parts:
         for mount in (LEVEL, *options.mounts):
             yield {"carrier": options.carriers[0], "sensor": options.sensors[0], "mount_deg": mount}

@@ -1,6 +1,6 @@
 """Tables of the tracking with any carrier: each cell of the design, with all methods side by side."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import pandas as pd
 
@@ -62,8 +62,8 @@ def _named(rows: pd.DataFrame) -> pd.DataFrame:
         drive=rows[_DRIVE].astype(str).agg("; ".join, axis=1), building=rows["sequence.name"],
         recorded=rows.carrier.str.endswith(".tum"), carrier=[_carrier(*carrier) for carrier in carriers],
         mount=[", ".join(f"{angle:g}" for angle in mount) for mount in rows.mount_deg],
-        effects=[_effects(own) for own in rows.effects], times=rows.times.map({True: "told", False: "not told"}),
-        seconds=rows.seconds.map("{:g}".format),
+        effects=[" + ".join(own) or NO_EFFECT for own in rows.effects],
+        times=rows.times.map({True: "told", False: "not told"}), seconds=rows.seconds.map("{:g}".format),
     )  # fmt: skip
 
 
@@ -71,10 +71,6 @@ def _carrier(name: str, pace: float, backwards: bool) -> str:
     if not name.endswith(".tum"):
         return name
     return "recording" + (", backwards" if backwards else "") + (f", pace {pace:g}" if pace != 1 else "")
-
-
-def _effects(own: Sequence[str]) -> str:
-    return "all together" if len(own) > 1 else own[0] if own else NO_EFFECT
 
 
 def _parts(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
