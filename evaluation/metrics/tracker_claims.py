@@ -1,0 +1,72 @@
+"""Whether what a tracker says of its poses holds: their covariances, their health, and which way is up."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.trajectory import Trajectory
+from evaluation.metrics.tracking import errors_over_time, step_errors
+from sgslam.geometry.frames import inverse, local_coordinates
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+DOF, LEVEL = 6, 0.95
+
+
+def inside_region(estimate: Trajectory, truth: Trajectory, covariances: Array, good: Flags) -> Flags:
+    """(K,) whether the error of each motion over a second lies inside the 95 % region of its covariance; the motions
+    are those between poses that are both `good` (N,).
+
+    `covariances` (N, 6, 6) are rotation first (rad), then translation (m), in the pose's own axes. The errors of two
+    poses a second apart are taken as independent, so that of the motion has the sum of both covariances, the first one
+    carried over into the axes of the second (Barfoot, State Estimation for Robotics, 2017, 7.3). Raises UserError for
+    covariances of another shape or that are not positive definite.
+    """
+    covariances = np.asarray(covariances, dtype=float)
+    if covariances.shape != (len(estimate), DOF, DOF):
+        raise UserError(f"covariances of shape {covariances.shape} for {len(estimate)} poses; give (N, 6, 6)")
+    from scipy.special import chdtri  # slow to import
+
+    limit, true = float(chdtri(DOF, 1 - LEVEL)), truth.at(estimate.stamps_ns)
+    pairs = errors_over_time(estimate, truth).pairs
+    found = []
+    for first, second in pairs[good[pairs].all(axis=1)].tolist():
+        moved = inverse(estimate.poses[first]) @ estimate.poses[second]
+        error = local_coordinates(moved, inverse(true[first]) @ true[second])
+        carried = _adjoint(inverse(moved))
+        covariance = covariances[second] + carried @ covariances[first] @ carried.T
+        found.append(_squared(error, covariance, second) <= limit)
+    return np.array(found, dtype=bool)
+
+
+def wrongly_good(estimate: Trajectory, truth: Trajectory, good: Flags, limit_m: float = 0.2) -> Flags:
+    """(N,) which poses are called `good` (N,) though the motion from the pose before or to the next has an error above
+    `limit_m`; of two neighbours both count, if both are called good."""
+    wrong = step_errors(estimate, truth).translation_m > limit_m
+    beside = np.zeros(len(estimate), dtype=bool)
+    beside[:-1] |= wrong
+    beside[1:] |= wrong
+    return beside & good
+
+
+def up_errors(up_in_sensor: Array, estimate: Trajectory, truth: Trajectory) -> Array:
+    """(N,) radians between the direction that is taken for up, unit vectors (N, 3) in the sensor frame at the stamps of
+    the estimate, and the true one."""
+    true = truth.at(estimate.stamps_ns)[:, 2, :3]  # z of the BIM frame in the sensor's axes
+    across = np.linalg.norm(np.cross(up_in_sensor, true), axis=1)
+    return np.arctan2(across, np.einsum("ij,ij->i", up_in_sensor, true))
+
+
+def _adjoint(T: Array) -> Array:
+    """(6, 6) takes rotation and translation in the axes of frame b to frame a, for T_a_b (4, 4)."""
+    R, t = T[:3, :3], T[:3, 3]
+    across = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
+    return np.block([[R, np.zeros((3, 3))], [across @ R, R]])
+
+
+def _squared(error: Array, covariance: Array, pose: int) -> float:
+    try:
+        whitened = np.linalg.solve(np.linalg.cholesky((covariance + covariance.T) / 2), error)
+    except np.linalg.LinAlgError:
+        raise UserError(f"the covariance of pose {pose} is not positive definite") from None
+    return float(whitened @ whitened)
