@@ -36,15 +36,15 @@ WARM_UP = 5  # scans that are run first, so that libraries and compiled loops ar
 
 class Choice(DriveOptions):
     """Which `parts` of the design: each of `carriers` with each of `sensors`; each of `effects` alone, on a hand with
-    each of `pattern_sensors`; all effects together with each of `sensors`; each of `mounts` (roll, pitch, yaw in
+    each of `few_sensors`; all effects together with each of `sensors`; each of `mounts` (roll, pitch, yaw in
     degrees) of the first sensor on the first carrier; the `recording` at each of `paces` (negative: backwards), with
-    each of `pattern_sensors`, times told and not. Each over all `sequences` and `seeds`, `seconds` long."""
+    each of `few_sensors`, times told and not. Each over all `sequences` and `seeds`, `seconds` long."""
 
     sequences: tuple[str, ...] = ("demo", "institute", "office", "basement", "house-1", "house-2")
     parts: tuple[Part, ...] = ("carriers", "effects", "all_effects", "mounts", "recording")
     carriers: tuple[str, ...] = ("wheeled", "handheld", "pole")
     sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "OS1-64", "XT32", "Mid-360", "sector")
-    pattern_sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
+    few_sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
     effects: tuple[str, ...] = tuple(name for name in EFFECTS if name not in TIMINGS)
     mounts: tuple[Degrees, ...] = (
         (0.0, 12.0, 0.0), (0.0, 25.0, 0.0), (0.0, 40.0, 0.0), (180.0, 0.0, 0.0), (0.0, 90.0, 0.0),
@@ -107,7 +107,7 @@ def _cells(options: Choice) -> Iterator[dict[str, Any]]:
         for carrier, sensor in product(options.carriers, options.sensors):
             yield {"carrier": carrier, "sensor": sensor}
     if "effects" in options.parts:
-        for effect, sensor in product(options.effects, options.pattern_sensors):
+        for effect, sensor in product(options.effects, options.few_sensors):
             yield {"carrier": hand, "sensor": sensor, "effects": (effect,)}
     if "all_effects" in options.parts:
         for sensor in options.sensors:
@@ -116,7 +116,7 @@ def _cells(options: Choice) -> Iterator[dict[str, Any]]:
         for mount in (LEVEL, *options.mounts):
             yield {"carrier": options.carriers[0], "sensor": options.sensors[0], "mount_deg": mount}
     if "recording" in options.parts:
-        for pace, sensor, times in product(options.paces, options.pattern_sensors, (True, False)):
+        for pace, sensor, times in product(options.paces, options.few_sensors, (True, False)):
             played = {"carrier": options.recording, "pace": abs(pace), "backwards": pace < 0}
             yield {**played, "sensor": sensor, "times": times}
 
@@ -185,7 +185,7 @@ METHODS: dict[Method, Callable[[Iterable[Scan]], Found]] = {
 }
 QUICK = Choice(
     sequences=("demo",), seeds=(0,), parts=("carriers", "all_effects", "mounts", "recording"),
-    carriers=("wheeled", "handheld"), sensors=("VLP-16",), pattern_sensors=("VLP-16",), mounts=((0.0, 12.0, 0.0),),
+    carriers=("wheeled", "handheld"), sensors=("VLP-16",), few_sensors=("VLP-16",), mounts=((0.0, 12.0, 0.0),),
     paces=(1.0,), seconds=20.0,
 )  # fmt: skip
 STUDY = Study(

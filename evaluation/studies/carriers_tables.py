@@ -1,11 +1,12 @@
 """Tables of the tracking with any carrier: each cell of the design, with all methods side by side."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 
 from evaluation.harness import Claim
-from evaluation.harness.tables import grouped, interval, of, rare, spread
+from evaluation.harness.tables import each, grouped, interval, of, rare, spread
 from evaluation.metrics.bootstrap import ratio
 
 METHODS = {"sgslam": "sgslam", "kiss_icp": "KISS-ICP", "small_gicp": "small_gicp"}
@@ -77,11 +78,12 @@ def _parts(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
     """The rows of each part of the design, and the columns of its cells; effects and mounts beside the same without."""
     level, plain = rows["mount"] == LEVEL, rows.effects == NO_EFFECT
     varied = ["carrier", "sensor"]
-    tried = rows.merge(rows[~plain][varied].drop_duplicates(), on=varied)
-    mounted = rows.merge(rows[~level][varied].drop_duplicates(), on=varied)
+    same = [*varied, "building", "seconds"]
+    tried = rows.merge(rows[~plain][same].drop_duplicates(), on=same).sort_values(["seconds", "sensor"], kind="stable")
+    mounted = rows.merge(rows[~level][same].drop_duplicates(), on=same)
     return {
         "carriers": (rows[~rows.recorded & level & plain], varied),
-        "effects": (tried[tried["mount"] == LEVEL].sort_values("sensor", kind="stable"), ["effects", *varied]),
+        "effects": (tried[tried["mount"] == LEVEL], ["effects", *varied]),
         "mounts": (mounted[mounted.effects == NO_EFFECT], ["mount", *varied]),
         "recording": (rows[rows.recorded], [*varied, "times"]),
     }
@@ -89,9 +91,14 @@ def _parts(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
 
 def _cell(own: pd.DataFrame) -> dict[str, str]:
     """Median, least and largest ATE of each method, and the ratio of ours to the better of the others."""
-    ate = {f"{label}: ATE (m)": spread(own[own.method == name].ate_m, ".3f") for name, label in METHODS.items()}
+    ate = {f"{label}: ATE (m)": _several(own[own.method == name].ate_m, ".3f") for name, label in METHODS.items()}
     both = _by_method(own)
-    return {"drives": str(len(both)), **ate, "ratio": spread(both[OURS] / both.peer, ".2f")}
+    return {"drives": str(len(both)), **ate, "ratio": _several(both[OURS] / both.peer, ".2f")}
+
+
+def _several(values: "pd.Series[Any]", form: str) -> str:
+    """As `spread`; a single value alone."""
+    return spread(values, form) if values.notna().sum() > 1 else each(values, form)
 
 
 def _compared(own: pd.DataFrame) -> dict[str, str]:

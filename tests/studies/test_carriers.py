@@ -34,7 +34,7 @@ def test_each_drive_of_the_design_is_there_once() -> None:
     assert len(recorded) == 16 * 4 and {case.times for case in recorded} == {True, False}
     assert all(design.recording in case.files() for case in recorded)
     assert {case.pace for case in recorded if case.backwards} == {1.0}
-    assert all(case.effects in ((), ("all",)) or case.sensor in design.pattern_sensors for case in found)
+    assert all(case.effects in ((), ("all",)) or case.sensor in design.few_sensors for case in found)
     assert len(cases(QUICK)) < 20 and all(case.seconds == 20 for case in cases(QUICK))
 
 
@@ -56,7 +56,7 @@ def test_a_peer_gets_the_times(building: SequenceSpec, tmp_path: Path) -> None:
         for times in (True, False)
     )
     assert told.instant == 1.0 and told.missing == untold.missing == 0
-    assert told.second_m < 0.02 < untold.second_m  # over three seeds 0.011 to 0.016, and 0.025 to 0.028
+    assert told.second_m < 0.8 * untold.second_m  # over four seeds 0.45 to 0.64 times as large
 
 
 @pytest.mark.slow
