@@ -11,6 +11,7 @@ from sgslam.config.models import (
     SurfaceSettings,
     TrackingSettings,
 )
+from sgslam.config.registration_settings import RegistrationSettings
 
 __all__ = [
     "AnchorSettings",
@@ -19,6 +20,7 @@ __all__ = [
     "KeyframeSettings",
     "MatchingSettings",
     "OdometrySettings",
+    "RegistrationSettings",
     "RoomSettings",
     "SurfaceSettings",
     "TrackingSettings",

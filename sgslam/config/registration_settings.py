@@ -1,0 +1,62 @@
+"""The settings of registration in continuous time and of its health."""
+
+from pydantic import Field
+
+from sgslam.config.base import Settings
+
+
+class RegistrationSettings(Settings):
+    """Registration of each scan in continuous time, to a local map of surfels."""
+
+    points: int = Field(2000, ge=100)
+    """number of a scan's points that are registered, spread evenly in space"""
+    min_range: float = Field(0.3, ge=0)
+    """m, shortest range of the points that are used; nearer ones show the carrier"""
+    max_range: float = Field(60.0, gt=0)
+    """m, longest range of the points that are used"""
+    knot_interval: float = Field(0.05, gt=0)
+    """s, longest time for which the motion counts as steady; a hand turns its sensor back within a scan"""
+    speed: float = Field(1.6, gt=0)
+    """m/s, standard deviation of the sensor's velocity in each direction; people walk at 1 to 1.6 m/s"""
+    speed_memory: float = Field(5.0, gt=0)
+    """s, time constant with which an unobserved velocity decays; with `speed`, accelerations of 3 m/s2 for 0.1 s"""
+    vertical_speed: float = Field(0.4, gt=0)
+    """m/s, standard deviation of the vertical velocity, once it is known where up is; on stairs it is 0.3 to 0.5"""
+    vertical_memory: float = Field(0.5, gt=0)
+    """s, time constant with which an unobserved vertical velocity decays; a walker bobs with 2 Hz"""
+    turn_rate: float = Field(1.0, gt=0)
+    """rad/s, standard deviation of the sensor's rate of turn about each axis; a hand's is 0.4 to 1.5"""
+    turn_memory: float = Field(0.25, gt=0)
+    """s, time constant with which an unobserved rate of turn decays; a hand sways with 1 to 2 Hz"""
+    sigma_point: float = Field(0.1, gt=0)
+    """m, standard deviation of a point's distance from its surface, for a weight: neighbouring points share errors"""
+    gate: float = Field(1.2, gt=0)
+    """m, largest distance of a point from its surface"""
+    kernel: float = Field(0.1, gt=0)
+    """m, distance from its surface at which a point's weight is a quarter (Geman-McClure)"""
+    first_kernel: float = Field(0.25, gt=0)
+    """m, the same in the first iteration, for the error of a prediction"""
+    wide_kernel: float = Field(0.8, gt=0)
+    """m, the same in the first iteration of another attempt, where the prediction was poor"""
+    iterations: int = Field(16, ge=1)
+    """largest number of Gauss-Newton iterations"""
+    convergence: float = Field(5e-4, gt=0)
+    """m and rad, update below which the registration stops"""
+    feigned: float = Field(3.0, ge=0)
+    """information taken away along each direction, as a multiple of what errors of the surfaces' normals feign"""
+    local_map: float = Field(100.0, gt=0)
+    """m, way after which surfaces that are not seen any more are forgotten"""
+    near: float = Field(0.1, gt=0)
+    """m, distance within which a point counts as explained by its surface"""
+    suspicious: float = Field(0.85, gt=0, le=1)
+    """share of the usually explained points below which a registration is tried again from other predictions"""
+    lost: float = Field(0.75, gt=0, le=1)
+    """share of the usually explained points below which a scan is lost; of good scans 1 in 1,000 has less than 0.76"""
+    innovation: float = Field(60.0, gt=0)
+    """squared Mahalanobis distance of a pose from its prediction beyond which a scan is lost; chi2 of 6 dimensions"""
+    usual_memory: float = Field(1.0, gt=0)
+    """s, time constant of the usual share of explained points"""
+    degraded_translation: float = Field(0.1, gt=0)
+    """m, standard deviation of a position, along any direction, beyond which a scan is degraded"""
+    degraded_rotation: float = Field(0.03, gt=0)
+    """rad, standard deviation of an attitude, about any axis, beyond which a scan is degraded"""

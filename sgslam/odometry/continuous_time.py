@@ -1,0 +1,192 @@
+"""Registers each scan in continuous time to a local map of surfels, in a window of two scans.
+
+Sources: CT-ICP (Dellenbach et al., ICRA 2022), Traj-LO (Zheng and Zhu, RA-L 2024), VoxelMap (Yuan et al., RA-L 2022).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sgslam.config import RegistrationSettings
+from sgslam.registration import Health, Motion, Registration, SurfelMap
+from sgslam.registration.beliefs import Belief, MotionModel
+from sgslam.registration.health import judged
+from sgslam.registration.motion_prior import moved_on
+from sgslam.registration.sampling import TimedPoints, thinned
+from sgslam.registration.window import Solved, Weights, solve, window_knots
+
+Floats = NDArray[np.float64]
+_ROUNDS = 3  # in which the first scan is put right by the motion to the second
+# rotations (4, 4) of a lost scan's search, about each axis of the sensor, since its mount is not known
+_TURNS = np.tile(np.eye(4), (15, 1, 1))
+_TURNS[:, :3, :3] = Rotation.from_rotvec(
+    [np.radians(angle) * axis for axis in np.eye(3) for angle in (-60, -30, 30, 60, 90)]
+).as_matrix()
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """The fields of a `Registration`, with the knots (K, 4, 4) of the scan."""
+
+    knots: Floats
+    covariance: Floats
+    health: Health
+    share: float
+    unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
+
+
+class ContinuousTimeOdometry:
+    """State: the sensor's pose at knots, at most `knot_interval` apart, where each scan begins and ends.
+
+    Two scans are estimated together. The older of them is then added to the map.
+    """
+
+    _STATE = (
+        "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_older", "_older_knots", "_beliefs", "residual",
+        "_up",
+    )  # fmt: skip
+
+    def __init__(self, settings: RegistrationSettings) -> None:
+        self._settings, self._model, self._weights = settings, MotionModel(settings), Weights.of(settings)
+        self._map, self._side = SurfelMap(), 0.0
+        self._first_ns: int | None = None
+        self._scans, self._lost = 0, False
+        self._up: Floats | None = None  # in `odom`, once it is known
+        self._way, self._usual = 0.0, 0.0  # m; share of a scan's points on known surfaces
+        self._older: TimedPoints | None = None  # the newest scan, if it is not in the map yet
+        self._older_knots = np.empty((0, 4, 4))  # its knots
+        self._beliefs: list[Belief] = []  # of the ends of the last two scans, each as its own window left it
+        self.residual = np.inf  # m, the mean distance of the newest scans' points from their surfaces
+
+    @property
+    def surfels(self) -> tuple[Floats, Floats, Floats]:
+        """Means (N, 3) and normals (N, 3) in `odom`, and numbers of points (N,) of all surfaces in the local map."""
+        return self._map.surfels()
+
+    def level(self, up_in_odom: Floats) -> None:
+        """Is told the direction of gravity (3,) in `odom`, once it is known."""
+        self._up = up_in_odom
+        self._model.level(up_in_odom)
+
+    def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
+        """Registers points (N, 3), N >= 0, of one scan in the sensor frame.
+
+        They were measured `point_times` (N,) seconds after its stamp; None for a snapshot.
+        The frame `odom` is that of the first pose.
+        """
+        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        began = (stamp_ns - self._first_ns) / 1e9
+        scan, self._side = thinned(points, point_times, began, self._side, self._settings)
+        self._scans += 1
+        if self._scans == 1:
+            found = self._begin(scan)
+        elif self._scans == 2:
+            found = self._second(scan)
+        else:
+            found = self._next(scan)
+        motion = Motion(scan.knot_seconds - began, found.knots)
+        return Registration(
+            motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained
+        )
+
+    def _begin(self, scan: TimedPoints) -> _Found:
+        """The first scan: its pose is the frame `odom`."""
+        self._older, self._older_knots = scan, np.tile(np.eye(4), (len(scan.knot_seconds), 1, 1))
+        self._beliefs = [self._model.begin(float(scan.knot_seconds[-1]))]
+        self._add(scan, self._older_knots)
+        return _Found(self._older_knots, np.eye(6) * 1e-8, "good", 1.0)
+
+    def _second(self, scan: TimedPoints) -> _Found:
+        """The second scan; the first is put right by the motion between them, and again by that of the result."""
+        assert self._older is not None
+        first, self._older = self._older, None  # it is in the map
+        solved, firsts = self._solved(self._beliefs[-1], [scan])
+        for _ in range(_ROUNDS if len(first.knot_seconds) > 1 else 0):
+            velocity = Motion(solved.seconds, solved.knots).velocity(0)
+            knots = self._model.steady(np.eye(4), velocity, first.knot_seconds)
+            self._beliefs = [self._model.moving(float(first.knot_seconds[-1]), knots[-1], velocity)]
+            self._map.clear()
+            self._add(first, knots)
+            solved, firsts = self._solved(self._beliefs[-1], [scan])
+        return self._judged(scan, solved, firsts)
+
+    def _next(self, scan: TimedPoints) -> _Found:
+        """The newest scan, together with the one before unless that is in the map already."""
+        if self._older is None:
+            solved, firsts = self._solved(self._beliefs[-1], [scan])
+        else:
+            solved, firsts = self._solved(self._beliefs[-2], [self._older, scan])
+        return self._judged(scan, solved, firsts)
+
+    def _solved(self, belief: Belief, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
+        """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""
+        settings, usual = self._settings, self._settings.suspicious * self._usual
+        seconds, firsts = window_knots(belief.seconds, [scan.knot_seconds for scan in scans])
+        known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *self._older_knots]
+        newest = self._beliefs[-1]
+        ahead = [moved_on(known[-1], newest.velocity, s - seconds[len(known) - 1]) for s in seconds[len(known) :]]
+        stopped = [known[-1]] * len(ahead)
+        knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
+        points, prior = np.concatenate([scan.points for scan in scans]), self._model.expected(belief, seconds)
+        fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share)
+        local = self._map.arrays, self._way - settings.local_map
+
+        def attempt(guess: list[Floats], kernel: float) -> Solved:
+            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, self._weights)
+
+        best = attempt(ahead, settings.first_kernel)
+        if best.close < usual * best.points:
+            others = [ahead, stopped, *(self._turned(stopped) if self._lost else [])]
+            best = max([best, *(attempt(guess, settings.wide_kernel) for guess in others)], key=lambda s: s.close)
+        return best, firsts
+
+    @staticmethod
+    def _turned(poses: list[Floats]) -> list[list[Floats]]:
+        """The same poses turned about the first one's place, as a lost sensor may have been."""
+        return [[pose @ turn for pose in poses] for turn in _TURNS]
+
+    def _judged(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> _Found:
+        """Adds the older scan to the map and remembers the newest one, unless it is lost."""
+        share = solved.close / max(solved.points, 1)
+        covariance = solved.covariance_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
+        usual = self._usual if self._scans > 2 else share
+        health, unconstrained = judged(solved, covariance, share / max(usual, 1e-9), self._settings)
+        interval = float(scan.knot_seconds[-1]) - self._beliefs[-1].seconds
+        if self._older is not None:
+            own = self._older_knots if health == "lost" else solved.knots[firsts[0] :][: len(self._older_knots)]
+            self._add(self._older, own)
+        self._lost = health == "lost"
+        if self._lost:
+            belief = self._model.unobserved(self._beliefs[-1], float(scan.knot_seconds[-1]))
+            self._older, self._beliefs = None, [belief]
+            knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
+            return _Found(knots, belief.covariance, health, share)
+        knots = solved.knots[firsts[-1] :]
+        self._way += float(np.linalg.norm(knots[-1, :3, 3] - self._beliefs[-1].T[:3, 3]))
+        before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
+        self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
+        self._older, self._older_knots, self.residual = scan, knots, solved.residual
+        weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
+        self._usual += weight * (share - self._usual)
+        return _Found(knots, covariance, health, share, unconstrained)
+
+    def _add(self, scan: TimedPoints, knots: Floats) -> None:
+        """Adds a scan to the map."""
+        points, rays = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
+        self._map.add(points, rays, self._way, self._settings.local_map)
+
+    def state(self) -> dict[str, Any]:
+        """The state as a tree; another instance of the same settings continues from it bit by bit."""
+        return {"map": self._map.state()} | {name: getattr(self, name) for name in self._STATE}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Restores what `state` returned."""
+        self._map.restore(state["map"])
+        for name in self._STATE:
+            setattr(self, name, state[name])
+        if self._up is not None:
+            self._model.level(self._up)

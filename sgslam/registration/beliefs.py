@@ -1,0 +1,101 @@
+"""What is known of the sensor's motion at one time, and how it goes on unobserved."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import RegistrationSettings
+from sgslam.geometry.frames import levelling
+from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.registration.window import MotionPrior, Prior, Solved
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """At `seconds`: the pose `T` (4, 4) in `odom`, the velocity (6,), and the covariances (6, 6) of both.
+
+    Rotation first, in axes of `odom`.
+    """
+
+    seconds: float
+    T: Floats
+    covariance: Floats
+    velocity: Floats
+    velocity_covariance: Floats
+
+    @staticmethod
+    def of(solved: Solved) -> "Belief":
+        """What a window says of its last knot."""
+        interval = float(solved.seconds[-1] - solved.seconds[-2])
+        C = solved.covariance[-12:, -12:]
+        ends, between = C[:6, :6] + C[6:, 6:], C[:6, 6:]
+        return Belief(
+            float(solved.seconds[-1]), solved.knots[-1], C[6:, 6:],
+            velocity_between(solved.knots[-2], solved.knots[-1], interval), (ends - between - between.T) / interval**2,
+        )  # fmt: skip
+
+    def smoothed(self, solved: Solved, knot: int) -> "Belief":
+        """The same belief with the mean that a later window gives this knot.
+
+        Without it, windows that overlap by half would follow two courses in a direction that nothing measures.
+        """
+        velocity = self.velocity
+        if knot:
+            interval = float(solved.seconds[knot] - solved.seconds[knot - 1])
+            velocity = velocity_between(solved.knots[knot - 1], solved.knots[knot], interval)
+        return replace(self, seconds=float(solved.seconds[knot]), T=solved.knots[knot], velocity=velocity)
+
+
+class MotionModel:
+    """How the sensor moves on unobserved; once it is known where up is, less up and down than to the sides."""
+
+    def __init__(self, settings: RegistrationSettings) -> None:
+        self._settings = settings
+        self.prior = MotionPrior(
+            np.repeat([settings.turn_rate, settings.speed], 3),
+            np.repeat([settings.turn_memory, settings.speed_memory], 3), np.eye(6),
+        )  # fmt: skip
+
+    def level(self, up_in_odom: Floats) -> None:
+        """Takes the direction of gravity (3,) into account."""
+        settings, axes = self._settings, np.eye(6)
+        axes[3:, 3:] = levelling(up_in_odom)
+        spread, memory = self.prior.spread.copy(), self.prior.memory.copy()
+        spread[5], memory[5] = settings.vertical_speed, settings.vertical_memory
+        self.prior = MotionPrior(spread, memory, axes)
+
+    def begin(self, seconds: float) -> Belief:
+        """The first pose, with an unknown velocity."""
+        return Belief(seconds, np.eye(4), np.eye(6) * 1e-8, np.zeros(6), self._along(self.prior.spread**2))
+
+    def moving(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
+        """A pose with a roughly known velocity."""
+        return Belief(seconds, T, np.eye(6) * 1e-6, velocity, self._along((self.prior.spread / 3) ** 2))
+
+    def unobserved(self, belief: Belief, seconds: float) -> Belief:
+        """What remains of a belief at a later time: the pose stays, since nobody knows where it goes."""
+        after, memory = seconds - belief.seconds, self.prior.memory
+        moved = self.prior.spread**2 * 2 * memory * (after - memory * (1 - np.exp(-after / memory)))
+        covariance = belief.covariance + self._along(moved) + np.diag((belief.velocity * after) ** 2)
+        return Belief(seconds, belief.T, covariance, np.zeros(6), self._along(self.prior.spread**2))
+
+    def expected(self, belief: Belief, seconds: Floats) -> Prior:
+        """The prior of a window whose knots have these times (K,); the belief is about the first one."""
+        kept = np.exp(-(seconds[1] - seconds[0]) / self.prior.memory)
+        decay = self._along(kept)
+        C = decay @ belief.velocity_covariance @ decay.T + self._along((1 - kept**2) * self.prior.spread**2)
+        known, steady = (np.linalg.inv(M).astype(np.float64) for M in (belief.covariance, C))
+        return Prior(belief.T, known, decay @ belief.velocity, steady)
+
+    def _along(self, values: Floats) -> Floats:
+        """(6, 6) in axes of `odom`, with values (6,) along those of the prior."""
+        axes = self.prior.axes
+        return np.asarray(axes.T * values @ axes)
+
+    @staticmethod
+    def steady(T: Floats, velocity: Floats, seconds: Floats) -> Floats:
+        """(K, 4, 4) poses at times (K,) of a steady motion that begins at T (4, 4)."""
+        return np.stack([moved_on(T, velocity, s - seconds[0]) for s in seconds])

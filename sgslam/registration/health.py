@@ -1,0 +1,35 @@
+"""How good a registration is: good, degraded in some directions, or lost."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import RegistrationSettings
+from sgslam.registration.types import Health
+from sgslam.registration.window import Solved
+
+Floats = NDArray[np.float64]
+
+
+def innovation(solved: Solved) -> float:
+    """Squared Mahalanobis distance of the last knot from the one that the motion prior predicted, of 6 dimensions."""
+    off = np.empty(6)
+    turned = solved.knots[-1, :3, :3] @ solved.predicted[-1, :3, :3].T
+    off[:3] = np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]]) / 2
+    off[3:] = solved.knots[-1, :3, 3] - solved.predicted[-1, :3, 3]
+    prior = np.linalg.inv(solved.information - solved.measured)[-6:, -6:]
+    return float(off @ np.linalg.solve(prior, off))
+
+
+def judged(solved: Solved, covariance: Floats, share: float, settings: RegistrationSettings) -> tuple[Health, Floats]:
+    """The health of a scan with a covariance (6, 6), rotation first, of whose points the `share`, relative to what is
+    usual, lies on known surfaces; and the unit twists (M, 6) that are not constrained."""
+    if share < settings.lost or innovation(solved) > settings.innovation:
+        return "lost", np.empty((0, 6))
+    weak = []
+    for part, most in ((0, settings.degraded_rotation), (3, settings.degraded_translation)):
+        variances, axes = np.linalg.eigh(covariance[part : part + 3, part : part + 3])
+        for axis in axes.T[variances > most**2]:
+            twist = np.zeros(6)
+            twist[part : part + 3] = axis
+            weak.append(twist)
+    return ("degraded", np.stack(weak)) if weak else ("good", np.empty((0, 6)))

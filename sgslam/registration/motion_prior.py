@@ -1,0 +1,96 @@
+"""Prior of the motion between knots: white noise on acceleration (Anderson and Barfoot, IROS 2015).
+
+Knots are poses (4, 4) of the sensor in `odom` at given times; between two of them it moves and turns steadily. A
+velocity is (6,): the rotation vector and the translation, in axes of `odom`, a second.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from sgslam.registration.point_to_plane import rotated_by, turn_between
+
+Floats = NDArray[np.float64]
+
+
+@compiled
+def velocity_between(T_a: Floats, T_b: Floats, seconds: float) -> Floats:
+    """(6,) the steady velocity from one pose to another."""
+    v = np.empty(6)
+    v[:3] = turn_between(T_a, T_b)
+    for i in range(3):
+        v[i] /= seconds
+        v[3 + i] = (T_b[i, 3] - T_a[i, 3]) / seconds
+    return v
+
+
+@compiled
+def moved_on(T: Floats, velocity: Floats, seconds: float) -> Floats:
+    """(4, 4) the pose after so many seconds with a steady velocity (6,)."""
+    result = T.copy()
+    turn = velocity[:3] * seconds
+    for j in range(3):
+        result[0, j], result[1, j], result[2, j] = rotated_by(turn, 1.0, T[0, j], T[1, j], T[2, j])
+    result[:3, 3] += velocity[3:] * seconds
+    return result
+
+
+@compiled
+def add_pose(T: Floats, expected: Floats, information: Floats, H: Floats, g: Floats) -> None:
+    """Adds a measurement of the first knot: its `expected` pose (4, 4) and the information (6, 6)."""
+    off = velocity_between(expected, T, 1.0)
+    for i in range(6):
+        for j in range(6):
+            H[i, j] += information[i, j]
+            g[i] += information[i, j] * off[j]
+
+
+@compiled
+def add_velocities(
+    times: Floats, knots: Floats, expected: Floats, information: Floats, spread: Floats, memory: Floats,
+    axes: Floats, H: Floats, g: Floats,
+) -> None:  # fmt: skip
+    """Adds the prior of all velocities to normal equations H (6K, 6K), g (6K,).
+
+    The first has an `expected` value (6,) with information (6, 6); each other one follows the one before as an
+    Ornstein-Uhlenbeck process of standard deviation `spread` (6,), rad/s and m/s, with a `memory` (6,) of so many
+    seconds: for short times white noise on acceleration, but a speed that nothing measures does not grow. Both are
+    along the rows of `axes` (6, 6): a sensor rises and sinks less than it walks on.
+    """
+    before, J = expected, np.empty(3)
+    for k in range(len(knots) - 1):
+        rate = 1 / (times[k + 1] - times[k])
+        velocity = velocity_between(knots[k], knots[k + 1], 1 / rate)
+        if k == 0:
+            off = velocity - expected
+            for i in range(6):
+                for j in range(6):
+                    weight = information[i, j] * rate
+                    g[i] -= weight * off[j]
+                    g[6 + i] += weight * off[j]
+                    H[i, j] += weight * rate
+                    H[6 + i, 6 + j] += weight * rate
+                    H[i, 6 + j] -= weight * rate
+                    H[6 + i, j] -= weight * rate
+            before = velocity
+            continue
+        earlier = 1 / (times[k] - times[k - 1])
+        for i in range(6):
+            kept = math.exp(-(times[k + 1] - times[k - 1]) / 2 / memory[i])
+            J[0], J[1], J[2] = kept * earlier, -kept * earlier - rate, rate
+            weight = 1 / (spread[i] ** 2 * (1 - kept * kept))
+            off_i = 0.0
+            for c in range(6):
+                off_i += axes[i, c] * (velocity[c] - kept * before[c])
+            for a in range(3):
+                for c in range(6):
+                    if axes[i, c] == 0.0:
+                        continue
+                    row, one = 6 * (k - 1 + a) + c, weight * J[a] * axes[i, c]
+                    g[row] += one * off_i
+                    for b in range(3):
+                        for d in range(6):
+                            H[row, 6 * (k - 1 + b) + d] += one * J[b] * axes[i, d]
+        before = velocity

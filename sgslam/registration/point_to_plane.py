@@ -1,0 +1,162 @@
+"""Normal equations of points of a moving sensor against the planes of a surfel map."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from sgslam.registration.surfel_map import Surfels, add_normal_variance, nearest_plane, plane_residual
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled
+def turn_between(T_a: Floats, T_b: Floats) -> Floats:
+    """(3,) the rotation vector, of less than pi, from one pose (4, 4) to another, in axes of `odom`."""
+    D, v = np.zeros((3, 3)), np.empty(3)
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                D[i, j] += T_b[i, k] * T_a[j, k]
+    v[0], v[1], v[2] = (D[2, 1] - D[1, 2]) / 2, (D[0, 2] - D[2, 0]) / 2, (D[1, 0] - D[0, 1]) / 2
+    sine = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if sine > 1e-9:
+        v *= math.atan2(sine, (D[0, 0] + D[1, 1] + D[2, 2] - 1) / 2) / sine
+    return v
+
+
+@compiled
+def rotated_by(w: Floats, share: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A point rotated by a share of a rotation vector (3,), by Rodrigues' formula."""
+    angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    if angle < 1e-12:
+        return x, y, z
+    ax, ay, az = w[0] / angle, w[1] / angle, w[2] / angle
+    c, s = math.cos(share * angle), math.sin(share * angle)
+    along = (ax * x + ay * y + az * z) * (1 - c)
+    return (
+        x * c + (ay * z - az * y) * s + ax * along,
+        y * c + (az * x - ax * z) * s + ay * along,
+        z * c + (ax * y - ay * x) * s + az * along,
+    )
+
+
+@compiled
+def placed(points: Floats, knot: Ints, share: Floats, knots: Floats) -> tuple[Floats, Floats]:
+    """Points (N, 3) and their unit rays (N, 3) in `odom`.
+
+    Each point was measured by a sensor that had moved a `share` of the way from knot to next knot; `knots` (K, 4, 4)
+    are its poses there.
+    """
+    turns = np.empty((len(knots), 3))
+    for k in range(len(knots) - 1):
+        turns[k] = turn_between(knots[k], knots[k + 1])
+    moved, rays = np.empty((len(points), 3)), np.empty((len(points), 3))
+    for p in range(len(points)):
+        k = knot[p]
+        _place(points[p], k, share[p], knots, turns, moved[p], rays[p])
+    return moved, rays
+
+
+@compiled
+def _place(point: Floats, k: int, share: float, knots: Floats, turns: Floats, moved: Floats, ray: Floats) -> None:
+    T = knots[k]
+    x = T[0, 0] * point[0] + T[0, 1] * point[1] + T[0, 2] * point[2]
+    y = T[1, 0] * point[0] + T[1, 1] * point[1] + T[1, 2] * point[2]
+    z = T[2, 0] * point[0] + T[2, 1] * point[1] + T[2, 2] * point[2]
+    if share != 0.0:
+        x, y, z = rotated_by(turns[k], share, x, y, z)
+    far = 1 / math.sqrt(x * x + y * y + z * z)
+    ray[0], ray[1], ray[2] = x * far, y * far, z * far
+    for i in range(3):
+        moved[i] = T[i, 3]
+        if share != 0.0:
+            moved[i] += share * (knots[k + 1, i, 3] - T[i, 3])
+    moved[0] += x
+    moved[1] += y
+    moved[2] += z
+
+
+@compiled
+def add_points(
+    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float,
+    kernel: float, variance: float, near: float, H: Floats, g: Floats, F: Floats,
+) -> tuple[int, int, float]:  # fmt: skip
+    """Adds all points to normal equations H (6K, 6K), g (6K,) of K knots; rotation first, both in axes of `odom`.
+
+    A point within `gate` (m) of a plane counts by the variance (m2) of its distance and by the plane's, times the
+    weight of Geman and McClure with scale `kernel` (m), where the scatter of all points on the same plane counts as a
+    residual: a wall's points near a known floor do not agree about it. F (3, 3) gets the information
+    about translations that errors of the normals feign. Returns the numbers of points with a plane and of those
+    `near` (m) it, and the sum of their distances (m).
+    """
+    turns = np.empty((len(knots), 3))
+    for k in range(len(knots) - 1):
+        turns[k] = turn_between(knots[k], knots[k + 1])
+    # blocks of H: of a knot, and between it and the next one
+    own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
+    found, close, offs, planes = 0, 0, 0.0, surfels.planes
+    moved, ray, normal, J = np.empty((len(points), 3)), np.empty(3), np.empty(3), np.empty(6)
+    plane_of, off_of, groups = np.empty(len(points), np.int64), np.empty(len(points)), np.zeros((len(planes), 3))
+    for p in range(len(points)):
+        _place(points[p], knot[p], share[p], knots, turns, moved[p], ray)
+        T, q = knots[knot[p]], points[p]
+        for i in range(3):
+            normal[i] = T[i, 0] * q[3] + T[i, 1] * q[4] + T[i, 2] * q[5]
+        s = nearest_plane(
+            moved[p, 0], moved[p, 1], moved[p, 2], ray[0], ray[1], ray[2], normal[0], normal[1], normal[2], gate,
+            surfels, oldest,
+        )  # fmt: skip
+        plane_of[p] = s
+        if s >= 0:
+            off_of[p], _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
+            groups[s, 0] += 1
+            groups[s, 1] += off_of[p]
+            groups[s, 2] += off_of[p] * off_of[p]
+    for p in range(len(points)):
+        s, k, a, off = plane_of[p], knot[p], share[p], off_of[p]
+        if s < 0:
+            continue
+        _, spread = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
+        mean = groups[s, 1] / groups[s, 0]
+        scatter = max(groups[s, 2] / groups[s, 0] - mean * mean, 0.0)
+        found += 1
+        close += abs(off) < near
+        nx, ny, nz = planes[s, 0], planes[s, 1], planes[s, 2]
+        x = moved[p, 0] - knots[k, 0, 3]
+        y = moved[p, 1] - knots[k, 1, 3]
+        z = moved[p, 2] - knots[k, 2, 3]
+        if a != 0.0:
+            x -= a * (knots[k + 1, 0, 3] - knots[k, 0, 3])
+            y -= a * (knots[k + 1, 1, 3] - knots[k, 1, 3])
+            z -= a * (knots[k + 1, 2, 3] - knots[k, 2, 3])
+        J[0], J[1], J[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
+        J[3], J[4], J[5] = nx, ny, nz
+        scale = kernel * kernel + spread
+        robust = scale / (scale + off * off + scatter)
+        weight = robust * robust / (variance + spread)
+        offs += abs(off)
+        add_normal_variance(planes[s], weight, F)
+        b = 1 - a
+        for i in range(6):
+            wi = weight * J[i]
+            pull[k, i] += b * wi * off
+            for j in range(i, 6):
+                own[k, i, j] += b * b * wi * J[j]
+            if a != 0.0:
+                pull[k + 1, i] += a * wi * off
+                for j in range(i, 6):
+                    own[k + 1, i, j] += a * a * wi * J[j]
+                    joint[k, i, j] += a * b * wi * J[j]
+    for k in range(len(knots)):
+        for i in range(6):
+            g[6 * k + i] += pull[k, i]
+            for j in range(6):
+                low, high = min(i, j), max(i, j)
+                H[6 * k + i, 6 * k + j] += own[k, low, high]
+                if k + 1 < len(knots):
+                    H[6 * k + i, 6 * k + 6 + j] += joint[k, low, high]
+                    H[6 * k + 6 + i, 6 * k + j] += joint[k, low, high]
+    return found, close, offs

@@ -1,0 +1,274 @@
+"""A local map of oriented surfels: planes in the cells of three grids that know the side from which they were seen.
+
+Each cell keeps running sums of its points, and the plane through them (VoxelMap; Yuan et al., RA-L 2022). A thin wall
+has two faces within one cell: points join a surfel only from the side it was seen from, or scans of the next room
+would slip by the wall's thickness.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from sgslam.geometry.normal_equations import eigen3
+from sgslam.serialization import Stateful
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SIDES = (1.0, 0.5, 0.25)  # m, of the cells
+_LEAST = 6  # points that a plane needs
+_FULL = 200.0  # points after which a surfel stays as it is: its mean is known to a millimetre
+_THICK = 0.06  # m, the largest standard deviation across a plane: furniture and corners are none
+_FLAT = 9.0  # times the variance across, that along the plane in its narrower direction at least
+_NOISE = 0.02  # m, standard deviation of a range; the spread of few points may be less by chance
+_SHARED = 0.0025  # m, standard deviation of what all points of a patch share: walls and ranges are no truer
+_BELIEVED = 5.0  # points of that noise, added to a plane's own
+_ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
+_BITS = 20  # of a cell's index along one axis
+# columns of a surfel's row
+_COUNT, _SUM, _SQUARES, _RAY, _CHANGED = 0, 1, 4, 10, 13
+_SUMS = 14
+# columns of a plane's row; the spread is (1 + a^2/l1 + b^2/l2) l0/n, as in a linear regression
+_NORMAL, _MEAN, _AXIS_1, _AXIS_2, _VARIANCE, _INVERSE_1, _INVERSE_2, _VALID, _ACROSS = 0, 3, 6, 9, 12, 13, 14, 15, 16
+_PLANE = 17
+
+
+class Surfels(NamedTuple):
+    """What a registration reads of a map: the hash table, each surfel's other side, planes, and when they were seen."""
+
+    keys: Ints
+    first: Ints
+    other: Ints
+    planes: Floats
+    seen: Floats
+
+
+class SurfelMap(Stateful):
+    """Surfels in the `odom` frame. `planes` (N, 16) are documented by the names of their columns."""
+
+    _STATE = ("count", "_keys", "_first", "_other", "_sums", "planes", "_seen")
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forgets everything."""
+        self.count = 0
+        self._keys, self._first = np.full(1 << 14, -1, np.int64), np.full(1 << 14, -1, np.int64)
+        self._other = np.full(1 << 12, -1, np.int64)  # of each surfel, the one of its cell's other side
+        self._sums, self.planes = np.zeros((1 << 12, _SUMS)), np.zeros((1 << 12, _PLANE))
+        self._seen = np.zeros(1 << 12)  # m of way at which it was last seen
+
+    def add(self, points: Floats, rays: Floats, way: float, memory: float) -> None:
+        """Adds points (N, 3) seen along unit rays (N, 3), both in `odom`, after `way` metres.
+
+        Surfels that were not seen for `memory` metres begin anew.
+        """
+        self._make_room(2 * len(SIDES) * len(points))
+        self.count = _add(
+            points, rays, self._keys, self._first, self._other, self._sums, self.planes, self._seen, self.count, way,
+            memory,
+        )  # fmt: skip
+
+    @property
+    def arrays(self) -> Surfels:
+        """The arrays themselves, not copies."""
+        return Surfels(self._keys, self._first, self._other, self.planes, self._seen)
+
+    def surfels(self) -> tuple[Floats, Floats, Floats]:
+        """Means (N, 3), normals (N, 3) to the side seen from, and numbers of points (N,) of all planes."""
+        own = np.flatnonzero(self.planes[: self.count, _VALID] > 0)
+        return self.planes[own, _MEAN:_AXIS_1], self.planes[own, _NORMAL:_MEAN], self._sums[own, _COUNT]
+
+    def _make_room(self, more: int) -> None:
+        """Doubles the arrays until so many more surfels fit."""
+        while self.count + more > len(self._other):
+            self._other = np.concatenate([self._other, np.full(len(self._other), -1, np.int64)])
+            self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)])
+            self.planes = np.concatenate([self.planes, np.zeros_like(self.planes)])
+            self._seen = np.concatenate([self._seen, np.zeros_like(self._seen)])
+        while 2 * (self.count + more) > len(self._keys):
+            keys, first = self._keys, self._first
+            self._keys, self._first = np.full(2 * len(keys), -1, np.int64), np.full(2 * len(keys), -1, np.int64)
+            _rehash(keys, first, self._keys, self._first)
+
+
+@compiled
+def _key(x: float, y: float, z: float, level: int) -> int:
+    half, side = 1 << (_BITS - 1), SIDES[level]
+    i, j, k = math.floor(x / side) + half, math.floor(y / side) + half, math.floor(z / side) + half
+    return int((((((i << _BITS) | j) << _BITS) | k) << 2) | level)
+
+
+@compiled
+def _place(key: int, keys: Ints) -> int:
+    """The place of a key in the hash table, or of the empty one where it belongs."""
+    mask = len(keys) - 1
+    place = ((key * 0x9E3779B97F4A7C1) >> 21) & mask
+    while keys[place] != -1 and keys[place] != key:
+        place = (place + 1) & mask
+    return int(place)
+
+
+@compiled
+def _rehash(keys: Ints, first: Ints, new_keys: Ints, new_first: Ints) -> None:
+    for i in range(len(keys)):
+        if keys[i] != -1:
+            place = _place(keys[i], new_keys)
+            new_keys[place], new_first[place] = keys[i], first[i]
+
+
+@compiled
+def _same_side(sums: Floats, plane: Floats, rx: float, ry: float, rz: float) -> bool:
+    """Whether a ray meets a surfel on the side that was seen: of its plane, or before it has one, of its rays."""
+    if plane[_VALID] > 0:
+        return bool(plane[0] * rx + plane[1] * ry + plane[2] * rz < 0)
+    return bool(sums[_RAY] * rx + sums[_RAY + 1] * ry + sums[_RAY + 2] * rz > 0)
+
+
+@compiled
+def _add(
+    points: Floats, rays: Floats, keys: Ints, first: Ints, other: Ints, sums: Floats, planes: Floats, seen: Floats,
+    count: int, way: float, memory: float,
+) -> int:  # fmt: skip
+    """Adds points to the sums of their cells and fits the planes that changed; returns the number of surfels."""
+    touched = np.empty(len(SIDES) * len(points), np.int64)
+    changed = 0
+    for p in range(len(points)):
+        x, y, z = points[p, 0], points[p, 1], points[p, 2]
+        rx, ry, rz = rays[p, 0], rays[p, 1], rays[p, 2]
+        for level in range(len(SIDES)):
+            key = _key(x, y, z, level)
+            place = _place(key, keys)
+            s, before = first[place] if keys[place] == key else -1, -1
+            while s >= 0 and seen[s] >= way - memory and not _same_side(sums[s], planes[s], rx, ry, rz):
+                s, before = other[s], s
+            if s < 0:
+                s, count = count, count + 1
+                if before >= 0:
+                    other[before] = s
+                else:
+                    keys[place], first[place] = key, s
+            elif seen[s] < way - memory:
+                sums[s, :], planes[s, :] = 0.0, 0.0
+            seen[s] = way
+            own = sums[s]
+            if own[_COUNT] >= _FULL:
+                continue
+            own[_COUNT] += 1
+            own[_SUM] += x
+            own[_SUM + 1] += y
+            own[_SUM + 2] += z
+            own[_RAY] += rx
+            own[_RAY + 1] += ry
+            own[_RAY + 2] += rz
+            own[_SQUARES] += x * x
+            own[_SQUARES + 1] += x * y
+            own[_SQUARES + 2] += x * z
+            own[_SQUARES + 3] += y * y
+            own[_SQUARES + 4] += y * z
+            own[_SQUARES + 5] += z * z
+            if own[_CHANGED] == 0:
+                own[_CHANGED] = 1
+                touched[changed] = s
+                changed += 1
+    for i in range(changed):
+        s = touched[i]
+        sums[s, _CHANGED] = 0
+        _fit(sums[s], planes[s])
+    return count
+
+
+@compiled
+def _fit(own: Floats, plane: Floats) -> None:
+    """Fits the plane through a surfel's points, its normal towards the sensor."""
+    n = own[_COUNT]
+    plane[_VALID] = 0.0
+    if n < _LEAST:
+        return
+    C, mean = np.empty((3, 3)), own[_SUM : _SUM + 3] / n
+    k = _SQUARES
+    for i in range(3):
+        for j in range(i, 3):
+            C[i, j] = C[j, i] = own[k] / n - mean[i] * mean[j]
+            k += 1
+    values, axes = eigen3(C)
+    across = values[0] * n / (n - 3)  # a plane has three degrees of freedom
+    if across > _THICK**2 or values[1] < _FLAT * max(across, _NOISE**2 / 4):
+        return
+    towards = own[_RAY] * axes[0, 0] + own[_RAY + 1] * axes[1, 0] + own[_RAY + 2] * axes[2, 0]
+    sign = -1.0 if towards > 0 else 1.0
+    for i in range(3):
+        plane[_NORMAL + i], plane[_MEAN + i] = sign * axes[i, 0], mean[i]
+        plane[_AXIS_1 + i], plane[_AXIS_2 + i] = axes[i, 1], axes[i, 2]
+    plane[_ACROSS] = (across * (n - 3) + _NOISE**2 * _BELIEVED) / (n - 3 + _BELIEVED)
+    plane[_VARIANCE] = plane[_ACROSS] / n + _SHARED**2
+    plane[_INVERSE_1], plane[_INVERSE_2] = 1 / values[1], 1 / values[2]
+    plane[_VALID] = 1.0
+
+
+@compiled
+def plane_residual(x: float, y: float, z: float, plane: Floats) -> tuple[float, float]:
+    """The distance (m) of a point from a plane, and the variance (m2) of the plane there, as of a linear regression."""
+    dx, dy, dz = x - plane[_MEAN], y - plane[_MEAN + 1], z - plane[_MEAN + 2]
+    a = plane[_AXIS_1] * dx + plane[_AXIS_1 + 1] * dy + plane[_AXIS_1 + 2] * dz
+    b = plane[_AXIS_2] * dx + plane[_AXIS_2 + 1] * dy + plane[_AXIS_2 + 2] * dz
+    spread = plane[_VARIANCE] * (1 + a * a * plane[_INVERSE_1] + b * b * plane[_INVERSE_2])
+    return plane[0] * dx + plane[1] * dy + plane[2] * dz, spread
+
+
+@compiled
+def nearest_plane(
+    x: float, y: float, z: float, rx: float, ry: float, rz: float, nx: float, ny: float, nz: float, gate: float,
+    surfels: Surfels, oldest: float,
+) -> int:  # fmt: skip
+    """The plane within `gate` (m) of a point seen along a ray, -1 for none.
+
+    Where the scan itself shows the normal of its surface there (else zero), the plane's is within 60 degrees of it: the
+    edge of a slab is not its floor.
+
+    Of the planes in the cells of several sizes, the one that predicts the point best: large cells give true normals,
+    since beams have biases, and small ones follow what is not flat.
+    """
+    keys, first, other, planes, seen = surfels
+    chosen, lowest = -1, math.inf
+    for level in range(len(SIDES)):
+        key = _key(x, y, z, level)
+        place = _place(key, keys)
+        s = first[place] if keys[place] == key else -1
+        best, least = -1, gate
+        while s >= 0:
+            if seen[s] >= oldest:
+                plane = planes[s]
+                turned = abs(plane[0] * nx + plane[1] * ny + plane[2] * nz)
+                unknown = nx == 0.0 and ny == 0.0 and nz == 0.0
+                if (
+                    plane[_VALID] > 0
+                    and plane[0] * rx + plane[1] * ry + plane[2] * rz < 0
+                    and (unknown or turned > _ALIKE)
+                ):
+                    off = abs(
+                        plane[0] * (x - plane[_MEAN])
+                        + plane[1] * (y - plane[_MEAN + 1])
+                        + plane[2] * (z - plane[_MEAN + 2])
+                    )
+                    if off < least:
+                        best, least = s, off
+            s = other[s]
+        if best >= 0:
+            _, spread = plane_residual(x, y, z, planes[best])
+            if planes[best, _ACROSS] + spread < lowest:
+                chosen, lowest = best, planes[best, _ACROSS] + spread
+    return chosen
+
+
+@compiled
+def add_normal_variance(plane: Floats, weight: float, F: Floats) -> None:
+    """Adds the covariance of a plane's normal, times a weight, to F (3, 3)."""
+    one, two = weight * plane[_VARIANCE] * plane[_INVERSE_1], weight * plane[_VARIANCE] * plane[_INVERSE_2]
+    for i in range(3):
+        for j in range(3):
+            F[i, j] += one * plane[_AXIS_1 + i] * plane[_AXIS_1 + j] + two * plane[_AXIS_2 + i] * plane[_AXIS_2 + j]

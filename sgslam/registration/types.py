@@ -1,0 +1,74 @@
+"""What a registration returns."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.registration.motion_prior import moved_on, velocity_between
+from sgslam.registration.point_to_plane import placed
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Health = Literal["good", "degraded", "lost"]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Poses of the sensor in `odom`: `knots` (K, 4, 4) at `seconds` (K,), ascending; steady motion between them."""
+
+    seconds: Floats
+    knots: Floats
+
+    def at(self, second: float) -> Floats:
+        """(4, 4) the pose at any time, beyond both ends by the motion there."""
+        if len(self.knots) == 1:
+            return self.knots[0].copy()
+        k = int(np.clip(np.searchsorted(self.seconds, second, side="right") - 1, 0, len(self.knots) - 2))
+        return np.asarray(moved_on(self.knots[k], self.velocity(k), second - self.seconds[k]))
+
+    def velocity(self, knot: int) -> Floats:
+        """(6,) the velocity from a knot to the next one: rotation vector and translation, axes of `odom`, a second."""
+        seconds = self.seconds[knot + 1] - self.seconds[knot]
+        return np.asarray(velocity_between(self.knots[knot], self.knots[knot + 1], seconds))
+
+    def between(self, seconds: Floats) -> tuple[Ints, Floats]:
+        """The knot (N,) before each of `seconds` (N,), and the share (N,) of the way to the next one."""
+        if len(self.knots) == 1:
+            return np.zeros(len(seconds), np.int64), np.zeros(len(seconds))
+        k = np.clip(np.searchsorted(self.seconds, seconds, side="right") - 1, 0, len(self.knots) - 2)
+        return k, (seconds - self.seconds[k]) / (self.seconds[k + 1] - self.seconds[k])
+
+    def placed(self, points: Floats, seconds: Floats) -> tuple[Floats, Floats]:
+        """Points (N, 3), measured at `seconds` (N,), and their unit rays (N, 3), in `odom`."""
+        knot, share = self.between(seconds)
+        moved, rays = placed(points, knot, share, self.knots)
+        return moved, rays
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """One scan registered: `T_odom_sensor` (4, 4) at its stamp, and how good that is.
+
+    `covariance` (6, 6) is that of the pose against the local map, rotation first, in the sensor's axes. `health` is
+    "degraded" where some direction is held by the motion prior alone: unit twists `unconstrained` (M, 6), rotation
+    first, in the sensor's axes; and "lost" where the scan does not fit the map: the pose is then a prediction.
+    `share` is the share of the scan's points that lie on known surfaces. `motion` is that during the scan, by seconds
+    after its stamp; `point_times` (N,) are the times that were used, None for a snapshot.
+    """
+
+    T_odom_sensor: Floats
+    covariance: Floats
+    health: Health
+    share: float
+    motion: Motion
+    point_times: Floats | None = None
+    unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
+
+    def undistorted(self, points: Floats) -> Floats:
+        """Points (N, 3) of the scan as the sensor would have measured them at its stamp."""
+        if self.point_times is None:
+            return points
+        in_odom, _ = self.motion.placed(points, self.point_times)
+        return np.asarray((in_odom - self.T_odom_sensor[:3, 3]) @ self.T_odom_sensor[:3, :3])

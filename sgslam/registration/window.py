@@ -1,0 +1,176 @@
+"""Estimates the knots of a window of scans from their points and the prior of the motion, by Gauss-Newton."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from sgslam.config import RegistrationSettings
+from sgslam.geometry.normal_equations import solved, square_up
+from sgslam.registration.degeneracy import project_out_feigned
+from sgslam.registration.motion_prior import add_pose, add_velocities, velocity_between
+from sgslam.registration.point_to_plane import add_points, rotated_by
+from sgslam.registration.surfel_map import Surfels
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_KERNEL = 4.0  # times the mean residual
+_SIGMA = 5.0  # times the mean residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors
+_GAP = 0.25  # of a scan's duration: a shorter pause after the scan before is none
+
+
+class Prior(NamedTuple):
+    """What is known before: of the window's first knot the pose (4, 4) and its information (6, 6), of the motion after
+    it the velocity (6,) and its information (6, 6)."""
+
+    T: Floats
+    information: Floats
+    velocity: Floats
+    velocity_information: Floats
+
+
+class MotionPrior(NamedTuple):
+    """An Ornstein-Uhlenbeck process: `spread` (6,) of the velocity, rad/s and m/s, and its `memory` (6,) in seconds,
+    along the rows of `axes` (6, 6)."""
+
+    spread: Floats
+    memory: Floats
+    axes: Floats
+
+
+class Weights(NamedTuple):
+    """The part of `RegistrationSettings` that the registration needs, as it names them."""
+
+    sigma_point: float
+    gate: float
+    kernel: float
+    near: float
+    feigned: float
+    convergence: float
+    iterations: int
+
+    @staticmethod
+    def of(settings: RegistrationSettings) -> "Weights":
+        """Takes them from the settings."""
+        return Weights(*(getattr(settings, name) for name in Weights._fields))
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """A window: its knots (K, 4, 4) at `seconds` (K,), their information (6K, 6K), that of the points alone, and the
+    knots as the prior predicted them.
+
+    Of so many points, `close` ones lie near a plane; `residual` (m) is the mean distance of all that have one.
+    """
+
+    seconds: Floats
+    knots: Floats
+    predicted: Floats
+    information: Floats
+    measured: Floats
+    points: int
+    close: int
+    residual: float
+
+    @cached_property
+    def covariance(self) -> Floats:
+        """(6K, 6K) of all knots; rotation first, in axes of `odom`."""
+        return np.asarray(np.linalg.inv(self.information), np.float64)
+
+    def covariance_in_sensor(self, knot: int, steady: bool) -> Floats:
+        """(6, 6) of one knot; rotation first, in the sensor's axes.
+
+        Points that were measured between the knots suffer from motion that is not `steady` there.
+        """
+        turn = np.kron(np.eye(2), self.knots[knot, :3, :3])
+        own = slice(6 * knot, 6 * knot + 6)
+        bent = np.zeros(6) if steady else self._bent()
+        return np.asarray(turn.T @ (self.covariance[own, own] + np.diag(bent)) @ turn)
+
+    def _bent(self) -> Floats:
+        """(6,) the variance of a knot's error as the motion bends between knots: an arc's height above its chord."""
+        lasted = np.diff(self.seconds)
+        pairs = zip(self.knots[:-1], self.knots[1:], lasted, strict=True)
+        velocities = np.stack([velocity_between(T_a, T_b, seconds) for T_a, T_b, seconds in pairs])
+        heights = np.diff(velocities, axis=0) * np.mean(lasted) / 8
+        return np.asarray(np.mean(heights**2, axis=0)) if len(heights) else np.zeros(6)
+
+
+def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
+    """The times (K,) of the knots of a window that begins at `begin` (s), and the index of each scan's first one.
+
+    A scan's own knots (n,) share the first one with the end of the scan before, where it follows at once.
+    """
+    seconds, firsts = [begin], []
+    for own in scans:
+        joined = len(own) > 1 and own[0] - seconds[-1] < _GAP * (own[-1] - own[0])
+        if joined:
+            seconds[-1] = float(own[0])
+        firsts.append(len(seconds) - joined)
+        seconds += own[int(joined) :].tolist()
+    return np.array(seconds), firsts
+
+
+def solve(
+    seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
+    share: Floats, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
+) -> Solved:  # fmt: skip
+    """Estimates all knots from the `predicted` ones (K, 4, 4) at `seconds` (K,).
+
+    Points (N, 6), with the normals that the scan shows, were measured a `share` (N,) of the way from their `knot` (N,)
+    to the next one. The robust kernel follows the residuals, from `first_kernel` to that of the weights (m): a wide one
+    finds the way from a poor prediction, a narrow one rejects outliers.
+    """
+    knots, H, measured, close, residual = _solve(
+        seconds, predicted, prior, motion, points, knot, share, surfels, oldest, first_kernel, weights
+    )
+    return Solved(seconds, knots, predicted, H, measured, len(points), close, residual)
+
+
+@compiled
+def _solve(
+    seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
+    share: Floats, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
+) -> tuple[Floats, Floats, Floats, int, float]:  # fmt: skip
+    knots, n = predicted.copy(), 6 * len(predicted)
+    H, measured, g, F = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((3, 3))
+    kernel, close, residual, sigma = first_kernel, 0, np.inf, weights.sigma_point
+    for _ in range(weights.iterations):
+        H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
+        found, close, off = add_points(
+            points, knot, share, knots, surfels, oldest, weights.gate, kernel, sigma**2, weights.near,
+            H, g, F,
+        )  # fmt: skip
+        residual = off / max(found, 1)
+        project_out_feigned(H, g, F, weights.feigned)
+        measured[:, :] = H
+        add_pose(knots[0], prior.T, prior.information, H, g)
+        add_velocities(
+            seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
+        )
+        step = solved(H, g)
+        most = 0.0
+        for k in range(len(knots)):
+            _update(knots[k], step[6 * k : 6 * k + 6])
+            for j in range(6):
+                most = max(most, abs(step[6 * k + j]))
+        if most < weights.convergence:
+            break
+        kernel = min(kernel, max(weights.kernel, _KERNEL * residual))
+        sigma = max(weights.sigma_point, _SIGMA * residual)
+    return knots, H, measured, close, residual
+
+
+@compiled
+def _update(T: Floats, step: Floats) -> None:
+    """Moves a pose (4, 4) in place by the negative of a step (6,), and squares its rotation up."""
+    turn = -step[:3]
+    for j in range(3):
+        T[0, j], T[1, j], T[2, j] = rotated_by(turn, 1.0, T[0, j], T[1, j], T[2, j])
+    for i in range(3):
+        T[i, 3] -= step[3 + i]
+    square_up(T)

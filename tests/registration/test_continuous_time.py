@@ -1,0 +1,88 @@
+"""Registration in continuous time, on scans of a sensor in a hand."""
+
+
+import numpy as np
+import pytest
+
+from data.generation.demo_building import DEMO_STOREY, write_demo_building
+from data.scans import Scan, ScanFolder
+from data.simulation.carriers import HANDHELD
+from data.simulation.simulate import simulate
+from data.trajectory import Trajectory
+from sgslam.config import RegistrationSettings
+from sgslam.geometry.frames import inverse
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.registration import Registration
+
+SECONDS = 12.0
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Scan], Trajectory]:
+    folder = tmp_path_factory.mktemp("hand")
+    write_demo_building(folder / "demo.ifc")
+    simulate(
+        folder / "demo.ifc", DEMO_STOREY, folder / "drive", 3, 2, 12.0, carrier=HANDHELD, seconds=SECONDS,
+    )  # fmt: skip
+    return list(ScanFolder(folder / "drive" / "scans")), Trajectory.read_tum(folder / "drive" / "truth.tum")
+
+
+def tracked(scans: list[Scan], with_times: bool = True) -> list[Registration]:
+    odometry = ContinuousTimeOdometry(RegistrationSettings())
+    return [odometry.register(s.stamp_ns, s.points, s.point_times if with_times else None) for s in scans]
+
+
+def second_errors(found: list[Registration], truth: Trajectory) -> np.ndarray:
+    """(N,) metres of the motion over ten scans."""
+    poses = np.stack([f.T_odom_sensor for f in found])
+    moved, true = inverse(poses[:-10]) @ poses[10:], inverse(truth.poses[:-10]) @ truth.poses[10:]
+    return np.linalg.norm((inverse(true) @ moved)[:, :3, 3], axis=1)
+
+
+def test_a_hand_is_followed_to_a_centimetre(drive: tuple[list[Scan], Trajectory]) -> None:
+    scans, truth = drive
+    found = tracked(scans)
+    # over the drives of nine seeds the median was at most 0.005, the 95 % quantile 0.02
+    assert np.median(second_errors(found, truth)) < 0.015
+    assert {f.health for f in found} <= {"good", "degraded"}
+
+
+def test_without_the_points_times_a_hand_is_followed_worse(drive: tuple[list[Scan], Trajectory]) -> None:
+    scans, truth = drive
+    told, untold = (np.median(second_errors(tracked(scans, times), truth)) for times in (True, False))
+    assert told < untold / 2
+
+
+def test_scans_are_put_right(drive: tuple[list[Scan], Trajectory]) -> None:
+    """Points on their true places, but for the noise of the ranges."""
+    scans, truth = drive
+    found = tracked(scans)[-1]
+    scan, T_bim_odom = scans[-1], truth.poses[len(scans) - 1] @ inverse(found.T_odom_sensor)
+    assert scan.point_times is not None
+    late = scan.point_times > 0.09
+    T_true_end = truth.at(np.array([scan.stamp_ns + 95_000_000]))[0]
+    at_stamp = T_bim_odom @ found.T_odom_sensor
+    put_right = found.undistorted(scan.points)[late] @ at_stamp[:3, :3].T + at_stamp[:3, 3]
+    true = scan.points[late] @ T_true_end[:3, :3].T + T_true_end[:3, 3]
+    raw = scan.points[late] @ at_stamp[:3, :3].T + at_stamp[:3, 3]
+    assert np.median(np.linalg.norm(put_right - true, axis=1)) < np.median(np.linalg.norm(raw - true, axis=1))
+
+
+def test_one_that_is_restored_goes_on_alike(drive: tuple[list[Scan], Trajectory]) -> None:
+    scans, _ = drive
+    whole, again = (ContinuousTimeOdometry(RegistrationSettings()) for _ in range(2))
+    for scan in scans[:12]:
+        whole.register(scan.stamp_ns, scan.points, scan.point_times)
+    again.restore({name: value for name, value in whole.state().items()})
+    assert again.surfels[0].tobytes() == whole.surfels[0].tobytes()
+
+
+def test_a_leap_is_lost(drive: tuple[list[Scan], Trajectory]) -> None:
+    """Turned by 90 degrees from one scan to the next, or a covered sensor."""
+    scans, _ = drive
+    odometry = ContinuousTimeOdometry(RegistrationSettings())
+    for scan in scans[:20]:
+        odometry.register(scan.stamp_ns, scan.points, scan.point_times)
+    clutter = np.random.default_rng(0).uniform(-2, 2, (5000, 3))
+    found = odometry.register(scans[20].stamp_ns, clutter, None)
+    assert found.health == "lost"

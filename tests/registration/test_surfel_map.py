@@ -1,0 +1,51 @@
+"""The surfel map: sides of walls, cells of several sizes, forgetting."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sgslam.registration import SurfelMap
+from sgslam.registration.surfel_map import nearest_plane
+
+Array = NDArray[np.float64]
+_AHEAD = np.array([1.0, 0.0, 0.0])
+
+
+def _wall(x: float, noise: float, seed: int, points: int = 4000) -> Array:
+    """(N, 3) points of a wall at x, 4 m wide and 2 m high."""
+    rng = np.random.default_rng(seed)
+    return np.c_[x + rng.normal(0, noise, points), rng.uniform(-2, 2, points), rng.uniform(0, 2, points)]
+
+
+def _added(surfels: SurfelMap, points: Array, ray: Array, way: float = 0.0) -> None:
+    surfels.add(points, np.tile(ray, (len(points), 1)), way, 100.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_each_side_of_a_thin_wall_has_its_own_surfels(seed: int) -> None:
+    surfels = SurfelMap()
+    _added(surfels, _wall(2.1, 0.01, seed), _AHEAD)
+    _added(surfels, _wall(2.2, 0.01, seed + 9), -_AHEAD)
+    for x, ray in ((2.1, _AHEAD), (2.2, -_AHEAD)):
+        found = nearest_plane(2.15, 0.3, 1.2, ray[0], ray[1], ray[2], 0.0, 0.0, 0.0, 1.2, surfels.arrays, -100.0)
+        plane = surfels.arrays.planes[found]
+        assert plane[:3] @ ray < -0.99
+        assert plane[3] == pytest.approx(x, abs=0.01)
+
+
+def test_a_step_within_a_large_cell_is_known_by_the_small_ones() -> None:
+    surfels = SurfelMap()
+    points = _wall(2.3, 0.005, 0)
+    points[points[:, 1] > 0.5, 0] += 0.1
+    _added(surfels, points, _AHEAD)
+    found = nearest_plane(2.3, 0.3, 1.2, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2, surfels.arrays, -100.0)
+    plane = surfels.arrays.planes[found]
+    assert plane[3] == pytest.approx(2.3, abs=0.005)
+    assert abs(plane[0]) > 0.999
+
+
+@pytest.mark.parametrize(("way", "known"), [(99.0, True), (101.0, False)])
+def test_surfels_are_forgotten_after_a_way(way: float, known: bool) -> None:
+    surfels = SurfelMap()
+    _added(surfels, _wall(2.4, 0.01, 0), _AHEAD)
+    assert (nearest_plane(2.4, 0.3, 1.2, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2, surfels.arrays, way - 100.0) >= 0) == known
