@@ -50,8 +50,8 @@ class RegistrationSettings(Settings):
     """m, distance within which a point counts as explained by its surface"""
     suspicious: float = Field(0.85, gt=0, le=1)
     """share of the usually explained points below which a registration is tried again from other predictions"""
-    lost: float = Field(0.5, gt=0, le=1)
-    """share of the usually explained points below which a scan is lost; of good scans 1 in 1,000 has less than 0.76"""
+    lost: float = Field(0.6, gt=0, le=1)
+    """share of the usually explained points below which a scan is lost; a doorway may show 0.75"""
     innovation: float = Field(60.0, gt=0)
     """squared Mahalanobis distance of a pose from its prediction beyond which a scan is lost; chi2 of 6 dimensions"""
     usual_memory: float = Field(1.0, gt=0)
