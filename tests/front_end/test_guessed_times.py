@@ -30,9 +30,9 @@ def scene() -> TriangleScene:
 def spun() -> tuple[Array, Array]:
     """(N, 3) a scan in firing order, and (N,) its times."""
     sensor = SpinningSensor(azimuths=600)
-    poses = np.tile(pose(3, 3, 1.2, roll=0.3), (sensor.azimuths, 1, 1))
-    points, times = sensor.sweep(scene(), poses, np.random.default_rng(0))
-    return points.astype(float), times.astype(float)
+    points, times = sensor.scan(scene(), pose(3, 3, 1.2, roll=0.3), np.random.default_rng(0)), sensor.rays(0)[1]
+    assert len(points) == len(times)  # the room is closed
+    return points.astype(float), times
 
 
 def ring_by_ring(points: Array) -> Ints:
