@@ -26,7 +26,7 @@ class CarriedCase(DriveCase):
 
     `carrier` is one of the simulator's or a recorded motion FILE.tum, which may be played at another `pace` or
     `backwards`. `mount_deg` are roll, pitch and yaw of the sensor on its carrier. The sensor moves within each scan;
-    without `times`, nobody says when the points were measured.
+    without `times`, it is unknown when the points were measured.
     """
 
     carrier: str

@@ -56,7 +56,7 @@ class Choice(DriveOptions):
 
 
 class Run(CarriedCase):
-    """A drive and the methods that track it: to simulate it anew for each would take longer than to track it."""
+    """A drive and the methods that track it: simulating it again for each would take longer than tracking it."""
 
     methods: tuple[Method, ...]
 

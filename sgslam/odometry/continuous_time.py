@@ -68,7 +68,7 @@ class ContinuousTimeOdometry:
         return self._map.surfels()
 
     def level(self, up_in_odom: Floats) -> None:
-        """Is told the direction of gravity (3,) in `odom`, once it is known."""
+        """Sets the direction of gravity (3,) in `odom`."""
         self._up = up_in_odom
         self._model.level(up_in_odom)
 

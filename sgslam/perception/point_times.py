@@ -1,4 +1,4 @@
-"""The times of a scan's points, from their order alone, where nobody told them."""
+"""The times of a scan's points, from their order alone, where the file gives none."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -76,7 +76,7 @@ class MotionModel:
         return Belief(seconds, T, np.eye(6) * 1e-6, velocity, self._along((self.prior.spread / 3) ** 2))
 
     def unobserved(self, belief: Belief, seconds: float) -> Belief:
-        """What remains of a belief at a later time: the pose stays, since nobody knows where it goes."""
+        """What remains of a belief at a later time: the pose stays, with a growing covariance."""
         after, memory = seconds - belief.seconds, self.prior.memory
         moved = self.prior.spread**2 * 2 * memory * (after - memory * (1 - np.exp(-after / memory)))
         covariance = belief.covariance + self._along(moved) + np.diag((belief.velocity * after) ** 2)

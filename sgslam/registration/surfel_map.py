@@ -65,7 +65,7 @@ class SurfelMap(Stateful):
     def add(self, points: Floats, rays: Floats, way: float, memory: float) -> None:
         """Adds points (N, 3) seen along unit rays (N, 3), both in `odom`, after `way` metres.
 
-        Surfels that were not seen for `memory` metres begin anew.
+        Surfels that were not seen for `memory` metres start again.
         """
         self._make_room(2 * len(SIDES) * len(points))
         self.count = _add(
