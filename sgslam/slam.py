@@ -18,19 +18,17 @@ from sgslam.perception import RawScan, checked_scan
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
 from sgslam.session.snapshot import take_snapshot
-from sgslam.tracking import KidnapDetector
-from sgslam.tracking.kidnap import all_fit
+from sgslam.tracking import TrackedScan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_KIDNAP_SCANS = 3  # consecutive scans that do not fit the previous ones: the sensor was carried elsewhere
 
 
 class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph if one is given.
 
     `bim` is an A-graph in the BIM frame or the result of `load_bim`; `matcher` is any object with `.match(s, a)`;
-    `odometry` is any `Odometry` (default: KISS-ICP); `clouds` stores the keyframes' points (default: an anonymous
+    `odometry` is any `Odometry` (default: our own, in continuous time); `clouds` stores the keyframes' points (default: an anonymous
     temporary file). `prior` is the map of earlier runs: the run is relocalised in it, wherever it starts, and merged
     into it at the end; everything is then in that map's frame. `storey` is the name or id of the A-graph's floor on
     which the run begins; raises UserError if it does not exist. `stopwatch` measures the stages. Scans are added in the
@@ -48,8 +46,7 @@ class SceneGraphSlam:
         self._config, self._stopwatch = config, stopwatch or Stopwatch()
         self._session = Session(config, a_graph, matcher, odometry, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
-        self._kidnap_detector = KidnapDetector()
-        self._held_back: list[RawScan] = []  # the newest scans, while they do not fit the ones before
+        self._lost: list[TrackedScan] = []  # the newest scans, while they do not fit the map
         self._newest_ns: int | None = None
 
     def add_scan(
@@ -61,63 +58,72 @@ class SceneGraphSlam:
     ) -> Update:
         """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame.
 
-        `point_times` (N,) are seconds after the stamp; if given, the scan is deskewed. `T_odom_sensor` (4, 4), if
+        `point_times` (N,) are seconds after the stamp; if given, the scan is registered as that of a moving sensor. `T_odom_sensor` (4, 4), if
         given, replaces the built-in odometry for this scan. Raises UserError for stamps that do not increase, points or
         times that are not finite, and a `T_odom_sensor` that is not a rigid motion; the run goes on without that scan.
 
-        If several consecutive scans do not fit the previous ones, the sensor was carried elsewhere: a new map begins,
+        If scans do not fit the map for some time, but fit one another, the sensor was carried elsewhere: a new map begins,
         until it is relocalised in the old map or in the building.
         """
         checked = checked_scan(stamp_ns, points, T_odom_sensor, self._newest_ns)
         self._newest_ns = int(stamp_ns)
-        return self._process(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor))
+        self._process(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor))
+        return self._update(int(stamp_ns))
 
-    def _process(self, raw: RawScan, trusted: bool = False) -> Update:
-        """Processes one scan; a `trusted` one skips the kidnap test."""
+    def _process(self, raw: RawScan) -> None:
+        """Tracks a scan, and adds it to the map when it is known where it was taken."""
+        with self._stopwatch("odometry"):
+            tracked = self._map.tracker.track(raw)  # registered in continuous time; level as soon as up is known
+        for scan in tracked:
+            if self._map.tracker.was_carried_elsewhere(scan):
+                return self._begin_elsewhere(scan)
+            if scan.health == "lost":
+                self._lost.append(scan)
+            else:
+                self._add_lost()
+                self._add(scan)
+
+    def _add(self, scan: TrackedScan) -> None:
+        """Adds a tracked scan to the map."""
         current = self._map
-        with self._stopwatch("odometry"):
-            scan = current.tracker.prepare(raw)  # deskewed to one instant, sorted into columns
-            suspect = not (trusted or current.tracker.between_floors or self._kidnap_detector.fits(scan.columns))
-        if suspect:
-            return self._hold_back(raw)
-        if not trusted:
-            self._process_held_back()
-        with self._stopwatch("odometry"):
-            self._kidnap_detector.keep(scan.columns)
-            located = current.tracker.locate(scan, current.last_pose)  # predicted, aligned to walls and floor
-        if current.add_scan(scan, located):
+        if current.add_scan(scan):
             current.add_keyframe(scan.points)  # with the walls and floor extracted from it
             if current.has_grown:
                 current.update()  # matches and anchors, optimises, closes loops, segments rooms
-        return self._update(raw.stamp_ns, scan.offset_ns)
 
-    def _hold_back(self, raw: RawScan) -> Update:
-        """Holds back scans that do not fit the previous ones, until it is clear whether this is a kidnap."""
-        self._held_back.append(raw)
-        if len(self._held_back) < _KIDNAP_SCANS:
-            return self._update(raw.stamp_ns)
-        held_back, self._held_back = self._held_back, []
-        if all_fit([self._map.tracker.front_end.columns(one.points) for one in held_back]):
-            _log.warning("scan at %d ns: the sensor was carried elsewhere; a new map begins", held_back[0].stamp_ns)
-            self._map = self._session.split(self._map)
-            self._kidnap_detector = KidnapDetector()
-        return [self._process(one, trusted=True) for one in held_back][-1]
+    def _add_lost(self) -> None:
+        """Adds the scans that were lost, at their predicted poses: the sensor is back, or the run ends."""
+        while self._lost:
+            self._add(self._lost.pop(0))
 
-    def _process_held_back(self) -> None:
-        """Processes the scans that were held back: they were no kidnap."""
-        while self._held_back:
-            self._process(self._held_back.pop(0), trusted=True)
+    def _begin_elsewhere(self, newest: TrackedScan) -> None:
+        """Begins a new map with the lost scans, which fit one another but not the map."""
+        lost, self._lost = [*self._lost, newest], []
+        began_ns = lost[0].raw.stamp_ns
+        _log.warning("scan at %d ns: the sensor was carried elsewhere; a new map begins", began_ns)
+        self._map = self._session.split(self._map)
+        for scan in lost:
+            self._process(scan.raw)
 
-    def _update(self, stamp_ns: int, offset_ns: int = 0) -> Update:
-        newest = self._map.scans[-1].T_map_sensor
-        live = self._map.tracker.live(newest, offset_ns)
-        return Update(stamp_ns, live, len(self._map.backend.keyframes), self.anchored)
+    def _update(self, stamp_ns: int) -> Update:
+        waiting = self._map.tracker.newest
+        if self._lost:
+            T_map_sensor = self._map.T_map_odom @ self._lost[-1].T_odom_sensor
+        else:
+            T_map_sensor = self._map.scans[-1].T_map_sensor if waiting is None else waiting
+        return Update(stamp_ns, T_map_sensor, len(self._map.backend.keyframes), self.anchored)
+
+    def _release(self) -> None:
+        """Adds all scans that wait."""
+        for scan in self._map.tracker.release():
+            self._add(scan)
+        self._add_lost()
 
     def finish(self) -> Result:
         """Matches and optimises for the last time. Raises UserError if no scan was added."""
+        self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
-        self._process_held_back()
         relocalisation = self._session.finish(self._map)
         return assemble_result(self._map, self._session.bim, self._session.unplaced, relocalisation, self._config)
 
@@ -173,6 +179,7 @@ class SceneGraphSlam:
         Rooms, wall surfaces and doors are segmented for it, which takes some tens of milliseconds and does not affect
         the run. Raises UserError before the first scan.
         """
+        self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no graph yet; call add_scan first")
         return self._map.s_graph()
@@ -187,9 +194,8 @@ class SceneGraphSlam:
         It is not a copy: write it before the next scan is added.
         """
         return {
-            "newest_ns": self._newest_ns, "held_back": self._held_back, "seconds": self.seconds,
-            "kidnap_detector": self._kidnap_detector.state(), "session": self._session.state(),
-            "map": self._map.state(),
+            "newest_ns": self._newest_ns, "lost": self._lost, "seconds": self.seconds,
+            "session": self._session.state(), "map": self._map.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -198,6 +204,5 @@ class SceneGraphSlam:
         clouds = self._session.restore(state["session"], self.clouds)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._map.restore(state["map"])
-        self._kidnap_detector.restore(state["kidnap_detector"])
-        self._newest_ns, self._held_back = state["newest_ns"], state["held_back"]
+        self._newest_ns, self._lost = state["newest_ns"], state["lost"]
         self._stopwatch.seconds = state["seconds"]

@@ -74,7 +74,7 @@ class GraphBuilder:
 
         Wall outliers are left out: even with a robust loss they would bias the estimate.
         """
-        rotations = np.stack([k.T_map_sensor[:3, :3] for k in self._keyframes])
+        rotations = np.array([k.T_map_sensor[:3, :3] for k in self._keyframes]).reshape(-1, 3, 3)
         wrong = wall_outliers(seen, rotations)
         keyframes_of: dict[int, set[int]] = {}
         for s, out in zip(seen, wrong, strict=True):

@@ -51,9 +51,9 @@ def _odometry(method: str) -> None:
     sides = np.arange(len(box)), np.arange(len(box)) % 3
     box[sides] = np.sign(box[sides]) * 4
     config: Config = load_config(None, [f"odometry.method={method}"])
-    odometry = make_odometry(config.odometry)
-    steps = [odometry.register(box) for _ in range(2)]
-    assert np.allclose(steps[-1], np.eye(4), atol=0.05)
+    odometry = make_odometry(config.odometry, config.tracking)
+    found = [odometry.register(stamp, box) for stamp in (0, 10**8)]
+    assert np.allclose(found[-1].T_odom_sensor, np.eye(4), atol=0.05)
 
 
 def _shapely() -> None:

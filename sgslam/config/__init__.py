@@ -9,18 +9,17 @@ from sgslam.config.models import (
     OdometrySettings,
     RoomSettings,
     SurfaceSettings,
-    TrackingSettings,
 )
-from sgslam.config.registration_settings import RegistrationSettings
+from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 __all__ = [
     "AnchorSettings",
     "BackendSettings",
     "Config",
+    "FloorSettings",
     "KeyframeSettings",
     "MatchingSettings",
     "OdometrySettings",
-    "RegistrationSettings",
     "RoomSettings",
     "SurfaceSettings",
     "TrackingSettings",

@@ -9,33 +9,36 @@ from pydantic import Field
 
 from sgslam.config.base import Settings
 from sgslam.config.loop_settings import LoopSettings
+from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 
 class OdometrySettings(Settings):
-    """The odometry, KISS-ICP or small_gicp, with settings for indoors."""
+    """The odometry: our own in continuous time (see tracking), KISS-ICP or small_gicp, with settings for indoors."""
 
-    method: Literal["kiss", "small_gicp"] = "kiss"
+    method: Literal["continuous_time", "kiss", "small_gicp"] = "continuous_time"
     """odometry that registers each scan to the previous ones"""
-    voxel_size: float = Field(1.0, gt=0)
+    voxel_size: float = Field(0.3, gt=0)
     """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
+    voxel_points: int = Field(1, ge=1)
+    """largest number of points in a voxel of KISS-ICP's local map"""
     max_range: float = Field(60.0, gt=0)
-    """m, longest range of the points used by the odometry"""
+    """m, longest range of the points used by KISS-ICP and small_gicp"""
     min_range: float = Field(0.3, ge=0)
-    """m, shortest range of the points used by the odometry"""
+    """m, shortest range of the points used by KISS-ICP and small_gicp"""
     iterations: int = Field(100, ge=1)
-    """largest number of iterations of the registration"""
-    convergence: float = Field(3e-3, gt=0)
-    """m and rad, update below which the registration stops"""
+    """largest number of iterations of KISS-ICP and small_gicp"""
+    convergence: float = Field(1e-4, gt=0)
+    """m and rad, update below which KISS-ICP stops"""
     max_step: float = Field(1.5, gt=0)
     """m, longest plausible step between scans; beyond it, a global search"""
     max_turn: float = Field(0.8, gt=0)
     """rad, largest plausible turn between scans; beyond it, a global search"""
-    max_tip: float = Field(0.25, gt=0)
-    """rad, largest plausible change of the vertical between scans; beyond it, a global search"""
     min_share: float = Field(0.4, ge=0, le=1)
     """share of a scan's points that a global search must explain"""
     gicp_voxel_size: float = Field(0.25, gt=0)
     """m, voxel size of small_gicp's scans and local map"""
+    gicp_reach: float = Field(0.3, gt=0)
+    """m, largest distance between points that small_gicp matches"""
     gicp_spacing: float = Field(0.3, gt=0)
     """m or rad, least motion between the scans of small_gicp's local map"""
     gicp_scans: int = Field(15, ge=1)
@@ -56,45 +59,6 @@ class OdometrySettings(Settings):
     """rad, standard deviation of the rotation between two keyframes"""
     sigma_translation: float = Field(0.015, gt=0)
     """m, standard deviation of the translation between two keyframes"""
-
-
-class TrackingSettings(Settings):
-    """Alignment of each scan to the known walls and floor."""
-
-    correct: bool = True
-    """align each scan to the walls and floor; false relies on the odometry alone"""
-    points: int = Field(100, ge=20)
-    """number of floor points per scan that are used; twice as many wall points are used"""
-    every_column: int = Field(4, ge=1)
-    """step between the scan columns that are used, also by the odometry"""
-    reach: float = Field(20.0, gt=0)
-    """m, largest distance of the walls that are used"""
-    gates: tuple[float, ...] = (0.4, 0.12)
-    """m, largest distance of a point from its wall, one per iteration"""
-    sure_step: float = Field(0.01, gt=0)
-    """m and rad, update below which the alignment stops"""
-    sigma_point: float = Field(0.05, gt=0)
-    """m, standard deviation of a point's distance from its wall; neighbouring points share it"""
-    huber: float = Field(0.03, gt=0)
-    """m, distance from a wall beyond which a point's weight is reduced (Huber loss)"""
-    sigma_height: float = Field(0.03, gt=0)
-    """m, standard deviation of the sensor's height above the floor"""
-    sigma_tilt: float = Field(0.02, gt=0)
-    """rad, standard deviation of the sensor's tilt while it is carried"""
-    tilt_memory: float = Field(0.05, gt=0, le=1)
-    """weight of the newest scan in the running mean of the sensor's tilt"""
-    sigma_translation: float = Field(0.05, gt=0)
-    """m, standard deviation of the odometry's translation for one scan"""
-    sigma_rotation: float = Field(0.02, gt=0)
-    """rad, standard deviation of the odometry's rotation for one scan"""
-    firm_share: float = Field(0.5, ge=0, le=1)
-    """share of a scan's points on walls from which the odometry may be skipped"""
-    firm_points: float = Field(20.0, gt=0)
-    """points on walls in each direction from which the odometry may be skipped"""
-    surprise_distance: float = Field(0.15, gt=0)
-    """m, distance from the pose predicted by constant velocity beyond which the odometry is used"""
-    surprise_angle: float = Field(0.1, gt=0)
-    """rad, angle from the pose predicted by constant velocity beyond which the odometry is used"""
 
 
 class KeyframeSettings(Settings):
@@ -245,6 +209,7 @@ class Config(Settings):
 
     odometry: OdometrySettings = OdometrySettings()
     tracking: TrackingSettings = TrackingSettings()
+    floors: FloorSettings = FloorSettings()
     keyframes: KeyframeSettings = KeyframeSettings()
     surfaces: SurfaceSettings = SurfaceSettings()
     rooms: RoomSettings = RoomSettings()

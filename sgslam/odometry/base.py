@@ -1,42 +1,40 @@
-"""The protocol of an odometry: it takes a scan and returns T_odom_sensor.
+"""The protocol of an odometry: it takes a scan and returns where it was taken, in a frame that never jumps.
 
-An external odometry does not need it: see `sgslam.odometry.external` and `SceneGraphSlam.add_scan`.
+Poses that an external odometry gives do not need it: see `sgslam.odometry.given`.
 """
 
-from collections.abc import Callable, Mapping
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.registration import Registration
+
 Floats = NDArray[np.float64]
-State = Mapping[str, Floats]  # arrays by name, as np.savez takes them
+State = Mapping[str, Any]
 
 
 class Odometry(Protocol):
-    """Anything that tracks the sensor from scan to scan."""
+    """Anything that tracks the sensor from scan to scan. The frame `odom` is that of its first pose."""
 
     @property
-    def upright_only(self) -> bool:
-        """Whether it uses only points on upright surfaces."""
+    def residual(self) -> float:
+        """The mean distance of the newest scans' points from the local map, in a unit of the odometry's own; infinite
+        where it is not known."""
         ...
 
-    def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
-        """Registers points (N, 3), N >= 0, of one scan in the sensor frame; returns T_odom_sensor (4, 4).
-
-        `expected_step` (4, 4), T_last_sensor, is the caller's prediction, from which the registration starts.
-        """
+    def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
+        """Registers points (N, 3), N >= 0, of one scan in the sensor frame, measured `point_times` (N,) seconds after
+        its stamp; None where that is not known."""
         ...
 
-    def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
-        """Adopts a step T_last_sensor (4, 4) that the caller found; returns T_odom_sensor (4, 4).
-
-        `points` returns the points that `register` would take.
-        """
+    def level(self, up_in_odom: Floats) -> None:
+        """Is told the direction of gravity (3,) in `odom`, once it is known."""
         ...
 
-    def state(self) -> dict[str, Floats]:
-        """Returns the state as arrays; another instance of the same settings continues from it bit by bit."""
+    def state(self) -> dict[str, Any]:
+        """Returns the state as a tree; another instance of the same settings continues from it bit by bit."""
         ...
 
     def restore(self, state: State) -> None:

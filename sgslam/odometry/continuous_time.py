@@ -3,7 +3,6 @@
 Sources: CT-ICP (Dellenbach et al., ICRA 2022), Traj-LO (Zheng and Zhu, RA-L 2024), VoxelMap (Yuan et al., RA-L 2022).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sgslam.config import RegistrationSettings
+from sgslam.config import TrackingSettings
+from sgslam.odometry.base import State
 from sgslam.registration import Health, Motion, Registration, SurfelMap
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.health import judged
@@ -50,7 +50,7 @@ class ContinuousTimeOdometry:
         "_up",
     )  # fmt: skip
 
-    def __init__(self, settings: RegistrationSettings) -> None:
+    def __init__(self, settings: TrackingSettings) -> None:
         self._settings, self._model, self._weights = settings, MotionModel(settings), Weights.of(settings)
         self._map, self._side = SurfelMap(), 0.0
         self._first_ns: int | None = None
@@ -68,16 +68,12 @@ class ContinuousTimeOdometry:
         return self._map.surfels()
 
     def level(self, up_in_odom: Floats) -> None:
-        """Sets the direction of gravity (3,) in `odom`."""
+        """See `Odometry.level`."""
         self._up = up_in_odom
         self._model.level(up_in_odom)
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
-        """Registers points (N, 3), N >= 0, of one scan in the sensor frame.
-
-        They were measured `point_times` (N,) seconds after its stamp; None for a snapshot.
-        The frame `odom` is that of the first pose.
-        """
+        """See `Odometry.register`."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         began = (stamp_ns - self._first_ns) / 1e9
         scan, self._side = thinned(points, point_times, began, self._side, self._settings)
@@ -180,11 +176,11 @@ class ContinuousTimeOdometry:
         self._map.add(points, rays, self._way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:
-        """The state as a tree; another instance of the same settings continues from it bit by bit."""
+        """See `Odometry.state`."""
         return {"map": self._map.state()} | {name: getattr(self, name) for name in self._STATE}
 
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state` returned."""
+    def restore(self, state: State) -> None:
+        """See `Odometry.restore`."""
         self._map.restore(state["map"])
         for name in self._STATE:
             setattr(self, name, state[name])

@@ -1,19 +1,29 @@
 """Creates the odometry named in the settings."""
 
+from functools import partial
 from typing import get_args
 
-from sgslam.config import OdometrySettings
+from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.odometry.base import Odometry
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.odometry.timed import TimedOdometry
 
 METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].annotation)
 
 
-def make_odometry(settings: OdometrySettings) -> Odometry:
-    """Creates the odometry of `settings.method`; raises UserError if its library is missing."""
-    if settings.method == "small_gicp":
+def make_odometry(odometry: OdometrySettings, tracking: TrackingSettings) -> Odometry:
+    """Creates the odometry of `odometry.method`, which finds out the times of points that nobody tells as
+    `tracking.point_times` says; raises UserError if its library is missing."""
+    return TimedOdometry(partial(_make, odometry, tracking), tracking.point_times)
+
+
+def _make(odometry: OdometrySettings, tracking: TrackingSettings) -> Odometry:
+    if odometry.method == "small_gicp":
         from sgslam.odometry.small_gicp import SmallGicpOdometry
 
-        return SmallGicpOdometry(settings)
-    from sgslam.odometry.kiss import KissOdometry
+        return SmallGicpOdometry(odometry)
+    if odometry.method == "kiss":
+        from sgslam.odometry.kiss import KissOdometry
 
-    return KissOdometry(settings)
+        return KissOdometry(odometry)
+    return ContinuousTimeOdometry(tracking)

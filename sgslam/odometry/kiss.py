@@ -1,8 +1,7 @@
-"""KISS-ICP (Vizzo et al., RA-L 2023) with an indoor voxel size, and a check on each step."""
+"""KISS-ICP (Vizzo et al., RA-L 2023) with indoor settings, and a check on each step."""
 
-import functools
 import logging
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,36 +10,33 @@ from scipy.spatial import cKDTree
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import State
-from sgslam.odometry.steps import explained, far_apart, plausible, search
+from sgslam.odometry.rigid import Fit, RigidOdometry, end_of, steady_motion
+from sgslam.odometry.steps import search
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _KERNEL = 0.5  # m, of the registration in a search
-_NEAR = 0.3  # m; a point this close to the map counts as explained by it
-_SPACING = 0.25  # m and rad between the scans of the local map while others find the steps
-_SUDDEN = 0.4  # m or rad from the expected step, beyond which the step is checked against the map
+_NEAR = 0.2  # m; a point this close to the map counts as explained by it
 _LEAST = 20  # points that a registration needs
 _PATIENCE = 5  # consecutive scans without a registration before a new local map begins
 
 
-class KissOdometry:
+class KissOdometry(RigidOdometry):
     """KISS-ICP with the steps of `KissICP.register_frame`.
 
-    An implausible step (too long, or tipping over), and an unexpected one that leaves most of the scan unexplained, is
-    searched again from rotations about the vertical. A scan that cannot be registered, or has too few points, continues
-    the last step and is not added to the local map. After several of these a new local map begins.
+    An implausible step, and one that leaves most of the scan unexplained, is searched again from other attitudes. A
+    scan that cannot be registered, or has too few points, is lost: it continues the last motion and is not added to the
+    local map. After several of these a new local map begins.
     """
-
-    upright_only = True  # points of floor and ceiling would drag point-to-point ICP along the scan rings
 
     def __init__(self, settings: OdometrySettings) -> None:
         from kiss_icp.config import KISSConfig
         from kiss_icp.config.config import DataConfig, MappingConfig, RegistrationConfig
         from kiss_icp.kiss_icp import KissICP
 
-        self._settings = settings
-        data = DataConfig(max_range=settings.max_range, min_range=settings.min_range, deskew=False)
-        mapping = MappingConfig(voxel_size=settings.voxel_size)
+        super().__init__(settings)
+        data = DataConfig(max_range=settings.max_range, min_range=settings.min_range, deskew=True)
+        mapping = MappingConfig(voxel_size=settings.voxel_size, max_points_per_voxel=settings.voxel_points)
         registration = RegistrationConfig(
             max_num_iterations=settings.iterations, convergence_criterion=settings.convergence, max_num_threads=1
         )  # one thread: the same input gives the same output, and two are no faster
@@ -48,62 +44,47 @@ class KissOdometry:
         self._kiss = KissICP(config)
         adaptive = config.adaptive_threshold
         self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, settings.max_range)
-        self._lost, self._scans = 0, 0  # consecutive scans without a registration, and all scans
-        self._mapped = np.eye(4)  # pose of the newest scan in the local map
+        self._lost = 0  # consecutive scans without a registration
+        # KISS-ICP tells no covariance
+        self._covariance = np.diag(np.repeat([settings.sigma_rotation, settings.sigma_translation], 3) ** 2)
 
-    def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
-        """See `Odometry.register`."""
+    def _fit(self, points: Floats, point_times: Floats | None, predicted: Floats, seconds: float) -> Fit | None:
         kiss = self._kiss
-        frame = kiss.preprocessor.preprocess(points, np.empty(0), kiss.last_delta)
-        pose = kiss.last_pose @ (kiss.last_delta if expected_step is None else expected_step)
-        if len(frame) >= _LEAST:
-            source, for_map = kiss.voxelize(frame)
-            found = self._found(source, pose)
-            self._lost = 0 if found is not None else self._lost + 1
-            if self._lost > _PATIENCE:
-                _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
-                kiss.local_map.clear()
-                self._lost = 0
-            pose = pose if found is None else found
-            if not self._lost:
-                kiss.local_map.update(for_map, pose)
-                self._mapped = pose
-        kiss.last_delta = inverse(kiss.last_pose) @ pose
-        kiss.last_pose = pose
-        self._scans += 1
-        return pose.copy()
+        times, motion = np.empty(0), steady_motion(predicted, self._velocity, end_of(point_times), point_times)
+        if point_times is not None and len(motion.knots) > 1:  # KISS-ICP divides by the scan's duration
+            times = point_times
+        frame = kiss.preprocessor.preprocess(points, times, inverse(motion.knots[0]) @ predicted)
+        if len(frame) < _LEAST:
+            return None
+        source, for_map = kiss.voxelize(frame)
+        fit = self._found(source, predicted)
+        self._lost = 0 if fit else self._lost + 1
+        if self._lost > _PATIENCE:
+            _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+            kiss.local_map.clear()
+            self._lost = 0
+        if not self._lost:
+            kiss.local_map.update(for_map, fit.T if fit else predicted)
+        return fit
 
-    def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
-        """See `Odometry.follow`. The local map still grows by spaced scans."""
-        kiss = self._kiss
-        pose = squared_up(kiss.last_pose @ T_last_sensor)
-        if far_apart(self._mapped, pose, _SPACING):
-            frame = kiss.preprocessor.preprocess(points(), np.empty(0), kiss.last_delta)
-            kiss.local_map.update(kiss.voxelize(frame)[1], pose)
-            self._mapped = pose
-        kiss.last_delta, kiss.last_pose = T_last_sensor, pose
-        self._scans += 1
-        return pose.copy()
+    def _found(self, source: Floats, guess: Floats) -> Fit | None:
+        """The registered scan; None where it does not fit the map."""
+        settings, map_points = self._settings, self._kiss.local_map.point_cloud().reshape(-1, 3)
+        if not len(map_points):
+            return Fit(guess, 1.0, np.inf, self._covariance)
+        tree = cKDTree(map_points)
+        fit = self._at(source, tree, self._align(source, guess, self._threshold.sigma))
+        if self._is_sure(fit):
+            self._threshold.update(inverse(guess) @ fit.T)
+            return fit
+        found = search(source, self._last, tree, _NEAR, lambda start: self._align(source, start, _KERNEL), settings)
+        return None if found is None else self._at(source, tree, found)
 
-    def state(self) -> dict[str, Floats]:
-        """See `Odometry.state`."""
-        kiss = self._kiss
-        return {
-            "map_points": kiss.local_map.point_cloud().reshape(-1, 3), "mapped": self._mapped.copy(),
-            "last_pose": np.array(kiss.last_pose), "last_delta": np.array(kiss.last_delta),
-            "threshold": np.array([self._threshold.squares, self._threshold.count]),
-            "lost": np.array([self._lost], float), "scans": np.array([self._scans], float),
-        }  # fmt: skip
-
-    def restore(self, state: State) -> None:
-        """See `Odometry.restore`."""
-        kiss = self._kiss
-        kiss.local_map.clear()
-        kiss.local_map.add_points(np.ascontiguousarray(state["map_points"]))
-        kiss.last_pose, kiss.last_delta = np.array(state["last_pose"]), np.array(state["last_delta"])
-        self._mapped = np.array(state["mapped"])
-        self._threshold.squares, self._threshold.count = (float(value) for value in state["threshold"])
-        self._lost, self._scans = int(state["lost"][0]), int(state["scans"][0])
+    def _at(self, source: Floats, tree: cKDTree, pose: Floats) -> Fit:
+        """How well the points (N, 3) fit the map at a pose (4, 4)."""
+        distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3])
+        share, residual = float(np.mean(distance < _NEAR)), float(np.minimum(distance, _NEAR).mean())
+        return Fit(squared_up(pose), share, residual, self._covariance)
 
     def _align(self, source: Floats, guess: Floats, sigma: float) -> Floats:
         return self._kiss.registration.align_points_to_map(
@@ -111,22 +92,20 @@ class KissOdometry:
             max_correspondance_distance=3 * sigma, kernel=sigma,
         )  # fmt: skip
 
-    def _found(self, source: Floats, guess: Floats) -> Floats | None:
-        """T_odom_sensor (4, 4) of the registered scan; None where it does not fit the map."""
-        kiss, settings = self._kiss, self._settings
-        pose = self._align(source, guess, self._threshold.sigma)
-        if not self._scans:
-            return pose
-        likely = plausible(inverse(kiss.last_pose) @ pose, settings)
-        if likely and not far_apart(guess, pose, _SUDDEN):
-            self._threshold.update(inverse(guess) @ pose)
-            return pose
-        map_points = kiss.local_map.point_cloud().reshape(-1, 3)
-        if likely and len(map_points) and explained(source, pose, cKDTree(map_points), _NEAR) >= settings.min_share:
-            self._threshold.update(inverse(guess) @ pose)
-            return pose
-        align = functools.partial(self._align, source, sigma=_KERNEL)
-        return search(source, kiss.last_pose, map_points, _NEAR, align, settings)
+    def state(self) -> dict[str, Any]:
+        """See `Odometry.state`."""
+        return super().state() | {
+            "map_points": self._kiss.local_map.point_cloud().reshape(-1, 3), "lost": self._lost,
+            "threshold": [self._threshold.squares, self._threshold.count],
+        }  # fmt: skip
+
+    def restore(self, state: State) -> None:
+        """See `Odometry.restore`."""
+        super().restore(state)
+        self._kiss.local_map.clear()
+        self._kiss.local_map.add_points(np.ascontiguousarray(state["map_points"]))
+        self._lost = state["lost"]
+        self._threshold.squares, self._threshold.count = state["threshold"]
 
 
 class _Threshold:

@@ -1,118 +1,117 @@
 """Generalized ICP (Segal et al., RSS 2009) of small_gicp (Koide, JOSS 2024) against a window of earlier scans."""
 
 import logging
-from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from data.common.errors import UserError
 from sgslam.config import OdometrySettings
-from sgslam.geometry.frames import inverse, squared_up
+from sgslam.geometry.frames import squared_up
 from sgslam.odometry.base import State
-from sgslam.odometry.steps import far_apart, plausible, search
+from sgslam.odometry.rigid import Fit, RigidOdometry, end_of, steady_motion
+from sgslam.odometry.steps import far_apart, search
+from sgslam.registration.motion_prior import velocity_between
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _NEIGHBOURS = 10  # points that a surface is fitted to
 _LEAST = 20  # points that a registration needs
-_REACH = 0.5  # m between corresponding points
 _NEAR = 0.15  # m; a point this close to the map counts as explained by it
 _PATIENCE = 5  # consecutive scans without a registration before a new local map begins
+_ROUNDS = 3  # of deskewing; a scan deskewed by the step before it, and only once, diverges
+_STAYS = 1e-3  # m and rad, change of the pose from round to round
 
 
-class SmallGicpOdometry:
-    """Registers each scan to a local map of spaced scans.
+class SmallGicpOdometry(RigidOdometry):
+    """Registers each scan, deskewed by the step that is found, to a local map of spaced scans.
 
     With all scans in it, a standing robot would fill it with noise (3.9 m of error after 80 still scans). Runs on one
     thread, so that the same input gives the same output.
     """
 
-    upright_only = False  # the floor is needed to constrain the height
+    _STATE = (*RigidOdometry._STATE, "_mapped", "_window", "_lost")
 
     def __init__(self, settings: OdometrySettings) -> None:
         try:
             import small_gicp
         except ImportError:
             raise UserError("odometry small_gicp: the library is not there; pip install small_gicp") from None
-        self._gicp, self._settings = small_gicp, settings
-        self._last, self._delta, self._mapped = np.eye(4), np.eye(4), np.eye(4)
+        super().__init__(settings)
+        self._gicp, self._mapped = small_gicp, np.eye(4)
         self._window: list[Floats] = []  # points (N, 3) of each scan in the local map, odometry frame
         self._target: Any = None  # the map in small_gicp's form with its search tree, built on demand
-        self._lost, self._scans = 0, 0  # consecutive scans without a registration, and all scans
+        self._lost = 0  # consecutive scans without a registration
 
-    def register(self, points: Floats, expected_step: Floats | None = None) -> Floats:
-        """See `Odometry.register`."""
-        guess = squared_up(self._last @ (self._delta if expected_step is None else expected_step))
-        source = self._prepared(points)
-        pose = guess if self._window else self._last
-        if source is not None:
-            found = self._found(source, guess) if self._window else pose
-            self._lost = 0 if found is not None else self._lost + 1
-            if self._lost > _PATIENCE:
-                _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
-                self._window, self._lost = [], 0
-            pose = guess if found is None else found
-            if not self._lost:
-                self._grow(source.points()[:, :3], pose)
-        self._delta, self._last = inverse(self._last) @ pose, pose
-        self._scans += 1
-        return pose.copy()
+    def _fit(self, points: Floats, point_times: Floats | None, predicted: Floats, seconds: float) -> Fit | None:
+        fit, source = self._deskewed_fit(points, point_times, predicted, seconds)
+        if source is None:
+            return None
+        self._lost = 0 if fit else self._lost + 1
+        if self._lost > _PATIENCE:
+            _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+            self._window, self._lost = [], 0
+        if not self._lost:
+            self._grow(source.points()[:, :3], fit.T if fit else predicted)
+        if fit is None or not seconds:
+            return fit
+        # a motion prior bounds what no surface constrains
+        prior = np.linalg.inv(self._drift(self._unseen + seconds))
+        return replace(fit, covariance=np.linalg.inv(np.linalg.inv(fit.covariance) + prior))
 
-    def follow(self, points: Callable[[], Floats], T_last_sensor: Floats) -> Floats:
-        """See `Odometry.follow`."""
-        pose = squared_up(self._last @ T_last_sensor)
-        if not self._window or far_apart(self._mapped, pose, self._settings.gicp_spacing):
-            source = self._prepared(points())
-            if source is not None:
-                self._grow(source.points()[:, :3], pose)
-        self._delta, self._last = T_last_sensor, pose
-        self._scans += 1
-        return pose.copy()
+    def _deskewed_fit(
+        self, points: Floats, point_times: Floats | None, predicted: Floats, seconds: float
+    ) -> tuple[Fit | None, Any]:
+        """The fit, and the points deskewed by it, None where they are too few; deskewed again until the pose stays."""
+        pose, velocity = predicted, self._velocity
+        for _ in range(1 if point_times is None else _ROUNDS):
+            source = self._prepared(points, point_times, pose, velocity)
+            if source is None:
+                return None, None
+            if not self._window:
+                return Fit(predicted, 1.0, np.inf, self._drift(0.0)), source
+            fit = self._found(source, pose)
+            if fit is None or not far_apart(pose, fit.T, _STAYS):
+                break
+            pose, velocity = fit.T, velocity_between(self._last, fit.T, seconds)
+        return fit, source
 
-    def state(self) -> dict[str, Floats]:
-        """See `Odometry.state`."""
-        points = np.concatenate([np.empty((0, 3)), *self._window])
-        return {
-            "map_points": points, "points_of_scan": np.array([len(p) for p in self._window], float),
-            "mapped": self._mapped.copy(), "last_pose": self._last.copy(), "last_delta": self._delta.copy(),
-            "lost": np.array([self._lost], float), "scans": np.array([self._scans], float),
-        }  # fmt: skip
-
-    def restore(self, state: State) -> None:
-        """See `Odometry.restore`."""
-        ends = np.cumsum(state["points_of_scan"]).astype(int)[:-1]
-        self._window = np.split(np.array(state["map_points"]), ends) if len(state["points_of_scan"]) else []
-        self._target = None
-        self._mapped, self._last = np.array(state["mapped"]), np.array(state["last_pose"])
-        self._delta = np.array(state["last_delta"])
-        self._lost, self._scans = int(state["lost"][0]), int(state["scans"][0])
-
-    def _prepared(self, points: Floats) -> Any:
-        """The points within range, downsampled, with covariances; None where there are too few."""
+    def _prepared(self, points: Floats, point_times: Floats | None, pose: Floats, velocity: Floats) -> Any:
+        """The points within range, deskewed to the scan's end, downsampled, with covariances; None for too few."""
         distance = np.linalg.norm(points, axis=1)
-        kept = points[(distance > self._settings.min_range) & (distance < self._settings.max_range)]
+        within = (distance > self._settings.min_range) & (distance < self._settings.max_range)
+        kept = points[within]
         if len(kept) < _LEAST:
             return None
+        if point_times is not None:
+            motion = steady_motion(pose, velocity, end_of(point_times), point_times)
+            in_odom, _ = motion.placed(kept, point_times[within])
+            kept = (in_odom - pose[:3, 3]) @ pose[:3, :3]
         cloud, _ = self._gicp.preprocess_points(
             kept, downsampling_resolution=self._settings.gicp_voxel_size, num_neighbors=_NEIGHBOURS, num_threads=1
         )
         return cloud if cloud.size() >= _LEAST else None
 
-    def _found(self, source: Any, guess: Floats) -> Floats | None:
-        """T_odom_sensor (4, 4) where the map explains enough of the scan, else None."""
-        pose, share = self._align(source, guess)
-        if share >= self._settings.min_share and plausible(inverse(self._last) @ pose, self._settings):
-            return pose
+    def _found(self, source: Any, guess: Floats) -> Fit | None:
+        """The registered scan where the map explains enough of it; else None."""
+        fit = self._align(source, guess)
+        if self._is_sure(fit):
+            return fit
         points = np.ascontiguousarray(source.points()[:, :3])
-        map_points = np.concatenate(self._window)
-        return search(
-            points, self._last, map_points, _NEAR, lambda start: self._align(source, start)[0], self._settings
-        )
+        tree = cKDTree(np.concatenate(self._window))
 
-    def _align(self, source: Any, guess: Floats) -> tuple[Floats, float]:
-        """T_odom_sensor (4, 4) registered from a guess, and the share of inliers; (guess, 0) where that fails."""
+        def align(start: Floats) -> Floats:
+            found = self._align(source, start)
+            return start if found is None else found.T
+
+        best = search(points, self._last, tree, _NEAR, align, self._settings)
+        return None if best is None else self._align(source, best)
+
+    def _align(self, source: Any, guess: Floats) -> Fit | None:
+        """The scan registered from a guess; None where that fails."""
         if self._target is None:
             self._target = self._gicp.preprocess_points(
                 np.concatenate(self._window), downsampling_resolution=self._settings.gicp_voxel_size,
@@ -121,11 +120,15 @@ class SmallGicpOdometry:
         target, tree = self._target
         found = self._gicp.align(
             target, source, tree, init_T_target_source=guess, registration_type="GICP",
-            max_correspondence_distance=_REACH, num_threads=1, max_iterations=self._settings.iterations,
+            max_correspondence_distance=self._settings.gicp_reach, num_threads=1,
+            max_iterations=self._settings.iterations,
         )  # fmt: skip
         if found.num_inliers < _LEAST or not np.isfinite(found.T_target_source).all():
-            return guess, 0.0
-        return squared_up(np.array(found.T_target_source)), found.num_inliers / source.size()
+            return None
+        # its Hessian is in the sensor's axes, rotation first; its error in standard deviations
+        covariance = np.linalg.pinv(np.array(found.H), hermitian=True)
+        residual = float(np.sqrt(2 * found.error / found.num_inliers))
+        return Fit(squared_up(np.array(found.T_target_source)), found.num_inliers / source.size(), residual, covariance)
 
     def _grow(self, points: Floats, pose: Floats) -> None:
         """Adds a scan to the local map if it is far enough from the last one in it."""
@@ -134,3 +137,8 @@ class SmallGicpOdometry:
         moved = points @ pose[:3, :3].T + pose[:3, 3]
         self._window = [*self._window, moved][-self._settings.gicp_scans :]
         self._target, self._mapped = None, pose
+
+    def restore(self, state: State) -> None:
+        """See `Odometry.restore`."""
+        super().restore(state)
+        self._target = None

@@ -1,4 +1,4 @@
-"""Helpers of all scan registrations: plausible steps, a search after lost tracking, and spacing of stored scans."""
+"""Helpers of all rigid registrations: plausible steps, a search after lost tracking, and spacing of stored scans."""
 
 from collections.abc import Callable
 
@@ -8,10 +8,16 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from sgslam.config import OdometrySettings
-from sgslam.geometry.frames import inverse
+from sgslam.geometry.frames import inverse, squared_up
 
 Floats = NDArray[np.float64]
-_TURNS = np.radians([0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
+# turns of a lost scan about each axis of the sensor, since its mount is not known; about z first
+_TURNS = [
+    Rotation.from_rotvec(np.radians(angle) * axis).as_matrix()
+    for axis in np.eye(3)[::-1]
+    for angle in (0, 30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180)
+    if angle or axis[2]
+]
 
 
 def plausible(T_last_sensor: Floats, settings: OdometrySettings) -> bool:
@@ -20,37 +26,31 @@ def plausible(T_last_sensor: Floats, settings: OdometrySettings) -> bool:
         return False
     moved = float(np.linalg.norm(T_last_sensor[:3, 3]))
     cosine = (np.trace(T_last_sensor[:3, :3]) - 1) / 2
-    upright = T_last_sensor[2, 2] > np.cos(settings.max_tip)
-    return bool(moved < settings.max_step and cosine > np.cos(settings.max_turn) and upright)
-
-
-def explained(source: Floats, pose: Floats, tree: cKDTree, near: float) -> float:
-    """The share of a scan's points (N, 3), N >= 1, within `near` (m) of the map, at a pose T_odom_sensor (4, 4)."""
-    distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=near)
-    return float(np.mean(np.isfinite(distance)))
+    return bool(moved < settings.max_step and cosine > np.cos(settings.max_turn))
 
 
 def search(
-    source: Floats, last: Floats, map_points: Floats, near: float, align: Callable[[Floats], Floats],
+    source: Floats, last: Floats, tree: cKDTree, near: float, align: Callable[[Floats], Floats],
     settings: OdometrySettings,
 ) -> Floats | None:  # fmt: skip
-    """The pose T_odom_sensor (4, 4) with the most points (N, 3) of the scan `near` (m) the map; None for too few.
+    """The pose T_odom_sensor (4, 4) with the most points (N, 3), N >= 1, of the scan `near` (m) the map; None for too
+    few.
 
     `align` registers the scan from the `last` pose rotated in steps of 30 degrees.
     """
-    tree = cKDTree(map_points)
     best, best_share = last, 0.0
-    for turn in _TURNS if len(source) and len(map_points) else ():
+    for turn in _TURNS:
         guess = last.copy()
-        guess[:3, :3] = guess[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, turn]).as_matrix()
+        guess[:3, :3] = guess[:3, :3] @ turn
         pose = align(guess)
         step = inverse(last) @ pose
-        if not (step[2, 2] > np.cos(settings.max_tip) and np.linalg.norm(step[:3, 3]) <= settings.max_step):
+        if not np.linalg.norm(step[:3, 3]) <= settings.max_step:
             continue
-        share = explained(source, pose, tree, near)
+        distance, _ = tree.query(source @ pose[:3, :3].T + pose[:3, 3], distance_upper_bound=near)
+        share = float(np.mean(np.isfinite(distance)))
         if share > best_share + 0.02:
             best, best_share = pose, share
-    return best if best_share >= settings.min_share else None
+    return squared_up(best) if best_share >= settings.min_share else None
 
 
 def far_apart(T_a: Floats, T_b: Floats, spacing: float) -> bool:

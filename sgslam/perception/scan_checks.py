@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from data import UserError
 from sgslam.geometry.frames import is_rigid
@@ -47,3 +47,14 @@ def checked_scan(
     if T_odom_sensor is not None and not is_rigid(T_odom_sensor):
         raise UserError(f"{where}: T_odom_sensor must be a finite rigid motion (4, 4)")
     return checked
+
+
+def checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
+    """(N,) seconds after the stamp for each of `count` points; raises UserError for invalid times."""
+    try:
+        seconds = np.asarray(point_times, dtype=np.float64)
+    except (TypeError, ValueError):
+        seconds = np.empty(0)
+    if seconds.shape != (count,) or not np.isfinite(seconds.sum()):
+        raise UserError(f"scan at {stamp_ns} ns: point_times must be ({count},) finite seconds after the stamp")
+    return seconds

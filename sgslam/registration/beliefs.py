@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config import RegistrationSettings
+from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import levelling
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.window import MotionPrior, Prior, Solved
@@ -52,7 +52,7 @@ class Belief:
 class MotionModel:
     """How the sensor moves on unobserved; once it is known where up is, less up and down than to the sides."""
 
-    def __init__(self, settings: RegistrationSettings) -> None:
+    def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
         self.prior = MotionPrior(
             np.repeat([settings.turn_rate, settings.speed], 3),

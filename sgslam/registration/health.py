@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config import RegistrationSettings
+from sgslam.config import TrackingSettings
 from sgslam.registration.types import Health
 from sgslam.registration.window import Solved
 
@@ -20,7 +20,7 @@ def innovation(solved: Solved) -> float:
     return float(off @ np.linalg.solve(prior, off))
 
 
-def judged(solved: Solved, covariance: Floats, share: float, settings: RegistrationSettings) -> tuple[Health, Floats]:
+def judged(solved: Solved, covariance: Floats, share: float, settings: TrackingSettings) -> tuple[Health, Floats]:
     """The health of a scan with a covariance (6, 6), rotation first, of whose points the `share`, relative to what is
     usual, lies on known surfaces; and the unit twists (M, 6) that are not constrained."""
     if share < settings.lost or innovation(solved) > settings.innovation:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.config import RegistrationSettings
+from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import eigen3
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ class TimedPoints:
 
 
 def thinned(
-    points: Floats, point_times: Floats | None, began: float, side: float, settings: RegistrationSettings
+    points: Floats, point_times: Floats | None, began: float, side: float, settings: TrackingSettings
 ) -> tuple[TimedPoints, float]:
     """About as many points as the settings ask for, spread evenly in space, of a scan that `began` at so many seconds.
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.config import RegistrationSettings
+from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_pose, add_velocities, velocity_between
@@ -43,7 +43,7 @@ class MotionPrior(NamedTuple):
 
 
 class Weights(NamedTuple):
-    """The part of `RegistrationSettings` that the registration needs, as it names them."""
+    """The part of `TrackingSettings` that the registration needs, as it names them."""
 
     sigma_point: float
     gate: float
@@ -54,7 +54,7 @@ class Weights(NamedTuple):
     iterations: int
 
     @staticmethod
-    def of(settings: RegistrationSettings) -> "Weights":
+    def of(settings: TrackingSettings) -> "Weights":
         """Takes them from the settings."""
         return Weights(*(getattr(settings, name) for name in Weights._fields))
 

@@ -1,5 +1,6 @@
 """The map that a run is building: its scans, keyframes, floors and factor graph, and its anchoring to the plan."""
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -9,16 +10,18 @@ from data import SceneGraph
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, level_map, transform_planes
+from sgslam.geometry.frames import inverse, level_map, raised, squared_up, transform_planes
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.odometry import Odometry
 from sgslam.session.scan_poses import ScanPose
+from sgslam.session.step_uncertainty import StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
-from sgslam.tracking import Located, PreparedScan, ScanTracker
+from sgslam.tracking import FloorTransition, FrontEnd, ScanTracker, TrackedScan
 from sgslam.tracking.front_end import level_to_sensor
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
 _LOOP_ROUNDS = 3  # rounds of closing loops and optimising, at most
 
 
@@ -37,13 +40,15 @@ class ActiveMap:
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
         self.floors = Floors(config)
-        self.tracker = ScanTracker(config, odometry, self.floors)
+        self.tracker, self.front_end = ScanTracker(config, odometry), FrontEnd(config)
+        self.transition = FloorTransition(config.floors)
         self._keyframe_rule = KeyframeRule(config.keyframes)
         self.backend = Backend(config)
         self.loops = LoopCloser(config.loops, self.backend.closures)
         self.scans: list[ScanPose] = []
         self.begins = [0]
         self.first_anchor_ns: int | None = None
+        self._steps, self._covariance = StepUncertainty(config.odometry), np.zeros((6, 6))
 
     @property
     def plan_is_prior(self) -> bool:
@@ -72,26 +77,63 @@ class ActiveMap:
         """(4, 4) the current T_map_sensor of the newest scan; None before the first scan."""
         return self.scans[-1].T_map_sensor if self.scans else None
 
-    def add_scan(self, scan: PreparedScan, located: Located) -> bool:
-        """Adds a scan at its estimated pose; returns whether a keyframe is due."""
-        T_map_sensor, keyframes = located.T_map_sensor, self.backend.keyframes
-        since = np.eye(4) if not self.scans else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
-        pose = ScanPose(
-            scan.stamp_ns, located.T_odom_sensor, T_map_sensor, len(keyframes) - 1, since, offset_ns=scan.offset_ns
-        )
-        self.scans.append(pose)
-        if located.T_map_landed is not None:  # the odometry step is kept: the drift is spread over the whole climb
-            pose.T_map_sensor = located.T_map_landed
-        return self._keyframe_rule.wants(T_map_sensor) or located.T_map_landed is not None
+    @property
+    def T_map_odom(self) -> Floats:  # noqa: N802
+        """(4, 4) the frame `odom` in the map: what the graph knows better acts here, and `odom` never jumps."""
+        if not self.backend.keyframes or not self.scans:
+            return np.eye(4)
+        newest = self.backend.keyframes[-1]
+        return squared_up(newest.T_map_sensor @ inverse(self.scans[newest.scan].T_odom_sensor))
+
+    @property
+    def T_ground_map(self) -> Floats:  # noqa: N802
+        """(4, 4) the levelled map of the present floor, with z = 0 at the ground under the sensor."""
+        return raised(self.floors.current.walls.T_level_map, -self.transition.ground)
+
+    def add_scan(self, scan: TrackedScan) -> bool:
+        """Adds a tracked scan; returns whether a keyframe is due."""
+        keyframes = self.backend.keyframes
+        if not self.scans:
+            self.floors.current.walls.level_by(level_map(None, self.front_end.height))
+        T_map_sensor = self.T_map_odom @ scan.T_odom_sensor
+        since = np.eye(4) if not keyframes else inverse(keyframes[-1].T_map_sensor) @ T_map_sensor
+        self.scans.append(
+            ScanPose(
+                scan.raw.stamp_ns, scan.T_odom_sensor, T_map_sensor, max(len(keyframes) - 1, 0), since,
+                health=scan.health,
+            )
+        )  # fmt: skip
+        self._covariance = scan.covariance
+        if scan.health == "lost" and keyframes:
+            return False
+        landed = self._follow_floor(self.scans[-1])
+        return self._keyframe_rule.wants(T_map_sensor) or landed
+
+    def _follow_floor(self, scan: ScanPose) -> bool:
+        """Whether the sensor arrives at a known floor with a drift in height, which is taken out."""
+        T_level_map = self.floors.current.walls.T_level_map
+        T_level_sensor = T_level_map @ scan.T_map_sensor
+        arrival = self.transition.follow(T_level_sensor, T_level_map, self.front_end.height, self.floors)
+        if arrival is None:
+            return False
+        if arrival.floor is None:
+            self.floors.begin().walls.level_by(raised(T_level_map, -arrival.height))
+            _log.info("a new floor begins, %+.2f m from the one that was left", arrival.height)
+        else:
+            self.floors.current = arrival.floor
+        self.transition.end(arrival)
+        if arrival.drift:  # the motion since the keyframe is kept: the drift is spread over the whole climb
+            scan.T_map_sensor = inverse(T_level_map) @ raised(T_level_sensor, -arrival.drift)
+        return bool(arrival.drift)
 
     def add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with the walls and floor extracted from its points (N, 3)."""
         scan = self.scans[-1]
         before = self.backend.keyframes[-1].T_track_sensor if self.backend.keyframes else np.eye(4)
         tracked = before @ scan.T_keyframe_sensor  # unlike the map, this does not jump when the graph is optimised
-        storey = None if self.tracker.between_floors else self.floors.current.number
+        storey = None if self.transition.active else self.floors.current.number
         keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
-        keyframe.step_covariance = self.tracker.leave_keyframe()
+        keyframe.step_covariance = self._steps.leave(self._covariance)
         if points is not None:
             with self.stopwatch("surfaces"):
                 if storey is not None:
@@ -103,12 +145,12 @@ class ActiveMap:
 
     def _observe(self, keyframe: KeyframeNode, points: Floats) -> None:
         """Extracts the surfaces of a keyframe's scan and adds them to the keyframe and the floor's map."""
-        floor, known, front_end = self.floors.current, self.backend.floors_in_map, self.tracker.front_end
-        T_level_map = self.tracker.T_ground_map
+        floor, known, front_end = self.floors.current, self.backend.floors_in_map, self.front_end
+        T_level_map = self.T_ground_map
         height = float((T_level_map @ keyframe.T_map_sensor)[2, 3]) if floor.number in known else None
         seen = front_end.look(points, level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3]), height)
         keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
-        if self.tracker.ground:
+        if self.transition.ground:
             keyframe.floor = None
         elif seen.floor is not None and floor.number not in known:
             floor_in_map = transform_planes(keyframe.T_map_sensor, seen.floor.plane)
@@ -182,7 +224,7 @@ class ActiveMap:
         elif self.first_anchor_ns is None:
             self.first_anchor_ns = newest.stamp_ns
         with self.stopwatch("surfaces"):
-            self.floors.refresh(self.backend, self.tracker.front_end.height, last)
+            self.floors.refresh(self.backend, self.front_end.height, last)
 
     def _scene_due(self, if_placed: bool = True) -> bool:
         """Whether there is a plan and the current floor has grown enough since its rooms were last segmented."""
@@ -205,7 +247,7 @@ class ActiveMap:
     def _parts(self) -> dict[str, Any]:
         parts = {
             "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
-            "tracker": self.tracker,
+            "tracker": self.tracker, "front_end": self.front_end, "transition": self.transition, "steps": self._steps,
         }  # fmt: skip
         return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
 
@@ -213,7 +255,7 @@ class ActiveMap:
         """The state as a tree (see `state_tree`), without the keyframe clouds; not a copy."""
         own = {
             "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
-            "T_bim_map": self.T_bim_map, "sensor_height": self.tracker.front_end.height,
+            "T_bim_map": self.T_bim_map, "sensor_height": self.front_end.height, "covariance": self._covariance,
         }  # fmt: skip
         return own | {name: part.state() for name, part in self._parts.items()}
 
@@ -221,4 +263,5 @@ class ActiveMap:
         """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
         for name, part in self._parts.items():
             part.restore(state[name])
+        self._covariance = state["covariance"]
         self.scans, self.begins, self.first_anchor_ns = state["scans"], state["begins"], state["first_anchor_ns"]

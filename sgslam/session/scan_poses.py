@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse
+from sgslam.registration import Health
 
 Floats = NDArray[np.float64]
 
@@ -16,9 +17,9 @@ Floats = NDArray[np.float64]
 class ScanPose:
     """The live pose of one scan.
 
-    `keyframe` is the index of the last keyframe at or before it. All poses (4, 4) are at the instant that the scan was
-    deskewed to, `offset_ns` after its stamp. `T_keyframe_sensor` is the motion since that keyframe;
-    `T_previous_sensor`, for a keyframe, the motion since the keyframe before it.
+    `keyframe` is the index of the last keyframe at or before it. All poses (4, 4) are at its stamp.
+    `T_keyframe_sensor` is the motion since that keyframe; `T_previous_sensor`, for a keyframe, the motion since the
+    keyframe before it. `health` is what the tracker says of the scan.
     """
 
     stamp_ns: int
@@ -27,7 +28,7 @@ class ScanPose:
     keyframe: int
     T_keyframe_sensor: Floats
     T_previous_sensor: Floats | None = None
-    offset_ns: int = 0
+    health: Health = "good"
 
 
 def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
@@ -52,14 +53,10 @@ def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:
 
 
 def at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
-    """The trajectory at the scans' stamps, sorted, from poses (N, 4, 4) at the instants of deskewing."""
+    """The trajectory at the scans' stamps, sorted, from the scans' poses (N, 4, 4)."""
     order = np.argsort([s.stamp_ns for s in scans], kind="stable")
     scans, poses = [scans[i] for i in order], poses[order]
-    stamps = np.array([s.stamp_ns for s in scans], dtype=np.int64)
-    offsets = np.array([s.offset_ns for s in scans], dtype=np.int64)
-    if not offsets.any():
-        return Trajectory(stamps, poses)
-    return Trajectory(stamps, Trajectory(stamps + offsets, poses).at(stamps))
+    return Trajectory(np.array([s.stamp_ns for s in scans], dtype=np.int64), poses)
 
 
 def with_unplaced(known: Trajectory, parts: list[tuple[list[ScanPose], Floats]]) -> Trajectory:

@@ -45,7 +45,7 @@ class Session:
         """A new map, to be relocalised in the prior map or anchored to the building. The built-in odometry restarts; an
         odometry that the caller passed is kept."""
         plan, is_prior = (self.bim, False) if self.prior is None else plan_of(self.prior, self.bim)
-        odometry = self._given_odometry or make_odometry(self._config.odometry)
+        odometry = self._given_odometry or make_odometry(self._config.odometry, self._config.tracking)
         return ActiveMap(self._config, odometry, self._anchored_in(plan, is_prior), clouds, stopwatch)
 
     def split(self, ended: ActiveMap) -> ActiveMap:
@@ -137,5 +137,5 @@ def _no_clouds(like: KeyframeClouds) -> KeyframeClouds:
 
 
 def _as_prior(ended: ActiveMap) -> PriorMap:
-    height, T_bim_map = ended.tracker.front_end.height, ended.T_bim_map
+    height, T_bim_map = ended.front_end.height, ended.T_bim_map
     return PriorMap(ended.backend, ended.floors, ended.scans, ended.begins, height, T_bim_map, ended.clouds)

@@ -1,11 +1,12 @@
-"""Tracking: the pose of each scan by prediction and alignment, floor transitions, kidnap detection."""
+"""Tracking: the pose of each scan in a level frame, gravity, floor transitions."""
 
-from sgslam.tracking.kidnap import KidnapDetector
-from sgslam.tracking.scan_tracker import Located, PreparedScan, ScanTracker
+from sgslam.tracking.floor_transition import FloorTransition
+from sgslam.tracking.front_end import FrontEnd
+from sgslam.tracking.scan_tracker import ScanTracker, TrackedScan
 
 __all__ = [
-    "KidnapDetector",
-    "Located",
-    "PreparedScan",
+    "FloorTransition",
+    "FrontEnd",
     "ScanTracker",
+    "TrackedScan",
 ]

@@ -1,13 +1,12 @@
-"""The front end: aligns scans, and extracts walls and floor from the scans of keyframes."""
+"""The front end: extracts walls and floor from the scans of keyframes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, levelling, squared_up, transform_planes, transform_points
-from sgslam.mapping import Lines
+from sgslam.geometry.frames import levelling, transform_planes, transform_points
 from sgslam.perception import (
     ColumnScan,
     FloorObservation,
@@ -18,7 +17,6 @@ from sgslam.perception import (
 )
 from sgslam.perception.column_scan import contour
 from sgslam.serialization import Stateful
-from sgslam.tracking.alignment import Carried, Tracked, track
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -39,43 +37,14 @@ def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
     return levelling(T_map_sensor[:3, :3].T @ up_in_map)
 
 
-def align(
-    scan: ColumnScan, walls: Lines, T_map_sensor: Floats, T_level_map: Floats, carried: Carried, config: Config
-) -> Tracked:
-    """Aligns a predicted T_map_sensor (4, 4) with walls and floor; `T` of the result is T_map_sensor.
-
-    In the levelled map, by `T_level_map` (4, 4), the floor is z = 0.
-    """
-    surfaces = config.surfaces
-    bands = (surfaces.low_band[0], surfaces.high_band[1])
-    tracked = track(scan, walls, T_level_map @ T_map_sensor, carried, bands, config.tracking)
-    return replace(tracked, T=squared_up(inverse(T_level_map) @ tracked.T))
-
-
 class FrontEnd(Stateful):
-    """Extracts observations, and estimates the sensor's height above the floor and how it is carried."""
+    """Extracts observations, and estimates the sensor's height above the floor."""
 
-    _STATE = ("sensor_height", "_up_in_sensor")
+    _STATE = ("sensor_height",)
 
     def __init__(self, config: Config) -> None:
         self._config = config
         self.sensor_height: float | None = None
-        self._up_in_sensor: Floats | None = None
-
-    def carried(self) -> Carried:
-        """How the sensor has recently been carried."""
-        up = np.array([0.0, 0.0, 1.0]) if self._up_in_sensor is None else self._up_in_sensor
-        return Carried(self.height, up)
-
-    def follow(self, T_level_sensor: Floats) -> None:
-        """Updates how the sensor is carried by the pose (4, 4) of the newest scan."""
-        share = 1.0 if self._up_in_sensor is None else self._config.tracking.tilt_memory
-        self._up_in_sensor = self.carried().followed_by(T_level_sensor, share).up_in_sensor
-
-    def columns(self, points: Floats, whole: bool = False) -> ColumnScan:
-        """Sorts a scan (N, 3), sensor frame, into columns; uses only some of them unless `whole`."""
-        every = 1 if whole else self._config.tracking.every_column
-        return sort_into_columns(points, self._config.surfaces.columns, every)
 
     @property
     def height(self) -> float:

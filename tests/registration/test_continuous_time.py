@@ -9,7 +9,7 @@ from data.scans import Scan, ScanFolder
 from data.simulation.carriers import HANDHELD
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from sgslam.config import RegistrationSettings
+from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.registration import Registration
@@ -28,7 +28,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Scan], Traject
 
 
 def tracked(scans: list[Scan], with_times: bool = True) -> list[Registration]:
-    odometry = ContinuousTimeOdometry(RegistrationSettings())
+    odometry = ContinuousTimeOdometry(TrackingSettings())
     return [odometry.register(s.stamp_ns, s.points, s.point_times if with_times else None) for s in scans]
 
 
@@ -70,7 +70,7 @@ def test_scans_are_put_right(drive: tuple[list[Scan], Trajectory]) -> None:
 
 def test_one_that_is_restored_goes_on_alike(drive: tuple[list[Scan], Trajectory]) -> None:
     scans, _ = drive
-    whole, again = (ContinuousTimeOdometry(RegistrationSettings()) for _ in range(2))
+    whole, again = (ContinuousTimeOdometry(TrackingSettings()) for _ in range(2))
     for scan in scans[:12]:
         whole.register(scan.stamp_ns, scan.points, scan.point_times)
     again.restore({name: value for name, value in whole.state().items()})
@@ -80,7 +80,7 @@ def test_one_that_is_restored_goes_on_alike(drive: tuple[list[Scan], Trajectory]
 def test_a_scan_of_nothing_known_is_lost(drive: tuple[list[Scan], Trajectory]) -> None:
     """Points all about, instead of the next scan."""
     scans, _ = drive
-    odometry = ContinuousTimeOdometry(RegistrationSettings())
+    odometry = ContinuousTimeOdometry(TrackingSettings())
     for scan in scans[:20]:
         odometry.register(scan.stamp_ns, scan.points, scan.point_times)
     clutter = np.random.default_rng(0).uniform(-2, 2, (5000, 3))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from boxes import Array, pose, room, scan, scene_of
 
-from sgslam.config import RegistrationSettings
+from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.registration import Registration
 
@@ -16,7 +16,7 @@ def _poses(count: int) -> list[Array]:
 
 
 def _registered(scans: list[Array]) -> list[Registration]:
-    odometry = ContinuousTimeOdometry(RegistrationSettings())
+    odometry = ContinuousTimeOdometry(TrackingSettings())
     return [odometry.register(100_000_000 * k, points) for k, points in enumerate(scans)]
 
 

@@ -27,7 +27,6 @@ from sgslam.session import Checkpoints
 from sgslam.session import PriorMap
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking.floor_transition import FloorTransition
 
 GROUND, UPPER = DEMO_STOREYS
 PLANNED = tuple(Floor(name, name, z) for name, z in (("cellar", -3.0), ("ground", 0.0), ("first", 3.0), ("top", 6.5)))
@@ -146,15 +145,6 @@ def test_the_graph_of_two_floors_is_read_back(result: Result, tmp_path: Path) ->
     read = SceneGraph.load(tmp_path / "s.json")
     assert read == result.s_graph
     assert [f["id"] for f in json.loads((tmp_path / "s.json").read_text())["floors"]] == ["floor-0", "floor-1"]
-
-
-def test_no_stair_is_steeper_than_its_robot() -> None:
-    last, up = pose(3.0, 1.0, 0.8), np.array([0.0, 0.0, 1.0])
-    for rise in (0.05, -0.05):
-        fair = pose(3.1, 1.0, 0.8 + rise)
-        assert np.array_equal(FloorTransition.possible(fair, last, up), fair)
-        held = FloorTransition.possible(pose(3.1, 1.0, 0.8 + 6 * rise), last, up)
-        assert held[:2, 3] == pytest.approx(fair[:2, 3]) and abs(held[2, 3] - 0.8) == pytest.approx(0.12)
 
 
 def corridor(step: float) -> list[Box]:

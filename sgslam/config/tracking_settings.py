@@ -1,11 +1,13 @@
-"""The settings of registration in continuous time and of its health."""
+"""The settings of tracking: registration in continuous time, its health, gravity, floors."""
+
+from typing import Literal
 
 from pydantic import Field
 
 from sgslam.config.base import Settings
 
 
-class RegistrationSettings(Settings):
+class TrackingSettings(Settings):
     """Registration of each scan in continuous time, to a local map of surfels."""
 
     points: int = Field(2000, ge=100)
@@ -60,3 +62,32 @@ class RegistrationSettings(Settings):
     """m, standard deviation of a position, along any direction, beyond which a scan is degraded"""
     degraded_rotation: float = Field(0.03, gt=0)
     """rad, standard deviation of an attitude, about any axis, beyond which a scan is degraded"""
+    kidnapped: float = Field(0.5, gt=0)
+    """s, time for which lost scans must agree with one another until the sensor counts as carried elsewhere"""
+    point_times: Literal["auto", "snapshot", "order"] = "auto"
+    """times of points that nobody tells: one instant, from the points' order, or found out by registration"""
+    gravity_after: float = Field(1.0, gt=0)
+    """s, time after which the direction of gravity is looked for"""
+    gravity_until: float = Field(5.0, gt=0)
+    """s, time after which the mount is taken as stated"""
+    mount: tuple[float, float, float] | None = None
+    """degrees, roll, pitch and yaw of the sensor on its carrier; found out where not given"""
+    mount_error: float = Field(0.5, gt=0)
+    """rad, largest tilt of the sensor from the stated mount, such as of a swaying hand"""
+
+
+class FloorSettings(Settings):
+    """When a floor is left, and when one is reached."""
+
+    left: float = Field(0.3, gt=0)
+    """m, height of the ground above its floor from which a floor is left; a hand rises and sinks by half of it"""
+    flat: float = Field(0.2, gt=0)
+    """m, by which the sensor's height changes over level ground, as it is carried"""
+    level_way: float = Field(2.0, gt=0)
+    """m, level way after a climb that a landing does not have"""
+    home: float = Field(0.25, gt=0)
+    """m, height above a known floor at which the sensor is on it"""
+    climb_drift: float = Field(0.05, ge=0)
+    """drift in height for each metre that was climbed"""
+    storey: float = Field(1.9, gt=0)
+    """m, least height between two floors; less is a landing, a mezzanine, a ramp or a step"""

@@ -1,0 +1,160 @@
+"""Finds out by registration whether scans without point times are snapshots or rolling, one point after another."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.geometry.frames import inverse, squared_up
+from sgslam.odometry.base import Odometry, State
+from sgslam.perception.point_times import guessed_times
+from sgslam.registration import Motion, Registration
+from sgslam.registration.motion_prior import velocity_between
+
+Floats = NDArray[np.float64]
+Kind = Literal["snapshot", "order"]
+_log = logging.getLogger(__name__)
+_DURATION = 0.1  # s, of a scan, until a second one tells the interval; most sensors turn ten times a second
+_MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
+_AGREE_SPEED, _AGREE_TURN = 0.3, 0.5  # m/s and rad/s; where the odometries differ more, one of them has failed
+_MOST = 0.3  # evidence of one scan: the scans after it are not independent
+# Sum of the evidence, natural logarithm, that decides. In 17 drives of rolling scans it was at least -4.0,
+# in 12 of snapshots at most 3.9, on the way to the right end.
+_LIMIT = 8.0
+_WITHOUT_ORDER = 20  # so many more scans whose points' order tells nothing than others count as snapshots
+
+
+class TimedOdometry:
+    """An odometry for scans with point times, told or not.
+
+    Where nobody tells them, two odometries run side by side until the motion decides: one takes scans as snapshots, one
+    with times guessed from the order of their points. The right one finds the points nearer to its surfaces. Poses are
+    those of the better one so far, and do not jump when that changes.
+    """
+
+    def __init__(self, make: Callable[[], Odometry], point_times: Literal["auto", "snapshot", "order"]) -> None:
+        self._make = make
+        kinds: tuple[Kind, ...] = ("snapshot", "order") if point_times == "auto" else (point_times,)
+        self._odometries = {kind: make() for kind in kinds}
+        self._best: Kind = kinds[0]
+        self._evidence = 0.0  # for guessed times; natural logarithm
+        self._without_order = 0  # scans, less those whose points' order tells their times
+        self._last: dict[Kind, Floats] = {}  # T_odom_sensor of the newest scan, each in its own frame
+        self._last_ns: int | None = None
+        self._duration_s = np.inf
+        self._shift = np.eye(4)  # from the frame of the best odometry to that of the results
+
+    @property
+    def residual(self) -> float:
+        """See `Odometry.residual`."""
+        return self._odometries[self._best].residual
+
+    @property
+    def kind(self) -> Kind | None:
+        """What scans without times are; None while that is not known."""
+        return self._best if len(self._odometries) == 1 else None
+
+    def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
+        """See `Odometry.register`."""
+        interval_s = 0.0 if self._last_ns is None else (stamp_ns - self._last_ns) / 1e9
+        self._last_ns = stamp_ns
+        if interval_s > 0:
+            self._duration_s = min(self._duration_s, interval_s)
+        guessed, is_ordered = point_times, False
+        if not len(points):
+            point_times = guessed = None
+        elif point_times is None and "order" in self._odometries:
+            guessed, is_ordered = self._guessed(points)
+        elif point_times is not None and self.kind is None:
+            self._odometries = {self._best: self._odometries[self._best]}
+        times: dict[Kind, Floats | None] = {"snapshot": point_times, "order": guessed}
+        results = {
+            kind: odometry.register(stamp_ns, points, times[kind]) for kind, odometry in self._odometries.items()
+        }
+        if self.kind is None:
+            self._compare(results, is_ordered, interval_s)
+        self._last = {kind: results[kind].T_odom_sensor for kind in self._odometries}
+        return _moved(self._shift, results[self._best])
+
+    def level(self, up_in_odom: Floats) -> None:
+        """See `Odometry.level`."""
+        for kind, odometry in self._odometries.items():
+            R_own_odom = self._shift[:3, :3].T if kind == self._best else np.eye(3)
+            odometry.level(R_own_odom @ up_in_odom)
+
+    def _compare(self, results: dict[Kind, Registration], is_ordered: bool, interval_s: float) -> None:
+        """Adds the evidence of a scan, changes to the better odometry, and drops the other one where it is clear."""
+        self._without_order = max(self._without_order + (-1 if is_ordered else 1), 0)
+        if self._without_order >= _WITHOUT_ORDER:
+            self._prefer("snapshot")
+            self._decide("snapshot")
+            return
+        if is_ordered and interval_s > 0 and self._comparable(results, interval_s):
+            residuals = [self._odometries[kind].residual for kind in ("snapshot", "order")]
+            if min(residuals) > 0 and np.isfinite(residuals).all():
+                self._evidence += float(np.clip(np.log(residuals[0] / residuals[1]), -_MOST, _MOST))
+        if abs(self._evidence) > _LIMIT / 2:
+            self._prefer("order" if self._evidence > 0 else "snapshot")
+        if abs(self._evidence) > _LIMIT:
+            self._decide(self._best)
+
+    def _guessed(self, points: Floats) -> tuple[Floats, bool]:
+        """The times of points (N, 3), and whether their order tells them; where not, all are the scan's middle."""
+        duration_s = self._duration_s if np.isfinite(self._duration_s) else _DURATION
+        found = guessed_times(points, duration_s)
+        return (np.full(len(points), duration_s / 2), False) if found is None else (found.seconds, True)
+
+    def _comparable(self, results: dict[Kind, Registration], interval_s: float) -> bool:
+        """Whether the sensor moves, and both odometries agree how fast."""
+        if any(result.health == "lost" for result in results.values()):
+            return False
+        snapshot, order = (self._velocity(kind, results[kind], interval_s) for kind in ("snapshot", "order"))
+        return _exceeds(snapshot, _MOVING, _TURNING) and not _exceeds(snapshot - order, _AGREE_SPEED, _AGREE_TURN)
+
+    def _velocity(self, kind: Kind, result: Registration, interval_s: float) -> Floats:
+        """(6,) the velocity since the last scan, in the sensor's axes."""
+        step = inverse(self._last[kind]) @ result.T_odom_sensor
+        return np.asarray(velocity_between(np.eye(4), step, interval_s))
+
+    def _prefer(self, kind: Kind) -> None:
+        """Takes results from an odometry; its last pose becomes that of the results."""
+        if kind != self._best:
+            self._shift = squared_up(self._shift @ self._last[self._best] @ inverse(self._last[kind]))
+            self._best = kind
+
+    def _decide(self, kind: Kind) -> None:
+        """Drops the other odometry."""
+        self._odometries = {kind: self._odometries[kind]}
+        what = "measured one after another, in their order" if kind == "order" else "measured at one instant"
+        _log.info("the scans' points have no times; they count as %s", what)
+
+    def state(self) -> dict[str, Any]:
+        """See `Odometry.state`."""
+        return {
+            "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
+            "evidence": self._evidence, "without_order": self._without_order, "last": dict(self._last),
+            "last_ns": self._last_ns, "duration_s": self._duration_s, "shift": self._shift,
+        }  # fmt: skip
+
+    def restore(self, state: State) -> None:
+        """See `Odometry.restore`."""
+        self._odometries = {kind: self._make() for kind in state["odometries"]}
+        for kind, odometry in self._odometries.items():
+            odometry.restore(state["odometries"][kind])
+        self._best, self._evidence, self._without_order = state["best"], state["evidence"], state["without_order"]
+        self._last, self._last_ns = dict(state["last"]), state["last_ns"]
+        self._duration_s, self._shift = state["duration_s"], state["shift"]
+
+
+def _exceeds(velocity: Floats, speed: float, turn_rate: float) -> bool:
+    """Whether a velocity (6,) is faster than m/s or rad/s."""
+    return bool(np.linalg.norm(velocity[3:]) > speed or np.linalg.norm(velocity[:3]) > turn_rate)
+
+
+def _moved(T: Floats, result: Registration) -> Registration:
+    """The same registration in another frame; T (4, 4) leads there."""
+    motion = Motion(result.motion.seconds, T @ result.motion.knots)
+    return replace(result, T_odom_sensor=T @ result.T_odom_sensor, motion=motion)
