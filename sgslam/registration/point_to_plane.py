@@ -99,15 +99,20 @@ def add_points(
     own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
     found, close, offs, planes = 0, 0, 0.0, surfels.planes
     moved, ray, normal, J = np.empty((len(points), 3)), np.empty(3), np.empty(3), np.empty(6)
+    sensor = np.empty(3)
     plane_of, off_of, groups = np.empty(len(points), np.int64), np.empty(len(points)), np.zeros((len(planes), 3))
     for p in range(len(points)):
         _place(points[p], knot[p], share[p], knots, turns, moved[p], ray)
         T, q = knots[knot[p]], points[p]
         for i in range(3):
             normal[i] = T[i, 0] * q[3] + T[i, 1] * q[4] + T[i, 2] * q[5]
+        for i in range(3):
+            sensor[i] = T[i, 3]
+            if share[p] != 0.0:
+                sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
         s = nearest_plane(
-            moved[p, 0], moved[p, 1], moved[p, 2], ray[0], ray[1], ray[2], normal[0], normal[1], normal[2], gate,
-            surfels, oldest,
+            moved[p, 0], moved[p, 1], moved[p, 2], sensor[0], sensor[1], sensor[2], ray[0], ray[1], ray[2], normal[0],
+            normal[1], normal[2], gate, surfels, oldest,
         )  # fmt: skip
         plane_of[p] = s
         if s >= 0:

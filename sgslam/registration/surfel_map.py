@@ -221,9 +221,16 @@ def plane_residual(x: float, y: float, z: float, plane: Floats) -> tuple[float, 
 
 
 @compiled
+def _before(sx: float, sy: float, sz: float, plane: Floats) -> bool:
+    """Whether a sensor stands before a plane, on the side that was seen."""
+    dx, dy, dz = sx - plane[_MEAN], sy - plane[_MEAN + 1], sz - plane[_MEAN + 2]
+    return bool(plane[0] * dx + plane[1] * dy + plane[2] * dz > 0)
+
+
+@compiled
 def nearest_plane(
-    x: float, y: float, z: float, rx: float, ry: float, rz: float, nx: float, ny: float, nz: float, gate: float,
-    surfels: Surfels, oldest: float,
+    x: float, y: float, z: float, sx: float, sy: float, sz: float, rx: float, ry: float, rz: float, nx: float,
+    ny: float, nz: float, gate: float, surfels: Surfels, oldest: float,
 ) -> int:  # fmt: skip
     """The plane within `gate` (m) of a point seen along a ray, -1 for none.
 
@@ -248,6 +255,7 @@ def nearest_plane(
                 if (
                     plane[_VALID] > 0
                     and plane[0] * rx + plane[1] * ry + plane[2] * rz < 0
+                    and _before(sx, sy, sz, plane)
                     and (unknown or turned > _ALIKE)
                 ):
                     off = abs(
