@@ -22,10 +22,10 @@ class TrackingSettings(Settings):
     """m/s, standard deviation of the sensor's velocity in each direction; people walk at 1 to 1.6 m/s"""
     speed_memory: float = Field(5.0, gt=0)
     """s, time constant with which an unobserved velocity decays; with `speed`, accelerations of 3 m/s2 for 0.1 s"""
-    vertical_speed: float = Field(0.4, gt=0)
+    vertical_speed: float = Field(0.8, gt=0)
     """m/s, standard deviation of the vertical velocity, once it is known where up is; on stairs it is 0.3 to 0.5"""
-    vertical_memory: float = Field(0.5, gt=0)
-    """s, time constant with which an unobserved vertical velocity decays; a walker bobs with 2 Hz"""
+    vertical_memory: float = Field(2.0, gt=0)
+    """s, time constant with which an unobserved vertical velocity decays; a sensor on a stair may see nothing level"""
     turn_rate: float = Field(1.0, gt=0)
     """rad/s, standard deviation of the sensor's rate of turn about each axis; a hand's is 0.4 to 1.5"""
     turn_memory: float = Field(0.25, gt=0)

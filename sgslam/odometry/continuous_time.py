@@ -60,7 +60,7 @@ class ContinuousTimeOdometry:
         self._older: TimedPoints | None = None  # the newest scan, if it is not in the map yet
         self._older_knots = np.empty((0, 4, 4))  # its knots
         self._beliefs: list[Belief] = []  # of the ends of the last two scans, each as its own window left it
-        self.residual = np.inf  # m, the mean distance of the newest scans' points from their surfaces
+        self.residual = np.inf  # m, the median distance of the newest scans' points from their surfaces
 
     @property
     def surfels(self) -> tuple[Floats, Floats, Floats]:

@@ -90,14 +90,14 @@ def add_points(
     weight of Geman and McClure with scale `kernel` (m), where the scatter of all points on the same plane counts as a
     residual: a wall's points near a known floor do not agree about it. F (3, 3) gets the information
     about translations that errors of the normals feign. Returns the numbers of points with a plane and of those
-    `near` (m) it, and the sum of their distances (m).
+    `near` (m) it, and the median of their distances (m).
     """
     turns = np.empty((len(knots), 3))
     for k in range(len(knots) - 1):
         turns[k] = turn_between(knots[k], knots[k + 1])
     # blocks of H: of a knot, and between it and the next one
     own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
-    found, close, offs, planes = 0, 0, 0.0, surfels.planes
+    found, close, planes, offs = 0, 0, surfels.planes, np.empty(len(points))
     moved, ray, normal, J = np.empty((len(points), 3)), np.empty(3), np.empty(3), np.empty(6)
     sensor = np.empty(3)
     plane_of, off_of, groups = np.empty(len(points), np.int64), np.empty(len(points)), np.zeros((len(planes), 3))
@@ -127,6 +127,7 @@ def add_points(
         _, spread = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
         mean = groups[s, 1] / groups[s, 0]
         scatter = max(groups[s, 2] / groups[s, 0] - mean * mean, 0.0)
+        offs[found] = abs(off)
         found += 1
         close += abs(off) < near
         nx, ny, nz = planes[s, 0], planes[s, 1], planes[s, 2]
@@ -142,7 +143,6 @@ def add_points(
         scale = kernel * kernel + spread
         robust = scale / (scale + off * off + scatter)
         weight = robust * robust / (variance + spread)
-        offs += abs(off)
         add_normal_variance(planes[s], weight, F)
         b = 1 - a
         for i in range(6):
@@ -164,4 +164,4 @@ def add_points(
                 if k + 1 < len(knots):
                     H[6 * k + i, 6 * k + 6 + j] += joint[k, low, high]
                     H[6 * k + 6 + i, 6 * k + j] += joint[k, low, high]
-    return found, close, offs
+    return found, close, float(np.median(offs[:found])) if found else math.inf

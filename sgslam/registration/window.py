@@ -18,8 +18,8 @@ from sgslam.registration.surfel_map import Surfels
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_KERNEL = 4.0  # times the mean residual
-_SIGMA = 5.0  # times the mean residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors
+_KERNEL = 5.0  # times the median residual
+_SIGMA = 6.0  # times the median residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors
 _GAP = 0.25  # of a scan's duration: a shorter pause after the scan before is none
 
 
@@ -64,7 +64,7 @@ class Solved:
     """A window: its knots (K, 4, 4) at `seconds` (K,), their information (6K, 6K), that of the points alone, and the
     knots as the prior predicted them.
 
-    Of so many points, `close` ones lie near a plane; `residual` (m) is the mean distance of all that have one.
+    Of so many points, `close` ones lie near a plane; `residual` (m) is the median distance of all that have one.
     """
 
     seconds: Floats
@@ -141,11 +141,10 @@ def _solve(
     kernel, close, residual, sigma = first_kernel, 0, np.inf, weights.sigma_point
     for _ in range(weights.iterations):
         H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
-        found, close, off = add_points(
+        _, close, residual = add_points(
             points, knot, share, knots, surfels, oldest, weights.gate, kernel, sigma**2, weights.near,
             H, g, F,
         )  # fmt: skip
-        residual = off / max(found, 1)
         project_out_feigned(H, g, F, weights.feigned)
         measured[:, :] = H
         add_pose(knots[0], prior.T, prior.information, H, g)
