@@ -33,7 +33,7 @@ class Belief:
         C = solved.covariance[-12:, -12:]
         ends, between = C[:6, :6] + C[6:, 6:], C[:6, 6:]
         return Belief(
-            float(solved.seconds[-1]), solved.knots[-1], C[6:, 6:],
+            float(solved.seconds[-1]), solved.knots[-1], C[6:, 6:].copy(),  # as it is restored: bit by bit
             velocity_between(solved.knots[-2], solved.knots[-1], interval), (ends - between - between.T) / interval**2,
         )  # fmt: skip
 
