@@ -1,6 +1,7 @@
 """The documentation page of all settings, generated from the configuration models."""
 
 import re
+from types import NoneType
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from sgslam.config.fields import choices_and_bounds, plain_yaml
@@ -15,9 +16,10 @@ HEADING = """# Parameters
 
 All settings of a run with their defaults. `--set odometry.voxel_size=0.5` changes one setting, `--config FILE` reads
 many from a YAML file, and `sgslam dump-config` writes such a file. Every run saves its settings to `config.yaml`.
-Unknown names and invalid values are reported before the run starts. Lengths are in metres, angles in radians.
+Unknown names and invalid values are reported before the run starts. Lengths are in metres, times in seconds, angles in
+radians unless another unit is named.
 """
-_UNIT = re.compile(r"(m2|m/s|rad/s|m and rad|m or rad|m|rad)(?=$|[,; ])[,;]? ?")
+_UNIT = re.compile(r"(m2|m/s|rad/s|m and rad|m or rad|m|rad|s|degrees)(?=$|[,; ])[,;]? ?")
 
 
 def parameters_page(settings: "BaseModel") -> str:
@@ -44,6 +46,8 @@ def _row(group: "BaseModel", name: str, info: "FieldInfo") -> str:
 
 def _kind(annotation: Any) -> str:
     words = {bool: "yes or no", int: "whole number", float: "number", str: "text"}
+    if NoneType in get_args(annotation):
+        return f"{_kind(get_args(annotation)[0])}, or null"
     if get_origin(annotation) is tuple:
         inner = get_args(annotation)
         return "numbers" if inner[-1] is Ellipsis else f"{len(inner)} numbers"

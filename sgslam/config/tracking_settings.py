@@ -1,4 +1,4 @@
-"""The settings of tracking: registration in continuous time, its health, gravity, floors."""
+"""The settings of tracking: registration in continuous time, its health, times of points, gravity, floors."""
 
 from typing import Literal
 
@@ -8,7 +8,7 @@ from sgslam.config.base import Settings
 
 
 class TrackingSettings(Settings):
-    """Registration of each scan in continuous time, to a local map of surfels."""
+    """Registration of each scan in continuous time to a local map of surfels, its health, and gravity."""
 
     points: int = Field(2000, ge=100)
     """number of a scan's points that are registered, spread evenly in space"""
@@ -65,29 +65,29 @@ class TrackingSettings(Settings):
     kidnapped: float = Field(0.5, gt=0)
     """s, time for which lost scans must agree with one another until the sensor counts as carried elsewhere"""
     point_times: Literal["auto", "snapshot", "order"] = "auto"
-    """times of points that nobody tells: one instant, from the points' order, or found out by registration"""
+    """times of points of scans without them: one instant, by the points' order, or found out while tracking (auto)"""
     gravity_after: float = Field(1.0, gt=0)
-    """s, time after which the direction of gravity is looked for"""
+    """s, time after which the direction of gravity is looked for; scans wait until it is known"""
     gravity_until: float = Field(5.0, gt=0)
-    """s, time after which the mount is taken as stated"""
+    """s, time after which the search ends and the sensor is taken to be mounted as stated, or level"""
     mount: tuple[float, float, float] | None = None
-    """degrees, roll, pitch and yaw of the sensor on its carrier; found out where not given"""
+    """degrees, roll, pitch and yaw of the sensor on its carrier, 180,0,0 if upside down; found out where not given"""
     mount_error: float = Field(0.5, gt=0)
-    """rad, largest tilt of the sensor from the stated mount, such as of a swaying hand"""
+    """rad, tilt of the sensor from the stated mount beyond which the run warns; a hand sways by less"""
 
 
 class FloorSettings(Settings):
-    """When a floor is left, and when one is reached."""
+    """When the sensor leaves a floor, and when it arrives on one."""
 
     left: float = Field(0.3, gt=0)
     """m, height of the ground above its floor from which a floor is left; a hand rises and sinks by half of it"""
     flat: float = Field(0.2, gt=0)
-    """m, by which the sensor's height changes over level ground, as it is carried"""
+    """m, largest change of the sensor's height over level ground, as it is carried"""
     level_way: float = Field(2.0, gt=0)
-    """m, level way after a climb that a landing does not have"""
+    """m, length of level way after which a climb has ended; a landing is shorter"""
     home: float = Field(0.25, gt=0)
     """m, height above a known floor at which the sensor is on it"""
     climb_drift: float = Field(0.05, ge=0)
-    """drift in height for each metre that was climbed"""
+    """share of the climbed height that is added to `home`, for the drift of a climb"""
     storey: float = Field(1.9, gt=0)
     """m, least height between two floors; less is a landing, a mezzanine, a ramp or a step"""
