@@ -28,11 +28,11 @@ class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph if one is given.
 
     `bim` is an A-graph in the BIM frame or the result of `load_bim`; `matcher` is any object with `.match(s, a)`;
-    `odometry` is any `Odometry` (default: our own, in continuous time); `clouds` stores the keyframes' points (default: an anonymous
-    temporary file). `prior` is the map of earlier runs: the run is relocalised in it, wherever it starts, and merged
-    into it at the end; everything is then in that map's frame. `storey` is the name or id of the A-graph's floor on
-    which the run begins; raises UserError if it does not exist. `stopwatch` measures the stages. Scans are added in the
-    order of their stamps.
+    `odometry` is any `Odometry` (default: that of the settings, which is our own in continuous time); `clouds` stores
+    the keyframes' points (default: an anonymous temporary file). `prior` is the map of earlier runs: the run is
+    relocalised in it, wherever it starts, and merged into it at the end; everything is then in that map's frame.
+    `storey` is the name or id of the A-graph's floor on which the run begins; raises UserError if it does not exist.
+    `stopwatch` measures the stages. Scans are added in the order of their stamps.
     """
 
     def __init__(
@@ -58,12 +58,15 @@ class SceneGraphSlam:
     ) -> Update:
         """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame.
 
-        `point_times` (N,) are seconds after the stamp; if given, the scan is registered as that of a moving sensor. `T_odom_sensor` (4, 4), if
-        given, replaces the built-in odometry for this scan. Raises UserError for stamps that do not increase, points or
-        times that are not finite, and a `T_odom_sensor` that is not a rigid motion; the run goes on without that scan.
+        `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
+        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan. Raises
+        UserError for stamps that do not increase, points or times that are not finite, and a `T_odom_sensor` that is
+        not a rigid motion; the run goes on without that scan.
 
-        If scans do not fit the map for some time, but fit one another, the sensor was carried elsewhere: a new map begins,
-        until it is relocalised in the old map or in the building.
+        In the first seconds scans wait until the direction of gravity is known; the pose that is returned until then
+        is provisional. Lost scans wait until a scan fits the map again. If they fit one another for some time, but not
+        the map, the sensor was carried elsewhere: a new map begins, until it is relocalised in the old map or in the
+        building.
         """
         checked = checked_scan(stamp_ns, points, T_odom_sensor, self._newest_ns)
         self._newest_ns = int(stamp_ns)
@@ -73,7 +76,7 @@ class SceneGraphSlam:
     def _process(self, raw: RawScan) -> None:
         """Tracks a scan, and adds it to the map when it is known where it was taken."""
         with self._stopwatch("odometry"):
-            tracked = self._map.tracker.track(raw)  # registered in continuous time; level as soon as up is known
+            tracked = self._map.tracker.track(raw)  # registered by the odometry; none until gravity is known
         for scan in tracked:
             if self._map.tracker.was_carried_elsewhere(scan):
                 return self._begin_elsewhere(scan)
@@ -176,8 +179,8 @@ class SceneGraphSlam:
     def s_graph(self) -> SceneGraph:
         """The current S-graph in the map frame.
 
-        Rooms, wall surfaces and doors are segmented for it, which takes some tens of milliseconds and does not affect
-        the run. Raises UserError before the first scan.
+        Rooms, wall surfaces and doors are segmented for it, which takes some tens of milliseconds. Scans that wait are
+        added before; apart from that it does not affect the run. Raises UserError before the first scan.
         """
         self._release()
         if not self._map.scans:

@@ -1,4 +1,4 @@
-"""Perception: deskewing, columns, and extraction of walls and floor from one scan."""
+"""Perception: checks of a scan, times of its points, columns, and extraction of walls and floor."""
 
 from sgslam.perception.column_scan import ColumnScan, sort_into_columns
 from sgslam.perception.floor_extraction import FloorObservation, extract_floor

@@ -45,8 +45,8 @@ class Update:
     """The live estimate right after a scan.
 
     `T_map_sensor` (4, 4) is the sensor's pose in the map frame (metres) at `stamp_ns` (nanoseconds). It is not smoothed
-    yet; `Result` has the final poses. `keyframes` is the number of keyframes so far, `anchored` whether the map is
-    anchored to the plan.
+    yet, and provisional until gravity is known and while scans are lost; `Result` has the final poses. `keyframes` is
+    the number of keyframes so far, `anchored` whether the map is anchored to the plan.
     """
 
     stamp_ns: int
