@@ -94,10 +94,10 @@ def _seconds(command: list[str]) -> float:
 @pytest.mark.slow
 def test_what_is_dumped_is_read_back_and_explained(tmp_path: Path) -> None:
     file = tmp_path / "mine.yaml"
-    done = run("dump-config", "--set", "odometry.voxel_size=0.4", "--set", "tracking.gates=[0.5, 0.2]", "--out", file)
+    done = run("dump-config", "--set", "odometry.voxel_size=0.4", "--set", "tracking.mount=[0, 12, 0]", "--out", file)
     assert done.returncode == 0, done.stderr
     config = load_config(file, [])
-    assert config == load_config(None, ["odometry.voxel_size=0.4", "tracking.gates=[0.5, 0.2]"]) != Config()
+    assert config == load_config(None, ["odometry.voxel_size=0.4", "tracking.mount=[0, 12, 0]"]) != Config()
     lines = file.read_text().splitlines()
     for group, fields in yaml.safe_load(file.read_text()).items():
         for name in fields:
