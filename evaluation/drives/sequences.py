@@ -243,22 +243,17 @@ def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int
 
 
 def odometry_of_run(scans: Iterable[Scan], config: "Config | None" = None) -> Trajectory:
-    """T_odom_sensor of the odometry alone, on the points and with the settings of a run, without walls or floor.
+    """T_odom_sensor of the odometry alone, as a run uses it, without a map; `config` selects it, our own by default.
 
-    `config` selects the odometry, KISS-ICP by default. Scans are not deskewed.
+    The frame is level, with the first pose's place and heading.
     """
+    from evaluation.drives.runs import tracked_through, tracker_of_run
     from sgslam.config import Config
-    from sgslam.odometry import make_odometry
-    from sgslam.tracking.front_end import FrontEnd
 
-    config = config or Config()
-    front_end, odometry = FrontEnd(config), make_odometry(config.odometry)
-    stamps, poses = [], []
-    for scan in scans:
-        columns = front_end.columns(scan.points)
-        stamps.append(scan.stamp_ns)
-        poses.append(odometry.register(columns.points[columns.upright] if odometry.upright_only else columns.points))
-    return Trajectory(np.array(stamps, dtype=np.int64), np.stack(poses))
+    found = [
+        (scan.raw.stamp_ns, scan.T_odom_sensor) for scan in tracked_through(tracker_of_run(config or Config()), scans)
+    ]
+    return Trajectory(np.array([stamp for stamp, _ in found], dtype=np.int64), np.stack([pose for _, pose in found]))
 
 
 def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:

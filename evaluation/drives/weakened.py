@@ -1,7 +1,8 @@
 """A front end degraded in a known way, so that a map without the plan drifts.
 
-The tracker aligns each scan to visible walls, which removes the drift of any odometry when a long-range LiDAR sees a
-whole corridor. Therefore both are degraded: the range of the scans and the odometry.
+A run takes the poses that an external odometry gives as they are, and registers nothing itself. What else would remove
+their drift are loops and large structures, which a long-range LiDAR sees from far. Therefore both are degraded: the
+odometry and the range of the scans.
 """
 
 from dataclasses import dataclass

@@ -15,8 +15,9 @@ from data.common.errors import UserError
 from data.scans import Scan
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import inverse, squared_up
+from sgslam.odometry.rigid import steady_motion
 from sgslam.odometry.steps import far_apart
-from sgslam.perception.deskew import deskewed
+from sgslam.registration.motion_prior import velocity_between
 
 Array = NDArray[np.float64]
 
@@ -98,7 +99,11 @@ def _at_the_end(scan: Scan, step: Array, interval_s: float) -> Array:
     """(N, 3) the points in the sensor frame at the scan's end, for a sensor that makes `step` (4, 4) in `interval_s`;
     as they are if they have no times."""
     times = scan.point_times
-    return scan.points if times is None else deskewed(scan.points, times - times.max(), step, interval_s)
+    if times is None:
+        return scan.points
+    velocity = velocity_between(np.eye(4), step, interval_s)
+    placed, _ = steady_motion(step, velocity, float(times.max()), times).placed(scan.points, times)
+    return np.asarray((placed - step[:3, 3]) @ step[:3, :3])
 
 
 def _trajectory(scans: Iterable[Scan], register: Callable[[Scan], Array]) -> Trajectory:

@@ -1,7 +1,7 @@
-"""Effect of motion distortion and deskewing on fast drives.
+"""Effect of motion distortion, and of registration in continuous time, on fast drives.
 
 Each drive is simulated twice: with instantaneous scans, and with the sensor moving during each revolution. The
-difference in error is due to the motion.
+difference in error is due to the motion. Without times all scans count as snapshots: they are not guessed here.
 """
 
 from collections.abc import Mapping
@@ -20,6 +20,7 @@ from evaluation.drives.sequences import demo_building, locked
 from evaluation.harness import Case, Options, Record, Study
 from evaluation.harness.tables import each, grouped
 from evaluation.metrics.trajectories import error_in_bim
+from sgslam.config import Config, TrackingSettings
 from sgslam.slam import SceneGraphSlam
 
 ROBOTS = {
@@ -72,7 +73,8 @@ def measure(case: Drive, work: Path) -> Errors:
                 bim, DEMO_STOREY, folder, seed=case.seed, min_rooms=6, min_length=50.0, robot=ROBOTS[case.drive],
                 scan_format="ply", effects=("rolling",) if rolling else (),
             )  # fmt: skip
-    truth, slam = Trajectory.read_tum(folder / "truth.tum"), SceneGraphSlam(load_bim(bim))
+    truth, config = Trajectory.read_tum(folder / "truth.tum"), Config(tracking=TrackingSettings(point_times="snapshot"))
+    slam = SceneGraphSlam(load_bim(bim), config=config)
     for scan in ScanFolder(folder / "scans"):
         slam.add_scan(scan.stamp_ns, scan.points, scan.point_times if case.scans == "moving, deskewed" else None)
     result = slam.finish()

@@ -60,19 +60,20 @@ def test_a_closure_is_judged_by_its_motion_whatever_the_frame() -> None:
 def run(closing: bool, seed: int, ape: float, false: int) -> tuple[Run, Errors]:
     values: dict[str, float | None] = dict.fromkeys(Errors.model_fields, 1)
     values |= {"ape_m": ape, "false": false, "closures": 3, "closure_m": 0.02 if closing else None}
-    return Run(drive="ring", storey=None, front_end="weak", seed=seed, closing=closing), Errors.model_validate(values)
+    case = Run(drive="ring", storey=None, front_end="trusted", seed=seed, closing=closing)
+    return case, Errors.model_validate(values)
 
 
 def test_the_table_sets_open_beside_closed() -> None:
     rows = rows_of([run(True, 0, 0.1, 0), run(True, 1, 0.3, 2), run(False, 0, 0.5, 0), run(False, 1, 0.7, 0)])
     (cells,) = tables(rows)["drives"].to_numpy().tolist()
-    assert cells[:6] == ["ring", "weak", "2", "1", "0.600", "0.200"]
+    assert cells[:6] == ["ring", "trusted", "2", "1", "0.600", "0.200"]
     assert cells[14:16] == ["2", "0.020"], "false closures are counted, not averaged"
     assert claims(rows)[0].value.startswith("2 of 6 ")
 
 
 def test_drives_that_never_come_back_are_run_with_loop_closure_alone() -> None:
-    chosen = cases(Choice(routes=("along", "ring"), sequences=("institute",), front_ends=("weak",), seeds=(4,)))
+    chosen = cases(Choice(routes=("along", "ring"), sequences=("institute",), front_ends=("trusted",), seeds=(4,)))
     assert [(case.drive, case.closing) for case in chosen] == [
         ("along", True), ("ring", True), ("ring", False), ("institute", True), ("institute", False)
     ]  # fmt: skip
