@@ -1,7 +1,10 @@
 """Whether what a tracker says of its poses holds: their covariances, their health, and which way is up."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
@@ -11,6 +14,52 @@ from sgslam.geometry.frames import inverse, local_coordinates
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 DOF, LEVEL = 6, 0.95
+WRONG_M = 0.2
+UP_AFTER_S = 5.0  # from when on a tracker must know where up is
+
+
+@dataclass(frozen=True, eq=False)
+class PoseClaims:
+    """What a tracker says of its N poses: their `covariances` (N, 6, 6), rotation first, in the sensor's axes; whether
+    each is good, degraded or lost; and where up is, unit vectors (N, 3) in the sensor frame."""
+
+    covariances: Array
+    health: NDArray[np.str_]
+    up_in_sensor: Array
+
+
+class Reliability(BaseModel):
+    """How far these claims are true.
+
+    `good`, `degraded` and `lost` are shares of the poses. `inside_95` is that of the `motions` over a second, between
+    good poses, whose error is inside the 95 % region of their covariance. `wrongly_good` poses are called good beside a
+    step that errs by more than 0.2 m. `up_deg` is the median error of up from 5 s on, None for a shorter drive.
+    """
+
+    model_config = ConfigDict(frozen=True)
+
+    good: float
+    degraded: float
+    lost: float
+    inside_95: float | None
+    motions: int
+    wrongly_good: int
+    up_deg: float | None
+
+
+def reliability(claims: PoseClaims, estimate: Trajectory, truth: Trajectory) -> Reliability:
+    """The claims of a tracker about the poses that it estimates, against the truth. Raises UserError as `inside_region`
+    does."""
+    good = claims.health == "good"
+    inside = inside_region(estimate, truth, claims.covariances, good)
+    late = estimate.stamps_ns - estimate.stamps_ns[0] >= 1e9 * UP_AFTER_S
+    up = np.degrees(up_errors(claims.up_in_sensor, estimate, truth)[late])
+    return Reliability(
+        good=float(good.mean()), degraded=float((claims.health == "degraded").mean()),
+        lost=float((claims.health == "lost").mean()), inside_95=float(inside.mean()) if len(inside) else None,
+        motions=len(inside), wrongly_good=int(wrongly_good(estimate, truth, good).sum()),
+        up_deg=float(np.median(up)) if len(up) else None,
+    )  # fmt: skip
 
 
 def inside_region(estimate: Trajectory, truth: Trajectory, covariances: Array, good: Flags) -> Flags:
@@ -39,7 +88,7 @@ def inside_region(estimate: Trajectory, truth: Trajectory, covariances: Array, g
     return np.array(found, dtype=bool)
 
 
-def wrongly_good(estimate: Trajectory, truth: Trajectory, good: Flags, limit_m: float = 0.2) -> Flags:
+def wrongly_good(estimate: Trajectory, truth: Trajectory, good: Flags, limit_m: float = WRONG_M) -> Flags:
     """(N,) which poses are called `good` (N,) though the motion from the pose before or to the next has an error above
     `limit_m`; of two neighbours both count, if both are called good."""
     wrong = step_errors(estimate, truth).translation_m > limit_m

@@ -4,6 +4,7 @@ Each method gets the same scans: with their points' times where these are told, 
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from time import process_time
@@ -17,18 +18,18 @@ from data.scans import Scan
 from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
 from evaluation.drives.carried import LEVEL, CarriedCase, CarriedDrive, Degrees, carried
-from evaluation.drives.runs import run_through
+from evaluation.drives.runs import tracked_through, tracker_of_run
 from evaluation.drives.sequences import DriveOptions
 from evaluation.harness import Record, Study
+from evaluation.metrics.tracker_claims import PoseClaims, Reliability, reliability
 from evaluation.metrics.tracking import errors_over_time, step_errors
 from evaluation.metrics.trajectories import ape
 from evaluation.slam_ablation.peers import kiss_icp_alone, small_gicp_alone
 from evaluation.studies.carriers_tables import claims, tables
-from sgslam.slam import SceneGraphSlam
+from sgslam.config import Config
 
 Method = Literal["sgslam", "kiss_icp", "small_gicp"]
 Part = Literal["carriers", "effects", "all_effects", "mounts", "recording"]
-Found = tuple[Trajectory, int | None]  # T_odom_sensor of the scans, and how many kidnappings were seen
 
 RECORDING = "../shared/data/motion/handheld_survey.tum"
 WARM_UP = 5  # scans that are run first, so that libraries and compiled loops are loaded before time counts
@@ -61,13 +62,24 @@ class Run(CarriedCase):
     methods: tuple[Method, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """T_odom_sensor of the scans; what the method says of these poses, and how many kidnappings it saw, None where it
+    tells neither."""
+
+    poses: Trajectory
+    claims: PoseClaims | None = None
+    kidnaps: int | None = None
+
+
 class Errors(BaseModel):
     """How well one method tracked a drive.
 
     `ate_m` is the RMSE of the positions after SE(3) alignment, None without enough motion; `second_*` are errors of the
     motion over a second, median and 95 %; `worst_step_m` is the largest error between neighbouring scans. `missing`
     scans have no pose. `instant` is where in a scan its pose holds, from 0 (its stamp) to 1 (its end). `kidnaps` is how
-    often the sensor was thought to have been carried elsewhere: always wrongly.
+    often the sensor was thought to have been carried elsewhere: always wrongly. `reliability` is of our
+    tracker only.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -81,6 +93,7 @@ class Errors(BaseModel):
     second_95_deg: float
     worst_step_m: float
     kidnaps: int | None
+    reliability: Reliability | None = None
 
 
 class Tracking(Record):
@@ -129,9 +142,9 @@ def measure(case: Run, work: Path) -> Tracking:
             track = METHODS[method]
             track(drive.scans(WARM_UP))
             began = process_time()
-            poses, kidnaps = track(drive.scans())
+            tracked = track(drive.scans())
             scans_per_s[method] = drive.count / (process_time() - began)
-            found[method] = errors_of(poses, drive, instants(method, case.times), kidnaps)
+            found[method] = errors_of(tracked, drive, instants(method, case.times))
     return Tracking(scans=drive.count, found=found, scans_per_s=scans_per_s)
 
 
@@ -145,21 +158,23 @@ def instants(method: Method, times: bool) -> tuple[float, ...]:
     return (0.0,) if method == "sgslam" else (1.0,)
 
 
-def errors_of(found: Trajectory, drive: CarriedDrive, at: tuple[float, ...], kidnaps: int | None) -> Errors:
+def errors_of(found: Found, drive: CarriedDrive, at: tuple[float, ...]) -> Errors:
     """The errors of the poses found, which hold at the best of the instants `at`."""
 
     def shifted(instant: float) -> Trajectory:
-        return Trajectory(found.stamps_ns + round(1e9 * instant * drive.period_s), found.poses)
+        return Trajectory(found.poses.stamps_ns + round(1e9 * instant * drive.period_s), found.poses.poses)
 
     by_instant = {instant: errors_over_time(shifted(instant), drive.truth) for instant in at}
     instant = min(at, key=lambda own: float(np.median(by_instant[own].translation_m)))
     second, poses = by_instant[instant], shifted(instant)
     metres, degrees = second.translation_m, np.degrees(second.rotation_rad)
     return Errors(
-        missing=drive.count - len(found), instant=instant, ate_m=_ate(poses, drive.truth),
+        missing=drive.count - len(poses), instant=instant, ate_m=_ate(poses, drive.truth),
         second_m=float(np.median(metres)), second_95_m=float(np.percentile(metres, 95)),
         second_deg=float(np.median(degrees)), second_95_deg=float(np.percentile(degrees, 95)),
-        worst_step_m=float(step_errors(poses, drive.truth).translation_m.max()), kidnaps=kidnaps,
+        worst_step_m=float(step_errors(poses, drive.truth).translation_m.max()),
+        kidnaps=found.kidnaps,
+        reliability=None if found.claims is None else reliability(found.claims, poses, drive.truth),
     )  # fmt: skip
 
 
@@ -172,16 +187,26 @@ def _ate(found: Trajectory, truth: Trajectory) -> float | None:
 
 
 def _sgslam(scans: Iterable[Scan]) -> Found:
-    """The whole system without a plan."""
-    slam = SceneGraphSlam(None)
-    result = run_through(slam, scans)
-    return result.trajectory_map, slam.kidnaps
+    """Our tracker, as a run without a plan uses it, and what it says of its poses. It goes on where a run would begin a
+    new map, since nobody carried the sensor elsewhere."""
+    tracker = tracker_of_run(Config())
+    stamps, poses, covariances, health, elsewhere = [], [], [], [], [False]
+    for scan in tracked_through(tracker, scans):
+        stamps.append(scan.raw.stamp_ns)
+        poses.append(scan.T_odom_sensor)
+        covariances.append(scan.covariance)
+        health.append(scan.health)
+        elsewhere.append(tracker.was_carried_elsewhere(scan))
+    T = np.stack(poses)
+    kidnaps = int((np.diff(np.array(elsewhere, dtype=int)) == 1).sum())
+    claims = PoseClaims(np.stack(covariances), np.array(health), T[:, 2, :3])
+    return Found(Trajectory(np.array(stamps, dtype=np.int64), T), claims, kidnaps)
 
 
 METHODS: dict[Method, Callable[[Iterable[Scan]], Found]] = {
     "sgslam": _sgslam,
-    "kiss_icp": lambda scans: (kiss_icp_alone(scans), None),
-    "small_gicp": lambda scans: (small_gicp_alone(scans), None),
+    "kiss_icp": lambda scans: Found(kiss_icp_alone(scans)),
+    "small_gicp": lambda scans: Found(small_gicp_alone(scans)),
 }
 QUICK = Choice(
     sequences=("demo",), seeds=(0,), parts=("carriers", "all_effects", "mounts", "recording"),

@@ -1,4 +1,5 @@
-"""Tables of the tracking with any carrier: each cell of the design, with all methods side by side."""
+"""Tables of the tracking with any carrier: each cell of the design, with all methods side by side, and what our tracker
+says of itself."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,6 +14,8 @@ METHODS = {"sgslam": "sgslam", "kiss_icp": "KISS-ICP", "small_gicp": "small_gicp
 OURS, PEERS = "sgslam", ["kiss_icp", "small_gicp"]
 TRACKED_M = 0.1  # ATE up to which a drive of a minute counts as tracked
 LEVEL, NO_EFFECT = "0, 0, 0", "none"
+RELIABILITY = "reliability."  # of ours
+HEALTH = ("good", "degraded", "lost")
 _DRIVE = [  # what tells one row from another
     "sequence.name", "seed", "carrier", "pace", "backwards", "mount_deg", "sensor", "effects", "times", "seconds",
     "methods",
@@ -20,14 +23,19 @@ _DRIVE = [  # what tells one row from another
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
-    """The ATE by carrier and sensor, by effect, by mount, and of the recorded motion; then all errors by method. A part
-    of the design without rows has no table."""
+    """The ATE by carrier and sensor, by effect, by mount, and of the recorded motion; then all errors by method, and
+    whether what our tracker says of its poses is true. A part of the design without rows has no table."""
     rows = _by_drive_and_method(rows)
     parts = {name: (own, by) for name, (own, by) in _parts(rows).items() if len(own)}
     found = {name: grouped(own, [*by, "seconds"], _cell) for name, (own, by) in parts.items()}
     ratios = [{"part": name, **_compared(own)} for name, (own, _) in parts.items()]
     errors = grouped(rows, ["method"], _errors).replace({"method": METHODS})
-    return {**found, "ratios": pd.DataFrame(ratios), "errors": errors}
+    made = {**found, "ratios": pd.DataFrame(ratios), "errors": errors}
+    if RELIABILITY + "good" not in rows:
+        return made
+    told = rows[rows[RELIABILITY + "good"].notna()]
+    told = told.rename(columns=lambda name: name.removeprefix(RELIABILITY))
+    return {**made, "reliability": grouped(told, ["carrier", "mount", "effects"], _reliability)}
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
@@ -129,4 +137,16 @@ def _errors(own: pd.DataFrame) -> dict[str, str]:
         "1-s error (deg)": spread(own.second_deg, ".2f"), "its 95 % (deg)": spread(own.second_95_deg, ".2f"),
         "worst step (m)": spread(own.worst_step_m, ".2f"), "poses missing": of(own.missing.sum(), own.scans.sum()),
         "false kidnappings": str(int(known.sum())) if len(known) else "", "scans a second": spread(own.scans_per_s),
+    }  # fmt: skip
+
+
+def _reliability(own: pd.DataFrame) -> dict[str, str]:
+    """How reliable our tracker is: shares of all scans, and of all motions over a second between good ones."""
+    motions = own.motions.sum()
+    inside = (own.inside_95.astype(float).fillna(0.0) * own.motions).sum()
+    shares = {f"{health} (%)": f"{100 * (own[health] * own.scans).sum() / own.scans.sum():.1f}" for health in HEALTH}
+    return {
+        "drives": str(len(own)), **shares,
+        "inside the 95 % region (%)": f"{100 * inside / motions:.1f}" if motions else "",
+        "wrongly good": of(own.wrongly_good.sum(), own.scans.sum()), "error of up (deg)": _several(own.up_deg, ".2f"),
     }  # fmt: skip

@@ -9,6 +9,7 @@ from study_rows import rows_of
 
 from data.common.errors import UserError
 from evaluation.drives import SequenceSpec
+from evaluation.metrics.tracker_claims import Reliability
 from evaluation.studies.carriers import QUICK, Choice, Errors, Run, Tracking, cases, measure
 from evaluation.studies.carriers_tables import claims, tables
 
@@ -45,6 +46,10 @@ def test_a_drive_is_tracked_by_each_method_and_its_scans_are_deleted(building: S
     ours, kiss = found.found["sgslam"], found.found["kiss_icp"]
     assert (ours.missing, ours.instant, ours.kidnaps) == (0, 0.0, 0) and (kiss.instant, kiss.kidnaps) == (1.0, None)
     assert ours.ate_m is not None and ours.ate_m < 0.1 and ours.second_m <= ours.second_95_m < 0.1
+    told = ours.reliability
+    assert told is not None and told.up_deg is not None and kiss.reliability is None
+    assert told.good + told.degraded + told.lost == pytest.approx(1.0) and told.good > 0.9 and told.wrongly_good == 0
+    assert told.motions >= 30 and told.inside_95 is not None and told.inside_95 > 0.8 and told.up_deg < 1.0
     assert kiss.second_m < 0.2 and min(found.scans_per_s.values()) > 1
     assert not list(tmp_path.iterdir())
 
@@ -66,10 +71,10 @@ def test_a_carrier_that_is_not_there_is_told(building: SequenceSpec, tmp_path: P
     assert not list(tmp_path.iterdir())
 
 
-def errors(ate_m: float | None, kidnaps: int | None = None) -> Errors:
+def errors(ate_m: float | None, kidnaps: int | None = None, reliability: Reliability | None = None) -> Errors:
     return Errors(
         missing=1, instant=0.0, ate_m=ate_m, second_m=0.02, second_95_m=0.04, second_deg=0.1, second_95_deg=0.2,
-        worst_step_m=0.5, kidnaps=kidnaps,
+        worst_step_m=0.5, kidnaps=kidnaps, reliability=reliability,
     )  # fmt: skip
 
 
@@ -112,3 +117,22 @@ def test_a_part_without_rows_has_no_table_and_a_drive_without_a_pose_no_ratio(bu
     (cell,) = made["carriers"].to_dict("records")
     assert (cell["sgslam: ATE (m)"], cell["KISS-ICP: ATE (m)"], cell["ratio"]) == ("", "1.500 (1.000 to 2.000)", "")
     assert made["errors"].drives.tolist() == ["1", "2"]
+
+
+def reliable(good: float, inside_95: float | None, motions: int) -> Reliability:
+    return Reliability(
+        good=good, degraded=0.0, lost=1 - good, inside_95=inside_95, motions=motions, wrongly_good=2, up_deg=0.5
+    )
+
+
+def test_reliability_is_pooled_over_scans_and_motions(building: SequenceSpec) -> None:
+    drives: list[dict[str, Any]] = [{"seed": 1}, {"seed": 2}, {"seed": 3}, {"effects": ("glass",)}]
+    told = [reliable(1.0, 0.9, 30), reliable(0.5, 0.6, 10), reliable(0.0, None, 0), reliable(0.0, None, 0)]
+    found = [tracking(sgslam=errors(0.1, 0, own), kiss_icp=errors(0.2)) for own in told]
+    rows = rows_of(zip((run(building, "sgslam", "kiss_icp", **drive) for drive in drives), found, strict=True))
+    plain, glass = tables(rows)["reliability"].to_dict("records")
+    assert (plain["carrier"], plain["mount"], plain["effects"]) == ("handheld", "0, 0, 0", "none")
+    assert (plain["drives"], plain["good (%)"], plain["lost (%)"]) == ("3", "50.0", "50.0")
+    assert plain["inside the 95 % region (%)"] == "82.5" and plain["wrongly good"] == "6/180"
+    assert plain["error of up (deg)"] == "0.50 (0.50 to 0.50)"
+    assert (glass["effects"], glass["drives"], glass["inside the 95 % region (%)"]) == ("glass", "1", "")
