@@ -179,16 +179,15 @@ class SceneGraphSlam:
     def s_graph(self) -> SceneGraph:
         """The current S-graph in the map frame.
 
-        Rooms, wall surfaces and doors are segmented for it, which takes some tens of milliseconds. Scans that wait are
-        added before; apart from that it does not affect the run. Raises UserError before the first scan.
+        Rooms, wall surfaces and doors are segmented for it, which takes some tens of milliseconds; it does not affect
+        the run. Empty while the first scans wait. Raises UserError before the first scan.
         """
-        self._release()
-        if not self._map.scans:
+        if self._newest_ns is None:
             raise UserError("no scan was added, so there is no graph yet; call add_scan first")
         return self._map.s_graph()
 
     def snapshot(self) -> Snapshot:
-        """The current state, for viewers. Raises ValueError before the first scan."""
+        """The current state, for viewers."""
         return take_snapshot(self._map.backend, self._map.floors, self._map.anchoring, self._map.clouds)
 
     def state(self) -> dict[str, Any]:

@@ -126,7 +126,7 @@ class Backend:
     @property
     def poses(self) -> Floats:
         """(K, 4, 4) T_map_sensor of all keyframes."""
-        return np.stack([k.T_map_sensor for k in self.keyframes])
+        return np.array([k.T_map_sensor for k in self.keyframes]).reshape(-1, 4, 4)
 
     @property
     def has_weak_steps(self) -> bool:

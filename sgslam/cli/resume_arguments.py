@@ -8,7 +8,7 @@ from data import UserError
 from sgslam.session.checkpoints import about_run
 
 _PATHS = ("scan_dir", "bim", "ground_truth", "map")
-_WORDS = ("topic", "start", "storey", "odometry")
+_WORDS = ("topic", "start", "storey", "mount", "odometry")
 
 
 def run_arguments(options: argparse.Namespace) -> dict[str, str | None]:

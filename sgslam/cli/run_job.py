@@ -80,7 +80,10 @@ def read_job(options: argparse.Namespace) -> Job:
     else:
         config = Config.model_validate(resumed["config"])
     config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
-    start = None if options.start is None else _start(options.start)
+    if options.mount is not None:
+        mount = _three("--mount", options.mount, "R,P,Y", "180,0,0")
+        config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
+    start = None if options.start is None else _three("--start", options.start, "X,Y,YAW", "3.5,-1.2,1.57")
     matcher = _matcher(config.matching.method)
     if options.demo:
         _make_demo(options)
@@ -203,14 +206,14 @@ def _make_demo(options: argparse.Namespace) -> None:
     make_demo(options, out_folder(options))
 
 
-def _start(text: str) -> tuple[float, float, float]:
+def _three(option: str, text: str, form: str, example: str) -> tuple[float, float, float]:
     try:
-        x, y, yaw = (float(part) for part in text.split(","))
+        a, b, c = (float(part) for part in text.split(","))
     except ValueError:
-        raise UserError(f"--start {text}: not in the form X,Y,YAW; write e.g. 3.5,-1.2,1.57") from None
-    if not all(math.isfinite(value) for value in (x, y, yaw)):
-        raise UserError(f"--start {text}: the numbers must be finite")
-    return x, y, yaw
+        raise UserError(f"{option} {text}: not in the form {form}; write e.g. {example}") from None
+    if not all(math.isfinite(value) for value in (a, b, c)):
+        raise UserError(f"{option} {text}: the numbers must be finite")
+    return a, b, c
 
 
 def _matcher(method: str) -> Any:

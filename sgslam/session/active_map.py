@@ -240,7 +240,8 @@ class ActiveMap:
 
     def s_graph(self) -> SceneGraph:
         """The current S-graph in the map frame; the floors' own scenes do not change."""
-        scenes = [floor.scene_now(self.backend, self._config) for floor in self.floors.maps]
+        known = self.floors.maps if self.backend.keyframes else []
+        scenes = [floor.scene_now(self.backend, self._config) for floor in known]
         return self.floors.graph(self.backend.keyframes, scenes)
 
     @property

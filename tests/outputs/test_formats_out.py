@@ -230,7 +230,7 @@ def test_storeys_stairs_and_names_of_any_letters(tmp_path: Path) -> None:
 def test_gtsam_loads_the_pose_graph(out: Path) -> None:
     graph, values = gtsam.readG2o(str(out / "pose_graph.g2o"), True)
     run = RunFolder.read(out)
-    assert values.size() == len(run.s_graph.keyframes) and graph.size() == values.size() - 1
+    assert values.size() == len(run.s_graph.keyframes) and graph.size() >= values.size() - 1  # and loops
     poses = np.stack([values.atPose3(i).matrix() for i in range(values.size())])
     np.testing.assert_allclose(poses, run.keyframe_poses, atol=1e-6)
     for i in range(graph.size()):

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from data.common.build import PACKAGES
 from data.common.compiled import FOLDER, MOST_VERSIONS, compiled, folder, sources, version
 from sgslam.geometry.normal_equations import add_row, solved
-from sgslam.tracking.floor_transition import nearest_in_plan
 
 ROOT = Path(__file__).resolve().parents[2]
 RNG = np.random.default_rng(4)
@@ -26,20 +24,6 @@ def test_normal_equations_are_those_of_least_squares(size: int) -> None:
     root = np.sqrt(weight)[:, None]
     expected, *_ = np.linalg.lstsq(root * J, root[:, 0] * off, rcond=None)
     assert solved(H, g) == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize(("points", "known", "spread"), [(1, 1, 0.01), (40, 300, 0.3), (300, 40, 2.0), (200, 900, 1e4)])
-def test_nearest_in_plan_is_what_a_tree_says(points: int, known: int, spread: float) -> None:
-    asked, told = RNG.normal(0.0, 0.5, (points, 3)), RNG.normal(0.0, spread, (known, 3))
-    told[0, :2] = asked[0, :2] + 0.02
-    distance, nearest = cKDTree(told[:, :2]).query(asked[:, :2], distance_upper_bound=0.08)
-    found = nearest_in_plan(asked, told, 0.08)
-    assert np.array_equal(found, np.where(np.isfinite(distance), nearest, -1))
-    assert found[0] >= 0
-
-
-def test_nothing_known_is_near_nothing() -> None:
-    assert np.array_equal(nearest_in_plan(np.zeros((2, 3)), np.empty((0, 3)), 0.08), [-1, -1])
 
 
 def test_what_cannot_be_kept_on_disk_is_compiled_all_the_same() -> None:
