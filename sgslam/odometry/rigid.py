@@ -83,6 +83,7 @@ class RigidOdometry(ABC):
 
     def level(self, up_in_odom: Floats) -> None:
         """See `Odometry.level`: a registration that assumes nothing of the motion has no use for it."""
+        return
 
     def state(self) -> dict[str, Any]:
         """See `Odometry.state`."""

@@ -110,10 +110,7 @@ def add_points(
             sensor[i] = T[i, 3]
             if share[p] != 0.0:
                 sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
-        s = nearest_plane(
-            moved[p, 0], moved[p, 1], moved[p, 2], sensor[0], sensor[1], sensor[2], ray[0], ray[1], ray[2], normal[0],
-            normal[1], normal[2], gate, surfels, oldest,
-        )  # fmt: skip
+        s = nearest_plane(moved[p], sensor, normal, gate, surfels, oldest)
         plane_of[p] = s
         if s >= 0:
             off_of[p], _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])

@@ -221,26 +221,32 @@ def plane_residual(x: float, y: float, z: float, plane: Floats) -> tuple[float, 
 
 
 @compiled
-def _before(sx: float, sy: float, sz: float, plane: Floats) -> bool:
-    """Whether a sensor stands before a plane, on the side that was seen."""
-    dx, dy, dz = sx - plane[_MEAN], sy - plane[_MEAN + 1], sz - plane[_MEAN + 2]
-    return bool(plane[0] * dx + plane[1] * dy + plane[2] * dz > 0)
+def _seen_from(point: Floats, sensor: Floats, plane: Floats) -> bool:
+    """Whether a sensor (3,) stands before a plane, on the side that was seen, and looks at a point (3,) from there.
+
+    Who has come to a slab's height no longer sees its underside.
+    """
+    towards, before = 0.0, 0.0
+    for i in range(3):
+        towards += plane[_NORMAL + i] * (point[i] - sensor[i])
+        before += plane[_NORMAL + i] * (sensor[i] - plane[_MEAN + i])
+    return towards < 0 and before > 0
 
 
 @compiled
-def nearest_plane(
-    x: float, y: float, z: float, sx: float, sy: float, sz: float, rx: float, ry: float, rz: float, nx: float,
-    ny: float, nz: float, gate: float, surfels: Surfels, oldest: float,
-) -> int:  # fmt: skip
-    """The plane within `gate` (m) of a point seen along a ray, -1 for none.
+def nearest_plane(point: Floats, sensor: Floats, normal: Floats, gate: float, surfels: Surfels, oldest: float) -> int:
+    """The plane within `gate` (m) of a point (3,) seen by a sensor at (3,), -1 for none.
 
-    Where the scan itself shows the normal of its surface there (else zero), the plane's is within 60 degrees of it: the
-    edge of a slab is not its floor.
+    Where the scan itself shows the normal (3,) of its surface there (else zero), the plane's is within 60 degrees of
+    it: the edge of a slab is not its floor.
 
     Of the planes in the cells of several sizes, the one that predicts the point best: large cells give true normals,
     since beams have biases, and small ones follow what is not flat.
     """
     keys, first, other, planes, seen = surfels
+    x, y, z = point
+    nx, ny, nz = normal
+    unknown = nx == 0.0 and ny == 0.0 and nz == 0.0
     chosen, lowest = -1, math.inf
     for level in range(len(SIDES)):
         key = _key(x, y, z, level)
@@ -248,23 +254,12 @@ def nearest_plane(
         s = first[place] if keys[place] == key else -1
         best, least = -1, gate
         while s >= 0:
-            if seen[s] >= oldest:
-                plane = planes[s]
-                turned = abs(plane[0] * nx + plane[1] * ny + plane[2] * nz)
-                unknown = nx == 0.0 and ny == 0.0 and nz == 0.0
-                if (
-                    plane[_VALID] > 0
-                    and plane[0] * rx + plane[1] * ry + plane[2] * rz < 0
-                    and _before(sx, sy, sz, plane)
-                    and (unknown or turned > _ALIKE)
-                ):
-                    off = abs(
-                        plane[0] * (x - plane[_MEAN])
-                        + plane[1] * (y - plane[_MEAN + 1])
-                        + plane[2] * (z - plane[_MEAN + 2])
-                    )
-                    if off < least:
-                        best, least = s, off
+            plane = planes[s]
+            alike = unknown or abs(plane[0] * nx + plane[1] * ny + plane[2] * nz) > _ALIKE
+            if alike and seen[s] >= oldest and plane[_VALID] > 0 and _seen_from(point, sensor, plane):
+                off, _ = plane_residual(x, y, z, plane)
+                if abs(off) < least:
+                    best, least = s, abs(off)
             s = other[s]
         if best >= 0:
             _, spread = plane_residual(x, y, z, planes[best])

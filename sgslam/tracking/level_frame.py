@@ -81,7 +81,8 @@ class LevelFrame(Stateful):
             return
         tilt = float(np.arccos(np.clip(found.up_in_odom @ self._up, -1.0, 1.0)))
         if self._settings.mount is not None and tilt > self._settings.mount_error:
-            _log.warning("the sensor hangs %.0f degrees off the stated mount, as its surroundings show", np.degrees(tilt))
+            off = np.degrees(tilt)
+            _log.warning("the sensor hangs %.0f degrees off the stated mount, as its surroundings show", off)
         elif not found.sign_told and tilt > np.radians(45):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
         self._up = found.up_in_odom

@@ -21,13 +21,19 @@ def _added(surfels: SurfelMap, points: Array, ray: Array, way: float = 0.0) -> N
     surfels.add(points, np.tile(ray, (len(points), 1)), way, 100.0)
 
 
+def _nearest(point: tuple[float, float, float], to_sensor: Array, surfels: SurfelMap, way: float = 0.0) -> int:
+    """The plane nearest to a point that a sensor sees from a way off."""
+    at = np.array(point)
+    return nearest_plane(at, at + to_sensor, np.zeros(3), 1.2, surfels.arrays, way - 100.0)
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_each_side_of_a_thin_wall_has_its_own_surfels(seed: int) -> None:
     surfels = SurfelMap()
     _added(surfels, _wall(2.1, 0.01, seed), _AHEAD)
     _added(surfels, _wall(2.2, 0.01, seed + 9), -_AHEAD)
     for x, ray in ((2.1, _AHEAD), (2.2, -_AHEAD)):
-        found = nearest_plane(2.15, 0.3, 1.2, 2.15 - ray[0], 0.3 - ray[1], 1.2 - ray[2], ray[0], ray[1], ray[2], 0.0, 0.0, 0.0, 1.2, surfels.arrays, -100.0)
+        found = _nearest((2.15, 0.3, 1.2), -ray, surfels)
         plane = surfels.arrays.planes[found]
         assert plane[:3] @ ray < -0.99
         assert plane[3] == pytest.approx(x, abs=0.01)
@@ -38,7 +44,7 @@ def test_a_step_within_a_large_cell_is_known_by_the_small_ones() -> None:
     points = _wall(2.3, 0.005, 0)
     points[points[:, 1] > 0.5, 0] += 0.1
     _added(surfels, points, _AHEAD)
-    found = nearest_plane(2.3, 0.3, 1.2, 1.3, 0.3, 1.2, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2, surfels.arrays, -100.0)
+    found = _nearest((2.3, 0.3, 1.2), -_AHEAD, surfels)
     plane = surfels.arrays.planes[found]
     assert plane[3] == pytest.approx(2.3, abs=0.005)
     assert abs(plane[0]) > 0.999
@@ -48,4 +54,12 @@ def test_a_step_within_a_large_cell_is_known_by_the_small_ones() -> None:
 def test_surfels_are_forgotten_after_a_way(way: float, known: bool) -> None:
     surfels = SurfelMap()
     _added(surfels, _wall(2.4, 0.01, 0), _AHEAD)
-    assert (nearest_plane(2.4, 0.3, 1.2, 1.4, 0.3, 1.2, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.2, surfels.arrays, way - 100.0) >= 0) == known
+    assert (_nearest((2.4, 0.3, 1.2), -_AHEAD, surfels, way) >= 0) == known
+
+
+@pytest.mark.parametrize(("stands", "known"), [(-0.05, True), (0.05, False)])
+def test_a_plane_is_not_seen_from_behind(stands: float, known: bool) -> None:
+    """Over its far edge a point may lie in the direction from which it was seen."""
+    surfels = SurfelMap()
+    _added(surfels, _wall(2.4, 0.01, 0), _AHEAD)
+    assert (_nearest((2.6, 0.3, 1.2), np.array([stands - 0.2, 0.0, 0.0]), surfels) >= 0) == known
