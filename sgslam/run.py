@@ -70,6 +70,7 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     table = Table(show_header=False, title="anchored" if metrics["anchored"] else "not anchored")
     rows = {"reason": metrics["reason"]}
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
+    rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
     rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
     if (outcome := metrics["returned"]) is not None:
         found = f"relocalised after {outcome['found_s']:.1f} s" if outcome["found"] else "not relocalised"

@@ -96,6 +96,9 @@ class SceneGraphSlam:
 
     def _add_lost(self) -> None:
         """Adds the scans that were lost, at their predicted poses: the sensor is back, or the run ends."""
+        if self._lost:
+            first, last = (scan.raw.stamp_ns for scan in (self._lost[0], self._lost[-1]))
+            _log.warning("scans at %d to %d ns are lost: %d poses are predicted", first, last, len(self._lost))
         while self._lost:
             self._add(self._lost.pop(0))
 

@@ -1,6 +1,6 @@
 """Assembles the result of a run from its final map."""
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from sgslam.as_built.deviation_list import deviations
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
 from sgslam.mapping import Floors
+from sgslam.registration import Health
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
@@ -65,6 +66,7 @@ def assemble_result(
         seconds=dict(final.stopwatch.seconds),
         config=config,
         clouds=final.clouds,
+        tracked={health: sum(scan.health == health for scan in of_run) for health in get_args(Health)},
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
         relocalisation=relocalisation,
     )

@@ -22,6 +22,7 @@ from sgslam.config import Config
 from sgslam.config.loading import save_config
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
+from sgslam.registration import Health
 from sgslam.report import ReportData
 
 if TYPE_CHECKING:
@@ -80,7 +81,8 @@ class Result:
     and why it changed. `factors` is the back end's log: the active factors, and those added and withdrawn. `clouds`
     are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s` counts from the first scan. `seconds`
     is the time of each stage. `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`.
-    `pose_covariances` is None if the run is not anchored, `relocalisation` is None without a prior map.
+    `pose_covariances` is None if the run is not anchored, `relocalisation` is None without a prior map. `tracked` says
+    how many scans the tracker calls good, degraded and lost.
     """
 
     anchored: bool
@@ -101,6 +103,7 @@ class Result:
     seconds: dict[str, float]
     config: Config
     clouds: KeyframeClouds
+    tracked: dict[Health, int]
     earlier: tuple[Trajectory, ...] = ()
     relocalisation: Relocalisation | None = None
 
@@ -117,6 +120,7 @@ class Result:
             "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
             "scans": len(self.trajectory),
             "scans_skipped": 0,
+            "tracked": dict(self.tracked),
             "keyframes": self.keyframes,
             "rooms": len(self.s_graph.rooms),
             "wall_surfaces": len(self.s_graph.wall_surfaces),

@@ -52,6 +52,7 @@ def test_all_disturbances_are_reported_and_survived(cut: bool, tmp_path: Path) -
     log = (tmp_path / "out" / "run.log").read_text()
     trajectory = Trajectory.read_tum(tmp_path / "out" / "trajectory.tum")
     assert metrics["scans_skipped"] == 7 and metrics["scans"] == len(trajectory)
+    assert sum(metrics["tracked"].values()) == metrics["scans"]
     assert len(trajectory) == 113 if not cut else 100 < len(trajectory) < 113
     for told in ("scan 70: skipped, all of its returns are NaN", "scan 80: skipped, its stamp repeats",
                  "scan 90: skipped, its stamp", "before scan 100"):  # fmt: skip
