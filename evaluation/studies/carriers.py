@@ -188,7 +188,7 @@ def _ate(found: Trajectory, truth: Trajectory) -> float | None:
 
 def _sgslam(scans: Iterable[Scan]) -> Found:
     """Our tracker, as a run without a plan uses it, and what it says of its poses. It goes on where a run would begin a
-    new map, since nobody carried the sensor elsewhere."""
+    new map, since the sensor was not carried elsewhere."""
     tracker = tracker_of_run(Config())
     stamps, poses, covariances, health, elsewhere = [], [], [], [], [False]
     for scan in tracked_through(tracker, scans):

@@ -30,7 +30,7 @@ class Odometry(Protocol):
         ...
 
     def level(self, up_in_odom: Floats) -> None:
-        """Is told the direction of gravity (3,) in `odom`, once it is known."""
+        """Sets the direction of gravity (3,) in `odom`, once it is known."""
         ...
 
     def state(self) -> dict[str, Any]:

@@ -12,7 +12,7 @@ METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].anno
 
 
 def make_odometry(odometry: OdometrySettings, tracking: TrackingSettings) -> Odometry:
-    """Creates the odometry of `odometry.method`, which finds out the times of points that nobody tells as
+    """Creates the odometry of `odometry.method`, which finds out the times of points that are not given as
     `tracking.point_times` says; raises UserError if its library is missing."""
     return TimedOdometry(partial(_make, odometry, tracking), tracking.point_times)
 

@@ -15,7 +15,7 @@ from sgslam.registration import Motion, Registration
 from sgslam.registration.motion_prior import moved_on, velocity_between
 
 Floats = NDArray[np.float64]
-_LONGEST_STEADY = 0.5  # s; after a longer gap between scans nobody knows the motion
+_LONGEST_STEADY = 0.5  # s; after a longer gap between scans the motion is unknown
 _SUSPICIOUS = 0.8  # of the usual share of points on the map; below it, a scan is searched
 _USUAL_SCANS = 10  # for which the usual share is remembered
 _SHORTEST = 1e-3  # s; a shorter scan is a snapshot

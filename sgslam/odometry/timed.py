@@ -30,9 +30,9 @@ _WITHOUT_ORDER = 20  # so many more scans whose points' order tells nothing than
 class TimedOdometry:
     """An odometry for scans with point times, told or not.
 
-    Where nobody tells them, two odometries run side by side until the motion decides: one takes scans as snapshots, one
-    with times guessed from the order of their points. The right one finds the points nearer to its surfaces. Poses are
-    those of the better one so far, and do not jump when that changes.
+    Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
+    one with times guessed from the order of their points. The right one finds the points nearer to its surfaces. Poses
+    are those of the better one so far, and do not jump when that changes.
     """
 
     def __init__(self, make: Callable[[], Odometry], point_times: Literal["auto", "snapshot", "order"]) -> None:

@@ -80,6 +80,49 @@ def _place(point: Floats, k: int, share: float, knots: Floats, turns: Floats, mo
 
 
 @compiled
+def _matched(
+    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float
+) -> tuple[Floats, Ints, Floats, Floats]:
+    """Points (N, 3) in `odom`, the plane (N,) of each, -1 for none, and its distance (N,) from it; of all points on
+    each plane (P, 3) the number and the sums of distances and of their squares."""
+    turns, planes = np.empty((len(knots), 3)), surfels.planes
+    for k in range(len(knots) - 1):
+        turns[k] = turn_between(knots[k], knots[k + 1])
+    moved, ray, normal, sensor = np.empty((len(points), 3)), np.empty(3), np.empty(3), np.empty(3)
+    plane_of, off_of, groups = np.empty(len(points), np.int64), np.empty(len(points)), np.zeros((len(planes), 3))
+    for p in range(len(points)):
+        _place(points[p], knot[p], share[p], knots, turns, moved[p], ray)
+        T, q = knots[knot[p]], points[p]
+        for i in range(3):
+            normal[i] = T[i, 0] * q[3] + T[i, 1] * q[4] + T[i, 2] * q[5]
+            sensor[i] = T[i, 3]
+            if share[p] != 0.0:
+                sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
+        s = nearest_plane(moved[p], sensor, normal, gate, surfels, oldest)
+        plane_of[p] = s
+        if s >= 0:
+            off_of[p], _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
+            groups[s, 0] += 1
+            groups[s, 1] += off_of[p]
+            groups[s, 2] += off_of[p] * off_of[p]
+    return moved, plane_of, off_of, groups
+
+
+@compiled
+def _add_blocks(own: Floats, joint: Floats, pull: Floats, H: Floats, g: Floats) -> None:
+    """Adds the blocks of each knot (K, 6, 6), (K, 6), and between it and the next one, to H (6K, 6K), g (6K,)."""
+    for k in range(len(pull)):
+        for i in range(6):
+            g[6 * k + i] += pull[k, i]
+            for j in range(6):
+                low, high = min(i, j), max(i, j)
+                H[6 * k + i, 6 * k + j] += own[k, low, high]
+                if k + 1 < len(pull):
+                    H[6 * k + i, 6 * k + 6 + j] += joint[k, low, high]
+                    H[6 * k + 6 + i, 6 * k + j] += joint[k, low, high]
+
+
+@compiled
 def add_points(
     points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float,
     kernel: float, variance: float, near: float, H: Floats, g: Floats, F: Floats,
@@ -92,31 +135,10 @@ def add_points(
     about translations that errors of the normals feign. Returns the numbers of points with a plane and of those
     `near` (m) it, and the median of their distances (m).
     """
-    turns = np.empty((len(knots), 3))
-    for k in range(len(knots) - 1):
-        turns[k] = turn_between(knots[k], knots[k + 1])
+    moved, plane_of, off_of, groups = _matched(points, knot, share, knots, surfels, oldest, gate)
     # blocks of H: of a knot, and between it and the next one
     own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
-    found, close, planes, offs = 0, 0, surfels.planes, np.empty(len(points))
-    moved, ray, normal, J = np.empty((len(points), 3)), np.empty(3), np.empty(3), np.empty(6)
-    sensor = np.empty(3)
-    plane_of, off_of, groups = np.empty(len(points), np.int64), np.empty(len(points)), np.zeros((len(planes), 3))
-    for p in range(len(points)):
-        _place(points[p], knot[p], share[p], knots, turns, moved[p], ray)
-        T, q = knots[knot[p]], points[p]
-        for i in range(3):
-            normal[i] = T[i, 0] * q[3] + T[i, 1] * q[4] + T[i, 2] * q[5]
-        for i in range(3):
-            sensor[i] = T[i, 3]
-            if share[p] != 0.0:
-                sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
-        s = nearest_plane(moved[p], sensor, normal, gate, surfels, oldest)
-        plane_of[p] = s
-        if s >= 0:
-            off_of[p], _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
-            groups[s, 0] += 1
-            groups[s, 1] += off_of[p]
-            groups[s, 2] += off_of[p] * off_of[p]
+    found, close, planes, offs, J = 0, 0, surfels.planes, np.empty(len(points)), np.empty(6)
     for p in range(len(points)):
         s, k, a, off = plane_of[p], knot[p], share[p], off_of[p]
         if s < 0:
@@ -152,13 +174,5 @@ def add_points(
                 for j in range(i, 6):
                     own[k + 1, i, j] += a * a * wi * J[j]
                     joint[k, i, j] += a * b * wi * J[j]
-    for k in range(len(knots)):
-        for i in range(6):
-            g[6 * k + i] += pull[k, i]
-            for j in range(6):
-                low, high = min(i, j), max(i, j)
-                H[6 * k + i, 6 * k + j] += own[k, low, high]
-                if k + 1 < len(knots):
-                    H[6 * k + i, 6 * k + 6 + j] += joint[k, low, high]
-                    H[6 * k + 6 + i, 6 * k + j] += joint[k, low, high]
+    _add_blocks(own, joint, pull, H, g)
     return found, close, float(np.median(offs[:found])) if found else math.inf
