@@ -50,14 +50,14 @@ class TrackingSettings(Settings):
     """m, way after which surfaces that are not seen any more are forgotten"""
     near: float = Field(0.1, gt=0)
     """m, distance within which a point counts as explained by its surface"""
-    suspicious: float = Field(0.85, gt=0, le=1)
-    """share of the usually explained points below which a registration is tried again from other predictions"""
-    lost: float = Field(0.6, gt=0, le=1)
-    """share of the usually explained points below which a scan is lost; a doorway may show 0.75"""
+    agreement: float = Field(0.8, gt=0, le=1)
+    """share of the points with a surface within `gate` that are `near` it, below which a scan is lost; clutter leaves 0.9"""
+    unsuspicious: float = Field(0.9, gt=0, le=1)
+    """the same share, below which a registration is tried again from other predictions"""
+    overlap: float = Field(0.3, gt=0, le=1)
+    """share of a scan's points with a surface within `gate`, below which it is lost; a new room leaves 0.4"""
     innovation: float = Field(60.0, gt=0)
     """squared Mahalanobis distance of a pose from its prediction beyond which a scan is lost; chi2 of 6 dimensions"""
-    usual_memory: float = Field(1.0, gt=0)
-    """s, time constant of the usual share of explained points"""
     degraded_translation: float = Field(0.1, gt=0)
     """m, standard deviation of a position, along any direction, beyond which a scan is degraded"""
     degraded_rotation: float = Field(0.03, gt=0)
@@ -66,9 +66,9 @@ class TrackingSettings(Settings):
     """s, time for which lost scans must agree with one another until the sensor counts as carried elsewhere"""
     point_times: Literal["auto", "snapshot", "order"] = "auto"
     """times of points of scans without them: one instant, by the points' order, or found out while tracking (auto)"""
-    gravity_after: float = Field(1.0, gt=0)
+    gravity_after: float = Field(4.0, gt=0)
     """s, time after which the direction of gravity is looked for; scans wait until it is known"""
-    gravity_until: float = Field(5.0, gt=0)
+    gravity_until: float = Field(10.0, gt=0)
     """s, time after which the search ends and the sensor is taken to be mounted as stated, or level"""
     mount: tuple[float, float, float] | None = None
     """degrees, roll, pitch and yaw of the sensor on its carrier, 180,0,0 if upside down; found out where not given"""

@@ -20,10 +20,10 @@ def innovation(solved: Solved) -> float:
     return float(off @ np.linalg.solve(prior, off))
 
 
-def judged(solved: Solved, covariance: Floats, share: float, settings: TrackingSettings) -> tuple[Health, Floats]:
-    """The health of a scan with a covariance (6, 6), rotation first, of whose points the `share`, relative to what is
-    usual, lies on known surfaces; and the unit twists (M, 6) that are not constrained."""
-    if share < settings.lost or innovation(solved) > settings.innovation:
+def judged(solved: Solved, covariance: Floats, settings: TrackingSettings) -> tuple[Health, Floats]:
+    """The health of a scan with a covariance (6, 6), rotation first; and the unit twists (M, 6) that are not
+    constrained."""
+    if not solved.is_held(settings.agreement, settings.overlap) or innovation(solved) > settings.innovation:
         return "lost", np.empty((0, 6))
     weak = []
     for part, most in ((0, settings.degraded_rotation), (3, settings.degraded_translation)):

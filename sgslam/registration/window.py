@@ -64,7 +64,8 @@ class Solved:
     """A window: its knots (K, 4, 4) at `seconds` (K,), their information (6K, 6K), that of the points alone, and the
     knots as the prior predicted them.
 
-    Of so many points, `close` ones lie near a plane; `residual` (m) is the median distance of all that have one.
+    Of so many points, `found` ones have a plane in reach, and `close` ones lie near it; `residual` (m) is the median
+    distance of those found.
     """
 
     seconds: Floats
@@ -73,8 +74,18 @@ class Solved:
     information: Floats
     measured: Floats
     points: int
+    found: int
     close: int
     residual: float
+
+    @property
+    def agreement(self) -> float:
+        """The share of the points found that lie near their planes."""
+        return self.close / max(self.found, 1)
+
+    def is_held(self, agreement: float, overlap: float) -> bool:
+        """Whether such shares of the points found, and of all points, are near and found."""
+        return self.agreement >= agreement and self.found >= overlap * self.points
 
     @cached_property
     def covariance(self) -> Floats:
@@ -125,23 +136,23 @@ def solve(
     to the next one. The robust kernel follows the residuals, from `first_kernel` to that of the weights (m): a wide one
     finds the way from a poor prediction, a narrow one rejects outliers.
     """
-    knots, H, measured, close, residual = _solve(
+    knots, H, measured, found, close, residual = _solve(
         seconds, predicted, prior, motion, points, knot, share, surfels, oldest, first_kernel, weights
     )
-    return Solved(seconds, knots, predicted, H, measured, len(points), close, residual)
+    return Solved(seconds, knots, predicted, H, measured, len(points), found, close, residual)
 
 
 @compiled
 def _solve(
     seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
     share: Floats, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
-) -> tuple[Floats, Floats, Floats, int, float]:  # fmt: skip
+) -> tuple[Floats, Floats, Floats, int, int, float]:  # fmt: skip
     knots, n = predicted.copy(), 6 * len(predicted)
     H, measured, g, F = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((3, 3))
-    kernel, close, residual, sigma = first_kernel, 0, np.inf, weights.sigma_point
+    kernel, found, close, residual, sigma = first_kernel, 0, 0, np.inf, weights.sigma_point
     for _ in range(weights.iterations):
         H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
-        _, close, residual = add_points(
+        found, close, residual = add_points(
             points, knot, share, knots, surfels, oldest, weights.gate, kernel, sigma**2, weights.near,
             H, g, F,
         )  # fmt: skip
@@ -161,7 +172,7 @@ def _solve(
             break
         kernel = min(kernel, max(weights.kernel, _KERNEL * residual))
         sigma = max(weights.sigma_point, _SIGMA * residual)
-    return knots, H, measured, close, residual
+    return knots, H, measured, found, close, residual
 
 
 @compiled

@@ -18,15 +18,15 @@ FEWEST = 30  # surfels
 DIRECTIONS = 6  # of surfaces that are looked at, the commonest first
 LEAST_SHARE = 0.04  # of the surfaces that have one of these directions
 SPREAD = float(np.cos(np.radians(10.0)))  # normals of one direction
-DISTINCT = float(np.cos(np.radians(5.0)))  # between candidates; nearer ones are the same
+DISTINCT = float(np.cos(np.radians(20.0)))  # between candidates; of nearer ones the best fitting one counts
 WINDOWS = np.radians([12.0, 8.0, 6.0, 6.0])  # of the robust fit, from coarse to fine
 SAMPLE = 150  # surfels that propose a direction
 # How plausible an angle between the expected and the true vertical is: most sensors stand within some degrees of it,
-# some are tilted, some lie on their side or hang. (weight, middle, standard deviation), radians. Those that lie and
-# hang weigh more than they are frequent: a wrong answer is worse than none.
-MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.1, np.pi, 0.26))
-LEAST_AXIS_ODDS, LEAST_SIGN_ODDS = 1.0, 1.0  # natural logarithms; below, no answer is better than a wrong one
-SIGN_SEEN = 1.0  # likewise
+# some are tilted, some lie on their side, few hang. (weight, middle, standard deviation), radians. Those that lie on
+# their side weigh more than they are frequent: a wrong answer is worse than none.
+MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.02, np.pi, 0.26))
+LEAST_AXIS_ODDS = 1.5  # natural logarithm; below, no answer is better than a wrong one
+SIGN_SURE = 1.0  # likewise
 HOPELESS = 6.0  # likewise: so far behind, a candidate is not the vertical whatever its sign says
 LEAST_FITTING = 0.3  # share of surfaces parallel or square to the vertical; under a bare roof there may be fewer
 NORMAL_SIGMA = np.radians(4.0)  # of a surfel's normal, with what surfels of one wall have in common
@@ -49,9 +49,14 @@ class Gravity:
     sign_seen: float
 
     @property
+    def sign_sure(self) -> bool:
+        """Whether surfaces and expected mount together tell which end is up."""
+        return self.sign_odds >= SIGN_SURE
+
+    @property
     def sign_told(self) -> bool:
         """Whether the surfaces tell the sign; else it is that of the expected mount."""
-        return self.sign_seen >= SIGN_SEEN
+        return self.sign_seen >= SIGN_SURE
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,7 @@ def estimate_gravity(
     up, axis_odds, sign_odds, sign_seen = _choose(_judged(views, expected), expected)
     if _fitting(up, normals, capped) < LEAST_FITTING:
         return None
-    if axis_odds < LEAST_AXIS_ODDS or sign_odds < LEAST_SIGN_ODDS:
+    if axis_odds < LEAST_AXIS_ODDS:
         return None
     return Gravity(up, _sigma(up, normals, capped), axis_odds, sign_odds, sign_seen)
 
@@ -96,9 +101,9 @@ def _axes(normals: Floats, weights: Floats) -> list[Floats]:
         directions.append(direction)
         left[np.abs(normals @ direction) > SPREAD] = 0.0
     square = [np.cross(a, b) for k, a in enumerate(directions) for b in directions[:k] if abs(a @ b) < 0.9]
+    refined = [_refined(start / np.linalg.norm(start), normals, weights) for start in directions + square]
     axes: list[Floats] = []
-    for start in directions + square:
-        axis = _refined(start / np.linalg.norm(start), normals, weights)
+    for _, axis in sorted(refined, key=lambda found: -found[0]):
         if all(abs(axis @ other) < DISTINCT for other in axes):
             axes.append(axis)
     return axes
@@ -113,16 +118,19 @@ def _mean_direction(start: Floats, normals: Floats, weights: Floats) -> Floats:
     return direction
 
 
-def _refined(axis: Floats, normals: Floats, weights: Floats) -> Floats:
-    """The axis to which the surfels near it and near its plane are most parallel and square (Tukey's biweight)."""
+def _refined(axis: Floats, normals: Floats, weights: Floats) -> tuple[float, Floats]:
+    """The axis to which the surfels near it and near its plane are most parallel and square (Tukey's biweight), after
+    the weight of those surfels."""
+    fitting = 0.0
     for window in WINDOWS:
         square_sine = np.sin(window) ** 2
         cosine = normals @ axis
         level = weights * np.clip(1 - (1 - cosine**2) / square_sine, 0.0, None) ** 2
         upright = weights * np.clip(1 - cosine**2 / square_sine, 0.0, None) ** 2
+        fitting = float(level.sum() + upright.sum())
         vector = np.linalg.eigh((normals * (upright - level)[:, None]).T @ normals)[1][:, 0]
         axis = vector * (1.0 if vector @ axis > 0 else -1.0)
-    return axis
+    return fitting, axis
 
 
 def _judged(views: list[UprightView], expected_up: Floats) -> list[_Candidate]:
@@ -143,7 +151,8 @@ def _expectation(up: Floats, expected_up: Floats) -> float:
 def _choose(candidates: list[_Candidate], expected_up: Floats) -> tuple[Floats, float, float, float]:
     """The likeliest vertical, its log odds against all other axes and against upside down, and the latter as seen."""
     ends = [(c.axis * end, c.sign * end, c) for c in candidates for end in (1.0, -1.0)]
-    odds = np.array([c.odds + sign / 2 + _expectation(up, expected_up) for up, sign, c in ends])
+    # the sign's odds share out those of the axis: an axis is no likelier for having one end unlike the other
+    odds = np.array([c.odds - np.logaddexp(0.0, -sign) + _expectation(up, expected_up) for up, sign, c in ends])
     best = int(np.argmax(odds))
     up, sign, chosen = ends[best]
     others = [o for o, (_, _, c) in zip(odds, ends, strict=True) if c is not chosen]

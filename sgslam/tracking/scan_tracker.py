@@ -41,7 +41,7 @@ class ScanTracker(Stateful):
     What the graph knows better, by the plan and by loops, acts as T_map_odom and never moves `odom`.
     """
 
-    _STATE = ("_waiting", "_lost_since_ns", "_told", "_T_first_source")
+    _STATE = ("_waiting", "_lost_since_ns", "_T_first_source")
 
     def __init__(self, config: Config, odometry: Odometry) -> None:
         self._config, self._odometry = config, odometry
@@ -51,7 +51,6 @@ class ScanTracker(Stateful):
         self._other: Odometry | None = None  # registers lost scans with one another
         self._lost_since_ns: int | None = None
         self._T_first_source: Floats | None = None  # (4, 4) from the frame in which poses come
-        self._told = False  # the odometry knows where up is
 
     def track(self, raw: RawScan) -> list[TrackedScan]:
         """The newest scans whose poses are known: none in the first seconds, until it is known where up is, then all.
@@ -68,16 +67,17 @@ class ScanTracker(Stateful):
             self._T_first_source = inverse(found.T_odom_sensor)
         T_first_sensor = self._T_first_source @ found.T_odom_sensor
         self._waiting.append(TrackedScan(raw, points, T_first_sensor, found.covariance, found.health))
-        if not self._level.known:
-            self._level.add(raw.stamp_ns, points, T_first_sensor)
+        if self._level.known:
+            return self.release()
+        self._level.add(raw.stamp_ns, points, T_first_sensor)
+        self._odometry.level(self._level.likely_up)
         return self.release() if self._level.known else []
 
     def release(self) -> list[TrackedScan]:
         """The scans that wait; if up is not known yet, it is where the mount says."""
-        if not self._told:
+        if not self._level.known:
             self._level.settle()
-            self._odometry.level(self._level.T_level_first[2, :3])
-            self._told = True
+            self._odometry.level(self._level.likely_up)
         waiting, self._waiting = self._waiting, []
         return [self._levelled(scan) for scan in waiting]
 

@@ -113,7 +113,9 @@ def test_a_bare_hall_has_one_vertical_but_no_sign() -> None:
     assert error_deg(found, s) < 1.5
     assert not found.sign_told
     level = np.cross(s.up, [0.6, 0.8, 0.0])
-    assert estimated(s, level) is None  # which end is up, nothing says
+    lying = estimated(s, level)
+    assert lying is not None
+    assert not lying.sign_sure
 
 
 def test_no_building_no_vertical() -> None:
