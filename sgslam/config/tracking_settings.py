@@ -51,7 +51,7 @@ class TrackingSettings(Settings):
     near: float = Field(0.1, gt=0)
     """m, distance within which a point counts as explained by its surface"""
     agreement: float = Field(0.8, gt=0, le=1)
-    """share of the points with a surface within `gate` that are `near` it, below which a scan is lost; clutter leaves 0.9"""
+    """share of the points with a surface within `gate` that are `near` it, below which a scan is lost; clutter: 0.9"""
     unsuspicious: float = Field(0.9, gt=0, le=1)
     """the same share, below which a registration is tried again from other predictions"""
     overlap: float = Field(0.3, gt=0, le=1)

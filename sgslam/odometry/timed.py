@@ -32,7 +32,8 @@ class TimedOdometry:
 
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
     one with times guessed from the order of their points. The right one finds the points nearer to its surfaces. Poses
-    are those of the better one so far, and do not jump when that changes.
+    are those of the better one so far, and do not jump when that changes; but while results are held back, they are
+    all replaced by those of the other one.
     """
 
     def __init__(self, make: Callable[[], Odometry], point_times: Literal["auto", "snapshot", "order"]) -> None:
@@ -46,6 +47,7 @@ class TimedOdometry:
         self._last_ns: int | None = None
         self._duration_s = np.inf
         self._shift = np.eye(4)  # from the frame of the best odometry to that of the results
+        self._held: dict[Kind, list[Registration]] | None = None  # the results of all scans so far, held back
 
     @property
     def residual(self) -> float:
@@ -56,6 +58,20 @@ class TimedOdometry:
     def kind(self) -> Kind | None:
         """What scans without times are; None while that is not known."""
         return self._best if len(self._odometries) == 1 else None
+
+    def hold(self) -> None:
+        """Begins to hold results back; to be called before the first scan."""
+        self._held = {kind: [] for kind in self._odometries}
+
+    @property
+    def held(self) -> list[Registration]:
+        """The results held back, one a scan, by the odometry that is better so far."""
+        return [] if self._held is None else self._held[self._best]
+
+    def release(self) -> list[Registration]:
+        """Ends holding back; returns what was `held`."""
+        released, self._held = self.held, None
+        return released
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
         """See `Odometry.register`."""
@@ -74,6 +90,9 @@ class TimedOdometry:
         results = {
             kind: odometry.register(stamp_ns, points, times[kind]) for kind, odometry in self._odometries.items()
         }
+        if self._held is not None:
+            for kind, result in results.items():
+                self._held[kind].append(result)
         if self.kind is None:
             self._compare(results, is_ordered, interval_s)
         self._last = {kind: results[kind].T_odom_sensor for kind in self._odometries}
@@ -120,9 +139,10 @@ class TimedOdometry:
         return np.asarray(velocity_between(np.eye(4), step, interval_s))
 
     def _prefer(self, kind: Kind) -> None:
-        """Takes results from an odometry; its last pose becomes that of the results."""
+        """Takes results from an odometry; its last pose becomes that of the results, unless all are replaced."""
         if kind != self._best:
-            self._shift = squared_up(self._shift @ self._last[self._best] @ inverse(self._last[kind]))
+            if self._held is None:
+                self._shift = squared_up(self._shift @ self._last[self._best] @ inverse(self._last[kind]))
             self._best = kind
 
     def _decide(self, kind: Kind) -> None:
@@ -136,7 +156,7 @@ class TimedOdometry:
         return {
             "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
             "evidence": self._evidence, "without_order": self._without_order, "last": dict(self._last),
-            "last_ns": self._last_ns, "duration_s": self._duration_s, "shift": self._shift,
+            "last_ns": self._last_ns, "duration_s": self._duration_s, "shift": self._shift, "held": self._held,
         }  # fmt: skip
 
     def restore(self, state: State) -> None:
@@ -146,7 +166,7 @@ class TimedOdometry:
             odometry.restore(state["odometries"][kind])
         self._best, self._evidence, self._without_order = state["best"], state["evidence"], state["without_order"]
         self._last, self._last_ns = dict(state["last"]), state["last_ns"]
-        self._duration_s, self._shift = state["duration_s"], state["shift"]
+        self._duration_s, self._shift, self._held = state["duration_s"], state["shift"], state["held"]
 
 
 def _exceeds(velocity: Floats, speed: float, turn_rate: float) -> bool:

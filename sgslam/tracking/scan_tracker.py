@@ -11,9 +11,10 @@ from sgslam.config import Config
 from sgslam.geometry.frames import inverse
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.odometry.given import GivenPoses
+from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import RawScan
 from sgslam.perception.scan_checks import checked_times
-from sgslam.registration import Health
+from sgslam.registration import Health, Registration
 from sgslam.serialization import Stateful
 from sgslam.tracking.level_frame import LevelFrame
 
@@ -41,16 +42,20 @@ class ScanTracker(Stateful):
     What the graph knows better, by the plan and by loops, acts as T_map_odom and never moves `odom`.
     """
 
-    _STATE = ("_waiting", "_lost_since_ns", "_T_first_source")
+    _STATE = ("_waiting", "_found", "_lost_since_ns", "_T_level_source")
 
     def __init__(self, config: Config, odometry: Odometry) -> None:
         self._config, self._odometry = config, odometry
         self._given = GivenPoses(config.odometry)
         self._level = LevelFrame(config.tracking)
-        self._waiting: list[TrackedScan] = []  # until it is known where up is
+        # until it is known where up is, and what the points' times are: scans, and their poses as of now
+        self._waiting: list[RawScan] = []
+        self._found: list[Registration] = []
         self._other: Odometry | None = None  # registers lost scans with one another
         self._lost_since_ns: int | None = None
-        self._T_first_source: Floats | None = None  # (4, 4) from the frame in which poses come
+        self._T_level_source = np.eye(4)  # from the frame in which poses come
+        if isinstance(odometry, TimedOdometry):
+            odometry.hold()
 
     def track(self, raw: RawScan) -> list[TrackedScan]:
         """The newest scans whose poses are known: none in the first seconds, until it is known where up is, then all.
@@ -62,33 +67,51 @@ class ScanTracker(Stateful):
             found = self._odometry.register(raw.stamp_ns, raw.points, times)
         else:
             found = self._given.register(raw.stamp_ns, raw.T_odom_sensor, times)
-        points = found.undistorted(raw.points)
-        if self._T_first_source is None:
-            self._T_first_source = inverse(found.T_odom_sensor)
-        T_first_sensor = self._T_first_source @ found.T_odom_sensor
-        self._waiting.append(TrackedScan(raw, points, T_first_sensor, found.covariance, found.health))
         if self._level.known:
-            return self.release()
-        self._level.add(raw.stamp_ns, points, T_first_sensor)
+            return [self._tracked(raw, found)]
+        self._waiting.append(raw)
+        if isinstance(self._odometry, TimedOdometry) and raw.T_odom_sensor is None:
+            self._found = self._odometry.held
+        else:
+            self._found.append(found)
+        self._level.add(raw.stamp_ns, raw.points, self._found)
         self._odometry.level(self._level.likely_up)
-        return self.release() if self._level.known else []
+        return self.release() if self._is_settled(raw) else []
+
+    def _is_settled(self, raw: RawScan) -> bool:
+        """Whether it is known where up is and what the points' times are, or it has been too long."""
+        if self._level.waited_s(raw.stamp_ns) >= self._config.tracking.gravity_until:
+            return True
+        if isinstance(self._odometry, TimedOdometry) and raw.T_odom_sensor is None and self._odometry.kind is None:
+            return False
+        return self._level.sure
 
     def release(self) -> list[TrackedScan]:
         """The scans that wait; if up is not known yet, it is where the mount says."""
         if not self._level.known:
-            self._level.settle()
+            self._level.settle(self._found)
             self._odometry.level(self._level.likely_up)
-        waiting, self._waiting = self._waiting, []
-        return [self._levelled(scan) for scan in waiting]
+            self._T_level_source = self._T_level_now()
+            if isinstance(self._odometry, TimedOdometry):
+                self._odometry.release()
+        waiting, found = self._waiting, self._found
+        self._waiting, self._found = [], []
+        return [self._tracked(*scan) for scan in zip(waiting, found, strict=True)]
 
     @property
     def newest(self) -> Floats | None:
-        """(4, 4) T_odom_sensor of the newest scan that waits, by the expected mount; None if none does."""
-        return self._levelled(self._waiting[-1]).T_odom_sensor if self._waiting else None
+        """(4, 4) T_odom_sensor of the newest scan that waits, as far as known; None if none does."""
+        return self._T_level_now() @ self._found[-1].T_odom_sensor if self._waiting else None
 
-    def _levelled(self, scan: TrackedScan) -> TrackedScan:
-        T_odom_sensor = self._level.T_level_first @ scan.T_odom_sensor
-        return TrackedScan(scan.raw, scan.points, T_odom_sensor, scan.covariance, scan.health)
+    def _T_level_now(self) -> Floats:  # noqa: N802
+        """(4, 4) from the frame in which poses come, as far as it is known where up is."""
+        if not self._found:
+            return np.eye(4)
+        return self._level.T_level_first @ inverse(self._found[0].T_odom_sensor)
+
+    def _tracked(self, raw: RawScan, found: Registration) -> TrackedScan:
+        T_odom_sensor = self._T_level_source @ found.T_odom_sensor
+        return TrackedScan(raw, found.undistorted(raw.points), T_odom_sensor, found.covariance, found.health)
 
     def was_carried_elsewhere(self, scan: TrackedScan) -> bool:
         """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map.
