@@ -101,8 +101,10 @@ class ContinuousTimeOdometry:
         assert self._older is not None
         first, self._older = self._older, None  # it is in the map
         solved, firsts = self._solved(self._beliefs[-1], [scan])
+        velocity = np.zeros(6)
         for _ in range(_ROUNDS if len(first.knot_seconds) > 1 else 0):
-            velocity = Motion(solved.seconds, solved.knots).velocity(0)
+            # where the first scan was given too little motion, the second shows as much too much
+            velocity = (velocity + Motion(solved.seconds, solved.knots).velocity(0)) / 2
             knots = self._model.steady(np.eye(4), velocity, first.knot_seconds)
             self._beliefs = [self._model.moving(float(first.knot_seconds[-1]), knots[-1], velocity)]
             self._map.clear()
