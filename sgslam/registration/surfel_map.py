@@ -26,6 +26,7 @@ _FLAT = 9.0  # times the variance across, that along the plane in its narrower d
 _NOISE = 0.02  # m, standard deviation of a range; the spread of few points may be less by chance
 _SHARED = 0.0025  # m, standard deviation of what all points of a patch share: walls and ranges are no truer
 _BELIEVED = 5.0  # points of that noise, added to a plane's own
+_FINER = 0.25  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
 _BITS = 20  # of a cell's index along one axis
 # columns of a surfel's row
@@ -240,8 +241,8 @@ def nearest_plane(point: Floats, sensor: Floats, normal: Floats, gate: float, su
     Where the scan itself shows the normal (3,) of its surface there (else zero), the plane's is within 60 degrees of
     it: the edge of a slab is not its floor.
 
-    Of the planes in the cells of several sizes, the one that predicts the point best: large cells give true normals,
-    since beams have biases, and small ones follow what is not flat.
+    Of the planes in the cells of several sizes, that of the largest, unless a smaller one predicts the point clearly
+    better: large cells give true normals, since beams have biases, and small ones follow what is not flat.
     """
     keys, first, other, planes, seen = surfels
     x, y, z = point
@@ -263,7 +264,7 @@ def nearest_plane(point: Floats, sensor: Floats, normal: Floats, gate: float, su
             s = other[s]
         if best >= 0:
             _, spread = plane_residual(x, y, z, planes[best])
-            if planes[best, _ACROSS] + spread < lowest:
+            if planes[best, _ACROSS] + spread < _FINER * lowest:
                 chosen, lowest = best, planes[best, _ACROSS] + spread
     return chosen
 

@@ -8,6 +8,7 @@ from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.backend import FactorEvent
 from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenWall
 from sgslam.perception import FloorObservation, RawScan
+from sgslam.registration import Motion, Registration
 from sgslam.registration.beliefs import Belief
 from sgslam.registration.sampling import TimedPoints
 from sgslam.session.scan_poses import ScanPose
@@ -17,7 +18,7 @@ TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, FloorObservation, Hypothesis,
-        Keyframe, KeyframeNode, Lines, MapSize, MatchResult, PlannedWall, RawScan, Room, RoomNode, ScanPose, Scene,
-        SceneGraph, SeenWall, TimedPoints, TrackedScan, UniqueMatch, WallSurface,
+        Keyframe, KeyframeNode, Lines, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration, Room, RoomNode,
+        ScanPose, Scene, SceneGraph, SeenWall, TimedPoints, TrackedScan, UniqueMatch, WallSurface,
     )
 }  # fmt: skip

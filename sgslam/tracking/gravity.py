@@ -24,7 +24,7 @@ SAMPLE = 150  # surfels that propose a direction
 # How plausible an angle between the expected and the true vertical is: most sensors stand within some degrees of it,
 # some are tilted, some lie on their side, few hang. (weight, middle, standard deviation), radians. Those that lie on
 # their side weigh more than they are frequent: a wrong answer is worse than none.
-MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.02, np.pi, 0.26))
+MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.01, np.pi, 0.26))
 LEAST_AXIS_ODDS = 1.5  # natural logarithm; below, no answer is better than a wrong one
 SIGN_SURE = 1.0  # likewise
 HOPELESS = 6.0  # likewise: so far behind, a candidate is not the vertical whatever its sign says

@@ -70,6 +70,8 @@ class LevelFrame(Stateful):
         """Ends the search with the `results` of all scans; where nothing is found, up is where the mount says."""
         settings, found = self._settings, self._estimate(results)
         up = self._expected if found is None else found.up_in_odom
+        if found is not None and not found.sign_sure and up @ self._expected < 0:
+            up = -up
         tilt = float(np.arccos(np.clip(up @ self._expected, -1.0, 1.0)))
         if found is None:
             _log.warning(
