@@ -50,12 +50,14 @@ class TrackingSettings(Settings):
     """m, way after which surfaces that are not seen any more are forgotten"""
     near: float = Field(0.1, gt=0)
     """m, distance within which a point counts as explained by its surface"""
+    suspicious: float = Field(0.85, gt=0, le=1)
+    """share of the usually explained points below which a registration is tried again from other predictions"""
+    lost: float = Field(0.6, gt=0, le=1)
+    """share of the usually explained points below which a scan is lost; a doorway may show 0.75"""
+    usual_memory: float = Field(1.0, gt=0)
+    """s, time constant of the usual share of explained points"""
     agreement: float = Field(0.8, gt=0, le=1)
     """share of the points with a surface within `gate` that are `near` it, below which a scan is lost; clutter: 0.9"""
-    unsuspicious: float = Field(0.9, gt=0, le=1)
-    """the same share, below which a registration is tried again from other predictions"""
-    overlap: float = Field(0.3, gt=0, le=1)
-    """share of a scan's points with a surface within `gate`, below which it is lost; a new room leaves 0.4"""
     innovation: float = Field(60.0, gt=0)
     """squared Mahalanobis distance of a pose from its prediction beyond which a scan is lost; chi2 of 6 dimensions"""
     degraded_translation: float = Field(0.1, gt=0)

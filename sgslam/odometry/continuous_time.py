@@ -46,7 +46,7 @@ class ContinuousTimeOdometry:
     """
 
     _STATE = (
-        "_side", "_first_ns", "_scans", "_lost", "_way", "_older", "_older_knots", "_beliefs", "residual",
+        "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_older", "_older_knots", "_beliefs", "residual",
         "_up",
     )  # fmt: skip
 
@@ -56,7 +56,7 @@ class ContinuousTimeOdometry:
         self._first_ns: int | None = None
         self._scans, self._lost = 0, False
         self._up: Floats | None = None  # in `odom`, once it is known
-        self._way = 0.0  # m
+        self._way, self._usual = 0.0, 0.0  # m; share of a scan's points on known surfaces
         self._older: TimedPoints | None = None  # the newest scan, if it is not in the map yet
         self._older_knots = np.empty((0, 4, 4))  # its knots
         self._beliefs: list[Belief] = []  # of the ends of the last two scans, each as its own window left it
@@ -122,7 +122,7 @@ class ContinuousTimeOdometry:
 
     def _solved(self, belief: Belief, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
         """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""
-        settings = self._settings
+        settings, usual = self._settings, self._settings.suspicious * self._usual
         seconds, firsts = window_knots(belief.seconds, [scan.knot_seconds for scan in scans])
         known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *self._older_knots]
         newest = self._beliefs[-1]
@@ -137,7 +137,7 @@ class ContinuousTimeOdometry:
             return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, self._weights)
 
         best = attempt(ahead, settings.first_kernel)
-        if not best.is_held(settings.unsuspicious, settings.overlap):
+        if best.share < usual or best.agreement < settings.agreement:
             others = [ahead, stopped, *(self._turned(stopped) if self._lost else [])]
             best = max([best, *(attempt(guess, settings.wide_kernel) for guess in others)], key=lambda s: s.close)
         return best, firsts
@@ -150,7 +150,9 @@ class ContinuousTimeOdometry:
     def _judged(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> _Found:
         """Adds the older scan to the map and remembers the newest one, unless it is lost."""
         covariance = solved.covariance_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
-        health, unconstrained = judged(solved, covariance, self._settings)
+        relative = solved.share / max(self._usual, 1e-9) if self._scans > 2 else 1.0
+        health, unconstrained = judged(solved, covariance, relative, self._settings)
+        interval = float(scan.knot_seconds[-1]) - self._beliefs[-1].seconds
         if self._older is not None:
             own = self._older_knots if health == "lost" else solved.knots[firsts[0] :][: len(self._older_knots)]
             self._add(self._older, own)
@@ -159,13 +161,15 @@ class ContinuousTimeOdometry:
             belief = self._model.unobserved(self._beliefs[-1], float(scan.knot_seconds[-1]))
             self._older, self._beliefs = None, [belief]
             knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
-            return _Found(knots, belief.covariance, health, solved.agreement)
+            return _Found(knots, belief.covariance, health, solved.share)
         knots = solved.knots[firsts[-1] :]
         self._way += float(np.linalg.norm(knots[-1, :3, 3] - self._beliefs[-1].T[:3, 3]))
         before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
         self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
         self._older, self._older_knots, self.residual = scan, knots, solved.residual
-        return _Found(knots, covariance, health, solved.agreement, unconstrained)
+        weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
+        self._usual += weight * (solved.share - self._usual)
+        return _Found(knots, covariance, health, solved.share, unconstrained)
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""

@@ -20,10 +20,13 @@ def innovation(solved: Solved) -> float:
     return float(off @ np.linalg.solve(prior, off))
 
 
-def judged(solved: Solved, covariance: Floats, settings: TrackingSettings) -> tuple[Health, Floats]:
-    """The health of a scan with a covariance (6, 6), rotation first; and the unit twists (M, 6) that are not
-    constrained."""
-    if not solved.is_held(settings.agreement, settings.overlap) or innovation(solved) > settings.innovation:
+def judged(
+    solved: Solved, covariance: Floats, relative: float, settings: TrackingSettings
+) -> tuple[Health, Floats]:
+    """The health of a scan with a covariance (6, 6), rotation first, and with a share of points on known surfaces that
+    is so many times the usual one; and the unit twists (M, 6) that are not constrained."""
+    unlike = relative < settings.lost or solved.agreement < settings.agreement
+    if unlike or innovation(solved) > settings.innovation:
         return "lost", np.empty((0, 6))
     weak = []
     for part, most in ((0, settings.degraded_rotation), (3, settings.degraded_translation)):

@@ -26,7 +26,7 @@ _FLAT = 9.0  # times the variance across, that along the plane in its narrower d
 _NOISE = 0.02  # m, standard deviation of a range; the spread of few points may be less by chance
 _SHARED = 0.0025  # m, standard deviation of what all points of a patch share: walls and ranges are no truer
 _BELIEVED = 5.0  # points of that noise, added to a plane's own
-_FINER = 0.25  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
+_FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
 _BITS = 20  # of a cell's index along one axis
 # columns of a surfel's row

@@ -54,8 +54,8 @@ class Registration:
     `covariance` (6, 6) is that of the pose against the local map, rotation first, in the sensor's axes. `health` is
     "degraded" where some direction is held by the motion prior alone: unit twists `unconstrained` (M, 6), rotation
     first, in the sensor's axes; and "lost" where the scan does not fit the map: the pose is then a prediction.
-    `share` is that of the points near their surfaces, among those that have one in reach. `motion` is that during the
-    scan, by seconds after its stamp; `point_times` (N,) are the times that were used, None for a snapshot.
+    `share` is the share of the scan's points that lie on known surfaces. `motion` is that during the scan, by seconds
+    after its stamp; `point_times` (N,) are the times that were used, None for a snapshot.
     """
 
     T_odom_sensor: Floats

@@ -83,9 +83,10 @@ class Solved:
         """The share of the points found that lie near their planes."""
         return self.close / max(self.found, 1)
 
-    def is_held(self, agreement: float, overlap: float) -> bool:
-        """Whether such shares of the points found, and of all points, are near and found."""
-        return self.agreement >= agreement and self.found >= overlap * self.points
+    @property
+    def share(self) -> float:
+        """The share of all points that lie near a plane."""
+        return self.close / max(self.points, 1)
 
     @cached_property
     def covariance(self) -> Floats:

@@ -124,7 +124,7 @@ def test_without_a_plan_the_map_is_shown_as_it_grows(page: Page, monkeypatch: py
     monkeypatch.setattr(live_view, "EVERY_S", 0.0)
     monkeypatch.setattr(live_view, "SHARE", 1.0)
     view, slam = LiveView(page), SceneGraphSlam()
-    for stamp_ns, points in small_drive().scans[:30]:
+    for stamp_ns, points in small_drive().scans[:60]:  # they wait at first, until it is known where up is
         view.add_scan(slam, slam.add_scan(stamp_ns, points), points)
         view.wait()
     view.stop()
