@@ -7,6 +7,8 @@ from boxes import Array, pose, room, scan, scene_of
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.registration import Registration
+from sgslam.registration.health import judged
+from sgslam.registration.window import Solved
 
 _FURNISHED = [*room(0, 0, 7, 5), (5, 3.5, 0, 6, 4.5, 1.4), (1, 4, 0, 1.6, 5, 2.0)]
 
@@ -34,3 +36,18 @@ def test_the_same_scans_give_the_same_bits() -> None:
     scans = [scan(scene, T, seed=k) for k, T in enumerate(_poses(6))]
     first, again = _registered(scans), _registered(scans)
     assert all(np.array_equal(a.T_odom_sensor, b.T_odom_sensor) for a, b in zip(first, again, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("found", "close", "relative", "health"),
+    [
+        (1000, 810, 1.0, "good"), (1000, 790, 1.0, "lost"),  # surfaces in reach that the points contradict
+        (450, 440, 0.61, "good"), (450, 440, 0.59, "lost"),  # much less that is known than before
+    ],
+)  # fmt: skip
+def test_a_scan_is_lost_where_its_surfaces_or_the_map_say_otherwise(
+    found: int, close: int, relative: float, health: str
+) -> None:
+    knots, information = np.tile(np.eye(4), (2, 1, 1)), 1e6 * np.eye(12)
+    solved = Solved(np.array([0.0, 0.1]), knots, knots, information, 0.9 * information, 1000, found, close, 0.01)
+    assert judged(solved, np.eye(6) * 1e-6, relative, TrackingSettings())[0] == health
