@@ -24,10 +24,11 @@ _BETWEEN_NS = 1_000_000_000  # between two attempts
 class LevelFrame(Stateful):
     """`T_level_first` (4, 4) turns the frame of the first pose upright; `known` once that is settled.
 
-    Until then `likely_up` (3,) is the best answer so far, in that frame, and `sure` tells whether it is good enough.
+    Until then `likely_up` (3,) is the best answer so far, in that frame: `found` in the surfaces, or where the mount
+    says, and `sure` tells whether it is good enough.
     """
 
-    _STATE = ("known", "sure", "likely_up", "_began_ns", "_next_ns", "_chosen")
+    _STATE = ("known", "sure", "found", "likely_up", "_began_ns", "_next_ns", "_chosen")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
@@ -35,7 +36,7 @@ class LevelFrame(Stateful):
         # up in the first sensor's axes, if the carrier stands upright
         self._expected: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()[2]
         self.likely_up = self._expected
-        self.known, self.sure = False, False
+        self.known, self.sure, self.found = False, False, False
         self._began_ns: int | None = None
         self._next_ns = 0
         self._chosen: list[tuple[Floats, Ints]] = []  # of each scan, some points (N, 3) and their indices (N,)
@@ -59,7 +60,7 @@ class LevelFrame(Stateful):
         self._next_ns = stamp_ns + _BETWEEN_NS
         found = self._estimate(results)
         if found is not None:
-            self.likely_up = found.up_in_odom
+            self.found, self.likely_up = True, found.up_in_odom
             self.sure = found.sign_sure and self.waited_s(stamp_ns) >= settings.gravity_after
 
     def waited_s(self, stamp_ns: int) -> float:

@@ -75,7 +75,8 @@ class ScanTracker(Stateful):
         else:
             self._found.append(found)
         self._level.add(raw.stamp_ns, raw.points, self._found)
-        self._odometry.level(self._level.likely_up)
+        if self._level.found:
+            self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
 
     def _is_settled(self, raw: RawScan) -> bool:
