@@ -56,7 +56,7 @@ class TrackingSettings(Settings):
     """share of the usually explained points below which a scan is lost; a doorway may show 0.75"""
     usual_memory: float = Field(1.0, gt=0)
     """s, time constant of the usual share of explained points"""
-    agreement: float = Field(0.8, gt=0, le=1)
+    agreement: float = Field(0.7, gt=0, le=1)
     """share of the points with a surface within `gate` that are `near` it, below which a scan is lost; clutter: 0.9"""
     innovation: float = Field(60.0, gt=0)
     """squared Mahalanobis distance of a pose from its prediction beyond which a scan is lost; chi2 of 6 dimensions"""
