@@ -33,6 +33,11 @@ class Odometry(Protocol):
         """Sets the direction of gravity (3,) in `odom`, once it is known."""
         ...
 
+    def rejoin(self, other: "Odometry") -> bool:
+        """Tries to find the scan that `other` registered last near the place where the sensor was lost, and goes on
+        from there. Returns whether it fits."""
+        ...
+
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree; another instance of the same settings continues from it bit by bit."""
         ...

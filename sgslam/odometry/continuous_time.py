@@ -11,15 +11,18 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
-from sgslam.odometry.base import State
+from sgslam.geometry.frames import inverse, transform_points
+from sgslam.odometry.base import Odometry, State
 from sgslam.registration import Health, Motion, Registration, SurfelMap
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.health import judged
 from sgslam.registration.motion_prior import moved_on
+from sgslam.registration.relocation import likely_poses
 from sgslam.registration.sampling import TimedPoints, thinned
 from sgslam.registration.window import Solved, Weights, solve, window_knots
 
 Floats = NDArray[np.float64]
+_TRIED = 8  # of the likely poses of a lost sensor
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
 # rotations (4, 4) of a lost scan's search, about each axis of the sensor, since its mount is not known
 _TURNS = np.tile(np.eye(4), (15, 1, 1))
@@ -130,7 +133,7 @@ class ContinuousTimeOdometry:
         stopped = [known[-1]] * len(ahead)
         knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
         points, prior = np.concatenate([scan.points for scan in scans]), self._model.expected(belief, seconds)
-        fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share)
+        fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), len(points) - len(scans[-1].points)
         local = self._map.arrays, self._way - settings.local_map
 
         def attempt(guess: list[Floats], kernel: float) -> Solved:
@@ -170,6 +173,35 @@ class ContinuousTimeOdometry:
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
         self._usual += weight * (solved.share - self._usual)
         return _Found(knots, covariance, health, solved.share, unconstrained)
+
+    def rejoin(self, other: Odometry) -> bool:
+        """See `Odometry.rejoin`."""
+        if not isinstance(other, ContinuousTimeOdometry) or other._older is None or self._up is None:
+            return False
+        assert self._first_ns is not None and other._first_ns is not None
+        lost, self._lost = self._beliefs, False
+        scan = other._older.later((other._first_ns - self._first_ns) / 1e9)
+        found = []
+        for T_odom_other in self._likely_poses(other, scan):
+            begin, velocity = other._beliefs[-2], np.kron(np.eye(2), T_odom_other[:3, :3]) @ other._beliefs[-1].velocity
+            before = begin.seconds + (other._first_ns - self._first_ns) / 1e9
+            self._beliefs = [self._model.near(before, T_odom_other @ begin.T, velocity)]
+            found.append((self._beliefs, *self._solved(self._beliefs[-1], [scan])))
+        self._beliefs, solved, firsts = max(found, key=lambda own: own[1].close)
+        fits = solved.share >= self._settings.suspicious * self._usual
+        if fits and self._judged(scan, solved, firsts).health != "lost":
+            return True
+        self._beliefs, self._older, self._lost = lost, None, True
+        return False
+
+    def _likely_poses(self, other: "ContinuousTimeOdometry", newest: TimedPoints) -> list[Floats]:
+        """T_odom_other (4, 4) of the places near the last known one where the other's newest scan would fit best."""
+        last = other._older_knots[-1]
+        placed, _ = Motion(newest.knot_seconds, other._older_knots).placed(newest.points, newest.seconds)
+        seen = np.hstack([transform_points(inverse(last), placed), newest.points[:, 3:]])
+        local = self._map.arrays, self._way - self._settings.local_map
+        assert self._up is not None
+        return [T @ inverse(last) for T in likely_poses(seen, self._beliefs[-1].T @ last, self._up, *local, _TRIED)]
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""

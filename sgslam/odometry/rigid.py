@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import OdometrySettings
 from sgslam.geometry.frames import inverse
-from sgslam.odometry.base import State
+from sgslam.odometry.base import Odometry, State
 from sgslam.odometry.steps import plausible
 from sgslam.registration import Motion, Registration
 from sgslam.registration.motion_prior import moved_on, velocity_between
@@ -84,6 +84,10 @@ class RigidOdometry(ABC):
     def level(self, up_in_odom: Floats) -> None:
         """See `Odometry.level`: a registration that assumes nothing of the motion has no use for it."""
         return
+
+    def rejoin(self, other: Odometry) -> bool:
+        """See `Odometry.rejoin`: lost scans are searched one by one."""
+        return False
 
     def state(self) -> dict[str, Any]:
         """See `Odometry.state`."""

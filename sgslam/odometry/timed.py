@@ -104,6 +104,11 @@ class TimedOdometry:
             R_own_odom = self._shift[:3, :3].T if kind == self._best else np.eye(3)
             odometry.level(R_own_odom @ up_in_odom)
 
+    def rejoin(self, other: Odometry) -> bool:
+        """See `Odometry.rejoin`."""
+        theirs = other._odometries[other._best] if isinstance(other, TimedOdometry) else other
+        return self._odometries[self._best].rejoin(theirs)
+
     def _compare(self, results: dict[Kind, Registration], is_ordered: bool, interval_s: float) -> None:
         """Adds the evidence of a scan, changes to the better odometry, and drops the other one where it is clear."""
         self._without_order = max(self._without_order + (-1 if is_ordered else 1), 0)

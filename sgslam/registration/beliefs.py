@@ -75,6 +75,10 @@ class MotionModel:
         """A pose with a roughly known velocity."""
         return Belief(seconds, T, np.eye(6) * 1e-6, velocity, self._along((self.prior.spread / 3) ** 2))
 
+    def near(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
+        """A pose known to a step of the grid on which a lost sensor is searched, with a roughly known velocity."""
+        return Belief(seconds, T, np.eye(6) * 0.25, velocity, self._along((self.prior.spread / 3) ** 2))
+
     def unobserved(self, belief: Belief, seconds: float) -> Belief:
         """What remains of a belief at a later time: the pose stays, with a growing covariance."""
         after, memory = seconds - belief.seconds, self.prior.memory

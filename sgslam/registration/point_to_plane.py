@@ -125,20 +125,20 @@ def _add_blocks(own: Floats, joint: Floats, pull: Floats, H: Floats, g: Floats) 
 @compiled
 def add_points(
     points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float,
-    kernel: float, variance: float, near: float, H: Floats, g: Floats, F: Floats,
-) -> tuple[int, int, float]:  # fmt: skip
+    kernel: float, variance: float, near: float, newest: int, H: Floats, g: Floats, F: Floats,
+) -> tuple[float, int, int]:  # fmt: skip
     """Adds all points to normal equations H (6K, 6K), g (6K,) of K knots; rotation first, both in axes of `odom`.
 
     A point within `gate` (m) of a plane counts by the variance (m2) of its distance and by the plane's, times the
     weight of Geman and McClure with scale `kernel` (m), where the scatter of all points on the same plane counts as a
     residual: a wall's points near a known floor do not agree about it. F (3, 3) gets the information
-    about translations that errors of the normals feign. Returns the numbers of points with a plane and of those
-    `near` (m) it, and the median of their distances (m).
+    about translations that errors of the normals feign. Returns the median distance (m) of the points from their
+    planes; of those from the `newest` one on, the numbers of points with a plane, and of those `near` (m) it.
     """
     moved, plane_of, off_of, groups = _matched(points, knot, share, knots, surfels, oldest, gate)
     # blocks of H: of a knot, and between it and the next one
     own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
-    found, close, planes, offs, J = 0, 0, surfels.planes, np.empty(len(points)), np.empty(6)
+    used, found, close, planes, offs, J = 0, 0, 0, surfels.planes, np.empty(len(points)), np.empty(6)
     for p in range(len(points)):
         s, k, a, off = plane_of[p], knot[p], share[p], off_of[p]
         if s < 0:
@@ -146,9 +146,11 @@ def add_points(
         _, spread = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
         mean = groups[s, 1] / groups[s, 0]
         scatter = max(groups[s, 2] / groups[s, 0] - mean * mean, 0.0)
-        offs[found] = abs(off)
-        found += 1
-        close += abs(off) < near
+        offs[used] = abs(off)
+        used += 1
+        if p >= newest:
+            found += 1
+            close += abs(off) < near
         nx, ny, nz = planes[s, 0], planes[s, 1], planes[s, 2]
         x = moved[p, 0] - knots[k, 0, 3]
         y = moved[p, 1] - knots[k, 1, 3]
@@ -175,4 +177,4 @@ def add_points(
                     own[k + 1, i, j] += a * a * wi * J[j]
                     joint[k, i, j] += a * b * wi * J[j]
     _add_blocks(own, joint, pull, H, g)
-    return found, close, float(np.median(offs[:found])) if found else math.inf
+    return float(np.median(offs[:used])) if used else math.inf, found, close

@@ -32,6 +32,10 @@ class TimedPoints:
     seconds: Floats
     knot_seconds: Floats
 
+    def later(self, seconds: float) -> "TimedPoints":
+        """The same points, measured so many seconds later."""
+        return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds)
+
     def between(self, first: int) -> tuple[Ints, Floats]:
         """The knot (N,) before each point, the scan's first one being number `first`, and the share (N,) of the way
         to the next one."""

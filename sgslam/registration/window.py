@@ -64,8 +64,8 @@ class Solved:
     """A window: its knots (K, 4, 4) at `seconds` (K,), their information (6K, 6K), that of the points alone, and the
     knots as the prior predicted them.
 
-    Of so many points, `found` ones have a plane in reach, and `close` ones lie near it; `residual` (m) is the median
-    distance of those found.
+    Of so many points of the newest scan, `found` ones have a plane in reach, and `close` ones lie near it; `residual`
+    (m) is the median distance of the points of all scans.
     """
 
     seconds: Floats
@@ -80,12 +80,12 @@ class Solved:
 
     @property
     def agreement(self) -> float:
-        """The share of the points found that lie near their planes."""
+        """The share of the newest scan's points found that lie near their planes."""
         return self.close / max(self.found, 1)
 
     @property
     def share(self) -> float:
-        """The share of all points that lie near a plane."""
+        """The share of the newest scan's points that lie near a plane."""
         return self.close / max(self.points, 1)
 
     @cached_property
@@ -129,33 +129,33 @@ def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
 
 def solve(
     seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
-    share: Floats, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
+    share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
 ) -> Solved:  # fmt: skip
     """Estimates all knots from the `predicted` ones (K, 4, 4) at `seconds` (K,).
 
     Points (N, 6), with the normals that the scan shows, were measured a `share` (N,) of the way from their `knot` (N,)
-    to the next one. The robust kernel follows the residuals, from `first_kernel` to that of the weights (m): a wide one
+    to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals, from `first_kernel` to that of the weights (m): a wide one
     finds the way from a poor prediction, a narrow one rejects outliers.
     """
     knots, H, measured, found, close, residual = _solve(
-        seconds, predicted, prior, motion, points, knot, share, surfels, oldest, first_kernel, weights
+        seconds, predicted, prior, motion, points, knot, share, newest, surfels, oldest, first_kernel, weights
     )
-    return Solved(seconds, knots, predicted, H, measured, len(points), found, close, residual)
+    return Solved(seconds, knots, predicted, H, measured, len(points) - newest, found, close, residual)
 
 
 @compiled
 def _solve(
     seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
-    share: Floats, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
+    share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
 ) -> tuple[Floats, Floats, Floats, int, int, float]:  # fmt: skip
     knots, n = predicted.copy(), 6 * len(predicted)
     H, measured, g, F = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((3, 3))
     kernel, found, close, residual, sigma = first_kernel, 0, 0, np.inf, weights.sigma_point
     for _ in range(weights.iterations):
         H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
-        found, close, residual = add_points(
+        residual, found, close = add_points(
             points, knot, share, knots, surfels, oldest, weights.gate, kernel, sigma**2, weights.near,
-            H, g, F,
+            newest, H, g, F,
         )  # fmt: skip
         project_out_feigned(H, g, F, weights.feigned)
         measured[:, :] = H

@@ -115,7 +115,8 @@ class ScanTracker(Stateful):
         return TrackedScan(raw, found.undistorted(raw.points), T_odom_sensor, found.covariance, found.health)
 
     def was_carried_elsewhere(self, scan: TrackedScan) -> bool:
-        """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map.
+        """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map near
+        the place where it was lost.
 
         To be asked for each scan.
         """
@@ -129,7 +130,12 @@ class ScanTracker(Stateful):
         if found.health == "lost":
             self._other, self._lost_since_ns = None, None
             return False
-        return scan.raw.stamp_ns - self._lost_since_ns >= 1e9 * self._config.tracking.kidnapped
+        if scan.raw.stamp_ns - self._lost_since_ns < 1e9 * self._config.tracking.kidnapped:
+            return False
+        is_here = self._odometry.rejoin(self._other)
+        if is_here:
+            self._other, self._lost_since_ns = None, None
+        return not is_here
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the state of its parts."""

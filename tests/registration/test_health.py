@@ -51,3 +51,29 @@ def test_a_scan_is_lost_where_its_surfaces_or_the_map_say_otherwise(
     knots, information = np.tile(np.eye(4), (2, 1, 1)), 1e6 * np.eye(12)
     solved = Solved(np.array([0.0, 0.1]), knots, knots, information, 0.9 * information, 1000, found, close, 0.01)
     assert judged(solved, np.eye(6) * 1e-6, relative, TrackingSettings())[0] == health
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "yaw", "is_near"),
+    [(2.5, 2.9, -1.2, True), (3.3, 1.6, -1.2, True), (12.5, 2.0, 0.4, False)],
+)
+def test_a_lost_sensor_is_found_again_near_by_but_not_in_another_room(
+    x: float, y: float, yaw: float, is_near: bool
+) -> None:
+    scene = scene_of([*_FURNISHED, *room(11, 0, 14, 9), (12, 5, 0, 13, 6, 1.2)])
+    lost, other = ContinuousTimeOdometry(TrackingSettings()), ContinuousTimeOdometry(TrackingSettings())
+    for k, T in enumerate(_poses(25)):
+        lost.register(100_000_000 * k, scan(scene, T, seed=k))
+    lost.level(np.array([0.0, 0.0, 1.0]))
+    after = [pose(x + 0.03 * k, y, 0.9, yaw + 0.02 * k, 0.1, 0.1) for k in range(8)]
+    scans = [scan(scene, T, seed=50 + k) for k, T in enumerate(after)]
+    covered = np.random.default_rng(0).uniform(0.4, 0.8, (2000, 3))
+    assert lost.register(2_500_000_000, covered).health == "lost"
+    for k, points in enumerate(scans[:7]):
+        other.register(2_500_000_000 + 100_000_000 * k, points)
+    assert lost.rejoin(other) is is_near
+    found = lost.register(3_200_000_000, scans[7])
+    assert (found.health == "good") is is_near
+    if is_near:
+        true = np.linalg.inv(_poses(1)[0]) @ after[7]
+        assert np.linalg.norm(found.T_odom_sensor[:3, 3] - true[:3, 3]) < 0.05  # m; measured 0.01
