@@ -26,6 +26,10 @@ class TrackingSettings(Settings):
     """m/s, standard deviation of the vertical velocity, once it is known where up is; on stairs it is 0.3 to 0.5"""
     vertical_memory: float = Field(2.0, gt=0)
     """s, time constant with which an unobserved vertical velocity decays; a sensor on a stair may see nothing level"""
+    sway: float = Field(0.05, gt=0)
+    """m, standard deviation of a carried sensor's height over level ground; a hand sways by 0.03"""
+    sway_memory: float = Field(2.0, gt=0)
+    """s, time constant with which the usual height follows the sensor's"""
     turn_rate: float = Field(1.0, gt=0)
     """rad/s, standard deviation of the sensor's rate of turn about each axis; a hand's is 0.4 to 1.5"""
     turn_memory: float = Field(0.25, gt=0)

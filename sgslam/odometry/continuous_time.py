@@ -49,7 +49,7 @@ class ContinuousTimeOdometry:
     """
 
     _STATE = (
-        "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_older", "_older_knots", "_beliefs", "residual",
+        "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs", "residual",
         "_up",
     )  # fmt: skip
 
@@ -60,6 +60,7 @@ class ContinuousTimeOdometry:
         self._scans, self._lost = 0, False
         self._up: Floats | None = None  # in `odom`, once it is known
         self._way, self._usual = 0.0, 0.0  # m; share of a scan's points on known surfaces
+        self._height = 0.0  # m, the usual one along `up`
         self._older: TimedPoints | None = None  # the newest scan, if it is not in the map yet
         self._older_knots = np.empty((0, 4, 4))  # its knots
         self._beliefs: list[Belief] = []  # of the ends of the last two scans, each as its own window left it
@@ -72,6 +73,8 @@ class ContinuousTimeOdometry:
 
     def level(self, up_in_odom: Floats) -> None:
         """See `Odometry.level`."""
+        if self._up is None and self._beliefs:
+            self._height = float(up_in_odom @ self._beliefs[-1].T[:3, 3])
         self._up = up_in_odom
         self._model.level(up_in_odom)
 
@@ -132,7 +135,7 @@ class ContinuousTimeOdometry:
         ahead = [moved_on(known[-1], newest.velocity, s - seconds[len(known) - 1]) for s in seconds[len(known) :]]
         stopped = [known[-1]] * len(ahead)
         knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
-        points, prior = np.concatenate([scan.points for scan in scans]), self._model.expected(belief, seconds)
+        points, prior = np.concatenate([scan.points for scan in scans]), self._model.expected(belief, seconds, self._height)
         fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), len(points) - len(scans[-1].points)
         local = self._map.arrays, self._way - settings.local_map
 
@@ -170,6 +173,8 @@ class ContinuousTimeOdometry:
         before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
         self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
         self._older, self._older_knots, self.residual = scan, knots, solved.residual
+        follow = 1 - np.exp(-interval / self._settings.sway_memory)
+        self._height += follow * (float(self._model.up @ knots[-1, :3, 3]) - self._height)
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
         self._usual += weight * (solved.share - self._usual)
         return _Found(knots, covariance, health, solved.share, unconstrained)

@@ -54,6 +54,7 @@ class MotionModel:
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
+        self.up = np.zeros(3)  # direction of gravity in `odom`; zero while it is unknown
         self.prior = MotionPrior(
             np.repeat([settings.turn_rate, settings.speed], 3),
             np.repeat([settings.turn_memory, settings.speed_memory], 3), np.eye(6),
@@ -61,6 +62,7 @@ class MotionModel:
 
     def level(self, up_in_odom: Floats) -> None:
         """Takes the direction of gravity (3,) into account."""
+        self.up = up_in_odom
         settings, axes = self._settings, np.eye(6)
         axes[3:, 3:] = levelling(up_in_odom)
         spread, memory = self.prior.spread.copy(), self.prior.memory.copy()
@@ -86,13 +88,14 @@ class MotionModel:
         covariance = belief.covariance + self._along(moved) + np.diag((belief.velocity * after) ** 2)
         return Belief(seconds, belief.T, covariance, np.zeros(6), self._along(self.prior.spread**2))
 
-    def expected(self, belief: Belief, seconds: Floats) -> Prior:
-        """The prior of a window whose knots have these times (K,); the belief is about the first one."""
+    def expected(self, belief: Belief, seconds: Floats, height: float) -> Prior:
+        """The prior of a window whose knots have these times (K,); the belief is about the first one, the usual height
+        (m) about all."""
         kept = np.exp(-(seconds[1] - seconds[0]) / self.prior.memory)
         decay = self._along(kept)
         C = decay @ belief.velocity_covariance @ decay.T + self._along((1 - kept**2) * self.prior.spread**2)
         known, steady = (np.linalg.inv(M).astype(np.float64) for M in (belief.covariance, C))
-        return Prior(belief.T, known, decay @ belief.velocity, steady)
+        return Prior(belief.T, known, decay @ belief.velocity, steady, self.up, height)
 
     def _along(self, values: Floats) -> Floats:
         """(6, 6) in axes of `odom`, with values (6,) along those of the prior."""

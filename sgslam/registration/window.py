@@ -11,7 +11,7 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
 from sgslam.registration.degeneracy import project_out_feigned
-from sgslam.registration.motion_prior import add_pose, add_velocities, velocity_between
+from sgslam.registration.motion_prior import add_height, add_pose, add_velocities, velocity_between
 from sgslam.registration.point_to_plane import add_points, rotated_by
 from sgslam.registration.surfel_map import Surfels
 
@@ -25,12 +25,15 @@ _GAP = 0.25  # of a scan's duration: a shorter pause after the scan before is no
 
 class Prior(NamedTuple):
     """What is known before: of the window's first knot the pose (4, 4) and its information (6, 6), of the motion after
-    it the velocity (6,) and its information (6, 6)."""
+    it the velocity (6,) and its information (6, 6); of all knots the height (m) along `up` (3,), zero while that is
+    unknown."""
 
     T: Floats
     information: Floats
     velocity: Floats
     velocity_information: Floats
+    up: Floats
+    height: float
 
 
 class MotionPrior(NamedTuple):
@@ -50,6 +53,7 @@ class Weights(NamedTuple):
     kernel: float
     near: float
     feigned: float
+    sway: float
     convergence: float
     iterations: int
 
@@ -163,6 +167,7 @@ def _solve(
         add_velocities(
             seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
         )
+        add_height(knots, prior.up, prior.height, weights.sway, H, g)
         step = solved(H, g)
         most = 0.0
         for k in range(len(knots)):
