@@ -29,7 +29,7 @@ class TrackingSettings(Settings):
     sway: float = Field(0.05, gt=0)
     """m, standard deviation of a carried sensor's height over level ground; a hand sways by 0.03"""
     sway_memory: float = Field(2.0, gt=0)
-    """s, time constant with which the usual height follows the sensor's"""
+    """s, time in which the height is taken to be the usual one once, and with which the usual one follows it"""
     turn_rate: float = Field(1.0, gt=0)
     """rad/s, standard deviation of the sensor's rate of turn about each axis; a hand's is 0.4 to 1.5"""
     turn_memory: float = Field(0.25, gt=0)
@@ -55,9 +55,9 @@ class TrackingSettings(Settings):
     near: float = Field(0.1, gt=0)
     """m, distance within which a point counts as explained by its surface"""
     suspicious: float = Field(0.85, gt=0, le=1)
-    """share of the usually explained points below which a registration is tried again from other predictions"""
-    lost: float = Field(0.6, gt=0, le=1)
-    """share of the usually explained points below which a scan is lost; a doorway may show 0.75"""
+    """share of the usually explained points below which a registration is tried again, and a lost sensor stays lost"""
+    lost: float = Field(0.4, gt=0, le=1)
+    """share of the usually explained points below which a scan is lost; a step of 0.7 m into the unknown shows 0.5"""
     usual_memory: float = Field(1.0, gt=0)
     """s, time constant of the usual share of explained points"""
     agreement: float = Field(0.7, gt=0, le=1)

@@ -136,7 +136,8 @@ class ContinuousTimeOdometry:
         stopped = [known[-1]] * len(ahead)
         knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
         points, prior = np.concatenate([scan.points for scan in scans]), self._model.expected(belief, seconds, self._height)
-        fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), len(points) - len(scans[-1].points)
+        newest_point = len(points) - len(scans[-1].points)
+        fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), newest_point
         local = self._map.arrays, self._way - settings.local_map
 
         def attempt(guess: list[Floats], kernel: float) -> Solved:
@@ -157,7 +158,7 @@ class ContinuousTimeOdometry:
         """Adds the older scan to the map and remembers the newest one, unless it is lost."""
         covariance = solved.covariance_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
         relative = solved.share / max(self._usual, 1e-9) if self._scans > 2 else 1.0
-        health, unconstrained = judged(solved, covariance, relative, self._settings)
+        health, unconstrained = judged(solved, covariance, relative, self._lost, self._settings)
         interval = float(scan.knot_seconds[-1]) - self._beliefs[-1].seconds
         if self._older is not None:
             own = self._older_knots if health == "lost" else solved.knots[firsts[0] :][: len(self._older_knots)]
@@ -184,7 +185,7 @@ class ContinuousTimeOdometry:
         if not isinstance(other, ContinuousTimeOdometry) or other._older is None or self._up is None:
             return False
         assert self._first_ns is not None and other._first_ns is not None
-        lost, self._lost = self._beliefs, False
+        lost = self._beliefs
         scan = other._older.later((other._first_ns - self._first_ns) / 1e9)
         found = []
         for T_odom_other in self._likely_poses(other, scan):
@@ -193,10 +194,9 @@ class ContinuousTimeOdometry:
             self._beliefs = [self._model.near(before, T_odom_other @ begin.T, velocity)]
             found.append((self._beliefs, *self._solved(self._beliefs[-1], [scan])))
         self._beliefs, solved, firsts = max(found, key=lambda own: own[1].close)
-        fits = solved.share >= self._settings.suspicious * self._usual
-        if fits and self._judged(scan, solved, firsts).health != "lost":
+        if self._judged(scan, solved, firsts).health != "lost":
             return True
-        self._beliefs, self._older, self._lost = lost, None, True
+        self._beliefs = lost
         return False
 
     def _likely_poses(self, other: "ContinuousTimeOdometry", newest: TimedPoints) -> list[Floats]:

@@ -81,7 +81,7 @@ def _place(point: Floats, k: int, share: float, knots: Floats, turns: Floats, mo
 
 @compiled
 def _matched(
-    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float
+    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float, error: float
 ) -> tuple[Floats, Ints, Floats, Floats]:
     """Points (N, 3) in `odom`, the plane (N,) of each, -1 for none, and its distance (N,) from it; of all points on
     each plane (P, 3) the number and the sums of distances and of their squares."""
@@ -98,7 +98,7 @@ def _matched(
             sensor[i] = T[i, 3]
             if share[p] != 0.0:
                 sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
-        s = nearest_plane(moved[p], sensor, normal, gate, surfels, oldest)
+        s = nearest_plane(moved[p], sensor, normal, gate, error, surfels, oldest)
         plane_of[p] = s
         if s >= 0:
             off_of[p], _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
@@ -125,17 +125,17 @@ def _add_blocks(own: Floats, joint: Floats, pull: Floats, H: Floats, g: Floats) 
 @compiled
 def add_points(
     points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float,
-    kernel: float, variance: float, near: float, newest: int, H: Floats, g: Floats, F: Floats,
+    error: float, kernel: float, variance: float, near: float, newest: int, H: Floats, g: Floats, F: Floats,
 ) -> tuple[float, int, int]:  # fmt: skip
     """Adds all points to normal equations H (6K, 6K), g (6K,) of K knots; rotation first, both in axes of `odom`.
 
-    A point within `gate` (m) of a plane counts by the variance (m2) of its distance and by the plane's, times the
+    A point, whose place is known to an `error` (m), within `gate` (m) of a plane counts by the variance (m2) of its distance and by the plane's, times the
     weight of Geman and McClure with scale `kernel` (m), where the scatter of all points on the same plane counts as a
     residual: a wall's points near a known floor do not agree about it. F (3, 3) gets the information
     about translations that errors of the normals feign. Returns the median distance (m) of the points from their
     planes; of those from the `newest` one on, the numbers of points with a plane, and of those `near` (m) it.
     """
-    moved, plane_of, off_of, groups = _matched(points, knot, share, knots, surfels, oldest, gate)
+    moved, plane_of, off_of, groups = _matched(points, knot, share, knots, surfels, oldest, gate, error)
     # blocks of H: of a knot, and between it and the next one
     own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
     used, found, close, planes, offs, J = 0, 0, 0, surfels.planes, np.empty(len(points)), np.empty(6)

@@ -53,6 +53,6 @@ def _scores(poses: Floats, points: Floats, surfels: Surfels, oldest: float) -> F
             for i in range(3):
                 point[i] = T[i, 0] * q[0] + T[i, 1] * q[1] + T[i, 2] * q[2] + T[i, 3]
                 normal[i] = T[i, 0] * q[3] + T[i, 1] * q[4] + T[i, 2] * q[5]
-            if nearest_plane(point, sensor, normal, _OFF, surfels, oldest) >= 0:
+            if nearest_plane(point, sensor, normal, _OFF, _OFF, surfels, oldest) >= 0:
                 scores[n] += 1
     return scores

@@ -28,6 +28,7 @@ _SHARED = 0.0025  # m, standard deviation of what all points of a patch share: w
 _BELIEVED = 5.0  # points of that noise, added to a plane's own
 _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
+_EXTENT = 2.0  # times the standard deviation of a plane's points along it, its half width: beyond, it was not seen
 _BITS = 20  # of a cell's index along one axis
 # columns of a surfel's row
 _COUNT, _SUM, _SQUARES, _RAY, _CHANGED = 0, 1, 4, 10, 13
@@ -235,14 +236,29 @@ def _seen_from(point: Floats, sensor: Floats, plane: Floats) -> bool:
 
 
 @compiled
-def nearest_plane(point: Floats, sensor: Floats, normal: Floats, gate: float, surfels: Surfels, oldest: float) -> int:
+def _is_within(x: float, y: float, z: float, plane: Floats, error: float) -> bool:
+    """Whether a point whose place has an `error` (m) may lie on the part of a plane that was seen."""
+    dx, dy, dz = x - plane[_MEAN], y - plane[_MEAN + 1], z - plane[_MEAN + 2]
+    a = plane[_AXIS_1] * dx + plane[_AXIS_1 + 1] * dy + plane[_AXIS_1 + 2] * dz
+    b = plane[_AXIS_2] * dx + plane[_AXIS_2 + 1] * dy + plane[_AXIS_2 + 2] * dz
+    a /= _EXTENT / math.sqrt(plane[_INVERSE_1]) + error
+    b /= _EXTENT / math.sqrt(plane[_INVERSE_2]) + error
+    return a * a + b * b < 1
+
+
+@compiled
+def nearest_plane(
+    point: Floats, sensor: Floats, normal: Floats, gate: float, error: float, surfels: Surfels, oldest: float
+) -> int:
     """The plane within `gate` (m) of a point (3,) seen by a sensor at (3,), -1 for none.
 
     Where the scan itself shows the normal (3,) of its surface there (else zero), the plane's is within 60 degrees of
     it: the edge of a slab is not its floor.
 
-    Of the planes in the cells of several sizes, that of the largest, unless a smaller one predicts the point clearly
-    better: large cells give true normals, since beams have biases, and small ones follow what is not flat.
+    A point beyond a plane's extent, by more than its own `error` (m), is not on it: a wall's points are not on the
+    ceiling that ends there. Of the planes in the cells of several sizes, that of the largest, unless a smaller one
+    predicts the point clearly better: large cells give true normals, since beams have biases, and small ones follow
+    what is not flat.
     """
     keys, first, other, planes, seen = surfels
     x, y, z = point
@@ -259,7 +275,7 @@ def nearest_plane(point: Floats, sensor: Floats, normal: Floats, gate: float, su
             alike = unknown or abs(plane[0] * nx + plane[1] * ny + plane[2] * nz) > _ALIKE
             if alike and seen[s] >= oldest and plane[_VALID] > 0 and _seen_from(point, sensor, plane):
                 off, _ = plane_residual(x, y, z, plane)
-                if abs(off) < least:
+                if abs(off) < least and _is_within(x, y, z, plane, error):
                     best, least = s, abs(off)
             s = other[s]
         if best >= 0:

@@ -54,6 +54,7 @@ class Weights(NamedTuple):
     near: float
     feigned: float
     sway: float
+    sway_memory: float
     convergence: float
     iterations: int
 
@@ -138,8 +139,9 @@ def solve(
     """Estimates all knots from the `predicted` ones (K, 4, 4) at `seconds` (K,).
 
     Points (N, 6), with the normals that the scan shows, were measured a `share` (N,) of the way from their `knot` (N,)
-    to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals, from `first_kernel` to that of the weights (m): a wide one
-    finds the way from a poor prediction, a narrow one rejects outliers.
+    to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals,
+    from `first_kernel` to that of the weights (m): a wide one finds the way from a poor prediction, a narrow one
+    rejects outliers. A point's place counts as known to the difference.
     """
     knots, H, measured, found, close, residual = _solve(
         seconds, predicted, prior, motion, points, knot, share, newest, surfels, oldest, first_kernel, weights
@@ -158,8 +160,8 @@ def _solve(
     for _ in range(weights.iterations):
         H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
         residual, found, close = add_points(
-            points, knot, share, knots, surfels, oldest, weights.gate, kernel, sigma**2, weights.near,
-            newest, H, g, F,
+            points, knot, share, knots, surfels, oldest, weights.gate, kernel - weights.kernel, kernel, sigma**2,
+            weights.near, newest, H, g, F,
         )  # fmt: skip
         project_out_feigned(H, g, F, weights.feigned)
         measured[:, :] = H
@@ -167,7 +169,7 @@ def _solve(
         add_velocities(
             seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
         )
-        add_height(knots, prior.up, prior.height, weights.sway, H, g)
+        add_height(knots, prior.up, prior.height, weights.sway, (seconds[-1] - seconds[0]) / weights.sway_memory, H, g)
         step = solved(H, g)
         most = 0.0
         for k in range(len(knots)):

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from boxes import pose, room, scan, scene_of
 
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
 from data.scans import Scan, ScanFolder
@@ -113,3 +114,20 @@ def test_a_scan_of_nothing_known_is_lost(drive: tuple[list[Scan], Trajectory]) -
     clutter = np.random.default_rng(0).uniform(-2, 2, (5000, 3))
     found = odometry.register(scans[20].stamp_ns, clutter, None)
     assert found.health == "lost"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_sensor_between_high_walls_keeps_its_height(seed: int) -> None:
+    """No scan sees floor or ceiling: without the direction of gravity, the height drifts."""
+    shaft = scene_of([*room(0, 0, 6, 4, 60.0), (5, 3, 0, 6, 4, 60), (0, 1.5, 0, 0.5, 2.5, 60)])
+    scans = [scan(shaft, pose(1.5 + 0.03 * k, 2.0, 30.0, 0.02 * k), seed=1000 * seed + k) for k in range(100)]
+    off = {}
+    for told in (True, False):
+        odometry = ContinuousTimeOdometry(TrackingSettings())
+        found = [odometry.register(0, scans[0])]
+        if told:
+            odometry.level(np.array([0.0, 0.0, 1.0]))
+        found += [odometry.register(100_000_000 * k, scans[k]) for k in range(1, 100)]
+        off[told] = max(abs(result.T_odom_sensor[2, 3]) for result in found)
+    print(off)
+    assert off[True] < 0.1 and off[True] < off[False]  # m; measured

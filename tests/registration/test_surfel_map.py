@@ -21,10 +21,12 @@ def _added(surfels: SurfelMap, points: Array, ray: Array, way: float = 0.0) -> N
     surfels.add(points, np.tile(ray, (len(points), 1)), way, 100.0)
 
 
-def _nearest(point: tuple[float, float, float], to_sensor: Array, surfels: SurfelMap, way: float = 0.0) -> int:
-    """The plane nearest to a point that a sensor sees from a way off."""
+def _nearest(
+    point: tuple[float, float, float], to_sensor: Array, surfels: SurfelMap, way: float = 0.0, error: float = 0.0
+) -> int:
+    """The plane nearest to a point, known to an error, that a sensor sees from a way off."""
     at = np.array(point)
-    return nearest_plane(at, at + to_sensor, np.zeros(3), 1.2, surfels.arrays, way - 100.0)
+    return nearest_plane(at, at + to_sensor, np.zeros(3), 1.2, error, surfels.arrays, way - 100.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -63,3 +65,11 @@ def test_a_plane_is_not_seen_from_behind(stands: float, known: bool) -> None:
     surfels = SurfelMap()
     _added(surfels, _wall(2.4, 0.01, 0), _AHEAD)
     assert (_nearest((2.6, 0.3, 1.2), np.array([stands - 0.2, 0.0, 0.0]), surfels) >= 0) == known
+
+
+@pytest.mark.parametrize(("beyond", "error", "known"), [(-0.1, 0.0, True), (0.3, 0.0, False), (0.3, 0.3, True)])
+def test_a_plane_ends_where_it_was_seen(beyond: float, error: float, known: bool) -> None:
+    surfels = SurfelMap()
+    points = _wall(2.4, 0.01, 0)
+    _added(surfels, points[points[:, 2] < 1.5], _AHEAD)
+    assert (_nearest((2.4, 0.3, 1.5 + beyond), -_AHEAD, surfels, error=error) >= 0) == known
