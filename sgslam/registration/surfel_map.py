@@ -29,6 +29,7 @@ _BELIEVED = 5.0  # points of that noise, added to a plane's own
 _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
 _EXTENT = 2.0  # times the standard deviation of a plane's points along it, its half width: beyond, it was not seen
+_GRAZING = 0.1  # sine of the angle between rays and plane, at least: one ring around a corner of a room is none
 _BITS = 20  # of a cell's index along one axis
 # columns of a surfel's row
 _COUNT, _SUM, _SQUARES, _RAY, _CHANGED = 0, 1, 4, 10, 13
@@ -202,6 +203,8 @@ def _fit(own: Floats, plane: Floats) -> None:
     if across > _THICK**2 or values[1] < _FLAT * max(across, _NOISE**2 / 4):
         return
     towards = own[_RAY] * axes[0, 0] + own[_RAY + 1] * axes[1, 0] + own[_RAY + 2] * axes[2, 0]
+    if abs(towards) < _GRAZING * n:
+        return
     sign = -1.0 if towards > 0 else 1.0
     for i in range(3):
         plane[_NORMAL + i], plane[_MEAN + i] = sign * axes[i, 0], mean[i]

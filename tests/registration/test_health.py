@@ -39,18 +39,19 @@ def test_the_same_scans_give_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "close", "relative", "health"),
+    ("found", "close", "relative", "was_lost", "health"),
     [
-        (1000, 710, 1.0, "good"), (1000, 690, 1.0, "lost"),  # surfaces in reach that the points contradict
-        (450, 440, 0.41, "good"), (450, 440, 0.39, "lost"),  # much less that is known than before
+        (1000, 710, 1.0, False, "good"), (1000, 690, 1.0, False, "lost"),  # surfaces in reach that the points contradict
+        (450, 440, 0.41, False, "good"), (450, 440, 0.39, False, "lost"),  # much less that is known than before
+        (450, 440, 0.86, True, "good"), (450, 440, 0.84, True, "lost"),  # found again only where it fits as usual
     ],
 )  # fmt: skip
 def test_a_scan_is_lost_where_its_surfaces_or_the_map_say_otherwise(
-    found: int, close: int, relative: float, health: str
+    found: int, close: int, relative: float, was_lost: bool, health: str
 ) -> None:
     knots, information = np.tile(np.eye(4), (2, 1, 1)), 1e6 * np.eye(12)
     solved = Solved(np.array([0.0, 0.1]), knots, knots, information, 0.9 * information, 1000, found, close, 0.01)
-    assert judged(solved, np.eye(6) * 1e-6, relative, TrackingSettings())[0] == health
+    assert judged(solved, np.eye(6) * 1e-6, relative, was_lost, TrackingSettings())[0] == health
 
 
 @pytest.mark.parametrize(
