@@ -49,8 +49,8 @@ class ContinuousTimeOdometry:
     """
 
     _STATE = (
-        "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs", "residual",
-        "_up",
+        "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs",
+        "residual", "_up",
     )  # fmt: skip
 
     def __init__(self, settings: TrackingSettings) -> None:
@@ -135,7 +135,8 @@ class ContinuousTimeOdometry:
         ahead = [moved_on(known[-1], newest.velocity, s - seconds[len(known) - 1]) for s in seconds[len(known) :]]
         stopped = [known[-1]] * len(ahead)
         knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
-        points, prior = np.concatenate([scan.points for scan in scans]), self._model.expected(belief, seconds, self._height)
+        points = np.concatenate([scan.points for scan in scans])
+        prior = self._model.expected(belief, seconds, self._height)
         newest_point = len(points) - len(scans[-1].points)
         fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), newest_point
         local = self._map.arrays, self._way - settings.local_map

@@ -129,11 +129,11 @@ def add_points(
 ) -> tuple[float, int, int]:  # fmt: skip
     """Adds all points to normal equations H (6K, 6K), g (6K,) of K knots; rotation first, both in axes of `odom`.
 
-    A point, whose place is known to an `error` (m), within `gate` (m) of a plane counts by the variance (m2) of its distance and by the plane's, times the
-    weight of Geman and McClure with scale `kernel` (m), where the scatter of all points on the same plane counts as a
-    residual: a wall's points near a known floor do not agree about it. F (3, 3) gets the information
-    about translations that errors of the normals feign. Returns the median distance (m) of the points from their
-    planes; of those from the `newest` one on, the numbers of points with a plane, and of those `near` (m) it.
+    A point within `gate` (m) of a plane, its place known to an `error` (m), counts by the variance (m2) of its distance
+    and by the plane's, times the weight of Geman and McClure with scale `kernel` (m), where the scatter of all points
+    on the same plane counts as a residual: a wall's points near a known floor do not agree about it. F (3, 3) gets the
+    information about translations that errors of the normals feign. Returns the median distance (m) of the points from
+    their planes; of those from the `newest` one on, the numbers of points with a plane, and of those `near` (m) it.
     """
     moved, plane_of, off_of, groups = _matched(points, knot, share, knots, surfels, oldest, gate, error)
     # blocks of H: of a knot, and between it and the next one

@@ -1,9 +1,9 @@
 """Registration in continuous time, on scans of a sensor in a hand."""
 
 
+import boxes
 import numpy as np
 import pytest
-import boxes
 
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
 from data.scans import Scan, ScanFolder

@@ -41,7 +41,7 @@ def test_the_same_scans_give_the_same_bits() -> None:
 @pytest.mark.parametrize(
     ("found", "close", "relative", "was_lost", "health"),
     [
-        (1000, 710, 1.0, False, "good"), (1000, 690, 1.0, False, "lost"),  # surfaces in reach that the points contradict
+        (1000, 710, 1.0, False, "good"), (1000, 690, 1.0, False, "lost"),  # the points contradict surfaces
         (450, 440, 0.41, False, "good"), (450, 440, 0.39, False, "lost"),  # much less that is known than before
         (450, 440, 0.86, True, "good"), (450, 440, 0.84, True, "lost"),  # found again only where it fits as usual
     ],
