@@ -10,7 +10,7 @@ from sgslam.mapping import KeyframeRule
 from sgslam.slam import SceneGraphSlam
 
 NOISE = 0.02  # m along the beam
-STILL = 600  # scans
+STILL = 400  # scans
 
 
 @pytest.fixture(scope="module")
