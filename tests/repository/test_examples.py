@@ -107,7 +107,7 @@ def test_reading_the_graph_between_scans_changes_nothing(drive: Drive) -> None:
     with pytest.raises(UserError, match="no scan was added"):
         curious.s_graph()
     for k, (stamp_ns, points) in enumerate(drive.scans[:SCANS]):
-        curious.add_scan(stamp_ns, points)
+        fed(curious, [(stamp_ns, points)])
         if k % 10 == 0:
             curious.s_graph()
     graph = curious.s_graph()
