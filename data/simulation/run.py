@@ -96,7 +96,7 @@ class Taken:
     def scan(
         self, k: int, T_bim_sensor: Array, world: World, seed: int
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-        """Points (N, 3) of scan k and, where they are told, their times (N,) in seconds after the stamp."""
+        """Points (N, 3) of scan k and, where they are given, their times (N,) in seconds after the stamp."""
         rng, chance = np.random.default_rng([seed, k]), np.random.default_rng([seed, k, 41])
         stamp = k / self.sensor.rate
         if self.timing == "snapshots":

@@ -63,7 +63,7 @@ class CarriedDrive:
         return float(np.median(np.diff(self.truth.stamps_ns)) / 1e9)
 
     def scans(self, count: int | None = None) -> Iterator[Scan]:
-        """Reads the scans, or the first `count`, one by one; with their points' times only if these are told."""
+        """Reads the scans, or the first `count`, one by one; with their points' times only if these are given."""
         for scan in islice(ScanFolder(self.folder), self.count if count is None else count):
             yield scan if self.times else replace(scan, point_times=None)
 

@@ -1,6 +1,6 @@
 """How well each scan's pose is tracked without a plan, whoever carries the sensor, and whatever it is.
 
-Each method gets the same scans: with their points' times where these are told, else without.
+Each method gets the same scans: with their points' times where these are known, else without.
 """
 
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,7 @@
 """The vertical from the surfaces of a building: walls are upright, floors and ceilings level.
 
 Most surfaces are parallel or perpendicular to the vertical, but in most buildings also to two other directions. Which
-one is the vertical, and which end is up, is told by cues (`gravity_cues`, `gravity_sign`), summed as log odds.
+one is the vertical, and which end is up, is decided by cues (`gravity_cues`, `gravity_sign`), summed as log odds.
 """
 
 from dataclasses import dataclass

@@ -10,8 +10,8 @@ TIMINGS: tuple[Timing, ...] = get_args(Timing)
 ALL = "all"
 EFFECTS = {
     "snapshots": "all points of a scan are measured at one instant",
-    "rolling": "each point is measured where the sensor is then, and its time is told (format pcd or ply)",
-    "untimed": "as rolling, but the times are not told",
+    "rolling": "each point is measured where the sensor is then, and its time is given (format pcd or ply)",
+    "untimed": "as rolling, but without the times",
     "glass": "windows and curtain walls let seven of ten rays pass",
     "people": "some walk about in the rooms, one follows the sensor",
     "doors": "leaves of doors: shut, ajar, or wide open where the way leads through",
