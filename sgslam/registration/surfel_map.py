@@ -216,13 +216,22 @@ def _fit(own: Floats, plane: Floats) -> None:
 
 
 @compiled
+def _in_plane(x: float, y: float, z: float, plane: Floats) -> tuple[float, float, float]:
+    """A point relative to a plane's mean (m): along the normal and along both axes of the plane."""
+    dx, dy, dz = x - plane[_MEAN], y - plane[_MEAN + 1], z - plane[_MEAN + 2]
+    return (
+        plane[0] * dx + plane[1] * dy + plane[2] * dz,
+        plane[_AXIS_1] * dx + plane[_AXIS_1 + 1] * dy + plane[_AXIS_1 + 2] * dz,
+        plane[_AXIS_2] * dx + plane[_AXIS_2 + 1] * dy + plane[_AXIS_2 + 2] * dz,
+    )
+
+
+@compiled
 def plane_residual(x: float, y: float, z: float, plane: Floats) -> tuple[float, float]:
     """The distance (m) of a point from a plane, and the variance (m2) of the plane there, as of a linear regression."""
-    dx, dy, dz = x - plane[_MEAN], y - plane[_MEAN + 1], z - plane[_MEAN + 2]
-    a = plane[_AXIS_1] * dx + plane[_AXIS_1 + 1] * dy + plane[_AXIS_1 + 2] * dz
-    b = plane[_AXIS_2] * dx + plane[_AXIS_2 + 1] * dy + plane[_AXIS_2 + 2] * dz
+    off, a, b = _in_plane(x, y, z, plane)
     spread = plane[_VARIANCE] * (1 + a * a * plane[_INVERSE_1] + b * b * plane[_INVERSE_2])
-    return plane[0] * dx + plane[1] * dy + plane[2] * dz, spread
+    return off, spread
 
 
 @compiled
@@ -241,9 +250,7 @@ def _seen_from(point: Floats, sensor: Floats, plane: Floats) -> bool:
 @compiled
 def _is_within(x: float, y: float, z: float, plane: Floats, error: float) -> bool:
     """Whether a point whose place has an `error` (m) may lie on the part of a plane that was seen."""
-    dx, dy, dz = x - plane[_MEAN], y - plane[_MEAN + 1], z - plane[_MEAN + 2]
-    a = plane[_AXIS_1] * dx + plane[_AXIS_1 + 1] * dy + plane[_AXIS_1 + 2] * dz
-    b = plane[_AXIS_2] * dx + plane[_AXIS_2 + 1] * dy + plane[_AXIS_2 + 2] * dz
+    _, a, b = _in_plane(x, y, z, plane)
     a /= _EXTENT / math.sqrt(plane[_INVERSE_1]) + error
     b /= _EXTENT / math.sqrt(plane[_INVERSE_2]) + error
     return a * a + b * b < 1

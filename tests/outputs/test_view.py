@@ -63,6 +63,11 @@ class Looked:
     names: frozenset[str]
 
 
+def shown(view: LiveView, slam: SceneGraphSlam, stamp_ns: int, points: Array) -> None:
+    """Adds a scan, measured at one instant as those of `fed`, and shows what is known then."""
+    view.add_scan(slam, slam.add_scan(stamp_ns, points, np.zeros(len(points))), points)
+
+
 @pytest.fixture(scope="module")
 def looked() -> Iterator[Looked]:
     drive, opened, patch = small_drive(), Page(ANY), pytest.MonkeyPatch()
@@ -71,8 +76,7 @@ def looked() -> Iterator[Looked]:
     view = LiveView(opened, drive.bim.graph, drive.truth)
     slam, headings = SceneGraphSlam(drive.bim), []
     for k, (stamp_ns, points) in enumerate(drive.scans):
-        update = slam.add_scan(stamp_ns, points, np.zeros(len(points)))  # as `fed` does
-        view.add_scan(slam, update, points)
+        shown(view, slam, stamp_ns, points)
         if k % 20 == 0:
             view.wait()
             headings.append(str(view.panel.status.content))
@@ -126,8 +130,7 @@ def test_without_a_plan_the_map_is_shown_as_it_grows(page: Page, monkeypatch: py
     monkeypatch.setattr(live_view, "SHARE", 1.0)
     view, slam = LiveView(page), SceneGraphSlam()
     for stamp_ns, points in small_drive().scans[:60]:  # they wait at first, until it is known where up is
-        update = slam.add_scan(stamp_ns, points, np.zeros(len(points)))  # as `fed` does
-        view.add_scan(slam, update, points)
+        shown(view, slam, stamp_ns, points)
         view.wait()
     view.stop()
     assert "No plan" in view.panel.status.content
@@ -140,8 +143,7 @@ def test_a_page_that_cannot_be_drawn_does_not_end_the_run(
     view, slam = LiveView(page), SceneGraphSlam()
     monkeypatch.setattr(page, "lines", lambda *_, **__: 1 / 0)
     for stamp_ns, points in small_drive().scans[:5]:
-        update = slam.add_scan(stamp_ns, points, np.zeros(len(points)))  # as `fed` does
-        view.add_scan(slam, update, points)
+        shown(view, slam, stamp_ns, points)
     view.wait()
     view.stop()
     assert "no longer updated: ZeroDivisionError" in caplog.text
