@@ -73,8 +73,8 @@ class ContinuousTimeOdometry:
 
     def level(self, up_in_odom: Floats) -> None:
         """See `Odometry.level`."""
-        if self._up is None and self._beliefs:
-            self._height = float(up_in_odom @ self._beliefs[-1].T[:3, 3])
+        if self._beliefs:  # the sensor is as far from its usual height as before
+            self._height += float((up_in_odom - self._model.up) @ self._beliefs[-1].T[:3, 3])
         self._up = up_in_odom
         self._model.level(up_in_odom)
 
@@ -112,7 +112,7 @@ class ContinuousTimeOdometry:
             # where the first scan was given too little motion, the second shows as much too much
             velocity = (velocity + Motion(solved.seconds, solved.knots).velocity(0)) / 2
             knots = self._model.steady(np.eye(4), velocity, first.knot_seconds)
-            self._beliefs = [self._model.moving(float(first.knot_seconds[-1]), knots[-1], velocity)]
+            self._beliefs = [self._model.moving(float(first.knot_seconds[-1]), knots[-1])]
             self._map.clear()
             self._add(first, knots)
             solved, firsts = self._solved(self._beliefs[-1], [scan])

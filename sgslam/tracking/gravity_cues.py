@@ -16,6 +16,7 @@ UPRIGHT = float(np.sin(np.radians(10.0)))
 HIGHEST_STOREY = 4.0  # m: what is seen within one storey rarely spans more
 FARTHEST = 2.5  # m between a carried sensor and the floor or the ceiling
 BOB = 0.03  # m: a walking person's up and down
+MEASURED = 0.02  # share of surfaces across the axis, below which the way along it is hardly measured
 FACES = 0.4  # m: so near the lowest and highest points, a level surface is floor or ceiling
 
 
@@ -64,6 +65,8 @@ def axis_log_odds(view: UprightView) -> float:
     between = float(view.weights[(n > LEVEL) & (z > low + FACES) & (z < high - FACES)].sum() / total)
     # One walks in the level. On a stair this is wrong, so it weighs less than its fit, 3.3.
     climbing = float(np.clip(np.log(max(float(view.sensors[:, 2].std()), BOB) / BOB), 0.0, 3.0))
+    # Where nothing across the axis is seen, an unknown drift along it is no climb.
+    climbing *= min(float(view.weights[n > LEVEL].sum() / total) / MEASURED, 1.0)
     return -1.5 * too_high - 1.0 * too_far + 4.0 * fitting - 1.0 * between - 2.0 * climbing
 
 

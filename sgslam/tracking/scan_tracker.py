@@ -16,6 +16,7 @@ from sgslam.perception import RawScan
 from sgslam.perception.scan_checks import checked_times
 from sgslam.registration import Health, Registration
 from sgslam.serialization import Stateful
+from sgslam.tracking.level_check import LevelCheck
 from sgslam.tracking.level_frame import LevelFrame
 
 Floats = NDArray[np.float64]
@@ -47,13 +48,14 @@ class ScanTracker(Stateful):
     def __init__(self, config: Config, odometry: Odometry) -> None:
         self._config, self._odometry = config, odometry
         self._given = GivenPoses(config.odometry)
-        self._level = LevelFrame(config.tracking)
+        self._level, self._check = LevelFrame(config.tracking), LevelCheck(config.tracking)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
         self._waiting: list[RawScan] = []
         self._found: list[Registration] = []
         self._other: Odometry | None = None  # registers lost scans with one another
         self._lost_since_ns: int | None = None
         self._T_level_source = np.eye(4)  # from the frame in which poses come
+        odometry.level(self._level.likely_up)  # as the mount says, until the surfaces do
         if isinstance(odometry, TimedOdometry):
             odometry.hold()
 
@@ -112,7 +114,10 @@ class ScanTracker(Stateful):
 
     def _tracked(self, raw: RawScan, found: Registration) -> TrackedScan:
         T_odom_sensor = self._T_level_source @ found.T_odom_sensor
-        return TrackedScan(raw, found.undistorted(raw.points), T_odom_sensor, found.covariance, found.health)
+        points = found.undistorted(raw.points)
+        if found.health != "lost":
+            self._check.add(raw.stamp_ns, points, T_odom_sensor)
+        return TrackedScan(raw, points, T_odom_sensor, found.covariance, found.health)
 
     def was_carried_elsewhere(self, scan: TrackedScan) -> bool:
         """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map near
@@ -142,7 +147,7 @@ class ScanTracker(Stateful):
         other = None if self._other is None else self._other.state()
         return {
             **super().state(), "odometry": self._odometry.state(), "given": self._given.state(),
-            "level": self._level.state(), "other": other,
+            "level": self._level.state(), "check": self._check.state(), "other": other,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -151,6 +156,7 @@ class ScanTracker(Stateful):
         self._odometry.restore(state["odometry"])
         self._given.restore(state["given"])
         self._level.restore(state["level"])
+        self._check.restore(state["check"])
         if state["other"] is not None:
             self._other = make_odometry(self._config.odometry, self._config.tracking)
             self._other.restore(state["other"])

@@ -1,0 +1,77 @@
+"""Looks once more, after half a minute, whether the frame `odom` is level and the right way up."""
+
+import logging
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import TrackingSettings
+from sgslam.registration import SurfelMap
+from sgslam.registration.sampling import one_a_cell
+from sgslam.serialization import Stateful
+from sgslam.tracking.gravity import SIGN_SURE, estimate_gravity
+
+Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+_UP = np.array([0.0, 0.0, 1.0])
+_AFTER_S = 30.0  # of walking through several rooms: they tell more than the first seconds
+_SIDE = 0.1  # m between the points of a scan that are used
+_OFF = np.radians(10.0)  # right frames are level to a degree; farther off, another direction was taken for up
+
+
+class LevelCheck(Stateful):
+    """Collects the surfaces of the first half minute, and warns if they contradict the level frame.
+
+    Nothing is changed then: the map is built in that frame.
+    """
+
+    _STATE = ("_began_ns", "_places", "_is_done")
+
+    def __init__(self, settings: TrackingSettings) -> None:
+        self._settings = settings
+        self._surfels = SurfelMap()
+        self._places: list[Floats] = []
+        self._began_ns: int | None = None
+        self._is_done = False
+
+    def add(self, stamp_ns: int, points: Floats, T_odom_sensor: Floats) -> None:
+        """Adds a scan with points (N, 3) as at its stamp and its pose (4, 4) in the level frame."""
+        if self._is_done:
+            return
+        self._began_ns = stamp_ns if self._began_ns is None else self._began_ns
+        chosen = one_a_cell(points, _SIDE, self._settings.min_range, self._settings.max_range)
+        turned = points.take(chosen, axis=0) @ T_odom_sensor[:3, :3].T
+        rays = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+        self._surfels.add(turned + T_odom_sensor[:3, 3], rays, 0.0, 1.0)
+        self._places.append(T_odom_sensor[:3, 3])
+        if stamp_ns - self._began_ns >= 1e9 * _AFTER_S:
+            self._check()
+            self._surfels.clear()
+            self._places, self._is_done = [], True
+
+    def _check(self) -> None:
+        found = estimate_gravity(*self._surfels.surfels(), np.stack(self._places), _UP)
+        if found is None:
+            return
+        off = float(np.degrees(np.arccos(np.clip(abs(found.up_in_odom[2]), -1.0, 1.0))))
+        seen = found.sign_seen if found.up_in_odom[2] > 0 else -found.sign_seen
+        if np.radians(off) > _OFF:
+            _log.warning(
+                "the map is not level: its surroundings show up %.0f degrees off what was found in the first seconds; "
+                "state roll, pitch and yaw of the sensor by --mount", off,
+            )  # fmt: skip
+        elif seen < -SIGN_SURE and self._settings.mount is None:
+            _log.warning(
+                "the map may be upside down, as its surroundings show; if the sensor hangs upside down, state it by "
+                "--mount 180,0,0"
+            )
+
+    def state(self) -> dict[str, Any]:
+        """See `Stateful`; with the surfaces."""
+        return {**super().state(), "surfels": self._surfels.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """See `Stateful`."""
+        super().restore(state)
+        self._surfels.restore(state["surfels"])
