@@ -11,6 +11,7 @@ from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.window import MotionPrior, Prior, Solved
 
 Floats = NDArray[np.float64]
+_LEVEL_START = 0.25  # share of the vertical speeds that stairs need
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +72,18 @@ class MotionModel:
 
     def begin(self, seconds: float) -> Belief:
         """The first pose, with an unknown velocity."""
-        return Belief(seconds, np.eye(4), np.eye(6) * 1e-8, np.zeros(6), self._along(self.prior.spread**2))
+        return Belief(seconds, np.eye(4), np.eye(6) * 1e-8, np.zeros(6), self._along(self._at_start**2))
 
     def moving(self, seconds: float, T: Floats) -> Belief:
         """A known pose with an unknown velocity."""
-        return Belief(seconds, T, np.eye(6) * 1e-6, np.zeros(6), self._along(self.prior.spread**2))
+        return Belief(seconds, T, np.eye(6) * 1e-6, np.zeros(6), self._along(self._at_start**2))
+
+    @property
+    def _at_start(self) -> Floats:
+        """(6,) the spread of the first velocity: a run begins on level ground."""
+        spread = self.prior.spread.copy()
+        spread[5] *= _LEVEL_START if self.up.any() else 1.0
+        return spread
 
     def near(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
         """A pose known to a step of the grid on which a lost sensor is searched, with a roughly known velocity."""
