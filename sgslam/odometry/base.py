@@ -33,6 +33,11 @@ class Odometry(Protocol):
         """Sets the direction of gravity (3,) in `odom`, once it is known."""
         ...
 
+    def look_back(self, results: list[Registration]) -> list[Registration]:
+        """The results of all scans so far, the first ones registered again: these had hardly any map. To be called
+        once, after some seconds."""
+        ...
+
     def rejoin(self, other: "Odometry") -> bool:
         """Tries to find the scan that `other` registered last near the place where the sensor was lost, and goes on
         from there. Returns whether it fits."""

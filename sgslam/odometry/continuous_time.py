@@ -3,7 +3,7 @@
 Sources: CT-ICP (Dellenbach et al., ICRA 2022), Traj-LO (Zheng and Zhu, RA-L 2024), VoxelMap (Yuan et al., RA-L 2022).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from sgslam.registration.window import Solved, Weights, solve, window_knots
 
 Floats = NDArray[np.float64]
 _TRIED = 8  # of the likely poses of a lost sensor
+_UNSURE = 2.0  # s, at the beginning, in which a map of a few scans may mislead
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
 # rotations (4, 4) of a lost scan's search, about each axis of the sensor, since its mount is not known
 _TURNS = np.tile(np.eye(4), (15, 1, 1))
@@ -50,7 +51,7 @@ class ContinuousTimeOdometry:
 
     _STATE = (
         "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs",
-        "residual", "_up",
+        "residual", "_up", "_early",
     )  # fmt: skip
 
     def __init__(self, settings: TrackingSettings) -> None:
@@ -64,6 +65,7 @@ class ContinuousTimeOdometry:
         self._older: TimedPoints | None = None  # the newest scan, if it is not in the map yet
         self._older_knots = np.empty((0, 4, 4))  # its knots
         self._beliefs: list[Belief] = []  # of the ends of the last two scans, each as its own window left it
+        self._early: list[TimedPoints] | None = []  # all scans so far, while the first ones may be looked back at
         self.residual = np.inf  # m, the median distance of the newest scans' points from their surfaces
 
     @property
@@ -90,6 +92,10 @@ class ContinuousTimeOdometry:
             found = self._second(scan)
         else:
             found = self._next(scan)
+        if self._early is not None:
+            self._early.append(scan)
+            if began > 2 * self._settings.gravity_until:
+                self._early = None
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
             motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained
@@ -112,7 +118,7 @@ class ContinuousTimeOdometry:
             # where the first scan was given too little motion, the second shows as much too much
             velocity = (velocity + Motion(solved.seconds, solved.knots).velocity(0)) / 2
             knots = self._model.steady(np.eye(4), velocity, first.knot_seconds)
-            self._beliefs = [self._model.moving(float(first.knot_seconds[-1]), knots[-1])]
+            self._beliefs = [self._model.known(float(first.knot_seconds[-1]), knots[-1])]
             self._map.clear()
             self._add(first, knots)
             solved, firsts = self._solved(self._beliefs[-1], [scan])
@@ -180,6 +186,42 @@ class ContinuousTimeOdometry:
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
         self._usual += weight * (solved.share - self._usual)
         return _Found(knots, covariance, health, solved.share, unconstrained)
+
+    def look_back(self, results: list[Registration]) -> list[Registration]:
+        """See `Odometry.look_back`: the later scans are the map, and the first ones are registered to it from the last
+        of them to the first."""
+        early, self._early = self._early, None
+        if early is None or len(early) != len(results) or any(result.health == "lost" for result in results):
+            return results
+        ages = np.array([scan.knot_seconds[0] - early[0].knot_seconds[0] for scan in early])
+        count = int(np.searchsorted(ages, _UNSURE))
+        if len(early) - count < 2 or ages[-1] < 2 * _UNSURE:
+            return results
+        back = ContinuousTimeOdometry(self._settings)
+        if self._up is not None:
+            back.level(self._up)
+        for scan, result in zip(early[count:-1], results[count:-1], strict=True):
+            back._add(scan, result.motion.knots)
+        knots = np.concatenate([result.motion.knots for result in results[count : count + 2]])
+        seconds = np.concatenate([scan.knot_seconds for scan in early[count : count + 2]])
+        back._beliefs = [back._model.moving(-float(seconds[0]), knots[0], -Motion(seconds, knots).velocity(0))]
+        back._scans, back._usual, back._height = self._scans, self._usual, self._height
+        again = []
+        for scan, result in zip(early[:count][::-1], results[:count][::-1], strict=True):
+            found = back._next(scan.reversed())
+            motion = Motion(result.motion.seconds, found.knots[::-1].copy())
+            again.append(
+                replace(
+                    result, T_odom_sensor=motion.at(0.0), covariance=found.covariance, health=found.health,
+                    share=found.share, motion=motion, unconstrained=found.unconstrained,
+                )
+            )  # fmt: skip
+        if any(result.health == "lost" for result in again):
+            return results
+        if back._older is not None:
+            back._add(back._older, back._older_knots)
+        self._map = back._map
+        return [*again[::-1], *results[count:]]
 
     def rejoin(self, other: Odometry) -> bool:
         """See `Odometry.rejoin`."""

@@ -85,6 +85,10 @@ class RigidOdometry(ABC):
         """See `Odometry.level`: a registration that assumes nothing of the motion has no use for it."""
         return
 
+    def look_back(self, results: list[Registration]) -> list[Registration]:
+        """See `Odometry.look_back`: results stay as they are."""
+        return results
+
     def rejoin(self, other: Odometry) -> bool:
         """See `Odometry.rejoin`: lost scans are searched one by one."""
         return False

@@ -69,9 +69,14 @@ class TimedOdometry:
         return [] if self._held is None else self._held[self._best]
 
     def release(self) -> list[Registration]:
-        """Ends holding back; returns what was `held`."""
-        released, self._held = self.held, None
-        return released
+        """Ends holding back; returns what was `held`, the first scans registered again."""
+        held, self._held = self._held or {}, None
+        seen = {kind: self._odometries[kind].look_back(held[kind]) for kind in self._odometries if kind in held}
+        return seen.get(self._best, [])
+
+    def look_back(self, results: list[Registration]) -> list[Registration]:
+        """See `Odometry.look_back`: done when results are released."""
+        return results
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
         """See `Odometry.register`."""

@@ -74,7 +74,7 @@ class MotionModel:
         """The first pose, with an unknown velocity."""
         return Belief(seconds, np.eye(4), np.eye(6) * 1e-8, np.zeros(6), self._along(self._at_start**2))
 
-    def moving(self, seconds: float, T: Floats) -> Belief:
+    def known(self, seconds: float, T: Floats) -> Belief:
         """A known pose with an unknown velocity."""
         return Belief(seconds, T, np.eye(6) * 1e-6, np.zeros(6), self._along(self._at_start**2))
 
@@ -84,6 +84,10 @@ class MotionModel:
         spread = self.prior.spread.copy()
         spread[5] *= _LEVEL_START if self.up.any() else 1.0
         return spread
+
+    def moving(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
+        """A known pose with a roughly known velocity."""
+        return Belief(seconds, T, np.eye(6) * 1e-4, velocity, self._along((self.prior.spread / 3) ** 2))
 
     def near(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
         """A pose known to a step of the grid on which a lost sensor is searched, with a roughly known velocity."""

@@ -36,6 +36,10 @@ class TimedPoints:
         """The same points, measured so many seconds later."""
         return TimedPoints(self.points, self.seconds + seconds, self.knot_seconds + seconds)
 
+    def reversed(self) -> "TimedPoints":
+        """The same points, as time runs backwards."""
+        return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1])
+
     def between(self, first: int) -> tuple[Ints, Floats]:
         """The knot (N,) before each point, the scan's first one being number `first`, and the share (N,) of the way
         to the next one."""

@@ -30,6 +30,7 @@ _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller o
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
 _EXTENT = 2.0  # times the standard deviation of a plane's points along it, its half width: beyond, it was not seen
 _GRAZING = 0.1  # sine of the angle between rays and plane, at least: one ring around a corner of a room is none
+_SHIFT = 0.11  # m, of the cells: walls at round distances from where a run begins are not on their borders
 _BITS = 20  # of a cell's index along one axis
 # columns of a surfel's row
 _COUNT, _SUM, _SQUARES, _RAY, _CHANGED = 0, 1, 4, 10, 13
@@ -102,7 +103,9 @@ class SurfelMap(Stateful):
 @compiled
 def _key(x: float, y: float, z: float, level: int) -> int:
     half, side = 1 << (_BITS - 1), SIDES[level]
-    i, j, k = math.floor(x / side) + half, math.floor(y / side) + half, math.floor(z / side) + half
+    i = math.floor((x + _SHIFT) / side) + half
+    j = math.floor((y + _SHIFT) / side) + half
+    k = math.floor((z + _SHIFT) / side) + half
     return int((((((i << _BITS) | j) << _BITS) | k) << 2) | level)
 
 

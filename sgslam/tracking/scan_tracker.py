@@ -92,11 +92,12 @@ class ScanTracker(Stateful):
     def release(self) -> list[TrackedScan]:
         """The scans that wait; if up is not known yet, it is where the mount says."""
         if not self._level.known:
-            self._level.settle(self._found)
-            self._odometry.level(self._level.likely_up)
-            self._T_level_source = self._T_level_now()
             if isinstance(self._odometry, TimedOdometry):
-                self._odometry.release()
+                released = self._odometry.release()
+                self._found = released if len(released) == len(self._found) else self._found
+            self._level.settle(self._found)
+            self._T_level_source = self._T_level_now()
+            self._odometry.level(self._T_level_source[2, :3])
         waiting, found = self._waiting, self._found
         self._waiting, self._found = [], []
         return [self._tracked(*scan) for scan in zip(waiting, found, strict=True)]
