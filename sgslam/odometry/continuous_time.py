@@ -23,7 +23,8 @@ from sgslam.registration.window import Solved, Weights, solve, window_knots
 
 Floats = NDArray[np.float64]
 _TRIED = 8  # of the likely poses of a lost sensor
-_UNSURE = 2.0  # s, at the beginning, in which a map of a few scans may mislead
+_UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
+_KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
 # rotations (4, 4) of a lost scan's search, about each axis of the sensor, since its mount is not known
 _TURNS = np.tile(np.eye(4), (15, 1, 1))
@@ -195,7 +196,7 @@ class ContinuousTimeOdometry:
             return results
         ages = np.array([scan.knot_seconds[0] - early[0].knot_seconds[0] for scan in early])
         count = int(np.searchsorted(ages, _UNSURE))
-        if len(early) - count < 2 or ages[-1] < 2 * _UNSURE:
+        if ages[-1] < _UNSURE + _KNOWN:
             return results
         back = ContinuousTimeOdometry(self._settings)
         if self._up is not None:

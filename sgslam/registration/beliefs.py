@@ -107,6 +107,7 @@ class MotionModel:
         decay = self._along(kept)
         C = decay @ belief.velocity_covariance @ decay.T + self._along((1 - kept**2) * self.prior.spread**2)
         known, steady = (np.linalg.inv(M).astype(np.float64) for M in (belief.covariance, C))
+        known, steady = (known + known.T) / 2, (steady + steady.T) / 2
         return Prior(belief.T, known, decay @ belief.velocity, steady, self.up, height)
 
     def _along(self, values: Floats) -> Floats:

@@ -96,7 +96,8 @@ class Solved:
     @cached_property
     def covariance(self) -> Floats:
         """(6K, 6K) of all knots; rotation first, in axes of `odom`."""
-        return np.asarray(np.linalg.inv(self.information), np.float64)
+        C = np.linalg.inv(self.information)
+        return np.asarray((C + C.T) / 2, np.float64)  # what is not symmetric would grow from scan to scan
 
     def covariance_in_sensor(self, knot: int, steady: bool) -> Floats:
         """(6, 6) of one knot; rotation first, in the sensor's axes.
