@@ -196,7 +196,7 @@ class ContinuousTimeOdometry:
             return results
         ages = np.array([scan.knot_seconds[0] - early[0].knot_seconds[0] for scan in early])
         count = int(np.searchsorted(ages, _UNSURE))
-        if ages[-1] < _UNSURE + _KNOWN:
+        if len(early) - count < 2 or ages[-1] < _UNSURE + _KNOWN:
             return results
         back = ContinuousTimeOdometry(self._settings)
         if self._up is not None:
