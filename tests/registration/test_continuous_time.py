@@ -1,5 +1,6 @@
 """Registration in continuous time, on scans of a sensor in a hand."""
 
+from dataclasses import replace
 
 import boxes
 import numpy as np
@@ -14,7 +15,7 @@ from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import TimedOdometry
-from sgslam.registration import Registration
+from sgslam.registration import Motion, Registration
 
 SECONDS = 12.0
 
@@ -131,3 +132,39 @@ def test_a_sensor_between_high_walls_keeps_its_height(seed: int) -> None:
         found += [odometry.register(100_000_000 * k, scans[k]) for k in range(1, 100)]
         off[told] = max(abs(result.T_odom_sensor[2, 3]) for result in found)
     assert off[True] < 0.2 and off[True] < off[False]  # m; measured 0.09 to 0.12, and 0.23 to 0.26
+
+
+def test_looking_back_the_first_scans_are_found_in_the_later_map() -> None:
+    """As if the sensor had slid by a metre in the first second, while its map was of a few scans."""
+    scene = boxes.scene_of([*boxes.room(0, 0, 8, 5), (5, 0, 0, 5.3, 3, 1.2)])
+    true = np.array([0.05, 0.02, 0.0]) * np.arange(45)[:, None]
+    odometry, results = ContinuousTimeOdometry(TrackingSettings()), []
+    odometry.level(np.array([0.0, 0.0, 1.0]))
+    for k in range(45):
+        points = boxes.scan(scene, boxes.pose(1.5 + true[k, 0], 2.0 + true[k, 1], 1.0), seed=k)
+        results.append(odometry.register(k * 100_000_000, points))
+    for k in range(10):
+        T = results[k].T_odom_sensor.copy()
+        T[0, 3] += 1.0 - k / 10
+        results[k] = replace(results[k], T_odom_sensor=T, motion=Motion(results[k].motion.seconds, T[None]))
+    found = odometry.look_back(results)
+    places = np.stack([r.T_odom_sensor[:3, 3] for r in found])
+    assert np.abs(places - places[-1] - (true - true[-1])).max() < 0.03
+    assert found[30:] == results[30:]  # the frame is that of the later scans
+
+
+def test_too_few_scans_are_not_looked_back_at() -> None:
+    odometry = ContinuousTimeOdometry(TrackingSettings())
+    scene = boxes.scene_of(boxes.room(0, 0, 6, 4))
+    results = [odometry.register(k * 100_000_000, boxes.scan(scene, boxes.pose(2, 2), seed=k)) for k in range(33)]
+    assert odometry.look_back(results) is results
+
+
+def test_covariances_stay_symmetric(drive: tuple[list[Scan], Trajectory]) -> None:
+    """What is not symmetric in a prior grows from window to window, until a run breaks off."""
+    scans, _ = drive
+    odometry = ContinuousTimeOdometry(TrackingSettings())
+    for scan in scans:
+        odometry.register(scan.stamp_ns, scan.points, scan.point_times)
+        for belief in odometry._beliefs:
+            assert np.array_equal(belief.covariance, belief.covariance.T)
