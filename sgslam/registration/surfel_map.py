@@ -213,8 +213,7 @@ def _fit(own: Floats, plane: Floats) -> None:
         plane[_NORMAL + i], plane[_MEAN + i] = sign * axes[i, 0], mean[i]
         plane[_AXIS_1 + i], plane[_AXIS_2 + i] = axes[i, 1], axes[i, 2]
     plane[_ACROSS] = (across * (n - 3) + _NOISE**2 * _BELIEVED) / (n - 3 + _BELIEVED)
-    # what noise does not explain is the surface's own shape, such as a step in a wall: no number of points averages it
-    plane[_VARIANCE] = plane[_ACROSS] / n + max(plane[_ACROSS] - _NOISE**2, 0.0) + _SHARED**2
+    plane[_VARIANCE] = plane[_ACROSS] / n + _SHARED**2
     plane[_INVERSE_1], plane[_INVERSE_2] = 1 / values[1], 1 / values[2]
     plane[_VALID] = 1.0
 

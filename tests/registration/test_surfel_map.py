@@ -73,17 +73,3 @@ def test_a_plane_ends_where_it_was_seen(beyond: float, error: float, known: bool
     points = _wall(2.4, 0.01, 0)
     _added(surfels, points[points[:, 2] < 1.5], _AHEAD)
     assert (_nearest((2.4, 0.3, 1.5 + beyond), -_AHEAD, surfels, error=error) >= 0) == known
-
-
-@pytest.mark.parametrize(("step", "lowest", "highest"), [(0.0, 0.0, 0.005), (0.1, 0.01, 0.05)])
-def test_a_step_within_a_plane_does_not_average_out(step: float, lowest: float, highest: float) -> None:
-    """A wall 10 cm farther back in its upper half: the plane through both leans, with any number of points."""
-    points = _wall(2.5, 0.01, 0)
-    points[:, 0] += np.where(points[:, 2] > 1.4, step, 0.0)
-    surfels = SurfelMap()
-    for _ in range(5):
-        _added(surfels, points, _AHEAD)
-    planes = surfels.planes[: surfels.count]
-    large = planes[(planes[:, 15] > 0) & (planes[:, 13] < 1 / 0.2**2) & (np.abs(planes[:, 5] - 1.4) < 0.3)]
-    assert len(large) > 0
-    assert np.all((np.sqrt(large[:, 12]) >= lowest) & (np.sqrt(large[:, 12]) <= highest))
