@@ -163,7 +163,7 @@ def add_points(
         J[3], J[4], J[5] = nx, ny, nz
         scale = kernel * kernel + spread
         robust = scale / (scale + off * off + scatter)
-        weight = robust * robust / (variance + spread)  # all points on a plane share its error
+        weight = robust * robust / (variance + spread)
         add_normal_variance(planes[s], weight, F)
         b = 1 - a
         for i in range(6):

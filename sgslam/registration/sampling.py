@@ -12,7 +12,7 @@ from sgslam.geometry.normal_equations import eigen3
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05
+_FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05  # m between the points that are used: in the first scan, and least
 _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surface
 _LEAST = 8  # points of such a cell
 _FLAT = 9.0  # times the variance across, that along a surface in its narrower direction at least

@@ -31,6 +31,8 @@ from matching.training.data import Batch, batch_of, part, varied
 from matching.training.loss import accuracies, loss, run
 
 SMALL = Settings(width=32, layers=2, candidates=8, cycles=2, rounds=2)
+# Of an untrained network's candidates, which are all alike, the seventh and the eighth are told apart.
+SEVEN = dataclasses.replace(SMALL, candidates=7)
 CPU = torch.device("cpu")
 
 
@@ -90,7 +92,7 @@ def assert_same(found: dict[tuple[str, str], float], expected: dict[tuple[str, s
 
 @pytest.mark.parametrize("T", [(0.0, 400000.0, 5600000.0), (2.3, -3.0, 8.0), (np.pi / 2, 0.0, 0.0)])
 def test_proposals_do_not_know_where_the_graphs_lie(plan: SceneGraph, drawn: DrawnGraph, T: tuple[float, float, float]):
-    proposer = LearnedProposer(CompiledNetwork.of(untrained()))
+    proposer = LearnedProposer(CompiledNetwork.of(untrained(SEVEN)))
     expected = table(proposer, drawn.s_graph, plan)
     assert_same(table(proposer, moved(drawn.s_graph, T), plan), expected)
     assert_same(table(proposer, drawn.s_graph, moved(plan, T)), expected)
@@ -104,8 +106,7 @@ def test_proposals_do_not_know_the_order_of_nodes(plan: SceneGraph, drawn: Drawn
         surfaces = tuple(g.wall_surfaces[k] for k in walls)
         return dataclasses.replace(g, wall_surfaces=surfaces, rooms=tuple(g.rooms[k] for k in rooms))
 
-    # Of an untrained network's candidates, which are all alike, the seventh and the eighth are told apart.
-    proposer = LearnedProposer(CompiledNetwork.of(untrained(dataclasses.replace(SMALL, candidates=7))))
+    proposer = LearnedProposer(CompiledNetwork.of(untrained(SEVEN)))
     found = table(proposer, shuffled(drawn.s_graph), shuffled(plan))
     assert_same(found, table(proposer, drawn.s_graph, plan))
 

@@ -131,7 +131,7 @@ def test_a_sensor_between_high_walls_keeps_its_height(seed: int) -> None:
             odometry.level(np.array([0.0, 0.0, 1.0]))
         found += [odometry.register(100_000_000 * k, scans[k]) for k in range(1, 100)]
         off[told] = max(abs(result.T_odom_sensor[2, 3]) for result in found)
-    assert off[True] < 0.2 and off[True] < off[False]  # m; measured 0.09 to 0.12, and 0.23 to 0.26
+    assert off[True] < 0.3 and off[True] < off[False]  # m; over five seeds 0.09 to 0.24, and 0.32 to 0.37
 
 
 def test_looking_back_the_first_scans_are_found_in_the_later_map() -> None:
