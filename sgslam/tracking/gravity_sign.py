@@ -28,7 +28,7 @@ BIN = 4.0  # degrees, of the sensor's panorama
 VIEWPOINTS = 5  # of the way
 FEW = 3.0  # surfels: fewer are no evidence
 FEW_GAPS = 1.0
-MOST = 2.0  # log odds: the cues are not independent; however clear they were, after 10 s one in eight was wrong
+MOST = 2.0  # log odds: the cues are not independent, and after 10 s one drive in five looks upside down by them
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from sgslam.registration import SurfelMap
 from sgslam.registration.sampling import one_a_cell
 from sgslam.serialization import Stateful
 from sgslam.tracking.gravity import SIGN_SURE, estimate_gravity
+from sgslam.tracking.level_frame import SIDE, add_seen
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _UP = np.array([0.0, 0.0, 1.0])
 _AFTER_S = 30.0  # of walking through several rooms: they tell more than the first seconds
-_SIDE = 0.1  # m between the points of a scan that are used
 _OFF = np.radians(10.0)  # right frames are level to a degree; farther off, another direction was taken for up
 
 
@@ -40,10 +40,8 @@ class LevelCheck(Stateful):
         if self._is_done:
             return
         self._began_ns = stamp_ns if self._began_ns is None else self._began_ns
-        chosen = one_a_cell(points, _SIDE, self._settings.min_range, self._settings.max_range)
-        turned = points.take(chosen, axis=0) @ T_odom_sensor[:3, :3].T
-        rays = turned / np.linalg.norm(turned, axis=1, keepdims=True)
-        self._surfels.add(turned + T_odom_sensor[:3, 3], rays, 0.0, 1.0)
+        chosen = one_a_cell(points, SIDE, self._settings.min_range, self._settings.max_range)
+        add_seen(self._surfels, points.take(chosen, axis=0), T_odom_sensor)
         self._places.append(T_odom_sensor[:3, 3])
         if stamp_ns - self._began_ns >= 1e9 * _AFTER_S:
             self._check()

@@ -17,7 +17,7 @@ from sgslam.tracking.gravity import Gravity, estimate_gravity
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _log = logging.getLogger(__name__)
-_SIDE = 0.1  # m between the points of a scan that are used
+SIDE = 0.1  # m between the points of a scan that are used
 _BETWEEN_NS = 1_000_000_000  # between two attempts
 
 
@@ -53,7 +53,7 @@ class LevelFrame(Stateful):
         settings = self._settings
         if self._began_ns is None:
             self._began_ns, self._next_ns = stamp_ns, stamp_ns + _BETWEEN_NS
-        chosen = one_a_cell(points, _SIDE, settings.min_range, settings.max_range)
+        chosen = one_a_cell(points, SIDE, settings.min_range, settings.max_range)
         self._chosen.append((points.take(chosen, axis=0), chosen))
         if stamp_ns < self._next_ns:
             return
@@ -95,8 +95,13 @@ class LevelFrame(Stateful):
             times = None if result.point_times is None else result.point_times.take(chosen)
             in_sensor = replace(result, point_times=times).undistorted(points)
             T = T_first_odom @ result.T_odom_sensor
-            turned = in_sensor @ T[:3, :3].T
-            rays = turned / np.linalg.norm(turned, axis=1, keepdims=True)
-            surfels.add(turned + T[:3, 3], rays, 0.0, 1.0)
+            add_seen(surfels, in_sensor, T)
         places = np.stack([T_first_odom @ result.T_odom_sensor[:, 3] for result in results])[:, :3]
         return estimate_gravity(*surfels.surfels(), places, self._expected)
+
+
+def add_seen(surfels: SurfelMap, points: Floats, T_map_sensor: Floats) -> None:
+    """Adds points (N, 3), in the frame of a sensor at a pose (4, 4), to the surfaces that it sees."""
+    turned = points @ T_map_sensor[:3, :3].T
+    rays = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+    surfels.add(turned + T_map_sensor[:3, 3], rays, 0.0, 1.0)
