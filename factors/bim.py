@@ -54,15 +54,15 @@ def plane_from(place_in_bim: ArrayLike, plane_in_bim: ArrayLike) -> NDArray[np.f
 
 
 def storey_plane(
-    elevation: float, bim: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base
+    elevation: float, bim: int, anchor: int, plane: int, noise: gtsam.noiseModel.Base, side: float = 1.0
 ) -> gtsam.NoiseModelFactor:
     """Returns a factor that ties a floor's plane variable to a storey's finished floor at `elevation` (m, BIM frame).
 
-    It determines height, roll and pitch, which walls cannot. Variables as in `anchor_plane`; residual (3) as in
-    `observe_plane`, in the BIM frame, where z points up. Source: as `anchor_plane`. Raises ValueError for an elevation
-    that is not finite.
+    It determines height, roll and pitch, which walls cannot. `side` is -1 for a ceiling, which is seen from below.
+    Variables as in `anchor_plane`; residual (3) as in `observe_plane`, in the BIM frame, where z points up. Source: as
+    `anchor_plane`. Raises ValueError for an elevation that is not finite.
     """
-    return observe_plane([0.0, 0.0, 1.0, -elevation], bim, anchor, plane, noise)
+    return observe_plane([0.0, 0.0, side, -side * elevation], bim, anchor, plane, noise)
 
 
 def anchor_room(

@@ -55,20 +55,21 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 def _by_drive_and_method(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each drive and method that tracked it: the drive in words, and the errors."""
-    named, lines = _named(rows), []
+    told, lines = named(rows), []
     for method in METHODS:
         before = f"found.{method}."
         if any(name.startswith(before) for name in rows):
-            own = {name: name.removeprefix(before) for name in named} | {f"scans_per_s.{method}": "scans_per_s"}
-            lines.append(named.rename(columns=own).assign(method=method))
+            own = {name: name.removeprefix(before) for name in told} | {f"scans_per_s.{method}": "scans_per_s"}
+            lines.append(told.rename(columns=own).assign(method=method))
     return pd.concat(lines, ignore_index=True).dropna(subset="second_m")
 
 
-def _named(rows: pd.DataFrame) -> pd.DataFrame:
+def named(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows with the drive in words, and as `drive` all that tells one from another."""
     carriers = zip(rows.carrier, rows.pace, rows.backwards, strict=True)
+    told = rows[[name for name in _DRIVE if name in rows]]
     return rows.assign(
-        drive=rows[_DRIVE].astype(str).agg("; ".join, axis=1), building=rows["sequence.name"],
+        drive=told.astype(str).agg("; ".join, axis=1), building=rows["sequence.name"],
         recorded=rows.carrier.str.endswith(".tum"), carrier=[_carrier(*carrier) for carrier in carriers],
         mount=[", ".join(f"{angle:g}" for angle in mount) for mount in rows.mount_deg],
         effects=[" + ".join(own) or NO_EFFECT for own in rows.effects],

@@ -120,7 +120,7 @@ class BuildingAnchoring:
         for floor, scene in cut:
             own = self.of(floor.number)
             if base is None or own.committed is not None:
-                anchors = own.update(scene, floor.walls, T_map_local, last)
+                anchors = own.update(floor, scene, T_map_local, last)
                 found += [] if anchors is None else [anchors]
                 base = self.committed
         if base is None and len(cut) > 1:
@@ -236,6 +236,6 @@ def merged(anchors: list[Anchors]) -> Anchors:
         first = replace(
             first, planes=first.planes | more.planes, rooms=first.rooms | more.rooms,
             elevations=first.elevations | more.elevations, loose=first.loose | more.loose,
-            drifted=first.drifted | more.drifted,
+            drifted=first.drifted | more.drifted, sigma_height=max(first.sigma_height, more.sigma_height),
         )  # fmt: skip
     return first

@@ -13,12 +13,13 @@ from matching.result import MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
 from sgslam.anchoring.anchored_rooms import anchor_statuses, graded_walls, matched_rooms, room_anchors
 from sgslam.anchoring.floor_matching import FloorMatching, differ
+from sgslam.anchoring.height_alignment import HeightAlignment, align_heights
 from sgslam.anchoring.match_history import Commitment
 from sgslam.anchoring.place_verification import CONFLICT_REASON, Plan
 from sgslam.anchoring.wall_alignment import WallAlignment, align_walls
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, se2_to_se3
-from sgslam.mapping import Anchors, Scene, WallMap
+from sgslam.mapping import Anchors, FloorMap, Scene, WallMap
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
@@ -80,13 +81,14 @@ class FloorAnchoring(Stateful):
         """Height (m) of the committed storey's floor in the local frame; 0 where it is not known."""
         return self._plan.height(self.commitment.floor) or 0.0
 
-    def update(self, scene: Scene, walls: WallMap, T_map_local: Floats | None, last: bool) -> Anchors | None:
+    def update(self, floor: FloorMap, scene: Scene, T_map_local: Floats | None, last: bool) -> Anchors | None:
         """Returns the anchors that hold now; None where there are none.
 
         Without anchors, the matcher is asked if the S-graph has grown enough, or if it is the `last` time. With
         anchors, walls are aligned by position, and the matcher is asked again only where too few stand as planned.
         `T_map_local` (4, 4) is the back end's estimate of the local frame, None where it has none.
         """
+        walls = floor.walls
         self.log.rename(walls.current)
         self.commitment.rename(walls.current)
         self._check_conflict(scene, walls, T_map_local)
@@ -105,7 +107,7 @@ class FloorAnchoring(Stateful):
         self.commitment.note_candidates(alignment, scene)
         statuses = anchor_statuses(alignment, scene, self.commitment.pairs, self._match_name)
         self.log.update(scene.graph.keyframes[-1].stamp_ns, statuses)
-        anchors = self._anchors(scene, walls, alignment, T_map_local, statuses)
+        anchors = self._anchors(scene, floor, alignment, T_map_local, statuses)
         self.commitment.replaced = False
         return anchors
 
@@ -236,19 +238,35 @@ class FloorAnchoring(Stateful):
         return self.alignment(scene, walls, T_map_local)
 
     def _anchors(
-        self, scene: Scene, walls: WallMap, alignment: WallAlignment, T_map_local: Floats | None,
+        self, scene: Scene, floor: FloorMap, alignment: WallAlignment, T_map_local: Floats | None,
         statuses: dict[Key, AnchorStatus],
     ) -> Anchors:  # fmt: skip
-        settings, (yaw, x, y) = self._config.anchors, alignment.place
-        T_local_level = se2_to_se3(yaw, x, y, self.height)
+        settings, (yaw, x, y), walls = self._config.anchors, alignment.place, floor.walls
+        heights = self._heights(floor, alignment)
+        T_local_level = se2_to_se3(yaw, x, y, self.height if heights is None else heights.raised)
         grades = graded_walls(alignment, scene, statuses, T_local_level, self._plan.origin, settings.doubtful)
         place = self.commitment.place_now(walls, T_map_local)
         valid = T_map_local is not None and not self.commitment.replaced
-        if not valid or differ(alignment.place, place, scene, settings.gate_offset):
+        moved = differ(alignment.place, place, scene, settings.gate_offset)
+        if T_map_local is None or not valid or moved or self._is_raised(T_local_level, walls, T_map_local, heights):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
-        assert T_map_local is not None
         rooms = room_anchors(scene, grades.by_rooms, self.height) if settings.rooms else {}
         tight, drifted, loose = grades.lists() if settings.planes else ({}, {}, {})
-        known = self._plan.height(self.commitment.floor) is not None
-        heights = {self.number: self.height} if known else {}
-        return Anchors(T_map_local, tight, rooms, heights, loose, drifted, self._match_name)
+        planned, sigma = ({}, 0.0) if heights is None else (heights.planned, heights.sigma)
+        return Anchors(T_map_local, tight, rooms, planned, loose, drifted, sigma, self._match_name)
+
+    def _is_raised(
+        self, T_local_level: Floats, walls: WallMap, T_map_local: Floats, heights: HeightAlignment | None
+    ) -> bool:  # fmt: skip
+        """Whether the plan's heights put the map elsewhere than the back end's T_map_local (4, 4)."""
+        z = float(inverse(walls.T_level_map @ T_map_local)[2, 3])
+        return heights is not None and abs(z - T_local_level[2, 3]) > self._config.anchors.tolerance
+
+    def _heights(self, floor: FloorMap, alignment: WallAlignment) -> HeightAlignment | None:
+        """The level surfaces of the floor in the plan; None where they, or the plan, do not tell its height."""
+        if self._plan.height(self.commitment.floor) is None:
+            return None
+        walls = [] if self._plan.partial else alignment.walls  # of a map, the upper ends of walls are not known
+        levels = floor.levels.levels(floor.walls.T_level_map)
+        origin = float(self._plan.origin[2])
+        return align_heights(levels, walls, self.height, origin, floor.sensor_height, self._config.anchors)

@@ -1,10 +1,11 @@
-"""The back end: batch optimisation of keyframes, walls, floors, rooms and the BIM frame, warm started.
+"""The back end: batch optimisation of keyframes, walls, level surfaces, rooms and the BIM frame, warm started.
 
 Each optimisation builds its graph from the factor log. So walls can be joined and anchors withdrawn without editing a
 graph, and the graph can be rebuilt after a failure of the optimizer.
 """
 
 import logging
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -18,7 +19,7 @@ from sgslam.backend.factor_log import FactorLog, Key, Kind
 from sgslam.backend.graph_builder import BIM, GraphBuilder, GraphInputs, start_values
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, is_rigid, transform_planes
-from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenWall
+from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 __all__ = ["Anchors", "Backend", "PlannedWall", "RoomNode"]
 Floats = NDArray[np.float64]
@@ -28,24 +29,25 @@ _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigm
 
 
 class Backend:
-    """Estimates of keyframes, walls, floors and T_map_bim, from the factors in `log`.
+    """Estimates of keyframes, walls, level surfaces and T_map_bim, from the factors in `log`.
 
-    `planes_in_map` and `floors_in_map` are planes (4,) by wall and floor number; `T_map_bim` (4, 4) is None while the
-    map is not anchored. `closures` are the loop closures that hold; `LoopCloser` adds and removes them.
+    `planes_in_map` and `levels_in_map` are planes (4,) by the numbers of walls and level surfaces; `T_map_bim` (4, 4)
+    is None while the map is not anchored. `closures` are the loop closures that hold; `LoopCloser` adds and removes
+    them.
     """
 
     def __init__(self, config: Config) -> None:
         self._config = config
         self.keyframes: list[KeyframeNode] = []
         self.planes_in_map: dict[int, Floats] = {}
-        self.floors_in_map: dict[int, Floats] = {}
+        self.levels_in_map: dict[int, Floats] = {}
         self.T_map_bim: Floats | None = None
         self.closures: list[Closure] = []
         self.log = FactorLog()
         self._builder = GraphBuilder(config, self.keyframes, self.log)
         self._optimised_at = 0
         self._sound = 0  # keyframes whose poses are from an optimum
-        self._inputs = GraphInputs([], {}, [], None, [])  # of the last optimisation
+        self._inputs = GraphInputs([], {}, [], {}, [], None)  # of the last optimisation
         self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, int]] | None = None
 
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
@@ -56,14 +58,14 @@ class Backend:
 
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree (see `state_tree`)."""
-        seen = [replace(s, wall=wall) for s, wall in zip(self._inputs.seen, self._inputs.walls, strict=True)]
         held = [entry.factor for key, entry in self.log.held("odometry").items() if len(key) == 1]
         steps = [factor.measured().matrix() for factor in held if isinstance(factor, gtsam.BetweenFactorPose3)]
         return {
             "keyframes": self.keyframes, "steps": steps, "planes_in_map": self.planes_in_map,
-            "floors_in_map": self.floors_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
-            "sound": self._sound, "seen": seen, "rooms": self._inputs.rooms, "anchors": self._inputs.anchors,
-            "closures": self.closures, "found": self._builder.found, "log": self.log.state(),
+            "levels_in_map": self.levels_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
+            "sound": self._sound, "seen": self._inputs.seen, "levels": self._inputs.levels,
+            "rooms": self._inputs.rooms, "anchors": self._inputs.anchors, "closures": self.closures,
+            "found": self._builder.found, "log": self.log.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -72,7 +74,7 @@ class Backend:
         Raises ValueError where they differ from those that were saved.
         """
         self.keyframes[:] = state["keyframes"]
-        self.planes_in_map, self.floors_in_map = state["planes_in_map"], state["floors_in_map"]
+        self.planes_in_map, self.levels_in_map = state["planes_in_map"], state["levels_in_map"]
         self.closures[:], self._builder.found = state["closures"], dict(state["found"])
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
@@ -84,23 +86,27 @@ class Backend:
             builder.hold_step(i, step)
         for i in (key[0] for key in held if len(key) == 2):
             builder.bridge(i)
-        self._inputs = self._hold(builder, state["seen"], state["rooms"], state["anchors"])
+        self._inputs = self._hold(builder, state["seen"], state["levels"], state["rooms"], state["anchors"])
         self.log.restore(state["log"], made)
 
     def _hold(
-        self, builder: GraphBuilder, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None
-    ) -> GraphInputs:
-        anchor_of = builder.hold_walls(seen)
-        builder.hold_floors()
+        self, builder: GraphBuilder, seen: list[SeenWall], levels: list[SeenLevel], rooms: list[RoomNode],
+        anchors: Anchors | None,
+    ) -> GraphInputs:  # fmt: skip
+        anchor_of, anchor_of_level = builder.hold_walls(seen), builder.hold_levels(levels)
         builder.hold_rooms(rooms, anchor_of)
         builder.hold_loops(self.closures)
-        builder.hold_anchors(anchors, anchor_of, {room.id for room in rooms})
-        return GraphInputs(list(seen), anchor_of, rooms, anchors, [s.wall for s in seen])
+        builder.hold_anchors(anchors, anchor_of, anchor_of_level, {room.id for room in rooms})
+        as_now = [copy(s) for s in seen], [copy(s) for s in levels]
+        return GraphInputs(as_now[0], anchor_of, as_now[1], anchor_of_level, rooms, anchors)
 
-    def absorb(self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int]) -> None:
+    def absorb(
+        self, other: "Backend", T_map_other: Floats, scans: int, storeys: dict[int, int], levels: int
+    ) -> None:  # fmt: skip
         """Adds the keyframes of another map at `T_map_other` (4, 4), with the factors between them.
 
-        `scans` is added to their scan numbers; `storeys` maps their floor numbers to those here.
+        `scans` is added to their scan numbers, `levels` to those of level surfaces; `storeys` maps their floor numbers
+        to those here.
         """
         first = len(self.keyframes)
         steps = other.log.held("odometry")
@@ -115,8 +121,8 @@ class Backend:
             else:
                 self._builder.bridge(first + i)
         self.closures += [replace(c, earlier=c.earlier + first, later=c.later + first) for c in other.closures]
-        for number, plane in other.floors_in_map.items():
-            self.floors_in_map.setdefault(storeys[number], transform_planes(T_map_other, plane))
+        for number, plane in other.levels_in_map.items():
+            self.levels_in_map[number + levels] = transform_planes(T_map_other, plane)
         self._sound = len(self.keyframes)
 
     def _step(self, i: int) -> Floats:
@@ -131,7 +137,7 @@ class Backend:
     @property
     def has_weak_steps(self) -> bool:
         """Whether surfaces left a direction of some step unconstrained, so that the map may have slipped there."""
-        return any(keyframe.step_covariance is not None for keyframe in self.keyframes)
+        return any(keyframe.weak_step for keyframe in self.keyframes)
 
     @property
     def due(self) -> bool:
@@ -143,14 +149,17 @@ class Backend:
         grown = len(self.keyframes) - self._optimised_at
         return grown >= max(settings.every_keyframes, settings.growth * len(self.keyframes))
 
-    def optimise(self, seen: list[SeenWall], rooms: list[RoomNode], anchors: Anchors | None, steps: int = 6) -> None:
+    def optimise(
+        self, seen: list[SeenWall], levels: list[SeenLevel], rooms: list[RoomNode], anchors: Anchors | None,
+        steps: int = 6,
+    ) -> None:  # fmt: skip
         """Updates the log and moves the estimates to the optimum of its graph, in at most `steps` iterations.
 
         If the optimizer fails, the graph and its start values are rebuilt from the log without factors of non-finite
         error. If it fails again, the anchors are left out. If that fails too, the estimates of the last optimum stay.
         Each failure is logged as a warning.
         """
-        inputs = self._inputs = self._hold(self._builder, seen, rooms, anchors)
+        inputs = self._inputs = self._hold(self._builder, seen, levels, rooms, anchors)
         self._optimised_at = len(self.keyframes)
         for attempt in (self._solve, self._rebuild, self._rebuild_without_anchors):
             failure = attempt(inputs, steps)
@@ -166,7 +175,7 @@ class Backend:
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
         try:
-            values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.floors_in_map)
+            values = start_values(graph, inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
             result = optimizer.optimize()
         except RuntimeError as error:
@@ -175,7 +184,7 @@ class Backend:
             return "its error is not finite"
         if optimizer.error() > _BELIEVABLE * graph.size():
             return f"its error of {optimizer.error():.1e} is implausibly large"
-        self._take(result, inputs.anchor_of)
+        self._take(result, inputs)
         self._optimum = graph, result, inputs.anchor_of
         return None
 
@@ -186,7 +195,7 @@ class Backend:
             if not _usable(self._step(i)) and (i,) in self.log.held("odometry"):
                 self._bar("odometry", (i,), "the step is not plausible")
         self._restart()
-        values = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.floors_in_map)
+        values = start_values(self.log.graph(), inputs, self.keyframes, self.planes_in_map, self.levels_in_map)
         for kind, key, why in list(self.log.unsound(values)):
             self._bar(kind, key, why)
         return self._solve(inputs, steps)
@@ -222,18 +231,18 @@ class Backend:
             _log.warning("there are no covariances: %s", error)
             return None
 
-    def _take(self, values: gtsam.Values, anchor_of: dict[int, int]) -> None:
+    def _take(self, values: gtsam.Values, inputs: GraphInputs) -> None:
         poses = np.stack([values.atPose3(X(i)).matrix() for i in range(len(self.keyframes))])
         for keyframe, pose in zip(self.keyframes, poses, strict=True):
             keyframe.T_map_sensor = pose
         self.planes_in_map = {
             wall: transform_planes(poses[anchor], values.atOrientedPlane3(P(wall)).planeCoefficients().ravel())
-            for wall, anchor in anchor_of.items() if values.exists(P(wall))
+            for wall, anchor in inputs.anchor_of.items() if values.exists(P(wall))
         }  # fmt: skip
-        for storey, anchor in self._builder.floor_anchors().items():
-            if values.exists(F(storey)):
-                plane = values.atOrientedPlane3(F(storey)).planeCoefficients().ravel()
-                self.floors_in_map[storey] = transform_planes(poses[anchor], plane)
+        self.levels_in_map = {
+            level: transform_planes(poses[anchor], values.atOrientedPlane3(F(level)).planeCoefficients().ravel())
+            for level, anchor in inputs.anchor_of_level.items() if values.exists(F(level))
+        }  # fmt: skip
         self.T_map_bim = values.atPose3(BIM).matrix() if values.exists(BIM) else None
         self._sound = len(self.keyframes)
 

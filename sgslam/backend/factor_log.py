@@ -8,9 +8,9 @@ from typing import Any, Literal
 import gtsam
 import numpy as np
 
-Kind = Literal["start", "odometry", "wall", "floor", "room", "loop", "anchor"]
+Kind = Literal["start", "odometry", "wall", "level", "room", "loop", "anchor"]
 Key = tuple[int | str, ...]
-KINDS: tuple[Kind, ...] = ("start", "odometry", "wall", "floor", "room", "loop", "anchor")
+KINDS: tuple[Kind, ...] = ("start", "odometry", "wall", "level", "room", "loop", "anchor")
 _log = logging.getLogger(__name__)
 
 

@@ -17,13 +17,12 @@ import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
 from sgslam.backend.wall_outliers import wall_outliers
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, level_map, transform_planes
-from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenWall
-from sgslam.perception import FloorObservation
+from sgslam.geometry.frames import inverse, transform_planes
+from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 Floats = NDArray[np.float64]
 BIM, LEVEL, IDENTITY = B(0), L(0), O(0)
-_PARALLEL = 0.003  # rad between two floors of a building
+_PARALLEL = 0.003  # rad between two floors or ceilings of a building
 
 
 class GraphBuilder:
@@ -31,6 +30,7 @@ class GraphBuilder:
 
     def __init__(self, config: Config, keyframes: list[KeyframeNode], log: FactorLog) -> None:
         self._config, self._keyframes, self._log = config, keyframes, log
+        self._is_floor: dict[int, bool] = {}  # of each level surface, whether it was seen from above
         self.found: dict[int, Floats] = {}  # T_map_sensor (4, 4) of keyframes to which no odometry leads
         tight = factors.noise_of_pose(1e-5, 1e-5)
         for name, pose, why in (("map", X(0), "the map begins at the first keyframe"), ("identity", IDENTITY, "fixed")):
@@ -38,12 +38,9 @@ class GraphBuilder:
 
     def hold_step(self, i: int, step: Floats) -> None:
         """Adds the odometry's `step` (4, 4) from keyframe i - 1 to keyframe i."""
-        settings = self._config.odometry
-        noise = factors.noise_of_pose(settings.sigma_rotation, settings.sigma_translation)
-        why, covariance = "the step between two keyframes", self._keyframes[i].step_covariance
-        if covariance is not None:
-            base = np.diag([settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3)
-            noise, why = factors.noise_of_covariance(base + covariance), f"{why}, poorly constrained by surfaces"
+        keyframe, why = self._keyframes[i], "the step between two keyframes"
+        why = f"{why}, poorly constrained by surfaces" if keyframe.weak_step else why
+        noise = factors.noise_of_covariance(keyframe.step_covariance)
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
         self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
 
@@ -108,54 +105,50 @@ class GraphBuilder:
         robust = factors.noise_of_plane(normal, offset, settings.huber)
         return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
 
-    def floor_anchors(self) -> dict[int, int]:
-        """The keyframe in whose frame each floor is estimated: the first one on it."""
-        anchors: dict[int, int] = {}
-        for i, keyframe in enumerate(self._keyframes):
-            if keyframe.storey is not None:
-                anchors.setdefault(keyframe.storey, i)
-        return anchors
-
-    def hold_floors(self) -> None:
-        """Adds the floor observations, each floor in the frame of its first keyframe; all floors are parallel."""
-        before, entries = self._log.held("floor"), dict[Key, Entry]()
-        anchors = self.floor_anchors()
-        seen: set[int] = set()
-        for i, keyframe in enumerate(self._keyframes):
-            if keyframe.floor is None or keyframe.storey is None:
-                continue
-            if (i,) in before:
-                entries[i,] = before[i,]
+    def hold_levels(self, seen: list[SeenLevel]) -> dict[int, int]:
+        """Adds the level surfaces, all of them parallel; returns the keyframe in whose frame each is estimated."""
+        before, entries = self._log.held("level"), dict[Key, Entry]()
+        anchor_of: dict[int, int] = {}
+        self._is_floor = {s.level: s.is_floor for s in seen}
+        for s in seen:
+            anchor_of[s.level] = min(s.keyframe, anchor_of.get(s.level, s.keyframe))
+        observations: Counter[int] = Counter()  # of each keyframe so far
+        for s in seen:
+            key = (s.keyframe, observations[s.keyframe], s.level, anchor_of[s.level])
+            observations[s.keyframe] += 1
+            if key in before:
+                entries[key] = before[key]
             else:
-                why = f"keyframe {i} saw the floor"
-                build = partial(self._floor, i, keyframe.floor, keyframe.storey, anchors[keyframe.storey])
-                entries |= self._entry("floor", (i,), "floor extraction", why, build)
-            seen.add(keyframe.storey)
-        if len(seen) > 1:
-            entries |= self._parallel_floors({storey: anchors[storey] for storey in seen})
-        self._log.hold(len(self._keyframes), "floor", entries, "it is no longer taken for the floor")
+                why, build = f"keyframe {s.keyframe} saw level {s.level}", partial(self._level, s, anchor_of[s.level])
+                entries |= self._entry("level", key, "level extraction", why, build)
+        if len(anchor_of) > 1:
+            entries |= self._parallel_levels(anchor_of)
+        gone = "it belongs to another level, or that one is estimated in another keyframe's frame"
+        self._log.hold(len(self._keyframes), "level", entries, gone)
+        return anchor_of
 
-    def _floor(self, i: int, floor: FloorObservation, storey: int, anchor: int) -> gtsam.NonlinearFactor:
+    def _level(self, seen: SeenLevel, anchor: int) -> gtsam.NonlinearFactor:
         settings = self._config.backend
-        normal = float(np.hypot(floor.sigma_normal, settings.sigma_floor_normal))
-        offset = float(np.hypot(floor.sigma_offset, settings.sigma_floor_offset))
-        if i == anchor:
+        normal = float(np.hypot(seen.sigma_normal, settings.sigma_floor_normal))
+        offset = float(np.hypot(seen.sigma_offset, settings.sigma_floor_offset))
+        if seen.keyframe == anchor:
             noise = factors.noise_of_plane(normal, offset, None)
-            return factors.observe_own_plane(floor.plane, IDENTITY, F(storey), noise)
+            return factors.observe_own_plane(seen.plane, IDENTITY, F(seen.level), noise)
         robust = factors.noise_of_plane(normal, offset, settings.huber)
-        return factors.observe_plane(floor.plane, X(i), X(anchor), F(storey), robust)
+        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), F(seen.level), robust)
 
-    def _parallel_floors(self, anchors: dict[int, int]) -> dict[Key, Entry]:
-        """A level frame, loosely at the origin of the map, in which every floor is level at any height."""
-        before, entries = self._log.held("floor"), dict[Key, Entry]()
+    def _parallel_levels(self, anchor_of: dict[int, int]) -> dict[Key, Entry]:
+        """A level frame, loosely at the origin of the map, in which every level surface is level at any height."""
+        before, entries = self._log.held("level"), dict[Key, Entry]()
         loose = gtsam.PriorFactorPose3(LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
-        entries["level",] = before.get(("level",)) or Entry(loose, "floor extraction", "a frame that all floors share")
-        noise = factors.noise_of_plane(_PARALLEL, 1000.0, None)
-        for storey, anchor in anchors.items():
-            key: Key = ("level", storey)
-            build = partial(factors.observe_plane, [0.0, 0.0, 1.0, 0.0], LEVEL, X(anchor), F(storey), noise)
+        entries["level",] = before.get(("level",)) or Entry(loose, "level extraction", "a frame that all levels share")
+        noise = factors.noise_of_plane(_PARALLEL, 1000.0, self._config.backend.huber)
+        for level, anchor in anchor_of.items():
+            key: Key = ("level", level, anchor)
+            up = [0.0, 0.0, 1.0 if self._is_floor[level] else -1.0, 0.0]
+            build = partial(factors.observe_plane, up, LEVEL, X(anchor), F(level), noise)
             entries |= {key: before[key]} if key in before else self._entry(
-                "floor", key, "floor extraction", "floors of a building are parallel", build
+                "level", key, "level extraction", "floors and ceilings of a building are parallel", build
             )  # fmt: skip
         return entries
 
@@ -189,7 +182,9 @@ class GraphBuilder:
                     entries[room.id, wall] = Entry(factor, "free space", f"wall {wall} bounds the room")
         self._log.hold(len(self._keyframes), "room", entries, "the rooms were segmented again")
 
-    def hold_anchors(self, anchors: Anchors | None, anchor_of: dict[int, int], rooms: set[int]) -> None:
+    def hold_anchors(
+        self, anchors: Anchors | None, anchor_of: dict[int, int], anchor_of_level: dict[int, int], rooms: set[int]
+    ) -> None:  # fmt: skip
         """Adds the anchors and the BIM frame; nothing for None."""
         entries: dict[Key, Entry] = {}
         if anchors is not None:
@@ -201,7 +196,7 @@ class GraphBuilder:
                 held = partial(self._anchor, W(number), grade, wall, planned, anchor_of[wall])
                 entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
                 entries |= self._entry("anchor", key, planned.by, planned.why, held)
-            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_floors(anchors)
+            entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(anchors, anchor_of_level)
         self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
 
     def _anchor(
@@ -228,73 +223,71 @@ class GraphBuilder:
                 entries |= self._entry("anchor", ("room", room), anchors.by, why, build)
         return entries
 
-    def _anchored_floors(self, anchors: Anchors) -> dict[Key, Entry]:
+    def _anchored_levels(self, anchors: Anchors, anchor_of: dict[int, int]) -> dict[Key, Entry]:
         settings, entries = self._config.anchors, dict[Key, Entry]()
-        level = factors.noise_of_plane(settings.sigma_normal, settings.sigma_floor, None)
-        kept_by = self.floor_anchors()
-        seen = {k.storey for k in self._keyframes if k.floor is not None}
-        for number, (storey, place_on) in enumerate(_middles(anchors).items()):
-            if storey not in seen:
+        sigma = float(np.hypot(settings.sigma_floor, anchors.sigma_height))
+        noise = factors.noise_of_plane(settings.sigma_normal, sigma, self._config.backend.huber)
+        for number, (level, place_on) in enumerate(_middles(anchors).items()):
+            if level not in anchor_of:
                 continue
             place = partial(factors.frame_at, place_on, BIM, W(number))
-            held = partial(factors.storey_plane, 0.0, W(number), X(kept_by[storey]), F(storey), level)
-            key: Key = ("floor", storey)
-            entries |= self._entry("anchor", (*key, "place"), anchors.by, "a frame on the storey's floor", place)
-            entries |= self._entry("anchor", key, anchors.by, "the storey's floor", held)
+            side = 1.0 if self._is_floor[level] else -1.0
+            held = partial(factors.storey_plane, 0.0, W(number), X(anchor_of[level]), F(level), noise, side)
+            key: Key = ("level", level)
+            entries |= self._entry("anchor", (*key, "place"), anchors.by, "a frame on the planned surface", place)
+            entries |= self._entry("anchor", key, anchors.by, "the planned height of a floor or ceiling", held)
         return entries
 
 
 def _middles(anchors: Anchors) -> dict[int, Floats]:
-    """(3,) points in the BIM frame on each known storey's floor, below the origin of the map; frames W(0), W(1), ..."""
+    """(3,) points in the BIM frame at each known level's height, below the origin of the map; frames W(0), W(1), ..."""
     xy = inverse(anchors.T_map_bim)[:2, 3]
-    return {storey: np.array([*xy, z]) for storey, z in sorted(anchors.elevations.items())}
+    return {level: np.array([*xy, z]) for level, z in sorted(anchors.elevations.items())}
 
 
 def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
     """(grade, wall, planned wall) of all anchored walls in the graph; their frames are W(n), W(n + 1), ..., after those
-    of the n floors."""
+    of the n level surfaces."""
     grades = (("tight", anchors.planes), ("drifted", anchors.drifted), ("loose", anchors.loose))
     return [(g, wall, p) for g, held in grades for wall, planned in held.items() for p in planned if wall in anchor_of]
 
 
 @dataclass(frozen=True)
 class GraphInputs:
-    """The inputs of one optimisation: wall observations, the keyframe in whose frame each wall is estimated, rooms and
-    anchors. `walls` are the walls of `seen` at that time, since observations are relabelled later."""
+    """The inputs of one optimisation: observations of walls and of level surfaces, the keyframe in whose frame each of
+    these is estimated, rooms and anchors. The observations are copies, since they are relabelled later."""
 
     seen: list[SeenWall]
     anchor_of: dict[int, int]
+    levels: list[SeenLevel]
+    anchor_of_level: dict[int, int]
     rooms: list[RoomNode]
     anchors: Anchors | None
-    walls: list[int]
 
 
 def start_values(
     graph: gtsam.NonlinearFactorGraph, inputs: GraphInputs, keyframes: list[KeyframeNode],
-    planes_in_map: dict[int, Floats], floors_in_map: dict[int, Floats],
+    planes_in_map: dict[int, Floats], levels_in_map: dict[int, Floats],
 ) -> gtsam.Values:  # fmt: skip
     """Start values of the variables of `graph`: the present estimates, else the first observation of each.
 
     Variables with neither are left out.
     """
-    found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3()}
-    kept_by: dict[int, Floats] = {}  # T_map_sensor of the keyframes in whose frames the floors are estimated
-    for i, keyframe in enumerate(keyframes):
-        found[X(i)] = gtsam.Pose3(keyframe.T_map_sensor)
-        if keyframe.storey is None:
-            continue
-        T_map_anchor = kept_by.setdefault(keyframe.storey, keyframe.T_map_sensor)
-        if F(keyframe.storey) not in found and keyframe.floor is not None and np.isfinite(keyframe.floor.plane).all():
-            known = floors_in_map.get(keyframe.storey)
-            in_map = transform_planes(keyframe.T_map_sensor, keyframe.floor.plane) if known is None else known
-            found[F(keyframe.storey)] = gtsam.OrientedPlane3(transform_planes(inverse(T_map_anchor), in_map))
-            found.setdefault(LEVEL, gtsam.Pose3(inverse(level_map(in_map, 0.0))))
+    found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3(), LEVEL: gtsam.Pose3()}
+    found |= {X(i): gtsam.Pose3(keyframe.T_map_sensor) for i, keyframe in enumerate(keyframes)}
+    for level in inputs.levels:
+        anchor = inputs.anchor_of_level[level.level]
+        if F(level.level) not in found and np.isfinite(level.plane).all():
+            known = levels_in_map.get(level.level)
+            in_map = transform_planes(keyframes[level.keyframe].T_map_sensor, level.plane) if known is None else known
+            T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
+            found[F(level.level)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
     for s in inputs.seen:
-        anchor = inputs.anchor_of.get(s.wall)
-        if anchor is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
+        keeper = inputs.anchor_of.get(s.wall)
+        if keeper is not None and P(s.wall) not in found and np.isfinite(s.plane).all():
             known = planes_in_map.get(s.wall)
             in_map = transform_planes(keyframes[s.keyframe].T_map_sensor, s.plane) if known is None else known
-            T_anchor_map = inverse(keyframes[anchor].T_map_sensor)
+            T_anchor_map = inverse(keyframes[keeper].T_map_sensor)
             found[P(s.wall)] = gtsam.OrientedPlane3(transform_planes(T_anchor_map, in_map))
     for room in inputs.rooms:
         found[R(room.id)] = gtsam.Pose3(room.T_map_room)

@@ -55,10 +55,14 @@ class OdometrySettings(Settings):
     """m/s, standard deviation of an external odometry along unconstrained directions"""
     external_turn_error: float = Field(0.01, gt=0)
     """rad/s, standard deviation of an external odometry about unconstrained axes"""
-    sigma_rotation: float = Field(0.004, gt=0)
-    """rad, standard deviation of the rotation between two keyframes"""
-    sigma_translation: float = Field(0.015, gt=0)
-    """m, standard deviation of the translation between two keyframes"""
+    sigma_rotation: float = Field(0.001, gt=0)
+    """rad, standard deviation of the rotation between two keyframes, by our own odometry"""
+    sigma_translation: float = Field(0.004, gt=0)
+    """m, standard deviation of the translation between two keyframes, by our own odometry"""
+    other_sigma_rotation: float = Field(0.004, gt=0)
+    """rad, standard deviation of the rotation between two keyframes, by KISS-ICP, small_gicp and external odometries"""
+    other_sigma_translation: float = Field(0.015, gt=0)
+    """m, standard deviation of the translation between two keyframes, by these"""
 
 
 class KeyframeSettings(Settings):
@@ -109,6 +113,19 @@ class SurfaceSettings(Settings):
     """m, offset across at which a wall is split in two, end to end"""
     min_observations: int = Field(3, ge=1)
     """least number of keyframes that must observe a surface"""
+
+
+class LevelSettings(Settings):
+    """Level surfaces (floors, ceilings) seen in the scans of a keyframe, and their association across keyframes."""
+
+    step: float = Field(0.12, gt=0)
+    """m, height between two floors; less than a stair's riser"""
+    ceiling_step: float = Field(0.04, gt=0)
+    """m, height between two ceilings that are seen near by; beams and ducts hang lower by decimetres"""
+    reach: float = Field(3.0, gt=0)
+    """m, largest distance between two places at which one ceiling is seen; rooms may have ceilings of their own"""
+    floor_share: float = Field(0.25, gt=0, le=1)
+    """area of the floor, as a share of that of the largest surface seen from above; furniture may have more"""
 
 
 class RoomSettings(Settings):
@@ -212,6 +229,7 @@ class Config(Settings):
     floors: FloorSettings = FloorSettings()
     keyframes: KeyframeSettings = KeyframeSettings()
     surfaces: SurfaceSettings = SurfaceSettings()
+    levels: LevelSettings = LevelSettings()
     rooms: RoomSettings = RoomSettings()
     clouds: CloudSettings = CloudSettings()
     backend: BackendSettings = BackendSettings()

@@ -91,9 +91,9 @@ class FloorSettings(Settings):
     """m, largest change of the sensor's height over level ground, as it is carried"""
     level_way: float = Field(2.0, gt=0)
     """m, length of level way after which a climb has ended; a landing is shorter"""
-    home: float = Field(0.25, gt=0)
-    """m, height above a known floor at which the sensor is on it"""
-    climb_drift: float = Field(0.05, ge=0)
-    """share of the climbed height that is added to `home`, for the drift of a climb"""
+    home: float = Field(0.12, gt=0)
+    """m, height above a known floor at which the sensor is on it; less than a step"""
+    climb_drift: float = Field(0.15, ge=0)
+    """share of the climbed height that is added to `home`, twice the standard deviation of what a climb drifts"""
     storey: float = Field(1.9, gt=0)
     """m, least height between two floors; less is a landing, a mezzanine, a ramp or a step"""

@@ -48,6 +48,11 @@ class _Map:
     way: Floats
     on_floor: NDArray[np.bool_]
 
+    def T_level_frame(self, i: int) -> Floats:  # noqa: N802
+        """(4, 4) a level frame at the place of keyframe i, with its heading."""
+        T = self.T_level_sensor[i]
+        return se2_to_se3(float(np.arctan2(T[1, 0], T[0, 0])), *T[:3, 3].tolist())
+
     def space(self, chosen: Index) -> SeenSpace:
         outlines = [transform_points(self.T_level_sensor[k], self.keyframes[k].outline)[:, :2] for k in chosen]
         return SeenSpace.of(self.places[chosen], outlines)
@@ -192,10 +197,11 @@ class LoopCloser:
         T_level = se2_to_se3(*fit.motion.tolist()) @ known.T_level_sensor[i]
         j = int(earlier.keyframes[np.argmin(np.linalg.norm(known.places[earlier.keyframes] - T_level[:2, 3], axis=1))])
         target, source = (
-            submap([known.clouds[k] for k in own.tolist()], known.T_level_sensor[own], known.T_level_sensor[at])
+            submap([known.clouds[k] for k in own.tolist()], known.T_level_sensor[own], known.T_level_frame(at))
             for own, at in ((_nearest(known, earlier.keyframes, j), j), (_nearest(known, later, i), i))
         )
-        guess = inverse(known.T_level_sensor[j]) @ T_level
+        T_frame_sensor = inverse(known.T_level_frame(i)) @ known.T_level_sensor[i]
+        guess = inverse(known.T_level_frame(j)) @ T_level @ inverse(T_frame_sensor)
         found = register(target, source, guess, settings)
         if found is None:
             return self._refused(i, "no registration")
@@ -204,7 +210,7 @@ class LoopCloser:
             return self._refused(i, "the registration leaves the place")
         if found.inliers < settings.inliers or found.error > settings.inlier_error or found.held < settings.held:
             return self._refused(i, f"inliers {found.inliers:.2f}, error {found.error:.3f} m, held {found.held:.3f}")
-        T_level_later = known.T_level_sensor[j] @ found.T_target_source
+        T_level_later = known.T_level_frame(j) @ found.T_target_source @ T_frame_sensor
         motion = T_level_later @ inverse(known.T_level_sensor[i])
         shares = [
             agreement(space, transform_points(T, _upright(points))[:, :2])
@@ -217,7 +223,10 @@ class LoopCloser:
             f"keyframe {i} is back at keyframe {j}: {found.inliers:.0%} of its points within "
             f"{100 * settings.inlier_distance:.0f} cm, agreement {fit.agreement:.2f}, next best {fit.runner_up:.2f}"
         )
-        return Closure(j, i, found.T_target_source, found.covariance, correction, turn, earlier.by, why)
+        T_earlier_later = inverse(known.T_level_sensor[j]) @ T_level_later
+        turned = np.kron(np.eye(2), T_frame_sensor[:3, :3].T)
+        covariance = turned @ found.covariance @ turned.T
+        return Closure(j, i, T_earlier_later, (covariance + covariance.T) / 2, correction, turn, earlier.by, why)
 
     def _refused(self, i: int, why: str) -> Closure | None:
         _log.debug("keyframe %d closes no loop: %s", i, why)

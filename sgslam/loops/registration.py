@@ -15,11 +15,12 @@ _FEWEST = 50  # points
 _CORRELATED, _SIGMA = 100.0, 0.02  # points that share one error; m, its standard deviation
 _KNOWN = 0.5  # m to the nearest point of the other pass
 _COARSE, _FINE = 0.5, 0.2  # m between corresponding points
+_UPRIGHT = float(np.sin(np.radians(10.0)))  # of a wall's normal and the plane: normals of few points err by degrees
 
 
 @dataclass(frozen=True)
 class Registration:
-    """`T_target_source` (4, 4) with its covariance (6, 6), rotation first, in the source's axes.
+    """`T_target_source` (4, 4), between level frames, with its covariance (6, 6), rotation first, in the source's axes.
 
     Of the source's points near any of the target, `inliers` is the share within the inlier distance of the target's
     planes, and `error` (m) their RMSE. `held` is the share of inliers that constrain the weakest horizontal direction.
@@ -33,7 +34,10 @@ class Registration:
 
 
 def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettings) -> Registration | None:
-    """Registers `source` (N, 3) to `target` (M, 3) from a guess T_target_source (4, 4); None without convergence."""
+    """Registers `source` (N, 3) to `target` (M, 3) from a guess T_target_source (4, 4); None without convergence.
+
+    Both are in level frames.
+    """
     import small_gicp
 
     if min(len(target), len(source)) < _FEWEST:
@@ -71,18 +75,24 @@ def _information(T: Floats, points: Floats, normals: Floats) -> Floats:
     """(6, 6) point-to-plane information of a small motion of the source in its own axes, rotation first.
 
     Points (N, 3) are in the source frame, normals (N, 3) in the target frame. GICP's own information also constrains
-    the directions along each surface a little.
+    the directions along each surface a little. Walls count as upright, floors and ceilings as level: the errors of many
+    normals would feign that walls tell the height.
     """
-    along = normals @ T[:3, :3]
+    along = _squared(normals) @ T[:3, :3]
     J = np.concatenate([np.cross(points, along), along], axis=1)
     return np.asarray(J.T @ J)
 
 
-def _held(H: Floats) -> float:
-    """The number of points that constrain the weakest horizontal direction, rotation marginalised.
+def _squared(normals: Floats) -> Floats:
+    """Normals (N, 3) in a level frame: those that are nearly level or upright made so."""
+    upright, level = np.abs(normals[:, 2]) < _UPRIGHT, np.hypot(normals[:, 0], normals[:, 1]) < _UPRIGHT
+    squared = np.where(level[:, None], np.array([0.0, 0.0, 1.0]), normals)
+    squared[upright, 2] = 0.0
+    return np.asarray(squared / np.linalg.norm(squared, axis=1, keepdims=True))
 
-    The source's axes are upright to a few degrees.
-    """
+
+def _held(H: Floats) -> float:
+    """The number of points that constrain the weakest horizontal direction, rotation marginalised."""
     about = H[3:, 3:] - H[3:, :3] @ np.linalg.pinv(H[:3, :3]) @ H[:3, 3:]
     return float(np.linalg.eigvalsh(about[:2, :2])[0])
 

@@ -5,6 +5,7 @@ from sgslam.mapping.floors import FloorMap, Floors
 from sgslam.mapping.graph_nodes import Anchors, Closure, PlannedWall, RoomNode
 from sgslam.mapping.keyframe_clouds import KeyframeClouds
 from sgslam.mapping.keyframes import KeyframeNode, KeyframeRule
+from sgslam.mapping.level_map import LevelMap, SeenLevel
 from sgslam.mapping.scene import Scene
 from sgslam.mapping.wall_map import Lines, SeenWall, WallMap
 
@@ -17,10 +18,12 @@ __all__ = [
     "KeyframeClouds",
     "KeyframeNode",
     "KeyframeRule",
+    "LevelMap",
     "Lines",
     "PlannedWall",
     "RoomNode",
     "Scene",
+    "SeenLevel",
     "SeenWall",
     "WallMap",
 ]

@@ -29,6 +29,6 @@ class Estimates(Protocol):
         ...
 
     @property
-    def floors_in_map(self) -> dict[int, Floats]:
-        """The plane (4,) of each observed floor by its number."""
+    def levels_in_map(self) -> dict[int, Floats]:
+        """The plane (4,) of each level surface by its number."""
         ...

@@ -13,6 +13,7 @@ from sgslam.geometry.frames import level_map
 from sgslam.mapping.estimates import Estimates
 from sgslam.mapping.graph_nodes import RoomNode
 from sgslam.mapping.keyframes import KeyframeNode
+from sgslam.mapping.level_map import LevelMap, LevelRegister, SeenLevel
 from sgslam.mapping.scene import Scene, build_scene
 from sgslam.mapping.wall_map import SeenWall, WallMap, WallRegister
 
@@ -21,19 +22,31 @@ Floats = NDArray[np.float64]
 
 @dataclass
 class FloorMap:
-    """One floor of the S-graph; its plane is in the back end, under the same number.
+    """One floor of the S-graph: its walls and level surfaces.
 
-    `scene` holds the rooms and wall surfaces of the last `cut`, None before.
+    `plane_in_map` (4,) is that of the floor itself, None until it was seen; `sensor_height` (m) is the sensor's usual
+    one above it, as far as known. `scene` holds the rooms and wall surfaces of
+    the last `cut`, None before.
     """
 
     number: int
     walls: WallMap
+    levels: LevelMap
+    plane_in_map: Floats | None = None
+    sensor_height: float = 0.0
     scene: Scene | None = None
+
+    def find_floor(self, sensor_height: float) -> None:
+        """Takes the newest estimate of the floor's plane and levels the map by it. Until it was seen, the first floor
+        is `sensor_height` (m) below the first pose, another one where the transition says."""
+        self.sensor_height, level = sensor_height, self.levels.floor()
+        self.plane_in_map = None if level is None else self.levels.planes_in_map[level]
+        if self.plane_in_map is not None or not self.number:
+            self.walls.level_by(level_map(self.plane_in_map, sensor_height))
 
     def scene_now(self, estimates: Estimates, config: Config) -> Scene:
         """Rooms and wall surfaces from the present estimates, without changing `scene`."""
-        plane = estimates.floors_in_map.get(self.number)
-        return build_scene(estimates.keyframes, self.walls, plane, config, self.number)
+        return build_scene(estimates.keyframes, self.walls, self.plane_in_map, config, self.number)
 
     def cut(self, estimates: Estimates, config: Config) -> None:
         """Updates `scene`: segments the rooms and the wall surfaces again."""
@@ -50,15 +63,22 @@ class Floors:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self.register = WallRegister()
+        self.register, self.level_register = WallRegister(), LevelRegister()
         self.maps: list[FloorMap] = []
         self.current = self.begin()
 
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree (see `state_tree`)."""
         return {
-            "register": self.register.state(), "current": self.current.number,
-            "maps": [{"walls": floor.walls.state(), "scene": floor.scene} for floor in self.maps],
+            "register": self.register.state(), "level_register": self.level_register.state(),
+            "current": self.current.number,
+            "maps": [
+                {
+                    "walls": floor.walls.state(), "levels": floor.levels.state(), "scene": floor.scene,
+                    "plane_in_map": floor.plane_in_map, "sensor_height": floor.sensor_height,
+                }
+                for floor in self.maps
+            ],
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -67,14 +87,18 @@ class Floors:
         for of_floor in state["maps"]:
             floor = self.begin()
             floor.walls.restore(of_floor["walls"])
-            floor.scene = of_floor["scene"]
+            floor.levels.restore(of_floor["levels"])
+            floor.scene, floor.plane_in_map = of_floor["scene"], of_floor["plane_in_map"]
+            floor.sensor_height = of_floor["sensor_height"]
         self.register.restore(state["register"])
+        self.level_register.restore(state["level_register"])
         self.current = self.maps[state["current"]]
 
     def begin(self) -> FloorMap:
         """Adds a floor and makes it the current one."""
         number = len(self.maps)
-        self.current = FloorMap(number, WallMap(self._config.surfaces, self.register, number))
+        levels = LevelMap(self._config.levels, self.level_register)
+        self.current = FloorMap(number, WallMap(self._config.surfaces, self.register, number), levels)
         self.maps.append(self.current)
         return self.current
 
@@ -83,6 +107,11 @@ class Floors:
         """The wall observations of all floors in the order in which they were made."""
         own = [iter(floor.walls.seen) for floor in self.maps]
         return [next(own[storey]) for storey in self.register.order]
+
+    @property
+    def levels(self) -> list[SeenLevel]:
+        """The observations of level surfaces of all floors."""
+        return [seen for floor in self.maps for seen in floor.levels.seen]
 
     @property
     def rooms(self) -> list[RoomNode]:
@@ -105,18 +134,14 @@ class Floors:
         `height` (m) is the sensor's above the floor. At the `last` time walls are not split, since the graph has them.
         """
         for floor in self.maps:
-            T_level_map = self._level_map(floor, estimates, height)
+            floor.levels.refresh(estimates.levels_in_map, estimates.poses)
+            floor.find_floor(height)
+            T_level_map = floor.walls.T_level_map
             floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
             if not last and floor.walls.split_steps():
                 floor.walls.refresh(estimates.poses, estimates.planes_in_map, T_level_map)
             if floor.walls.join_duplicates():
                 floor.relabel()
-
-    @staticmethod
-    def _level_map(floor: FloorMap, estimates: Estimates, height: float) -> Floats:
-        """(4, 4) T_level_map of a floor; unchanged while its plane was not observed."""
-        plane = estimates.floors_in_map.get(floor.number)
-        return floor.walls.T_level_map if plane is None and floor.number else level_map(plane, height)
 
     def graph(self, keyframes: list[KeyframeNode], scenes: list[Scene]) -> SceneGraph:
         """The S-graph of all `scenes` in the map frame, with the keyframes on stairs."""

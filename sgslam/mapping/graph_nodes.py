@@ -60,7 +60,8 @@ class Anchors:
     T_map_bim: Floats
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
-    elevations: dict[int, float]  # m, of the S-graph's floors by number, where their storeys are known
+    elevations: dict[int, float]  # m, of the level surfaces by number whose planned heights are known
     loose: dict[int, list[PlannedWall]] = field(default_factory=dict)
     drifted: dict[int, list[PlannedWall]] = field(default_factory=dict)
+    sigma_height: float = 0.0  # m, standard deviation of what the heights of all level surfaces have in common
     by: str = "given"  # origin of the storey and the rooms

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from sgslam.config import KeyframeSettings
 from sgslam.geometry.frames import inverse
-from sgslam.perception import FloorObservation
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
@@ -20,18 +19,18 @@ class KeyframeNode:
 
     `T_track_sensor` (4, 4) accumulates the tracked motion and never jumps; only differences of it are used. `storey` is
     the number of the S-graph's floor that it was taken on, None on a stair. `step_covariance` (6, 6), rotation first,
-    sensor axes, is the uncertainty of the step to it in excess of the default; None where surfaces constrained it well.
+    sensor axes, is that of the step to it; `weak_step`: surfaces left some direction of it unconstrained.
     """
 
     scan: int
     stamp_ns: int
     T_track_sensor: Floats
     T_map_sensor: Floats
-    floor: FloorObservation | None = None
     outline: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # of free space, sensor frame
     lintels: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # sensor frame
     storey: int | None = 0
-    step_covariance: Floats | None = None
+    step_covariance: Floats = field(default_factory=lambda: np.diag([1e-3] * 3 + [4e-3] * 3) ** 2)
+    weak_step: bool = False
 
 
 class KeyframeRule(Stateful):

@@ -46,7 +46,7 @@ class KissOdometry(RigidOdometry):
         self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, settings.max_range)
         self._lost = 0  # consecutive scans without a registration
         # KISS-ICP tells no covariance
-        self._covariance = np.diag(np.repeat([settings.sigma_rotation, settings.sigma_translation], 3) ** 2)
+        self._covariance = np.diag(np.repeat([settings.other_sigma_rotation, settings.other_sigma_translation], 3) ** 2)
 
     def _fit(self, points: Floats, point_times: Floats | None, predicted: Floats, seconds: float) -> Fit | None:
         kiss = self._kiss

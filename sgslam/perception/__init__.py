@@ -1,17 +1,17 @@
-"""Perception: checks of a scan, times of its points, columns, and extraction of walls and floor."""
+"""Perception: checks of a scan, times of its points, columns, and extraction of walls and level surfaces."""
 
 from sgslam.perception.column_scan import ColumnScan, sort_into_columns
-from sgslam.perception.floor_extraction import FloorObservation, extract_floor
+from sgslam.perception.level_extraction import LevelObservation, extract_levels
 from sgslam.perception.scan_checks import RawScan, checked_scan
 from sgslam.perception.wall_extraction import WallObservation, extract_walls
 
 __all__ = [
     "ColumnScan",
-    "FloorObservation",
+    "LevelObservation",
     "RawScan",
     "WallObservation",
     "checked_scan",
-    "extract_floor",
+    "extract_levels",
     "extract_walls",
     "sort_into_columns",
 ]

@@ -1,4 +1,4 @@
-"""Sorts a levelled scan into azimuth columns: points on upright and on level surfaces, and a virtual 2D scan."""
+"""Sorts a levelled scan into azimuth columns: points on upright surfaces, and a virtual 2D scan."""
 
 import math
 from dataclasses import dataclass
@@ -22,7 +22,6 @@ class ColumnScan:
     column: NDArray[np.int64]  # (N,)
     columns: int
     upright: NDArray[np.bool_]  # (N,) a neighbour above or below is at the same distance
-    level: NDArray[np.bool_]  # (N,) a neighbour nearer or further is at the same height
 
 
 def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnScan:
@@ -47,19 +46,18 @@ def sort_into_columns(points: Floats, columns: int, every: int = 1) -> ColumnSca
     order = order[np.argsort(column[order], kind="stable")]
     points, column = points.take(order, axis=0), column[order]
     distance, slope, z = distance[order], slope[order], z[order]
-    upright, level = np.zeros(len(points), bool), np.zeros(len(points), bool)
+    upright = np.zeros(len(points), bool)
     for lag in range(1, min(_LAGS, len(points) - 1) + 1):
         step = slope[lag:] - slope[:-lag]
         pair = (column[lag:] == column[:-lag]) & (step > _RING_STEP) & (step < 8 * _RING_STEP)
         away = np.abs(distance[lag:] - distance[:-lag])
         rise = np.abs(z[lag:] - z[:-lag])
-        for flag, holds in ((upright, away < 0.06 + 0.1 * rise), (level, (rise < 0.15 * away) & (away > 0.1))):
-            holds &= pair
-            flag[lag:] |= holds
-            flag[:-lag] |= holds
+        holds = pair & (away < 0.06 + 0.1 * rise)
+        upright[lag:] |= holds
+        upright[:-lag] |= holds
         if 2 * np.count_nonzero(pair) > len(points):
             break  # the rings are far enough apart for the nearest neighbours to decide
-    return ColumnScan(points, column.astype(np.int64), columns, upright, level & ~upright)
+    return ColumnScan(points, column.astype(np.int64), columns, upright)
 
 
 def contour(scan: ColumnScan, band: tuple[float, float]) -> Contour:

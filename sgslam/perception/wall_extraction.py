@@ -12,7 +12,8 @@ from sgslam.perception.column_scan import ColumnScan, Contour, Floats, contour, 
 
 _NOISE = 0.02  # m, of a range; the residual of the fit is used where it is larger
 _INLIER = 0.06  # m from the plane
-_UPRIGHT = np.diag([0.0, 0.0, 1 / 0.017**2])  # 1/rad2
+_PLUMB = 0.004  # rad, standard deviation of a wall from the vertical: 2 mm/m, and what the attitude errs
+_UPRIGHT = np.diag([0.0, 0.0, 1 / _PLUMB**2])  # 1/rad2
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,6 @@ def fit_wall(points: Floats, first: Floats, last: Floats, settings: SurfaceSetti
         moments, low, high = _moments(points, *near, level, solution, tolerance)
         if moments[0, 0] < 2 * settings.min_columns:
             return None
-        # prior: the tilt is zero to a degree
         covariance = np.linalg.inv(moments[:3, :3] / _NOISE**2 + _UPRIGHT)
         solution = covariance @ moments[:3, 3] / _NOISE**2
     seen = moments[0, 0]

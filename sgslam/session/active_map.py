@@ -1,6 +1,8 @@
 """The map that a run is building: its scans, keyframes, floors and factor graph, and its anchoring to the plan."""
 
 import logging
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,7 @@ from data import SceneGraph
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, level_map, raised, squared_up, transform_planes
+from sgslam.geometry.frames import inverse, level_map, raised, squared_up
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.odometry import Odometry
@@ -23,6 +25,7 @@ from sgslam.tracking.front_end import level_to_sensor
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LOOP_ROUNDS = 3  # rounds of closing loops and optimising, at most
+_FOLLOW = 0.1  # share of its change by which the sensor's usual height above the floor follows it at each keyframe
 
 
 class ActiveMap:
@@ -49,6 +52,7 @@ class ActiveMap:
         self.begins = [0]
         self.first_anchor_ns: int | None = None
         self._steps, self._covariance = StepUncertainty(config.odometry), np.zeros((6, 6))
+        self._is_external = False  # the newest scan's pose is an external odometry's
 
     @property
     def plan_is_prior(self) -> bool:
@@ -103,14 +107,16 @@ class ActiveMap:
                 health=scan.health,
             )
         )  # fmt: skip
-        self._covariance = scan.covariance
+        self._covariance, self._is_external = scan.covariance, scan.raw.T_odom_sensor is not None
         if scan.health == "lost" and keyframes:
             return False
+        with self.stopwatch("surfaces"):
+            self.front_end.add(scan.points, scan.T_odom_sensor)
         landed = self._follow_floor(self.scans[-1])
         return self._keyframe_rule.wants(T_map_sensor) or landed
 
     def _follow_floor(self, scan: ScanPose) -> bool:
-        """Whether the sensor arrives at a known floor with a drift in height, which is taken out."""
+        """Whether the sensor arrives on level ground after a climb."""
         T_level_map = self.floors.current.walls.T_level_map
         T_level_sensor = T_level_map @ scan.T_map_sensor
         arrival = self.transition.follow(T_level_sensor, T_level_map, self.front_end.height, self.floors)
@@ -121,10 +127,9 @@ class ActiveMap:
             _log.info("a new floor begins, %+.2f m from the one that was left", arrival.height)
         else:
             self.floors.current = arrival.floor
+            arrival.floor.levels.drift = arrival.drift
         self.transition.end(arrival)
-        if arrival.drift:  # the motion since the keyframe is kept: the drift is spread over the whole climb
-            scan.T_map_sensor = inverse(T_level_map) @ raised(T_level_sensor, -arrival.drift)
-        return bool(arrival.drift)
+        return True
 
     def add_keyframe(self, points: Floats | None) -> None:
         """Makes the newest scan a keyframe, with the walls and floor extracted from its points (N, 3)."""
@@ -133,10 +138,12 @@ class ActiveMap:
         tracked = before @ scan.T_keyframe_sensor  # unlike the map, this does not jump when the graph is optimised
         storey = None if self.transition.active else self.floors.current.number
         keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
-        keyframe.step_covariance = self._steps.leave(self._covariance)
+        keyframe.step_covariance, keyframe.weak_step = self._steps.leave(self._covariance, self._is_external)
         if points is not None:
             with self.stopwatch("surfaces"):
-                if storey is not None:
+                if storey is None:
+                    self.front_end.forget()
+                else:
                     self._observe(keyframe, points)
                 self.clouds.add(len(self.backend.keyframes), points)
         self.backend.add_keyframe(keyframe)
@@ -144,18 +151,26 @@ class ActiveMap:
         scan.T_previous_sensor, scan.T_keyframe_sensor = scan.T_keyframe_sensor, np.eye(4)
 
     def _observe(self, keyframe: KeyframeNode, points: Floats) -> None:
-        """Extracts the surfaces of a keyframe's scan and adds them to the keyframe and the floor's map."""
-        floor, known, front_end = self.floors.current, self.backend.floors_in_map, self.front_end
-        T_level_map = self.T_ground_map
-        height = float((T_level_map @ keyframe.T_map_sensor)[2, 3]) if floor.number in known else None
-        seen = front_end.look(points, level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3]), height)
-        keyframe.floor, keyframe.outline, keyframe.lintels = seen.floor, seen.contour, seen.lintels
-        if self.transition.ground:
-            keyframe.floor = None
-        elif seen.floor is not None and floor.number not in known:
-            floor_in_map = transform_planes(keyframe.T_map_sensor, seen.floor.plane)
-            floor.walls.level_by(level_map(floor_in_map, front_end.height))
-        floor.walls.add(len(self.backend.keyframes), keyframe.T_map_sensor, seen.walls)
+        """Extracts the surfaces that are seen from a keyframe and adds them to it and to the floor's map."""
+        floor, T_level_map = self.floors.current, self.T_ground_map
+        T_level_sensor, T_odom_sensor = T_level_map @ keyframe.T_map_sensor, self.scans[-1].T_odom_sensor
+        R_level_sensor = level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3])
+        seen = self.front_end.look(points, T_odom_sensor, R_level_sensor, float(T_level_sensor[2, 3]))
+        keyframe.outline, keyframe.lintels = seen.contour, seen.lintels
+        number = len(self.backend.keyframes)
+        floor.levels.add(number, keyframe.T_map_sensor, seen.levels)
+        floor.walls.add(number, keyframe.T_map_sensor, seen.walls)
+        self._follow_height(keyframe.T_map_sensor, lambda: floor.find_floor(self.front_end.height))
+        height = float((floor.walls.T_level_map @ keyframe.T_map_sensor)[2, 3])
+        if floor.plane_in_map is not None:
+            self.front_end.height += _FOLLOW * (height - self.transition.ground - self.front_end.height)
+
+    def _follow_height(self, T_map_sensor: Floats, level: Callable[[], None]) -> None:
+        """Levels the map again. Where the floor proves to lie lower, the sensor at a pose (4, 4) is as much higher."""
+        walls = self.floors.current.walls
+        before = float((walls.T_level_map @ T_map_sensor)[2, 3])
+        level()
+        self.front_end.height += float((walls.T_level_map @ T_map_sensor)[2, 3]) - before
 
     @property
     def has_grown(self) -> bool:
@@ -216,7 +231,9 @@ class ActiveMap:
     def _estimate(self, anchors: Anchors | None, last: bool) -> None:
         """Optimises the graph and merges walls that turn out to be the same."""
         with self.stopwatch("optimisation"):
-            self.backend.optimise(self.floors.seen, self.floors.rooms, anchors, steps=20 if last else 6)
+            self.backend.optimise(
+                self.floors.seen, self.floors.levels, self.floors.rooms, anchors, steps=20 if last else 6
+            )
         newest = self.backend.keyframes[-1]
         self.scans[-1].T_map_sensor = newest.T_map_sensor
         if not self.placed:
@@ -224,7 +241,8 @@ class ActiveMap:
         elif self.first_anchor_ns is None:
             self.first_anchor_ns = newest.stamp_ns
         with self.stopwatch("surfaces"):
-            self.floors.refresh(self.backend, self.front_end.height, last)
+            refresh = partial(self.floors.refresh, self.backend, self.front_end.height, last)
+            self._follow_height(newest.T_map_sensor, refresh)
 
     def _scene_due(self, if_placed: bool = True) -> bool:
         """Whether there is a plan and the current floor has grown enough since its rooms were last segmented."""
@@ -257,6 +275,7 @@ class ActiveMap:
         own = {
             "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
             "T_bim_map": self.T_bim_map, "sensor_height": self.front_end.height, "covariance": self._covariance,
+            "is_external": self._is_external,
         }  # fmt: skip
         return own | {name: part.state() for name, part in self._parts.items()}
 
@@ -264,5 +283,5 @@ class ActiveMap:
         """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
         for name, part in self._parts.items():
             part.restore(state[name])
-        self._covariance = state["covariance"]
+        self._covariance, self._is_external = state["covariance"], state["is_external"]
         self.scans, self.begins, self.first_anchor_ns = state["scans"], state["begins"], state["first_anchor_ns"]

@@ -67,12 +67,12 @@ class PriorMap:
     @property
     def T_plan_map(self) -> Floats:  # noqa: N802
         """(4, 4) the map in the frame of `plan`: levelled, with its first floor at z = 0."""
-        return level_map(self.backend.floors_in_map.get(0), self.height)
+        return level_map(self.floors.maps[0].plane_in_map, self.height)
 
     def plan(self) -> SceneGraph:
         """The S-graph in the form of a plan, for relocalising a run in it."""
         T, parts = self.T_plan_map, [floor.scene.graph for floor in self.floors.maps if floor.scene is not None]
-        elevation = {f"floor-{k}": float(_foot(T, plane)[2]) for k, plane in self.backend.floors_in_map.items()}
+        elevation = {f"floor-{number}": float(_foot(T, plane)[2]) for number, plane in _planes(self.floors).items()}
         return SceneGraph(
             "bim",
             tuple(room for g in parts for room in g.rooms),
@@ -111,9 +111,13 @@ class PriorMap:
             if storeys[floor.number] == len(self.floors.maps):
                 begun = self.floors.begin()
                 begun.walls.level_by(floor.walls.T_level_map @ inverse(T_map_other))
-            self.floors.maps[storeys[floor.number]].walls.absorb(floor.walls, first, wall_of)
+            known = self.floors.maps[storeys[floor.number]]
+            known.walls.absorb(floor.walls, first, wall_of)
+            known.levels.absorb(floor.levels, first, self.floors.level_register.levels, T_map_other)
         self.floors.register.walls += other.floors.register.walls
-        self.backend.absorb(other.backend, T_map_other, len(self.scans), storeys)
+        levels = self.floors.level_register.levels
+        self.floors.level_register.levels += other.floors.level_register.levels
+        self.backend.absorb(other.backend, T_map_other, len(self.scans), storeys, levels)
         for wall, plane in other.backend.planes_in_map.items():
             self.backend.planes_in_map.setdefault(wall_of[wall], transform_planes(T_map_other, plane))
         self._append_scans(other, T_map_other, first)
@@ -122,8 +126,10 @@ class PriorMap:
         self._append_clouds(other, first)
         count = len(other.backend.keyframes)
         _log.info("merged %d keyframes into a map of %d; %d walls seen in both", count, first, len(same))
+        for floor in self.floors.maps:  # floors that both have seen become one while the two maps are where they belong
+            floor.levels.refresh(self.backend.levels_in_map, self.backend.poses)
         for _ in range(_ROUNDS):
-            self.backend.optimise(self.floors.seen, [], None, steps=20)
+            self.backend.optimise(self.floors.seen, self.floors.levels, [], None, steps=20)
             walls = len({s.wall for s in self.floors.seen})
             self.floors.refresh(self.backend, self.height, last=False)
             if len({s.wall for s in self.floors.seen}) == walls:
@@ -163,10 +169,10 @@ class PriorMap:
 
     def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
         """Floor numbers of this map by those of another one: the floor at the same height, else a new number."""
-        T, own, storeys = self.T_plan_map, self.backend.floors_in_map, dict[int, int]()
+        T, own, storeys = self.T_plan_map, _planes(self.floors), dict[int, int]()
         heights = {number: float(_foot(T, plane)[2]) for number, plane in own.items()}
         for floor in other.floors.maps:
-            plane = other.backend.floors_in_map.get(floor.number)
+            plane = floor.plane_in_map
             free = [n for n in heights if n not in storeys.values()]
             z = 0.0 if plane is None else float(_foot(T, transform_planes(T_map_other, plane))[2])
             nearest = min(free, key=lambda n: abs(heights[n] - z), default=None)
@@ -216,6 +222,11 @@ class PriorMap:
 def _foot(T: Floats, plane: Floats) -> Floats:
     """(3,) the point of a plane (4,) nearest to the map's origin, transformed by `T` (4, 4)."""
     return np.asarray(transform_points(T, -plane[3] * plane[:3]))
+
+
+def _planes(floors: Floors) -> dict[int, Floats]:
+    """The planes (4,) in the map of the floors that were seen, by number."""
+    return {floor.number: floor.plane_in_map for floor in floors.maps if floor.plane_in_map is not None}
 
 
 def _id(floor: FloorMap) -> str:

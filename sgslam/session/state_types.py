@@ -6,8 +6,8 @@ from sgslam.anchoring import AnchorRecord
 from sgslam.anchoring.anchor_log import AnchorEvent
 from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.backend import FactorEvent
-from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenWall
-from sgslam.perception import FloorObservation, RawScan
+from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
+from sgslam.perception import RawScan
 from sgslam.registration import Motion, Registration
 from sgslam.registration.beliefs import Belief
 from sgslam.registration.sampling import TimedPoints
@@ -17,8 +17,8 @@ from sgslam.tracking import TrackedScan
 TYPES: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, FloorObservation, Hypothesis,
+        AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, Hypothesis,
         Keyframe, KeyframeNode, Lines, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration, Room, RoomNode,
-        ScanPose, Scene, SceneGraph, SeenWall, TimedPoints, TrackedScan, UniqueMatch, WallSurface,
+        ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch, WallSurface,
     )
 }  # fmt: skip

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 class Arrival:
     """Arrival on level ground at `height` (m) above `floor`; None where a new floor begins there.
 
-    `drift` (m) is the error in height of the climb where the floor was known before.
+    `drift` (m) is what the climb may have drifted in height where the floor was known before.
     """
 
     floor: FloorMap | None
@@ -62,8 +62,9 @@ class FloorTransition(Stateful):
         known = {floor.number: _height_of(floor, T_level_map) for floor in floors.maps}
         nearest = min(known, key=lambda number: abs(known[number] - ground))
         above = ground - known[nearest]
-        if abs(above) < settings.home + settings.climb_drift * climbed:
-            return Arrival(floors.maps[nearest], 0.0, above)
+        drift = settings.climb_drift * climbed
+        if abs(above) < settings.home + drift:
+            return Arrival(floors.maps[nearest], 0.0, drift)
         return Arrival(None, ground) if abs(above) > settings.storey else Arrival(floors.maps[nearest], above)
 
     def end(self, arrival: Arrival) -> None:

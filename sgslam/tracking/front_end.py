@@ -1,6 +1,7 @@
-"""The front end: extracts walls and floor from the scans of keyframes."""
+"""The front end: extracts walls from the scans of keyframes, and level surfaces from the scans between them."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,25 +10,29 @@ from sgslam.config import Config
 from sgslam.geometry.frames import levelling, transform_planes, transform_points
 from sgslam.perception import (
     ColumnScan,
-    FloorObservation,
+    LevelObservation,
     WallObservation,
-    extract_floor,
+    extract_levels,
     extract_walls,
     sort_into_columns,
 )
 from sgslam.perception.column_scan import contour
+from sgslam.registration import SurfelMap
+from sgslam.registration.sampling import one_a_cell
 from sgslam.serialization import Stateful
+from sgslam.tracking.level_frame import add_seen
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
+_SPACING = 0.15  # m between the points of a scan in which level surfaces are looked for
 
 
 @dataclass(frozen=True)
 class KeyframeScan:
-    """The observations in a keyframe's scan. Planes (4,) and points (.., 3) are in the sensor frame."""
+    """What is seen from a keyframe. Planes (4,) and points (.., 3) are in the sensor frame."""
 
     walls: list[tuple[WallObservation, Floats, Floats]]  # the observation, its plane, its ends (2, 3)
-    floor: FloorObservation | None
+    levels: list[LevelObservation]
     contour: Floats32  # (M, 3) one upright point of the high band for each column
     lintels: Floats32  # (L, 3) upright points at the height of lintels
 
@@ -38,30 +43,38 @@ def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
 
 
 class FrontEnd(Stateful):
-    """Extracts observations, and estimates the sensor's height above the floor."""
+    """Extracts observations. `height` (m) is the sensor's above the floor; a guess until that was seen."""
 
-    _STATE = ("sensor_height",)
+    _STATE = ("height",)
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self.sensor_height: float | None = None
+        self.height = config.surfaces.guessed_height
+        self._surfels = SurfelMap()  # of the scans since the last keyframe, in `odom`
 
-    @property
-    def height(self) -> float:
-        """The sensor's height (m) above the floor; a default until the floor has been observed."""
-        return self.sensor_height if self.sensor_height is not None else self._config.surfaces.guessed_height
+    def add(self, points: Floats, T_odom_sensor: Floats) -> None:
+        """Adds a scan with points (N, 3) as at its pose (4, 4), for the next keyframe."""
+        settings = self._config.tracking
+        chosen = one_a_cell(points, _SPACING, settings.min_range, settings.max_range)
+        add_seen(self._surfels, points.take(chosen, axis=0), T_odom_sensor)
 
-    def look(self, points: Floats, R_level_sensor: Floats, height: float | None) -> KeyframeScan:
-        """Extracts walls and floor of a keyframe's scan (N, 3); `height` (m) of the sensor above the floor, or None."""
+    def forget(self) -> None:
+        """Forgets the scans since the last keyframe: they show no floor, but stairs."""
+        self._surfels.clear()
+
+    def look(self, points: Floats, T_odom_sensor: Floats, R_level_sensor: Floats, height: float) -> KeyframeScan:
+        """Extracts walls from a keyframe's scan (N, 3), and level surfaces from all scans since the last keyframe.
+
+        `height` (m) is the sensor's above the ground.
+        """
+        levels = extract_levels(*self._surfels.surfels(), T_odom_sensor)
+        self._surfels.clear()
         settings = self._config.surfaces
         scan = sort_into_columns(points @ R_level_sensor.T, settings.columns)
         T_sensor_level = np.eye(4)
         T_sensor_level[:3, :3] = R_level_sensor.T
-        floor = self._floor(scan, T_sensor_level, height)
-        if height is None:
-            height = self.height
         raised = scan.points + np.array([0.0, 0.0, height])
-        above = ColumnScan(raised, scan.column, scan.columns, scan.upright, scan.level)
+        above = ColumnScan(raised, scan.column, scan.columns, scan.upright)
         T_sensor_above = T_sensor_level.copy()
         T_sensor_above[:3, 3] = -R_level_sensor.T[:, 2] * height
         high_contour = contour(above, settings.high_band)
@@ -71,17 +84,16 @@ class FrontEnd(Stateful):
         low, high = self._config.rooms.lintel_band
         z = above.points[:, 2]
         lintels = (scan.points[above.upright & (z > low) & (z < high)] @ R_level_sensor).astype(np.float32)
-        return KeyframeScan(walls, floor, outline, lintels)
+        return KeyframeScan(walls, levels, outline, lintels)
 
-    def _floor(self, scan: ColumnScan, T_sensor_level: Floats, height: float | None) -> FloorObservation | None:
-        expected = -height if height is not None else None
-        floor = extract_floor(scan.points[scan.level], expected)
-        if floor is None:
-            return None
-        seen = float(floor.plane[3])
-        self.sensor_height = seen if self.sensor_height is None else 0.9 * self.sensor_height + 0.1 * seen
-        plane = transform_planes(T_sensor_level, floor.plane)
-        return FloorObservation(plane, floor.sigma_normal, floor.sigma_offset, floor.points)
+    def state(self) -> dict[str, Any]:
+        """See `Stateful`; with the surfaces since the last keyframe."""
+        return {**super().state(), "surfels": self._surfels.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """See `Stateful`."""
+        super().restore(state)
+        self._surfels.restore(state["surfels"])
 
 
 def _in_frame(T_a_b: Floats, found: list[WallObservation]) -> list[tuple[WallObservation, Floats, Floats]]:

@@ -1,4 +1,4 @@
-"""Walls and floors of single scans, cast in rooms that are known exactly."""
+"""Walls of single scans, cast in rooms that are known exactly."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from boxes import Array, Box, pose, room, scan, scene_of
 from data.simulation import SpinningSensor
 from sgslam.config import BackendSettings, SurfaceSettings
 from sgslam.geometry.frames import transform_planes
-from sgslam.perception import FloorObservation, WallObservation, extract_floor, extract_walls, sort_into_columns
+from sgslam.perception import WallObservation, extract_walls, sort_into_columns
 from sgslam.perception.column_scan import contour
 
 SETTINGS, GRAPH = SurfaceSettings(), BackendSettings()
@@ -146,53 +146,4 @@ def test_two_sides_of_a_partition_face_apart() -> None:
 def test_too_few_points_give_nothing(count: int) -> None:
     points = np.random.default_rng(0).uniform(1, 2, (count, 3))
     assert walls_of(points, 0.8) == []
-    assert extract_floor(points - np.array([0, 0, 3]), None) is None
 
-
-def floor_of(points: Array, expected: float | None) -> FloorObservation | None:
-    columns = sort_into_columns(points, SETTINGS.columns)
-    return extract_floor(columns.points[columns.level], expected)
-
-
-@pytest.mark.parametrize("known", [True, False])
-@pytest.mark.parametrize("height", [0.4, 0.8, 1.5])
-def test_the_floor_is_found_through_furniture(height: float, known: bool) -> None:
-    boxes = [*room(-5, -5, 5, 5), (1.5, -1.0, 0.0, 3.0, 1.0, 0.12), (-3.0, 1.0, 0.0, -1.5, 2.5, 0.45)]
-    T = pose(0.0, 0.0, height, 0.3)
-    floor = floor_of(scan(scene_of(boxes), T, SpinningSensor(lowest_deg=-25)), -height if known else None)
-    assert floor is not None
-    assert floor.plane[3] == pytest.approx(height, abs=0.01)
-    assert np.arccos(floor.plane[2]) < np.radians(0.4)
-    assert floor.sigma_offset < 0.01 and floor.points >= 60
-
-
-@pytest.mark.parametrize("axis", range(4))
-def test_the_floor_is_found_by_a_tilted_sensor(axis: int) -> None:
-    tilt = np.radians(2) * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])[axis]
-    T = pose(0.5, 0.2, 0.8, 0.3, *tilt)
-    floor = floor_of(scan(scene_of(room(-5, -5, 5, 5)), T), None)
-    assert floor is not None
-    truth = T.T @ [0, 0, 1, 0]
-    assert floor.plane[3] == pytest.approx(0.8, abs=0.01)
-    assert np.arccos(np.clip(floor.plane[:3] @ truth[:3], -1, 1)) < np.radians(0.4)
-
-
-def test_a_floor_out_of_sight_is_not_found() -> None:
-    upwards = SpinningSensor(lowest_deg=0.5, highest_deg=30)
-    assert floor_of(scan(scene_of(room(-3, -3, 3, 3)), pose(0, 0), upwards), None) is None
-    assert floor_of(scan(scene_of(room(-3, -3, 3, 3)), pose(0, 0), upwards), -0.8) is None
-
-
-def test_a_table_where_the_floor_is_hidden_is_not_taken_for_the_known_floor() -> None:
-    boxes = [*room(-5, -5, 5, 5), (-4.9, -4.9, 0.0, 4.9, 4.9, 0.4)]
-    floor = floor_of(scan(scene_of(boxes), pose(0.0, 0.0, 0.8)), -0.8)
-    assert floor is None
-
-
-@pytest.mark.parametrize("columns", [900, 450])
-def test_the_points_of_a_beam_column_stay_together(columns: int) -> None:
-    """At regular azimuths from straight ahead, whatever rounding does to them."""
-    points = scan(scene_of(room(*ROOM)), pose(0.7, -0.4, 0.8, 0.3), SpinningSensor(azimuths=columns))
-    for given in (points.astype(np.float64), points.astype(np.float64) * 1.7):
-        sorted_scan = sort_into_columns(given, columns)
-        assert np.bincount(sorted_scan.column, minlength=columns).tolist() == [16] * columns

@@ -8,10 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from sgslam.backend import Backend
 from sgslam.backend.backend import Anchors, PlannedWall, RoomNode
-from sgslam.config import Config, OdometrySettings
+from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes, transform_points
-from sgslam.mapping import KeyframeNode, SeenWall
-from sgslam.perception import FloorObservation
+from sgslam.mapping import KeyframeNode, SeenLevel, SeenWall
 from sgslam.report.accuracy import align_se3
 
 # two rooms side by side, x 0 to 6 and 6.2 to 12; inward normals, in a frame whose floor is z = 0
@@ -26,7 +25,9 @@ FLOOR = np.array([0, 0, 1.0, 0])
 
 HEIGHT = 0.8
 
-CONFIG = Config(odometry=OdometrySettings(sigma_rotation=0.01, sigma_translation=0.04))  # as the steps slip here
+CONFIG = Config()
+
+STEP = np.diag([0.01] * 3 + [0.04] * 3) ** 2  # covariance, as the steps slip here
 
 
 def way(count: int, rounds: int = 2) -> Array:
@@ -52,14 +53,14 @@ class Run:
         self.truth = inverse(self.T_building_map) @ self.in_building
         self.backend = Backend(CONFIG)
         self.seen: list[SeenWall] = []
+        self.levels: list[SeenLevel] = []
         T_odom = np.eye(4)
         for i, T in enumerate(self.truth):
             if i:
                 T_odom = T_odom @ self._slipped(inverse(self.truth[i - 1]) @ T)
             floor = self._noisy(self._in_sensor(FLOOR, i))
-            self.backend.add_keyframe(
-                KeyframeNode(i, 10**8 * i, T_odom, T_odom.copy(), FloorObservation(floor, 0.001, 0.003, 100))
-            )
+            self.levels.append(SeenLevel(i, 0, floor, -floor[3] * floor[:3], 10.0, True, 0.001, 0.003))
+            self.backend.add_keyframe(KeyframeNode(i, 10**8 * i, T_odom, T_odom.copy(), step_covariance=STEP))
             for wall in visible(self.in_building[i]):
                 plane = self._noisy(self._in_sensor(WALLS[wall], i))
                 plane[3] += 0.1 * (self.rng.random() < outliers)
@@ -78,7 +79,7 @@ class Run:
         return np.array([*(normal / np.linalg.norm(normal)), plane[3] + self.rng.normal(0, 0.003)])
 
     def optimise(self, anchors: Anchors | None = None, rooms: list[RoomNode] | None = None, steps: int = 20) -> None:
-        self.backend.optimise(self.seen, rooms or [], anchors, steps)
+        self.backend.optimise(self.seen, self.levels, rooms or [], anchors, steps)
 
     def errors(self) -> Array:
         """(N,) metres between estimated and true keyframes; the first one's own errors, which all share, apart."""

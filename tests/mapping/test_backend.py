@@ -12,7 +12,7 @@ from sgslam.backend import Backend
 from sgslam.backend.backend import Anchors, RoomNode
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, transform_planes
-from sgslam.mapping import KeyframeNode, SeenWall
+from sgslam.mapping import KeyframeNode, SeenLevel, SeenWall
 
 
 def test_walls_and_floor_take_the_drift_away() -> None:
@@ -32,7 +32,7 @@ def test_planes_and_floor_are_found_in_the_map() -> None:
     assert sorted(run.backend.planes_in_map) == list(range(len(WALLS)))
     for wall, plane in run.backend.planes_in_map.items():
         np.testing.assert_allclose(plane, transform_planes(T_map_building, WALLS[wall]), atol=0.02)
-    np.testing.assert_allclose(run.backend.floors_in_map[0], [0, 0, 1, HEIGHT], atol=0.01)
+    np.testing.assert_allclose(run.backend.levels_in_map[0], [0, 0, 1, HEIGHT], atol=0.01)
 
 
 def test_wrong_observations_do_little_harm() -> None:
@@ -140,14 +140,14 @@ def test_relabelled_walls_are_used() -> None:
     assert run.errors().max() < 0.02
 
 
-def fed_to(backend: Backend, run: Run, count: int) -> list[SeenWall]:
+def fed_to(backend: Backend, run: Run, count: int) -> tuple[list[SeenWall], list[SeenLevel]]:
     """Adds keyframes of the run, each where the odometry has it, until there are `count`; returns what they saw."""
     known = run.backend.keyframes
     for i in range(len(backend.keyframes), count):
         step = inverse(known[i - 1].T_track_sensor) @ known[i].T_track_sensor if i else np.eye(4)
         start = backend.keyframes[-1].T_map_sensor @ step if i else np.eye(4)
         backend.add_keyframe(replace(known[i], T_map_sensor=start))
-    return [s for s in run.seen if s.keyframe < count]
+    return [s for s in run.seen if s.keyframe < count], [s for s in run.levels if s.keyframe < count]
 
 
 @pytest.mark.slow
@@ -156,7 +156,7 @@ def test_three_thousand_keyframes_cost_hardly_more_each_than_three_hundred() -> 
     run, share = Run(count=3300), dict[int, float]()
     for size in (300, 3000):
         backend = Backend(CONFIG)
-        backend.optimise(fed_to(backend, run, size - size // 12), [], None)
+        backend.optimise(*fed_to(backend, run, size - size // 12), [], None)
         costs = []
         while len(backend.keyframes) < size:
             before = len(backend.keyframes)
@@ -164,7 +164,7 @@ def test_three_thousand_keyframes_cost_hardly_more_each_than_three_hundred() -> 
                 fed_to(backend, run, len(backend.keyframes) + 1)
             seen = fed_to(backend, run, len(backend.keyframes))
             began = process_time()
-            backend.optimise(seen, [], None)
+            backend.optimise(*seen, [], None)
             costs.append((process_time() - began) / (len(backend.keyframes) - before))
         share[size] = float(np.median(costs))
     assert share[3000] < 5 * share[300]  # ten times as much, did it grow with the length

@@ -145,7 +145,7 @@ def test_factors_are_added_once_and_only_what_is_new() -> None:
     run = Run()
     run.optimise()
     log = run.backend.log
-    added, held = len(log.events), {kind: dict(log.held(kind)) for kind in ("wall", "floor", "odometry")}
+    added, held = len(log.events), {kind: dict(log.held(kind)) for kind in ("wall", "level", "odometry")}
     run.optimise()
     assert len(log.events) == added
     for kind, entries in held.items():
@@ -205,4 +205,4 @@ def test_a_run_hands_its_log_over() -> None:
     tight = {(f"w{key[1]}", key[2]) for key in result.factors.held("anchor") if key[0] == "tight" and len(key) == 3}
     states = {(r["wall"], r["a_id"]): r["state"] for r in result.anchors}
     assert tight and all(states[key] == "tight" for key in tight)
-    assert {e.by.split()[0] for e in result.factors.events} >= {"odometry", "wall", "floor", "match", "start"}
+    assert {e.by.split()[0] for e in result.factors.events} >= {"odometry", "wall", "level", "match", "start"}

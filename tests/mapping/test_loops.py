@@ -162,7 +162,7 @@ def looked_at(building: str) -> tuple[Array, list[KeyframeNode], dict[int, Array
         points = SENSOR.scan(scene, T, rng).astype(float)
         clouds[i] = points[::4].astype(np.float32)
         keyframe = KeyframeNode(i, i, truth[i], truth[i])
-        keyframe.outline = front_end.look(points, np.eye(3), 0.8).contour
+        keyframe.outline = front_end.look(points, np.eye(4), np.eye(3), 0.8).contour
         keyframes.append(keyframe)
     return truth, keyframes, clouds
 
@@ -235,12 +235,12 @@ def test_a_closure_is_a_factor_with_its_reason_that_pulls_the_map_together() -> 
     backend = back_end(10)
     last = len(backend.keyframes) - 1
     backend.closures = [closure(9, last, pose(-9.0, 0.0, 0.0, 0.0))]
-    backend.optimise([], [], None, steps=20)
+    backend.optimise([], [], [], None, steps=20)
     assert np.linalg.norm(backend.keyframes[last].T_map_sensor[:3, 3]) < 0.05
     event = next(e for e in backend.log.events if e.kind == "loop")
     assert (event.key, event.by, event.why) == ((last, 9), "position", "for a test")
     backend.closures = []
-    backend.optimise([], [], None, steps=20)
+    backend.optimise([], [], [], None, steps=20)
     assert backend.log.counts()["loop"]["withdrawn"] == 1
 
 
@@ -250,7 +250,7 @@ def test_a_closure_that_the_others_contradict_is_given_up() -> None:
     last = len(backend.keyframes) - 1
     right = [closure(k, last - k, np.eye(4)) for k in range(4)]
     backend.closures += [*right, closure(0, last - 1, pose(-3.0, 0.0, 0.0, 0.0))]
-    backend.optimise([], [], None, steps=20)
+    backend.optimise([], [], [], None, steps=20)
     gone = closer.contradicted(backend.keyframes)
     assert [c.T_earlier_later[0, 3] for c, _ in gone] == [-3.0] and backend.closures == right
 

@@ -41,7 +41,7 @@ def scene(request: pytest.FixtureRequest) -> tuple[Scene, Array]:
         T_map_sensor = inverse(T_building_map) @ T_building_sensor
         ranges = raycast.distances(T_building_sensor[:3, 3], beams @ T_building_sensor[:3, :3].T)
         outline = beams * np.minimum(ranges, 30.0)[:, None]
-        keyframes.append(KeyframeNode(i, i * 10**9, T_map_sensor, T_map_sensor, None, outline))
+        keyframes.append(KeyframeNode(i, i * 10**9, T_map_sensor, T_map_sensor, outline))
         walls.add(i, T_map_sensor, [_piece(T_building_sensor, *ends) for ends in PIECES[x > 5]])
     walls.refresh(np.stack([k.T_map_sensor for k in keyframes]), {}, T_level_map)
     walls.join_duplicates()

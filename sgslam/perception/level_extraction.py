@@ -1,0 +1,100 @@
+"""Extracts level surfaces (floors, ceilings, tops of furniture) from the surfels of a few scans of any sensor."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+_LEVEL = float(np.cos(np.radians(6.0)))  # of a surfel's normal and the vertical; normals are known to 4 degrees
+_SLOPE = 0.01  # rad, standard deviation of a surface's slope: a floor falls 1 in 100 at most
+_STEEPEST = 0.03  # rad, of a surface that counts as level, with what the attitude errs
+_NOISE = 0.02  # m, of a range
+_MOST = 50.0  # points that a surfel counts for: those of one patch share errors
+_BIN = 0.02  # m, of the histogram of heights
+_INLIER = 0.05  # m from the plane
+_ROUGH = 0.02  # m, standard deviation across of what is not level, or not one surface
+_LEAST_AREA = 0.75  # m2, of a surface; a tread of a stair has 0.3
+_CELL = 0.5  # m, of the grid in which the area is counted
+
+
+@dataclass(frozen=True)
+class LevelObservation:
+    """A level surface seen in a few scans, in the frame of a sensor pose.
+
+    `plane` is (nx, ny, nz, d) with n.x + d = 0 and n towards the side that was seen; `centre` (3,) that of the part
+    that was seen, of `area` m2. `is_floor`: it was seen from above, like a floor or a table, not a ceiling. The sigmas
+    are the fit's, of the normal (rad) and of the offset at the frame's origin (m).
+    """
+
+    plane: Floats
+    centre: Floats
+    area: float
+    is_floor: bool
+    sigma_normal: float
+    sigma_offset: float
+
+
+def extract_levels(
+    means: Floats, normals: Floats, counts: Floats, T_odom_sensor: Floats
+) -> list[LevelObservation]:  # fmt: skip
+    """Level surfaces among surfels, larger first for each side.
+
+    `means` (N, 3) and `normals` (N, 3), to the side seen, are in a frame with z up, `counts` (N,) their points. The
+    observations are in the frame of the sensor at `T_odom_sensor` (4, 4).
+    """
+    relative, weights = means - T_odom_sensor[:3, 3], np.minimum(counts, _MOST)
+    found = []
+    for side in (1.0, -1.0):
+        own = side * normals[:, 2] > _LEVEL
+        for height, slopes, covariance, seen in _fits(relative[own], weights[own]):
+            up = np.array([-slopes[0], -slopes[1], 1.0])
+            scale = side / float(np.linalg.norm(up))
+            normal = T_odom_sensor[:3, :3].T @ (up * scale)
+            found.append(
+                LevelObservation(
+                    np.array([*normal, -height * scale]), T_odom_sensor[:3, :3].T @ seen.mean(axis=0),
+                    _area(seen), side > 0, float(np.sqrt(covariance[[1, 2], [1, 2]].max())),
+                    float(np.sqrt(covariance[0, 0])),
+                )
+            )  # fmt: skip
+    return found
+
+
+def _fits(points: Floats, weights: Floats) -> list[tuple[float, Floats, Floats, Floats]]:
+    """(height at the origin, slopes (2,), covariance (3, 3), points (M, 3)) of planes through points (N, 3), the one
+    with the most points first."""
+    found = []
+    while _area(points) >= _LEAST_AREA:
+        solution, inlier = np.array([_peak(points[:, 2], weights), 0.0, 0.0]), np.zeros(len(points), bool)
+        design = np.column_stack([np.ones(len(points)), points[:, :2]])
+        covariance = np.eye(3)
+        for _ in range(3):
+            inlier = np.abs(points[:, 2] - design @ solution) < _INLIER
+            weighted = design[inlier].T * (weights[inlier] / _NOISE**2)
+            covariance = np.linalg.inv(weighted @ design[inlier] + np.diag([1e-6, 1 / _SLOPE**2, 1 / _SLOPE**2]))
+            solution = covariance @ weighted @ points[inlier, 2]
+        across = points[inlier, 2] - design[inlier] @ solution
+        rough = np.average(across**2, weights=weights[inlier]) > _ROUGH**2 if inlier.any() else True
+        is_level = np.hypot(*solution[1:]) < _STEEPEST
+        if is_level and not rough and _area(points[inlier]) >= _LEAST_AREA:
+            found.append((float(solution[0]), solution[1:], covariance, points[inlier]))
+        near = np.abs(points[:, 2] - design @ solution) < 2 * _INLIER
+        near |= inlier | (np.abs(points[:, 2] - _peak(points[:, 2], weights)) < _BIN)
+        points, weights = points[~near], weights[~near]
+    return found
+
+
+def _peak(heights: Floats, weights: Floats) -> float:
+    """The height (m) near which most points lie."""
+    edges = np.arange(heights.min() - 2 * _BIN, heights.max() + 3 * _BIN, _BIN)
+    count, _ = np.histogram(heights, edges, weights=weights)
+    return float(edges[int(np.argmax(np.convolve(count, np.ones(3), "same")))] + _BIN / 2)
+
+
+def _area(points: Floats) -> float:
+    """m2 of the cells in plan view that hold points (N, 3)."""
+    if not len(points):
+        return 0.0
+    cells = np.floor(points[:, :2] / _CELL).astype(np.int64)
+    return len(np.unique(cells[:, 0] * 1_000_003 + cells[:, 1])) * _CELL**2
