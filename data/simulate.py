@@ -65,6 +65,8 @@ def _angles(text: str) -> tuple[float, float, float]:
         raise argparse.ArgumentTypeError(f"'{text}' is not three angles; give roll,pitch,yaw in degrees") from None
     if not np.isfinite([roll, pitch, yaw]).all():
         raise argparse.ArgumentTypeError(f"'{text}' holds an angle that is not finite")
+    if max(abs(roll), abs(pitch), abs(yaw)) > 360.0:
+        raise argparse.ArgumentTypeError(f"'{text}': the angles are degrees, from -360 to 360")
     return roll, pitch, yaw
 
 

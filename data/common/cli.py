@@ -1,6 +1,7 @@
 """Common to all commands: a user's mistake gives one line on standard error and exit code 2."""
 
 import argparse
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,11 +23,22 @@ def called_as(name: str) -> Iterator[None]:
         _called.reset(before)
 
 
+_NEGATIVE = re.compile(r"-[\d.]+,")
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line. `prog` is the command's own name; see `called_as`."""
 
     def __init__(self, prog: str | None = None, **options: Any) -> None:
         super().__init__(_called.get() or prog, **options)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """See `argparse`; a value like -25,0,0 belongs to the option before it."""
+        given = list(sys.argv[1:] if args is None else args)
+        for k in range(len(given) - 1, 0, -1):
+            if _NEGATIVE.match(given[k]) and given[k - 1].startswith("--") and "=" not in given[k - 1]:
+                given[k - 1 : k + 1] = [f"{given[k - 1]}={given[k]}"]
+        return super().parse_known_args(given, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Prints the error without the usage and exits with 2."""

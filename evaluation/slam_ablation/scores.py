@@ -20,6 +20,7 @@ from evaluation.metrics.statistics import Statistics
 from evaluation.metrics.trajectories import drift, error_in_bim, matched, rpe
 from evaluation.metrics.true_matches import true_matches
 from matching import MatchResult
+from sgslam.geometry.frames import inverse
 from sgslam.session import Result
 
 RPE_M = 1.0
@@ -123,7 +124,7 @@ def _error_over_time(estimate: Trajectory, truth: Trajectory) -> tuple[list[floa
 
 
 def _of_run(result: Result, sequence: Sequence) -> dict[str, Any]:
-    T_bim_map = sequence.truth.poses[0]
+    T_bim_map = sequence.truth.poses[0] @ inverse(result.trajectory_map.poses[0])
     floor = sequence.a_graph.on_floor(storey_of(sequence.a_graph, T_bim_map))
     entered = _entered(floor, sequence.truth)
     seen = {w.id for w in floor.wall_surfaces if w.room in entered}

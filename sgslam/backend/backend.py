@@ -53,7 +53,9 @@ class Backend:
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
         """Adds a keyframe, tied to the one before it by the odometry between them."""
         self.keyframes.append(keyframe)
-        if len(self.keyframes) > 1:
+        if len(self.keyframes) == 1:
+            self._builder.hold_begin(keyframe.T_map_sensor)
+        else:
             self._builder.hold_step(len(self.keyframes) - 1, self._step(len(self.keyframes) - 1))
 
     def state(self) -> dict[str, Any]:
@@ -65,7 +67,7 @@ class Backend:
             "levels_in_map": self.levels_in_map, "T_map_bim": self.T_map_bim, "optimised_at": self._optimised_at,
             "sound": self._sound, "seen": self._inputs.seen, "levels": self._inputs.levels,
             "rooms": self._inputs.rooms, "anchors": self._inputs.anchors, "closures": self.closures,
-            "found": self._builder.found, "log": self.log.state(),
+            "begin": self._builder.begin, "found": self._builder.found, "log": self.log.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -79,6 +81,9 @@ class Backend:
         self.T_map_bim, self._optimised_at, self._sound = state["T_map_bim"], state["optimised_at"], state["sound"]
         made = FactorLog()
         builder = GraphBuilder(self._config, self.keyframes, made)
+        if self.keyframes:
+            self._builder.begin = state["begin"]
+            builder.hold_begin(state["begin"])
         for i, place in self._builder.found.items():
             builder.hold_place(i, place)
         held = state["log"]["held"]["odometry"]

@@ -32,9 +32,14 @@ class GraphBuilder:
         self._config, self._keyframes, self._log = config, keyframes, log
         self._is_floor: dict[int, bool] = {}  # of each level surface, whether it was seen from above
         self.found: dict[int, Floats] = {}  # T_map_sensor (4, 4) of keyframes to which no odometry leads
-        tight = factors.noise_of_pose(1e-5, 1e-5)
-        for name, pose, why in (("map", X(0), "the map begins at the first keyframe"), ("identity", IDENTITY, "fixed")):
-            log.add(0, "start", (name,), Entry(gtsam.PriorFactorPose3(pose, gtsam.Pose3(), tight), "start", why))
+        self.begin = np.eye(4)  # T_map_sensor of the first keyframe
+        log.add(0, "start", ("identity",), Entry(_fixed(IDENTITY, np.eye(4)), "start", "fixed"))
+
+    def hold_begin(self, T_map_sensor: Floats) -> None:
+        """Fixes the first keyframe at its pose (4, 4) in the map, which is level there."""
+        self.begin = T_map_sensor
+        entry = Entry(_fixed(X(0), T_map_sensor), "start", "the map begins at the first keyframe")
+        self._log.add(0, "start", ("map",), entry)
 
     def hold_step(self, i: int, step: Floats) -> None:
         """Adds the odometry's `step` (4, 4) from keyframe i - 1 to keyframe i."""
@@ -237,6 +242,10 @@ class GraphBuilder:
             entries |= self._entry("anchor", (*key, "place"), anchors.by, "a frame on the planned surface", place)
             entries |= self._entry("anchor", key, anchors.by, "the planned height of a floor or ceiling", held)
         return entries
+
+
+def _fixed(key: int, pose: Floats) -> gtsam.NonlinearFactor:
+    return gtsam.PriorFactorPose3(key, gtsam.Pose3(pose), factors.noise_of_pose(1e-5, 1e-5))
 
 
 def _middles(anchors: Anchors) -> dict[int, Floats]:

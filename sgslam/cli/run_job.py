@@ -39,6 +39,7 @@ from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
 Start = tuple[float, float, float]
+_TURN = 360.0  # degrees
 _SILENT = 5.0  # s without output, after which a message explains the delay
 
 
@@ -213,6 +214,8 @@ def _three(option: str, text: str, form: str, example: str) -> tuple[float, floa
         raise UserError(f"{option} {text}: not in the form {form}; write e.g. {example}") from None
     if not all(math.isfinite(value) for value in (a, b, c)):
         raise UserError(f"{option} {text}: the numbers must be finite")
+    if option == "--mount" and max(abs(a), abs(b), abs(c)) > _TURN:
+        raise UserError(f"{option} {text}: the angles are degrees, from -360 to 360")
     return a, b, c
 
 

@@ -10,6 +10,7 @@ from data import UserError
 from sgslam.geometry.frames import is_rigid
 
 Floats = NDArray[np.float64]
+LONGEST_SCAN = 2.0  # s, of a scan; sensors in motion take 0.05 to 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,4 +58,9 @@ def checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
         seconds = np.empty(0)
     if seconds.shape != (count,) or not np.isfinite(seconds.sum()):
         raise UserError(f"scan at {stamp_ns} ns: point_times must be ({count},) finite seconds after the stamp")
+    if np.abs(seconds).max() > LONGEST_SCAN:
+        raise UserError(
+            f"scan at {stamp_ns} ns: point_times are seconds after the stamp, not {seconds.min():g} to "
+            f"{seconds.max():g}: are they milliseconds, nanoseconds, or a time of day?"
+        )
     return seconds

@@ -6,7 +6,7 @@ would slip by the wall's thickness.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,16 @@ class SurfelMap(Stateful):
         self._sums, self.planes = np.zeros((1 << 12, _SUMS)), np.zeros((1 << 12, _PLANE))
         self._seen = np.zeros(1 << 12)  # m of way at which it was last seen
 
+    def state(self) -> dict[str, Any]:
+        """See `Stateful`; without the arrays' room for more."""
+        rows = {name: getattr(self, name)[: self.count] for name in ("_other", "_sums", "planes", "_seen")}
+        return {**super().state(), **rows}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """See `Stateful`."""
+        super().restore(state)
+        self._make_room(1)
+
     def add(self, points: Floats, rays: Floats, way: float, memory: float) -> None:
         """Adds points (N, 3) seen along unit rays (N, 3), both in `odom`, after `way` metres.
 
@@ -88,12 +98,13 @@ class SurfelMap(Stateful):
         return self.planes[own, _MEAN:_AXIS_1], self.planes[own, _NORMAL:_MEAN], self._sums[own, _COUNT]
 
     def _make_room(self, more: int) -> None:
-        """Doubles the arrays until so many more surfels fit."""
-        while self.count + more > len(self._other):
-            self._other = np.concatenate([self._other, np.full(len(self._other), -1, np.int64)])
-            self._sums = np.concatenate([self._sums, np.zeros_like(self._sums)])
-            self.planes = np.concatenate([self.planes, np.zeros_like(self.planes)])
-            self._seen = np.concatenate([self._seen, np.zeros_like(self._seen)])
+        """Makes room for so many more surfels, and for as many again as there are."""
+        if self.count + more > len(self._other):
+            room = max(2 * self.count, self.count + more) - len(self._other)
+            self._other = np.concatenate([self._other, np.full(room, -1, np.int64)])
+            self._sums = np.concatenate([self._sums, np.zeros((room, _SUMS))])
+            self.planes = np.concatenate([self.planes, np.zeros((room, _PLANE))])
+            self._seen = np.concatenate([self._seen, np.zeros(room)])
         while 2 * (self.count + more) > len(self._keys):
             keys, first = self._keys, self._first
             self._keys, self._first = np.full(2 * len(keys), -1, np.int64), np.full(2 * len(keys), -1, np.int64)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from beginnings import begins_here
 from boxes import Array, pose
 from drives import Drive, fed, small_drive, small_run
 from plans import a_graph, offices
@@ -37,10 +38,11 @@ def test_a_run_ends_in_building_coordinates(drive: Drive, anchored: Result) -> N
 
 
 def test_the_map_begins_at_the_first_scan(drive: Drive, anchored: Result) -> None:
-    np.testing.assert_allclose(anchored.trajectory_map.poses[0], np.eye(4), atol=1e-4)
+    T_map_first = anchored.trajectory_map.poses[0]
+    assert begins_here(T_map_first)
     assert anchored.T_bim_map is not None
     np.testing.assert_allclose(anchored.T_bim_map[:3, 3], drive.truth.poses[0, :3, 3], atol=0.06)
-    np.testing.assert_allclose(anchored.T_bim_map[:3, :3], drive.truth.poses[0, :3, :3], atol=0.01)
+    np.testing.assert_allclose(anchored.T_bim_map[:3, :3] @ T_map_first[:3, :3], drive.truth.poses[0, :3, :3], atol=0.01)
     np.testing.assert_allclose(anchored.trajectory.poses, anchored.T_bim_map @ anchored.trajectory_map.poses)
 
 
@@ -94,6 +96,26 @@ def test_a_sensor_that_leans_and_stands_higher_is_levelled(drive: Drive) -> None
     assert np.sqrt(np.mean(errors**2)) < 0.04
     tilt = (result.trajectory.poses @ np.linalg.inv(T_sensor_leaning))[:, 2, 2]
     assert np.degrees(np.arccos(np.clip(tilt, -1, 1))).mean() < 0.5
+
+
+def test_the_map_of_a_tilted_sensor_is_level(drive: Drive) -> None:
+    tilt = Rotation.from_euler("y", 25, degrees=True).as_matrix()
+    result = fed(SceneGraphSlam(), [(stamp, points @ tilt) for stamp, points in drive.scans[:80]]).finish()
+    assert begins_here(result.trajectory.poses[0], tilt_deg=26) and not begins_here(result.trajectory.poses[0], 24)
+    assert np.ptp(result.trajectory.positions[:, 2]) < 0.05, "it drives on a level floor"
+    true_height = drive.truth.poses[0, 2, 3] - drive.bim.graph.floors[0].elevation
+    assert result.s_graph.floors[0].elevation == pytest.approx(-true_height, abs=0.03)
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e9], ids=["milliseconds", "nanoseconds"])
+def test_points_times_in_another_unit_are_refused(drive: Drive, unit: float) -> None:
+    stamp, points = drive.scans[0]
+    times = np.linspace(0.0, 0.1, len(points))
+    with pytest.raises(UserError, match="seconds after the stamp"):
+        SceneGraphSlam().add_scan(stamp, points, unit * times)
+    with pytest.raises(UserError, match="time of day"):
+        SceneGraphSlam().add_scan(stamp, points, 1.7e9 + times)
+    SceneGraphSlam().add_scan(stamp, points, times)
 
 
 def test_in_another_building_nothing_is_anchored(drive: Drive) -> None:
@@ -257,7 +279,7 @@ def test_nothing_is_finished_before_the_first_scan() -> None:
 def test_a_single_scan_is_a_run(drive: Drive) -> None:
     result = fed(SceneGraphSlam(drive.bim), drive.scans[:1]).finish()
     assert len(result.trajectory) == 1 and not result.anchored
-    np.testing.assert_allclose(result.trajectory.poses[0], np.eye(4), atol=1e-6)
+    assert begins_here(result.trajectory.poses[0])
 
 
 @pytest.mark.parametrize("count", [1, 5, 30])
