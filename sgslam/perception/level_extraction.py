@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 _LEVEL = float(np.cos(np.radians(6.0)))  # of a surfel's normal and the vertical; normals are known to 4 degrees
-_SLOPE = 0.01  # rad, standard deviation of a surface's slope: a floor falls 1 in 100 at most
+_SLOPE = 0.005  # rad, standard deviation of a slope: floors are level to 5 mm/m, the frame to 0.2 degrees
 _STEEPEST = 0.03  # rad, of a surface that counts as level, with what the attitude errs
 _NOISE = 0.02  # m, of a range
 _MOST = 50.0  # points that a surfel counts for: those of one patch share errors

@@ -17,7 +17,7 @@ from evaluation.drives import SequenceSpec
 from evaluation.drives.sequences import odometry_of_run
 from evaluation.metrics.trajectories import ape
 from evaluation.slam_ablation.peers import kiss_icp_alone, small_gicp_alone
-from evaluation.studies import moving_scans, odometries
+from evaluation.studies import odometries
 from sgslam.config import Config, OdometrySettings
 
 pytestmark = pytest.mark.slow
@@ -70,20 +70,3 @@ def test_an_odometry_alone_is_the_one_that_is_asked_for() -> None:
     ]
     assert not any(np.allclose(a, b) for a, b in combinations(found, 2))
     assert np.array_equal(odometry_of_run(scans).poses, found[0])
-
-
-def test_the_table_of_moving_scans_tells_each_kind() -> None:
-    rows = rows_of(
-        (
-            moving_scans.Drive(drive="quick", seed=seed, scans=scans),
-            moving_scans.Errors(
-                poses=9, anchored=error is not None, rmse_m=error, max_m=None if error is None else 3 * error
-            ),
-        )
-        for seed in (0, 1)
-        for scans, error in (("moving, as they are", 0.04 if seed else None), ("moving, deskewed", 0.006))
-    )
-    assert moving_scans.tables(rows)["errors"].to_numpy().tolist() == [
-        ["quick", "moving, as they are", "1/2", "0.0400", "0.120"],
-        ["quick", "moving, deskewed", "2/2", "0.0060, 0.0060", "0.018, 0.018"],
-    ]

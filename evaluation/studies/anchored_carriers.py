@@ -1,0 +1,156 @@
+"""How well runs with a plan, from an unknown start, are anchored to the building, whoever carries the sensor."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pandas as pd
+from pydantic import PositiveFloat
+
+from data.common.errors import UserError
+from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
+from data.trajectory import Trajectory
+from evaluation.drives.carried import CarriedCase, carried
+from evaluation.drives.runs import run_through
+from evaluation.drives.sequences import DriveOptions, plan_of
+from evaluation.harness import Record, Study
+from evaluation.harness.tables import grouped, of, spread
+from evaluation.metrics.trajectories import ape, error_in_bim
+from evaluation.studies.carriers import RECORDING
+from evaluation.studies.carriers_tables import NO_EFFECT, named
+from sgslam.session import Stopwatch
+from sgslam.slam import SceneGraphSlam
+
+LEVEL_CARRIER = "wheeled"
+
+
+class Choice(DriveOptions):
+    """Each of `carriers`, and of `effects` alone on a hand, with each of `few_sensors`; all effects together with each
+    of `sensors`; the `recording`, times told and not, with each of `few_sensors`. Each over all `sequences` and
+    `seeds`, `seconds` long."""
+
+    sequences: tuple[str, ...] = ("institute", "office", "fzk-haus", "niedriha", "jesse", "sample-house")
+    carriers: tuple[str, ...] = (LEVEL_CARRIER, "handheld", "pole")
+    effects: tuple[str, ...] = tuple(name for name in EFFECTS if name not in TIMINGS)
+    sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "OS1-64", "Mid-360")
+    few_sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
+    recording: str = RECORDING
+    seconds: PositiveFloat = 70.0
+
+
+class Anchored(Record):
+    """Errors (m) of all scans in the BIM frame, None without an anchor: the RMSE in space and in plan view, the mean
+    magnitude in height, and the largest. `odometry_m` and `map_m` are the ATE of the odometry and of the map's
+    trajectory after SE(3) alignment, None where it is in several parts."""
+
+    scans: int
+    anchored: bool
+    first_anchor_s: float | None
+    rmse_m: float | None
+    plan_view_m: float | None
+    height_m: float | None
+    worst_m: float | None
+    map_m: float | None
+    odometry_m: float | None
+    lost: int
+    kidnaps: int
+    floors: int
+    rooms: int
+    scans_per_s: Annotated[float, "cost"]
+
+
+def cases(options: Choice) -> list[CarriedCase]:
+    """Every cell of the design, in each building with each seed."""
+    drives = [
+        CarriedCase(sequence=spec, seed=seed, seconds=options.seconds, **cell)
+        for cell in _cells(options) for spec, seed in options.drives()
+    ]  # fmt: skip
+    return list({drive.key: drive for drive in drives}.values())
+
+
+def _cells(options: Choice) -> Iterator[dict[str, Any]]:
+    """The fields of each cell that differ from their defaults."""
+    for sensor in options.few_sensors:
+        for carrier in options.carriers:
+            yield {"carrier": carrier, "sensor": sensor}
+        for effect in options.effects:
+            yield {"carrier": "handheld", "sensor": sensor, "effects": (effect,)}
+        for times in (True, False):
+            yield {"carrier": options.recording, "sensor": sensor, "times": times}
+    for sensor in options.sensors:
+        yield {"carrier": "handheld", "sensor": sensor, "effects": (ALL,)}
+
+
+def measure(case: CarriedCase, work: Path) -> Anchored:
+    """Simulates the drive and runs it with the whole building as its plan."""
+    plan = plan_of(case.sequence, work)
+    with carried(case, work) as drive:
+        stopwatch = Stopwatch()
+        slam = SceneGraphSlam(plan, stopwatch=stopwatch)
+        result = run_through(slam, drive.scans())
+        error = error_in_bim(result.trajectory, drive.truth) if result.anchored else None
+        return Anchored(
+            scans=drive.count, anchored=result.anchored, first_anchor_s=result.first_anchor_s,
+            rmse_m=None if error is None else error.position.rmse,
+            plan_view_m=None if error is None else error.horizontal.rmse,
+            height_m=None if error is None else _mean_height(result.trajectory, drive.truth),
+            worst_m=None if error is None else error.position.max,
+            map_m=_ate(result.trajectory_map, drive.truth), odometry_m=_ate(result.trajectory_odometry, drive.truth),
+            lost=result.tracked.get("lost", 0), kidnaps=slam.kidnaps, floors=len(result.s_graph.floors),
+            rooms=len(result.s_graph.rooms), scans_per_s=drive.count / sum(stopwatch.seconds.values()),
+        )  # fmt: skip
+
+
+def _mean_height(found: Trajectory, truth: Trajectory) -> float:
+    """The mean magnitude (m) of the error in height."""
+    return float(np.abs(found.positions[:, 2] - truth.at(found.stamps_ns)[:, 2, 3]).mean())
+
+
+def _ate(found: Trajectory, truth: Trajectory) -> float | None:
+    """The RMSE (m) after SE(3) alignment."""
+    try:
+        return ape(found, Trajectory(found.stamps_ns, truth.at(found.stamps_ns)), "se3").translation.rmse
+    except UserError:
+        return None
+
+
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """A line for each cell of the design: how many drives are anchored, of those whose level, clean twin is, and how
+    well; and how the whole run is compared with its odometry alone."""
+    rows = named(rows)
+    twin = rows[(rows.carrier == LEVEL_CARRIER) & (rows.effects == NO_EFFECT) & rows.anchored]
+    key = ["building", "seed"]
+    rows = rows.merge(twin[key].drop_duplicates().assign(twin=True), on=key, how="left")
+    rows["twin"] = rows.twin.fillna(value=False).astype(bool)
+    by = ["carrier", "effects", "sensor", "times", "seconds"]
+    return {"anchored": grouped(rows, by, _cell), "against_odometry": grouped(rows, ["sensor"], _against_odometry)}
+
+
+def _cell(own: pd.DataFrame) -> dict[str, str]:
+    with_twin = own[own.twin]
+    return {
+        "anchored": of(own.anchored.sum(), len(own)),
+        "of those with an anchored twin": of(with_twin.anchored.sum(), len(with_twin)),
+        "RMSE (m)": spread(own.rmse_m, ".3f"), "plan view (m)": spread(own.plan_view_m, ".3f"),
+        "mean error in height (m)": spread(own.height_m, ".3f"), "worst (m)": spread(own.worst_m, ".2f"),
+        "first anchor (s)": spread(own.first_anchor_s),
+    }  # fmt: skip
+
+
+def _against_odometry(own: pd.DataFrame) -> dict[str, str]:
+    whole = own.dropna(subset=["map_m", "odometry_m"])
+    return {
+        "drives": str(len(own)), "in one part": str(len(whole)), "odometry: ATE (m)": spread(whole.odometry_m, ".3f"),
+        "map: ATE (m)": spread(whole.map_m, ".3f"), "no worse": of((whole.map_m <= whole.odometry_m).sum(), len(whole)),
+        "worse by 1 cm": of((whole.map_m > whole.odometry_m + 0.01).sum(), len(whole)),
+        "false kidnappings": of((own.kidnaps > 0).sum(), len(own)), "scans a second": spread(own.scans_per_s),
+    }  # fmt: skip
+
+
+STUDY = Study(
+    "anchored_carriers", "how well runs with a plan are anchored, for any carrier, sensor and effect",
+    Choice, Choice(sequences=("fzk-haus",), seeds=(0,), carriers=(LEVEL_CARRIER, "handheld"), effects=(),
+                   sensors=("VLP-16",), few_sensors=("VLP-16",), seconds=40.0),
+    CarriedCase, Anchored, cases, measure, tables, small=True,
+)  # fmt: skip
