@@ -92,11 +92,11 @@ class LevelMap(Stateful):
 
         A floor goes on through doors. The ceilings of two rooms may differ: it must have been seen near by.
         """
-        near = {
-            s.level for s, place in zip(self.seen, self._places, strict=True)
-            if s.is_floor == is_floor and (is_floor or np.hypot(*(place - centre)[:2]) < self._settings.reach)
-        }  # fmt: skip
-        planes = {level: self.planes_in_map[level] for level in near & among}
+        away = np.hypot(*(self._places - centre)[:, :2].T)
+        near = np.array([s.is_floor for s in self.seen], bool) == is_floor
+        near &= is_floor | (away < self._settings.reach)
+        known = {self.seen[k].level for k in np.flatnonzero(near).tolist()}
+        planes = {level: self.planes_in_map[level] for level in known & among}
         off = {level: abs(float(plane[:3] @ centre + plane[3])) for level, plane in planes.items()}
         nearest = min(sorted(off), key=lambda level: off[level], default=None)
         step = self._settings.step if is_floor else self._settings.ceiling_step
