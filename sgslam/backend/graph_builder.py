@@ -84,6 +84,7 @@ class GraphBuilder:
                 keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
         before, entries = self._log.held("wall"), dict[Key, Entry]()
+        sigmas = self._config.backend.sigma_normal, self._config.backend.sigma_offset
         observations: Counter[int] = Counter()  # of each keyframe so far
         for s, out in zip(seen, wrong, strict=True):
             number = observations[s.keyframe]
@@ -94,26 +95,30 @@ class GraphBuilder:
             if key in before:
                 entries[key] = before[key]
             else:
-                why, build = f"keyframe {s.keyframe} saw wall {s.wall}", partial(self._wall, s, anchor_of[s.wall])
+                build = partial(self._observation, s, P(s.wall), anchor_of[s.wall], sigmas)
+                why = f"keyframe {s.keyframe} saw wall {s.wall}"
                 entries |= self._entry("wall", key, "wall extraction", why, build)
         gone = "it belongs to another wall or is an outlier, or the wall is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "wall", entries, gone)
         return anchor_of
 
-    def _wall(self, seen: SeenWall, anchor: int) -> gtsam.NonlinearFactor:
-        settings = self._config.backend
-        normal = float(np.hypot(seen.sigma_normal, settings.sigma_normal))
-        offset = float(np.hypot(seen.sigma_offset, settings.sigma_offset))
+    def _observation(
+        self, seen: SeenWall | SeenLevel, plane: int, anchor: int, sigmas: tuple[float, float]
+    ) -> gtsam.NonlinearFactor:  # fmt: skip
+        """The factor of an observed plane with lower bounds `sigmas` (rad, m); `anchor` is the keyframe in whose frame
+        the variable `plane` is."""
+        normal, offset = (float(np.hypot(*s)) for s in zip(sigmas, (seen.sigma_normal, seen.sigma_offset), strict=True))
         if seen.keyframe == anchor:
             noise = factors.noise_of_plane(normal, offset, None)
-            return factors.observe_own_plane(seen.plane, IDENTITY, P(seen.wall), noise)
-        robust = factors.noise_of_plane(normal, offset, settings.huber)
-        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), P(seen.wall), robust)
+            return factors.observe_own_plane(seen.plane, IDENTITY, plane, noise)
+        robust = factors.noise_of_plane(normal, offset, self._config.backend.huber)
+        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), plane, robust)
 
     def hold_levels(self, seen: list[SeenLevel]) -> dict[int, int]:
         """Adds the level surfaces, all of them parallel; returns the keyframe in whose frame each is estimated."""
         before, entries = self._log.held("level"), dict[Key, Entry]()
         anchor_of: dict[int, int] = {}
+        sigmas = self._config.backend.sigma_floor_normal, self._config.backend.sigma_floor_offset
         self._is_floor = {s.level: s.is_floor for s in seen}
         for s in seen:
             anchor_of[s.level] = min(s.keyframe, anchor_of.get(s.level, s.keyframe))
@@ -124,23 +129,14 @@ class GraphBuilder:
             if key in before:
                 entries[key] = before[key]
             else:
-                why, build = f"keyframe {s.keyframe} saw level {s.level}", partial(self._level, s, anchor_of[s.level])
+                build = partial(self._observation, s, F(s.level), anchor_of[s.level], sigmas)
+                why = f"keyframe {s.keyframe} saw level {s.level}"
                 entries |= self._entry("level", key, "level extraction", why, build)
         if len(anchor_of) > 1:
             entries |= self._parallel_levels(anchor_of)
         gone = "it belongs to another level, or that one is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "level", entries, gone)
         return anchor_of
-
-    def _level(self, seen: SeenLevel, anchor: int) -> gtsam.NonlinearFactor:
-        settings = self._config.backend
-        normal = float(np.hypot(seen.sigma_normal, settings.sigma_floor_normal))
-        offset = float(np.hypot(seen.sigma_offset, settings.sigma_floor_offset))
-        if seen.keyframe == anchor:
-            noise = factors.noise_of_plane(normal, offset, None)
-            return factors.observe_own_plane(seen.plane, IDENTITY, F(seen.level), noise)
-        robust = factors.noise_of_plane(normal, offset, settings.huber)
-        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), F(seen.level), robust)
 
     def _parallel_levels(self, anchor_of: dict[int, int]) -> dict[Key, Entry]:
         """A level frame, loosely at the origin of the map, in which every level surface is level at any height."""
