@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from pydantic import PositiveFloat
 
-from data.common.errors import UserError
 from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, carried
@@ -16,8 +15,8 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
-from evaluation.metrics.trajectories import ape, error_in_bim
-from evaluation.studies.carriers import RECORDING
+from evaluation.metrics.trajectories import error_in_bim
+from evaluation.studies.carriers import RECORDING, ate
 from evaluation.studies.carriers_tables import NO_EFFECT, named
 from sgslam.session import Stopwatch
 from sgslam.slam import SceneGraphSlam
@@ -96,7 +95,7 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
             plan_view_m=None if error is None else error.horizontal.rmse,
             height_m=None if error is None else _mean_height(result.trajectory, drive.truth),
             worst_m=None if error is None else error.position.max,
-            map_m=_ate(result.trajectory_map, drive.truth), odometry_m=_ate(result.trajectory_odometry, drive.truth),
+            map_m=ate(result.trajectory_map, drive.truth), odometry_m=ate(result.trajectory_odometry, drive.truth),
             lost=result.tracked.get("lost", 0), kidnaps=slam.kidnaps, floors=len(result.s_graph.floors),
             rooms=len(result.s_graph.rooms), scans_per_s=drive.count / sum(stopwatch.seconds.values()),
         )  # fmt: skip
@@ -105,14 +104,6 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
 def _mean_height(found: Trajectory, truth: Trajectory) -> float:
     """The mean magnitude (m) of the error in height."""
     return float(np.abs(found.positions[:, 2] - truth.at(found.stamps_ns)[:, 2, 3]).mean())
-
-
-def _ate(found: Trajectory, truth: Trajectory) -> float | None:
-    """The RMSE (m) after SE(3) alignment."""
-    try:
-        return ape(found, Trajectory(found.stamps_ns, truth.at(found.stamps_ns)), "se3").translation.rmse
-    except UserError:
-        return None
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:

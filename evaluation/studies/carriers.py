@@ -169,7 +169,7 @@ def errors_of(found: Found, drive: CarriedDrive, at: tuple[float, ...]) -> Error
     second, poses = by_instant[instant], shifted(instant)
     metres, degrees = second.translation_m, np.degrees(second.rotation_rad)
     return Errors(
-        missing=drive.count - len(poses), instant=instant, ate_m=_ate(poses, drive.truth),
+        missing=drive.count - len(poses), instant=instant, ate_m=ate(poses, drive.truth),
         second_m=float(np.median(metres)), second_95_m=float(np.percentile(metres, 95)),
         second_deg=float(np.median(degrees)), second_95_deg=float(np.percentile(degrees, 95)),
         worst_step_m=float(step_errors(poses, drive.truth).translation_m.max()),
@@ -178,7 +178,7 @@ def errors_of(found: Found, drive: CarriedDrive, at: tuple[float, ...]) -> Error
     )  # fmt: skip
 
 
-def _ate(found: Trajectory, truth: Trajectory) -> float | None:
+def ate(found: Trajectory, truth: Trajectory) -> float | None:
     """The RMSE (m) after SE(3) alignment; None for too little motion."""
     try:
         return ape(found, Trajectory(found.stamps_ns, truth.at(found.stamps_ns)), "se3").translation.rmse

@@ -55,7 +55,8 @@ def align_heights(
     likely = np.exp(odds - odds.max())
     best, apart = int(np.argmax(odds)), np.abs(candidates - candidates[np.argmax(odds)])
     others = np.where(apart > settings.tolerance, likely, 0.0)  # nearer ones are the same height
-    sigma = 0.0 if _SURE * others.sum() < 1 - _SURE else float(np.sqrt(others @ apart**2 / (1.0 + others.sum())))
+    probability = 1.0 / (1.0 + others.sum())
+    sigma = 0.0 if probability > _SURE else float(np.sqrt(probability * others @ apart**2))
     planned = _planned(levels, float(candidates[best]), floor, ceilings, settings.tolerance)
     row = {int(level): k for k, level in enumerate(levels.ids)}
     off = [z - levels.height[row[level]] for level, z in planned.items()]

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.config import KeyframeSettings
+from sgslam.config import KeyframeSettings, OdometrySettings
 from sgslam.geometry.frames import inverse
 from sgslam.serialization import Stateful
 
@@ -29,8 +29,12 @@ class KeyframeNode:
     outline: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # of free space, sensor frame
     lintels: Floats32 = field(default_factory=lambda: np.empty((0, 3), np.float32))  # sensor frame
     storey: int | None = 0
-    step_covariance: Floats = field(default_factory=lambda: np.diag([1e-3] * 3 + [4e-3] * 3) ** 2)
+    step_covariance: Floats = field(default_factory=lambda: _default_step(OdometrySettings()))
     weak_step: bool = False
+
+
+def _default_step(settings: OdometrySettings) -> Floats:
+    return np.diag(np.repeat([settings.sigma_rotation, settings.sigma_translation], 3) ** 2)
 
 
 class KeyframeRule(Stateful):

@@ -106,6 +106,7 @@ class PriorMap:
         storeys = self._storeys(other, T_map_other)
         same = self._same_walls(other, T_map_other, storeys, config)
         first, numbered = len(self.backend.keyframes), self.floors.register.walls
+        levels = self.floors.level_register.levels
         wall_of = {wall: same.get(wall, wall + numbered) for wall in range(other.floors.register.walls)}
         for floor in other.floors.maps:
             if storeys[floor.number] == len(self.floors.maps):
@@ -113,9 +114,8 @@ class PriorMap:
                 begun.walls.level_by(floor.walls.T_level_map @ inverse(T_map_other))
             known = self.floors.maps[storeys[floor.number]]
             known.walls.absorb(floor.walls, first, wall_of)
-            known.levels.absorb(floor.levels, first, self.floors.level_register.levels, T_map_other)
+            known.levels.absorb(floor.levels, first, levels, T_map_other)
         self.floors.register.walls += other.floors.register.walls
-        levels = self.floors.level_register.levels
         self.floors.level_register.levels += other.floors.level_register.levels
         self.backend.absorb(other.backend, T_map_other, len(self.scans), storeys, levels)
         for wall, plane in other.backend.planes_in_map.items():

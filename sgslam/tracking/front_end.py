@@ -18,9 +18,8 @@ from sgslam.perception import (
 )
 from sgslam.perception.column_scan import contour
 from sgslam.registration import SurfelMap
-from sgslam.registration.sampling import one_a_cell
 from sgslam.serialization import Stateful
-from sgslam.tracking.level_frame import add_seen
+from sgslam.tracking.level_frame import add_scan
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
@@ -54,9 +53,7 @@ class FrontEnd(Stateful):
 
     def add(self, points: Floats, T_odom_sensor: Floats) -> None:
         """Adds a scan with points (N, 3) as at its pose (4, 4), for the next keyframe."""
-        settings = self._config.tracking
-        chosen = one_a_cell(points, _SPACING, settings.min_range, settings.max_range)
-        add_seen(self._surfels, points.take(chosen, axis=0), T_odom_sensor)
+        add_scan(self._surfels, points, T_odom_sensor, _SPACING, self._config.tracking)
 
     def forget(self) -> None:
         """Forgets the scans since the last keyframe: they show no floor, but stairs."""

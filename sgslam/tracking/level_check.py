@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
 from sgslam.registration import SurfelMap
-from sgslam.registration.sampling import one_a_cell
 from sgslam.serialization import Stateful
 from sgslam.tracking.gravity import SIGN_SURE, estimate_gravity
-from sgslam.tracking.level_frame import SIDE, add_seen
+from sgslam.tracking.level_frame import SIDE, add_scan
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -40,8 +39,7 @@ class LevelCheck(Stateful):
         if self._is_done:
             return
         self._began_ns = stamp_ns if self._began_ns is None else self._began_ns
-        chosen = one_a_cell(points, SIDE, self._settings.min_range, self._settings.max_range)
-        add_seen(self._surfels, points.take(chosen, axis=0), T_odom_sensor)
+        add_scan(self._surfels, points, T_odom_sensor, SIDE, self._settings)
         self._places.append(T_odom_sensor[:3, 3])
         if stamp_ns - self._began_ns >= 1e9 * _AFTER_S:
             self._check()

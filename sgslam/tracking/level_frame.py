@@ -100,6 +100,12 @@ class LevelFrame(Stateful):
         return estimate_gravity(*surfels.surfels(), places, self._expected)
 
 
+def add_scan(surfels: SurfelMap, points: Floats, T_map_sensor: Floats, side: float, settings: TrackingSettings) -> None:
+    """Adds a scan (N, 3) as `add_seen` does, one point in each cell of `side` metres."""
+    chosen = one_a_cell(points, side, settings.min_range, settings.max_range)
+    add_seen(surfels, points.take(chosen, axis=0), T_map_sensor)
+
+
 def add_seen(surfels: SurfelMap, points: Floats, T_map_sensor: Floats) -> None:
     """Adds points (N, 3), in the frame of a sensor at a pose (4, 4), to the surfaces that it sees."""
     turned = points @ T_map_sensor[:3, :3].T
