@@ -108,7 +108,8 @@ class MotionModel:
         C = decay @ belief.velocity_covariance @ decay.T + self._along((1 - kept**2) * self.prior.spread**2)
         known, steady = (np.linalg.inv(M).astype(np.float64) for M in (belief.covariance, C))
         known, steady = (known + known.T) / 2, (steady + steady.T) / 2
-        return Prior(belief.T, known, decay @ belief.velocity, steady, self.up, height)
+        variance = float(self.up @ belief.covariance[3:, 3:] @ self.up)
+        return Prior(belief.T, known, decay @ belief.velocity, steady, self.up, height, variance)
 
     def _along(self, values: Floats) -> Floats:
         """(6, 6) in axes of `odom`, with values (6,) along those of the prior."""

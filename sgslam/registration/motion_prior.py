@@ -49,17 +49,18 @@ def add_pose(T: Floats, expected: Floats, information: Floats, H: Floats, g: Flo
 
 @compiled
 def add_height(
-    knots: Floats, up: Floats, height: float, sway: float, share: float, H: Floats, g: Floats
+    knots: Floats, up: Floats, height: float, variance: float, sway: float, share: float, H: Floats, g: Floats
 ) -> None:
     """Adds to normal equations H (6K, 6K), g (6K,) that a carried sensor keeps its `height` (m) along `up` (3,), as
     long as the ground is level, within a standard deviation of `sway` (m).
 
     The window is the given `share` of the time in which that is measured once. Farther off, the weight falls as that of
-    an outlier (Geman-McClure): who climbs a stair is not held back.
+    an outlier (Geman-McClure), unless the height is not known better, by its `variance` (m2): who climbs a stair is not
+    held back.
     """
     for k in range(len(knots)):
         off = up[0] * knots[k, 0, 3] + up[1] * knots[k, 1, 3] + up[2] * knots[k, 2, 3] - height
-        robust = 1 / (1 + (off / (2 * sway)) ** 2)
+        robust = 1 / (1 + off * off / (4 * (sway * sway + variance)))
         weight = share * robust * robust / (sway * sway * len(knots))
         for i in range(3):
             g[6 * k + 3 + i] += weight * off * up[i]

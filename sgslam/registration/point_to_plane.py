@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.registration.surfel_map import Surfels, add_normal_variance, nearest_plane, plane_residual
+from sgslam.registration.surfel_map import (
+    Surfels,
+    add_normal_variance,
+    misfit,
+    nearest_plane,
+    plane_residual,
+    typical_variance,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -82,14 +89,15 @@ def _place(point: Floats, k: int, share: float, knots: Floats, turns: Floats, mo
 @compiled
 def _matched(
     points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float, error: float
-) -> tuple[Floats, Ints, Floats, Floats]:
-    """Points (N, 3) in `odom`, the plane (N,) of each, -1 for none, and its distance (N,) from it; of all points on
-    each plane (P, 3) the number and the sums of distances and of their squares."""
+) -> tuple[Floats, Ints, Floats, Ints, Floats]:
+    """Points (N, 3) in `odom`, the plane (N,) of each, -1 for none, its distance (N,) from it, the group (N,) of all
+    points on the same plane, and the scatter (G,), m2, of each group's distances."""
     turns, planes = np.empty((len(knots), 3)), surfels.planes
     for k in range(len(knots) - 1):
         turns[k] = turn_between(knots[k], knots[k + 1])
     moved, ray, normal, sensor = np.empty((len(points), 3)), np.empty(3), np.empty(3), np.empty(3)
-    plane_of, off_of, groups = np.empty(len(points), np.int64), np.empty(len(points)), np.zeros((len(planes), 3))
+    plane_of, off_of = np.empty(len(points), np.int64), np.empty(len(points))
+    group_of, group, sums, count = np.full(len(points), -1), np.full(len(planes), -1), np.zeros((len(points), 3)), 0
     for p in range(len(points)):
         _place(points[p], knot[p], share[p], knots, turns, moved[p], ray)
         T, q = knots[knot[p]], points[p]
@@ -100,12 +108,43 @@ def _matched(
                 sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
         s = nearest_plane(moved[p], sensor, normal, gate, error, surfels, oldest)
         plane_of[p] = s
-        if s >= 0:
-            off_of[p], _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
-            groups[s, 0] += 1
-            groups[s, 1] += off_of[p]
-            groups[s, 2] += off_of[p] * off_of[p]
-    return moved, plane_of, off_of, groups
+        if s < 0:
+            continue
+        if group[s] < 0:
+            group[s] = count
+            count += 1
+        off, _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
+        group_of[p], off_of[p] = group[s], off
+        own = sums[group[s]]
+        own[0] += 1
+        own[1] += off
+        own[2] += off * off
+    mean = sums[:count, 1] / sums[:count, 0]
+    return moved, plane_of, off_of, group_of, np.maximum(sums[:count, 2] / sums[:count, 0] - mean * mean, 0.0)
+
+
+@compiled
+def _weighed(
+    moved: Floats, plane_of: Ints, off_of: Floats, group_of: Ints, scatter: Floats, planes: Floats, kernel: float,
+    variance: float, is_placed: bool,
+) -> Floats:  # fmt: skip
+    """The weight (N,) of each point (N, 3), zero for one without a plane; see `add_points`."""
+    weights, shared = np.zeros(len(moved)), np.zeros(len(scatter))
+    flat = typical_variance(planes, plane_of)
+    for p in range(len(moved)):
+        s, own = plane_of[p], group_of[p]
+        if s < 0:
+            continue
+        off, spread = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
+        scale = kernel * kernel + spread
+        robust = scale / (scale + off * off + scatter[own])
+        weights[p] = robust * robust / (variance + spread)
+        shared[own] += weights[p] * misfit(planes[s], flat)
+    if is_placed:
+        for p in range(len(moved)):
+            if plane_of[p] >= 0:
+                weights[p] /= 1 + shared[group_of[p]]
+    return weights
 
 
 @compiled
@@ -131,21 +170,22 @@ def add_points(
 
     A point within `gate` (m) of a plane, its place known to an `error` (m), counts by the variance (m2) of its distance
     and by the plane's, times the weight of Geman and McClure with scale `kernel` (m), where the scatter of all points
-    on the same plane counts as a residual: a wall's points near a known floor do not agree about it. F (3, 3) gets the
-    information about translations that errors of the normals feign. Returns the median distance (m) of the points from
-    their planes; of those from the `newest` one on, the numbers of points with a plane, and of those `near` (m) it.
+    on the same plane counts as a residual: a wall's points near a known floor do not agree about it. Once they are near
+    their places, all points on a plane that is not flat share one error, its misfit: where a cell holds parts of two
+    surfaces, the plane between them is none. F (3, 3) gets the information about translations that errors of the
+    normals feign. Returns the median distance (m) of the points from their planes; of those from the `newest` one on,
+    the numbers of points with a plane, and of those `near` (m) it.
     """
-    moved, plane_of, off_of, groups = _matched(points, knot, share, knots, surfels, oldest, gate, error)
+    moved, plane_of, off_of, group_of, scatter = _matched(points, knot, share, knots, surfels, oldest, gate, error)
+    planes, is_placed = surfels.planes, 2 * error < kernel
+    weights = _weighed(moved, plane_of, off_of, group_of, scatter, planes, kernel, variance, is_placed)
     # blocks of H: of a knot, and between it and the next one
     own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
-    used, found, close, planes, offs, J = 0, 0, 0, surfels.planes, np.empty(len(points)), np.empty(6)
+    used, found, close, offs, J = 0, 0, 0, np.empty(len(points)), np.empty(6)
     for p in range(len(points)):
-        s, k, a, off = plane_of[p], knot[p], share[p], off_of[p]
+        s, k, a, off, weight = plane_of[p], knot[p], share[p], off_of[p], weights[p]
         if s < 0:
             continue
-        _, spread = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
-        mean = groups[s, 1] / groups[s, 0]
-        scatter = max(groups[s, 2] / groups[s, 0] - mean * mean, 0.0)
         offs[used] = abs(off)
         used += 1
         if p >= newest:
@@ -161,9 +201,6 @@ def add_points(
             z -= a * (knots[k + 1, 2, 3] - knots[k, 2, 3])
         J[0], J[1], J[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
         J[3], J[4], J[5] = nx, ny, nz
-        scale = kernel * kernel + spread
-        robust = scale / (scale + off * off + scatter)
-        weight = robust * robust / (variance + spread)
         add_normal_variance(planes[s], weight, F)
         b = 1 - a
         for i in range(6):

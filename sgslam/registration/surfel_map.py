@@ -25,6 +25,7 @@ _THICK = 0.06  # m, the largest standard deviation across a plane: furniture and
 _FLAT = 9.0  # times the variance across, that along the plane in its narrower direction at least
 _NOISE = 0.02  # m, standard deviation of a range; the spread of few points may be less by chance
 _SHARED = 0.0025  # m, standard deviation of what all points of a patch share: walls and ranges are no truer
+_UNEVEN = 2.0  # times the usual variance across planes, that of one that is not flat
 _BELIEVED = 5.0  # points of that noise, added to a plane's own
 _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
@@ -307,6 +308,19 @@ def nearest_plane(
             if planes[best, _ACROSS] + spread < _FINER * lowest:
                 chosen, lowest = best, planes[best, _ACROSS] + spread
     return chosen
+
+
+@compiled
+def typical_variance(planes: Floats, plane_of: Ints) -> float:
+    """The median variance (m2) across the planes (N,) of points, -1 for none: that of the sensor's ranges."""
+    across = planes[:, _ACROSS][plane_of[plane_of >= 0]]
+    return float(np.median(across)) if len(across) else 0.0
+
+
+@compiled
+def misfit(plane: Floats, typical: float) -> float:
+    """The variance (m2) across a plane beyond that of a flat one, where the `typical` variance (m2) is that of most."""
+    return max(plane[_ACROSS] - max(_UNEVEN * typical, _NOISE**2), 0.0)
 
 
 @compiled

@@ -25,8 +25,8 @@ _GAP = 0.25  # of a scan's duration: a shorter pause after the scan before is no
 
 class Prior(NamedTuple):
     """What is known before: of the window's first knot the pose (4, 4) and its information (6, 6), of the motion after
-    it the velocity (6,) and its information (6, 6); of all knots the height (m) along `up` (3,), zero while that is
-    unknown."""
+    it the velocity (6,) and its information (6, 6); of all knots the usual height (m) along `up` (3,), zero while that
+    is unknown; and the variance (m2) of the first knot's height."""
 
     T: Floats
     information: Floats
@@ -34,6 +34,7 @@ class Prior(NamedTuple):
     velocity_information: Floats
     up: Floats
     height: float
+    height_variance: float
 
 
 class MotionPrior(NamedTuple):
@@ -170,7 +171,8 @@ def _solve(
         add_velocities(
             seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
         )
-        add_height(knots, prior.up, prior.height, weights.sway, (seconds[-1] - seconds[0]) / weights.sway_memory, H, g)
+        lasted = (seconds[-1] - seconds[0]) / weights.sway_memory
+        add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)
         step = solved(H, g)
         most = 0.0
         for k in range(len(knots)):
