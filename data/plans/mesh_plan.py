@@ -31,6 +31,7 @@ SAME_FLOOR = 0.1  # m
 STOREY = 2.2  # m: no storey is lower
 PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
 MIN_AREA, HALF_WIDTH = 1.5, 0.3  # m2, m: what is smaller, or nowhere twice as wide, is no room
+SLIVER = 0.01  # m: sections of one wall at two heights differ by less
 REACH = 0.1  # m: a doorway's rooms begin this close to it
 
 
@@ -95,7 +96,7 @@ def _floors(triangles: Array) -> list[tuple[float, Area]]:
 def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level, list[Area]]:
     """A storey with its rooms by position, and its doorways."""
     walls = united(solid.section(z + height) for height in CUTS)
-    overhead = difference(united(solid.section(z + height) for height in LINTELS), walls)
+    overhead = opened(difference(united(solid.section(z + height) for height in LINTELS), walls), SLIVER)
     doorways = [p for p in shapely.get_parts(overhead) if p.area > 0 and _longer_side(p) <= DOORWAY]
     shut = closed(united([walls, *doorways]), GAP)
     inside = united(shapely.Polygon(p.exterior) for p in shapely.get_parts(united([floor, walls])))

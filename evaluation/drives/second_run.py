@@ -11,8 +11,9 @@ from data.common.errors import UserError
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
+from evaluation.drives.buildings import locked
 from evaluation.drives.runs import run_through
-from evaluation.drives.sequences import Sequence, locked
+from evaluation.drives.sequences import Sequence
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS

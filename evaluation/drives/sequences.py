@@ -1,9 +1,7 @@
 """The sequences of a measurement (scans, building and truth): simulated by seed, or recorded ones, listed in YAML."""
 
-import fcntl
 import shutil
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
@@ -15,13 +13,13 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from data.common.build import content_hash
 from data.common.errors import UserError
-from data.plans import load_bim
 from data.plans.mesh_files import is_mesh
 from data.scans import Scan, ScanFolder
 from data.scene_graph import SceneGraph
 from data.simulation import Changes
 from data.simulation.simulate import PLAN
 from data.trajectory import Trajectory
+from evaluation.drives.buildings import GENERATED, demo_building, generated_building, locked, plan_graph
 from evaluation.drives.conditions import NORMAL, Conditions
 from evaluation.drives.weakened import WeakOdometry, weaken_odometry
 from evaluation.harness.study import Case, Options
@@ -36,7 +34,7 @@ class SequenceSpec(BaseModel):
     """An entry of the list.
 
     With `scans` and `truth` it is a recorded sequence, the same for every seed; else a drive through `storey` is
-    simulated. `demo` as `bim` stands for the demo building.
+    simulated. `demo` as `bim` stands for the demo building, `generated/KIND_SEED` for a generated one.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -53,7 +51,7 @@ class SequenceSpec(BaseModel):
     def _complete(self) -> Self:
         if (self.scans is None) != (self.truth is None):
             raise ValueError(f"'{self.name}' needs both scans and truth, or neither")
-        if self.simulated and self.storey is None and self.bim != "demo" and not self.is_mesh:
+        if self.simulated and self.storey is None and self.bim != "demo" and not (self.is_mesh or self.is_generated):
             raise ValueError(f"'{self.name}' is simulated but has no storey; add one")
         return self
 
@@ -67,9 +65,15 @@ class SequenceSpec(BaseModel):
         """Whether the building is a mesh."""
         return is_mesh(self.bim)
 
+    @property
+    def is_generated(self) -> bool:
+        """Whether the building is a random one."""
+        return self.bim.startswith(GENERATED)
+
     def files(self) -> set[str]:
         """The paths of its input files."""
-        return {path for path in (self.bim, self.scans, self.truth) if path is not None and path != "demo"}
+        own = {path for path in (self.bim, self.scans, self.truth) if path is not None}
+        return own - {"demo", self.bim if self.is_generated else "demo"}
 
 
 class DriveOptions(Options):
@@ -162,29 +166,9 @@ def prepare(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions 
         return _prepared(spec, seed, folder, conditions)
 
 
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """A context that one process at a time may enter for this path, by a file `.NAME.lock` beside it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_name(f".{path.name}.lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
-
-
-def demo_building(folder: Path) -> Path:
-    """The demo building's IFC file, written to `folder` if missing."""
-    from data.generation.demo_building import write_demo_building
-
-    path = folder / "demo.ifc"
-    with locked(path):
-        if not path.exists():
-            write_demo_building(path)
-    return path
-
-
 def _prepared(spec: SequenceSpec, seed: int, folder: Path, conditions: Conditions) -> Sequence:
     bim, storey = building_of(spec, folder)
-    graph = _a_graph(bim)
+    graph = plan_graph(bim)
     if spec.scans is not None and spec.truth is not None:
         if conditions.of_the_drive:
             raise UserError(f"'{spec.name}': not simulated, so its walls and its path cannot be changed; leave it out")
@@ -196,7 +180,7 @@ def _prepared(spec: SequenceSpec, seed: int, folder: Path, conditions: Condition
             _simulate(spec, bim, storey, drive, seed, conditions)
         scan_dir, truth_path = drive / "scans", drive / "truth.tum"
         if (drive / PLAN).exists():  # the plan without the added walls
-            bim, graph = drive / PLAN, _a_graph(drive / PLAN)
+            bim, graph = drive / PLAN, plan_graph(drive / PLAN)
     truth = Trajectory.read_tum(truth_path)
     sequence = Sequence(spec.name, seed, scan_dir, bim, graph, truth, conditions)
     if not conditions.weaken:
@@ -210,24 +194,18 @@ def _prepared(spec: SequenceSpec, seed: int, folder: Path, conditions: Condition
 
 def plan_of(spec: SequenceSpec, folder: Path) -> SceneGraph:
     """The whole building's A-graph; the demo building is written to `folder` if missing."""
-    return _a_graph(building_of(spec, folder)[0])
+    return plan_graph(building_of(spec, folder)[0])
 
 
 def building_of(spec: SequenceSpec, folder: Path) -> tuple[Path, str]:
-    """The building's file and the storey; the demo building is written to `folder` if missing."""
+    """The building's file and the storey; the demo building and generated ones are written to `folder` if missing."""
+    if spec.is_generated:
+        return generated_building(spec.bim.removeprefix(GENERATED), folder), spec.storey or ""
     if spec.bim != "demo":
         return Path(spec.bim), spec.storey or ""
     from data.generation.demo_building import DEMO_STOREY
 
     return demo_building(folder), spec.storey or DEMO_STOREY
-
-
-def _a_graph(bim: Path) -> SceneGraph:
-    if is_mesh(bim):
-        from data.plans.mesh_plan import read_mesh
-
-        return read_mesh(bim).graph
-    return load_bim(bim).graph
 
 
 def _simulate(spec: SequenceSpec, bim: Path, storey: str, drive: Path, seed: int, conditions: Conditions) -> None:

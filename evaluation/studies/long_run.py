@@ -21,8 +21,8 @@ from data.common.errors import UserError
 from data.plans import load_bim
 from data.scans import ScanFolder
 from data.trajectory import Trajectory
+from evaluation.drives.buildings import demo_building
 from evaluation.drives.endless_drive import DriveSpec, endless_drive
-from evaluation.drives.sequences import demo_building
 from evaluation.harness import Case, Claim, Cost, Options, Record, Study
 from evaluation.metrics.trajectories import error_in_bim
 from sgslam.mapping import KeyframeClouds

@@ -21,7 +21,7 @@ from data.plans import load_bim
 from data.synthetic_maps.exploration import Storey, Walk, storeys_of, walk
 from data.synthetic_maps.noise_models import DrawnGraph, draw_walk
 from data.synthetic_maps.walks import nearest_first
-from evaluation.drives.sequences import demo_building
+from evaluation.drives.buildings import demo_building
 from evaluation.harness import Case, Options, Record, Study
 from evaluation.matching_benchmark.judge import is_wrong
 from evaluation.matching_benchmark.pairs import COLUMNS, truth_of

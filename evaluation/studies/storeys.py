@@ -17,7 +17,8 @@ from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from evaluation.drives.sequences import demo_building, locked, storey_of
+from evaluation.drives.buildings import demo_building, locked
+from evaluation.drives.sequences import storey_of
 from evaluation.harness import Case, Claim, Options, Record, Study
 from evaluation.harness.tables import bootstrapped, grouped, interval, of, rare, spread
 from evaluation.metrics.statistics import Statistics

@@ -11,10 +11,12 @@ import trimesh
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.generation.buildings import generate_plan
+from data.generation.plan_mesh import plan_triangles, write_plan_mesh
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_plan import read_mesh
 from data.plans.mesh_sections import mesh_solid, winding_numbers
-from data.scene_graph import SceneGraph
+from data.scene_graph import Room, SceneGraph
 from data.simulation import Changes, SpinningSensor
 from data.simulation.simulate import simulate
 
@@ -59,6 +61,25 @@ def test_two_storeys_are_separated(tmp_path: Path) -> None:
     assert [f.elevation for f in graph.floors] == [0.0, 3.0]
     assert [len(graph.on_floor(f.id).rooms) for f in graph.floors] == [2, 2]
     assert max(w.height[1] for w in graph.on_floor(graph.floors[0].id).wall_surfaces if w.height) < 3.0
+
+
+@pytest.mark.parametrize("building", ["apartment_3", "office_2", "skewed_1"])  # two are turned
+def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: Path) -> None:
+    kind, seed = building.rsplit("_", 1)
+    drawn = generate_plan(kind, int(seed)).graph
+    write_plan_mesh(drawn, tmp_path / "building.stl")
+    read = read_mesh(tmp_path / "building.stl").graph
+    outlines = [shapely.Polygon(room.polygon) for room in drawn.rooms if room.polygon]
+    assert len(read.rooms) == len(outlines) == sum(
+        any(outline.contains(shapely.Point(room.centroid)) for room in read.rooms) for outline in outlines
+    )
+    inner = [door for door in drawn.doors if len(door.rooms) == 2]
+    assert len(read.doors) == pytest.approx(len(inner), abs=1)
+
+
+def test_a_plan_without_outlines_is_no_mesh() -> None:
+    with pytest.raises(UserError, match="without rooms"):
+        plan_triangles(SceneGraph("bim", (Room("r", (0.0, 0.0)),), ()))
 
 
 def test_sections_hold_where_the_surface_has_holes_and_bodies_overlap() -> None:

@@ -1,0 +1,89 @@
+"""A plan as a mesh that can be driven through: rooms between walls, doorways under lintels, floor and ceiling."""
+
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.ops import nearest_points
+
+from data.common.errors import UserError
+from data.geometry.areas import Area, united
+from data.scene_graph import Door, SceneGraph
+
+Array = NDArray[np.float64]
+OUTER = 0.3  # m, thickness of outer walls; walls between rooms are at most twice as thick
+SLAB = 0.2  # m
+HEIGHT = 2.75  # m, of a room
+LINTEL = 2.1  # m, clear height of a doorway
+DOORWAY = 0.9  # m wide
+REACH = 0.05  # m that a doorway's outline reaches into the rooms
+
+
+def write_plan_mesh(graph: SceneGraph, path: Path | str) -> None:
+    """Writes the first floor of a plan whose rooms have polygons as a mesh in its own frame, with the floor at 0.
+
+    Raises UserError for a plan without rooms.
+    """
+    import trimesh
+
+    triangles = plan_triangles(graph)
+    trimesh.Trimesh(**trimesh.triangles.to_kwargs(triangles)).export(Path(path))
+
+
+def plan_triangles(graph: SceneGraph) -> Array:
+    """(M, 3, 3) the triangles of `write_plan_mesh`, turned outwards. Raises UserError for a plan without rooms."""
+    floor = graph.floors[0].id if graph.floors else None
+    rooms = {r.id: shapely.Polygon(r.polygon) for r in graph.rooms if r.polygon is not None and r.floor == floor}
+    if not rooms:
+        raise UserError(f"{graph.frame}: a plan without rooms; give one whose rooms have outlines")
+    inside = united(list(rooms.values()))
+    outline = inside.buffer(OUTER, join_style="mitre")
+    walls = outline.difference(inside)
+    doorways = united([d for door in graph.doors if (d := _doorway(door, rooms)) is not None])
+    parts = [
+        _extruded(outline, -SLAB, 0.0), _extruded(walls.difference(doorways), 0.0, LINTEL),
+        _extruded(walls, LINTEL, HEIGHT), _extruded(outline, HEIGHT, HEIGHT + SLAB),
+    ]  # fmt: skip
+    return np.concatenate(parts)
+
+
+def _doorway(door: Door, rooms: dict[str, shapely.Polygon]) -> Area | None:
+    """The outline of a doorway through the wall between its two rooms, None for any other door."""
+    joined = [rooms[name] for name in door.rooms if name in rooms]
+    if len(joined) != 2:
+        return None
+    ends = np.array([nearest_points(room, shapely.Point(door.centroid))[0].coords[0] for room in joined])
+    across = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-6)
+    line = shapely.LineString([ends[0] - REACH * across, ends[1] + REACH * across])
+    return line.buffer(DOORWAY / 2, cap_style="flat")
+
+
+def _extruded(area: Area, low: float, high: float) -> Array:
+    """(M, 3, 3) the surface of a body with this outline from a lower to an upper height, turned outwards."""
+    flat = shapely.get_coordinates(list(shapely.constrained_delaunay_triangles(area).geoms)).reshape(-1, 4, 2)[:, :3]
+    edges = np.diff(flat, axis=1)
+    clockwise = edges[:, 0, 0] * edges[:, 1, 1] < edges[:, 0, 1] * edges[:, 1, 0]
+    flat[clockwise] = flat[clockwise, ::-1]
+    sides = [_sides(np.array(ring.coords), low, high) for part in _parts(area) for ring in _rings(part)]
+    return np.concatenate([_at(flat, high), _at(flat[:, ::-1], low), *sides])
+
+
+def _parts(area: Area) -> list[shapely.Polygon]:
+    return [part for part in getattr(area, "geoms", [area]) if isinstance(part, shapely.Polygon)]
+
+
+def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
+    """Its rings, each with the body to its left."""
+    turned = shapely.geometry.polygon.orient(part)
+    return [turned.exterior, *turned.interiors]
+
+
+def _sides(ring: Array, low: float, high: float) -> Array:
+    a, b = ring[:-1], ring[1:]
+    corners = [np.column_stack([xy, np.full(len(xy), z)]) for xy, z in ((a, low), (b, low), (b, high), (a, high))]
+    return np.stack([np.stack([corners[k] for k in own], axis=1) for own in ((0, 1, 2), (0, 2, 3))]).reshape(-1, 3, 3)
+
+
+def _at(flat: Array, z: float) -> Array:
+    return np.concatenate([flat, np.full((*flat.shape[:2], 1), z)], axis=2)
