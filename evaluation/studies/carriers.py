@@ -11,7 +11,7 @@ from time import process_time
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, PositiveFloat
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat
 
 from data.common.errors import UserError
 from data.scans import Scan
@@ -19,7 +19,7 @@ from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
 from evaluation.drives.carried import LEVEL, CarriedCase, CarriedDrive, Degrees, carried
 from evaluation.drives.runs import tracked_through, tracker_of_run
-from evaluation.drives.sequences import DriveOptions
+from evaluation.drives.sequences import DriveOptions, SequenceSpec
 from evaluation.harness import Record, Study
 from evaluation.metrics.tracker_claims import PoseClaims, Reliability, reliability
 from evaluation.metrics.tracking import errors_over_time, step_errors
@@ -29,19 +29,22 @@ from evaluation.studies.carriers_tables import claims, tables
 from sgslam.config import Config
 
 Method = Literal["sgslam", "kiss_icp", "small_gicp"]
-Part = Literal["carriers", "effects", "all_effects", "mounts", "recording"]
+Part = Literal["cells", "carriers", "effects", "all_effects", "mounts", "recording"]
 
 RECORDING = "../shared/data/motion/handheld_survey.tum"
 WARM_UP = 5  # scans that are run first, so that libraries and compiled loops are loaded before time counts
 
 
 class Choice(DriveOptions):
-    """Which `parts` of the design: each of `carriers` with each of `sensors`; each of `effects` alone, on a hand with
+    """Which `parts` of the design: `cells`, each of `carriers` and the `recording` with no, each or every one of
+    `effects` and each of `sensors`, in `per_cell` drives (building and seed) drawn in turn; the others over all
+    `sequences` and `seeds`: each of `carriers` with each of `sensors`; each of `effects` alone, on a hand with
     each of `few_sensors`; all effects together with each of `sensors`; each of `mounts` (roll, pitch, yaw in
     degrees) of the first sensor on the first carrier; the `recording` at each of `paces` (negative: backwards), with
-    each of `few_sensors`, times told and not. Each over all `sequences` and `seeds`, `seconds` long."""
+    each of `few_sensors`, times told and not. Each is `seconds` long."""
 
     sequences: tuple[str, ...] = ("demo", "institute", "office", "basement", "house-1", "house-2")
+    per_cell: int = Field(2, ge=1)
     parts: tuple[Part, ...] = ("carriers", "effects", "all_effects", "mounts", "recording")
     carriers: tuple[str, ...] = ("wheeled", "handheld", "pole")
     sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "OS1-64", "XT32", "Mid-360", "sector")
@@ -105,12 +108,25 @@ class Tracking(Record):
 
 
 def cases(options: Choice) -> list[Run]:
-    """Every cell of the design, in each building with each seed."""
+    """Every cell of the design, in its buildings with its seeds."""
+    common = {"seconds": options.seconds, "methods": options.methods}
     drives = [
-        Run(sequence=spec, seed=seed, seconds=options.seconds, methods=options.methods, **cell)
-        for cell in _cells(options) for spec, seed in options.drives()
-    ]  # fmt: skip
+        Run(sequence=spec, seed=seed, **common, **cell) for cell in _cells(options) for spec, seed in options.drives()
+    ]
+    if "cells" in options.parts:
+        drives += [Run(sequence=spec, seed=seed, **common, **cell) for spec, seed, cell in _in_turn(options)]
     return list({drive.key: drive for drive in drives}.values())
+
+
+def _in_turn(options: Choice) -> Iterator[tuple[SequenceSpec, int, dict[str, Any]]]:
+    """Each cell with the next `per_cell` drives of all, in random order, again and again."""
+    drives = list(options.drives())
+    drawn = np.random.default_rng(0).permutation(len(drives))
+    carriers, effects = (*options.carriers, options.recording), ((), *((own,) for own in options.effects), (ALL,))
+    for number, (carrier, chosen, sensor) in enumerate(product(carriers, effects, options.sensors)):
+        for k in range(options.per_cell):
+            spec, seed = drives[drawn[(number * options.per_cell + k) % len(drives)]]
+            yield spec, seed, {"carrier": carrier, "effects": chosen, "sensor": sensor}
 
 
 def _cells(options: Choice) -> Iterator[dict[str, Any]]:

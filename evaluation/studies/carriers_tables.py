@@ -13,6 +13,7 @@ from evaluation.metrics.bootstrap import ratio
 METHODS = {"sgslam": "sgslam", "kiss_icp": "KISS-ICP", "small_gicp": "small_gicp"}
 OURS, PEERS = "sgslam", ["kiss_icp", "small_gicp"]
 TRACKED_M = 0.1  # ATE up to which a drive of a minute counts as tracked
+WORSE_M = 0.02  # ATE by which ours may be worse than another's
 LEVEL, NO_EFFECT = "0, 0, 0", "none"
 RELIABILITY = "reliability."  # of ours
 HEALTH = ("good", "degraded", "lost")
@@ -23,11 +24,13 @@ _DRIVE = [  # what tells one row from another
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
-    """The ATE by carrier and sensor, by effect, by mount, and of the recorded motion; then all errors by method, and
-    whether what our tracker says of its poses is true. A part of the design without rows has no table."""
+    """The ATE in each cell of carrier, effect and sensor; by carrier and sensor, by effect, by mount, and of the
+    recorded motion; then all errors by method, and whether what our tracker says of its poses is true. A part of the
+    design without rows has no table."""
     rows = _by_drive_and_method(rows)
     parts = {name: (own, by) for name, (own, by) in _parts(rows).items() if len(own)}
     found = {name: grouped(own, [*by, "seconds"], _cell) for name, (own, by) in parts.items()}
+    found = {"cells": _side_by_side(rows), **found}
     ratios = [{"part": name, **_compared(own)} for name, (own, _) in parts.items()]
     errors = grouped(rows, ["method"], _errors).replace({"method": METHODS})
     made = {**found, "ratios": pd.DataFrame(ratios), "errors": errors}
@@ -92,10 +95,29 @@ def _parts(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
     mounted = rows.merge(rows[~level][same].drop_duplicates(), on=same)
     return {
         "carriers": (rows[~rows.recorded & level & plain], varied),
-        "effects": (tried[tried["mount"] == LEVEL], ["effects", *varied]),
+        "effects": (tried[tried["mount"] == LEVEL], ["effects", "sensor"]),
         "mounts": (mounted[mounted.effects == NO_EFFECT], ["mount", *varied]),
-        "recording": (rows[rows.recorded], [*varied, "times"]),
+        "recording": (rows[rows.recorded & plain], [*varied, "times"]),
     }
+
+
+def _side_by_side(rows: pd.DataFrame) -> pd.DataFrame:
+    """A line for each carrier and effect, a column for each sensor: the median ATE (m) of ours, in brackets relative to
+    that of the better of the others in the same drives, and a star where ours is worse by more than `WORSE_M`."""
+    told = rows[(rows["mount"] == LEVEL) & (rows.times == "told")]
+    lines: list[dict[str, str]] = [
+        {"carrier": carrier, "effects": effects, **{name: _against_peer(own) for name, own in line.groupby("sensor")}}
+        for (carrier, effects), line in told.groupby(["carrier", "effects"], sort=False)
+    ]
+    return pd.DataFrame(lines).fillna("")
+
+
+def _against_peer(own: pd.DataFrame) -> str:
+    both = _by_method(own).dropna()
+    if both.empty:
+        return ""
+    ours, peer = both[OURS].median(), both.peer.median()
+    return f"{ours:.3f} ({(both[OURS] / both.peer).median():.2f})" + ("*" if ours > peer + WORSE_M else "")
 
 
 def _cell(own: pd.DataFrame) -> dict[str, str]:
@@ -113,10 +135,11 @@ def _several(values: "pd.Series[Any]", form: str) -> str:
 def _compared(own: pd.DataFrame) -> dict[str, str]:
     """Ours against the better of the others, drive by drive."""
     both = _by_method(own).dropna()
-    found = both[OURS] / both.peer
+    found, worse = both[OURS] / both.peer, both[OURS] > both.peer + WORSE_M
     return {
         "drives": str(len(both)), "ATE relative to the better peer's": spread(found, ".2f"),
-        "no worse": of((found <= 1).sum(), len(both)), "tracked": of((both[OURS] <= TRACKED_M).sum(), len(both)),
+        "no worse": of((found <= 1).sum(), len(both)), "worse by 2 cm": of(worse.sum(), len(both)),
+        "tracked": of((both[OURS] <= TRACKED_M).sum(), len(both)),
         "tracked by the better peer": of((both.peer <= TRACKED_M).sum(), len(both)),
     }  # fmt: skip
 

@@ -39,6 +39,16 @@ def test_each_drive_of_the_design_is_there_once() -> None:
     assert len(cases(QUICK)) < 20 and all(case.seconds == 20 for case in cases(QUICK))
 
 
+def test_each_cell_is_there_with_drives_in_turn() -> None:
+    design = Choice(sequences=("demo", "house-1"), seeds=(0, 1), parts=("cells",), effects=("glass",), per_cell=3)
+    found = cases(design)
+    cells = {(case.carrier, case.effects, case.sensor) for case in found}
+    assert len(cells) == 4 * 3 * 6 and len({case.key for case in found}) == len(found) == 3 * len(cells)
+    used = [sum((case.sequence.name, case.seed) == drive for case in found)
+            for drive in (("demo", 0), ("demo", 1), ("house-1", 0), ("house-1", 1))]  # fmt: skip
+    assert used == [54] * 4
+
+
 @pytest.mark.slow
 def test_a_drive_is_tracked_by_each_method_and_its_scans_are_deleted(building: SequenceSpec, tmp_path: Path) -> None:
     found = measure(run(building, "sgslam", "kiss_icp", carrier="wheeled"), tmp_path)
@@ -96,6 +106,11 @@ def test_the_tables_tell_each_cell_and_compare_with_the_better_peer(building: Se
     assert (carriers["carrier"], carriers["sensor"], carriers["seconds"]) == ("handheld", "VLP-16", "6")
     assert carriers["drives"] == "2" and carriers["sgslam: ATE (m)"] == "0.210 (0.060 to 0.360)"
     assert carriers["ratio"] == "1.75 (0.50 to 3.00)"
+    assert made["cells"].to_dict("records") == [
+        {"carrier": "handheld", "effects": "none", "VLP-16": "0.210 (1.75)*"},
+        {"carrier": "handheld", "effects": "glass", "VLP-16": "0.060 (0.50)"},
+        {"carrier": "handheld", "effects": "all", "VLP-16": "0.060 (0.50)"},
+    ]
     assert made["effects"].effects.tolist() == ["none", "glass", "all"]
     assert made["mounts"]["mount"].tolist() == ["0, 0, 0", "0, 12, 0"] and made["mounts"].drives.tolist() == ["2", "1"]
     (recorded,) = made["recording"].to_dict("records")
@@ -114,7 +129,7 @@ def test_a_part_without_rows_has_no_table_and_a_drive_without_a_pose_no_ratio(bu
         (run(building, "kiss_icp"), tracking(kiss_icp=errors(2.0))),
     ]
     made = tables(rows_of(rows))
-    assert set(made) == {"carriers", "ratios", "errors"} and made["ratios"].drives.tolist() == ["0"]
+    assert set(made) == {"cells", "carriers", "ratios", "errors"} and made["ratios"].drives.tolist() == ["0"]
     (cell,) = made["carriers"].to_dict("records")
     assert (cell["sgslam: ATE (m)"], cell["KISS-ICP: ATE (m)"], cell["ratio"]) == ("", "1.500 (1.000 to 2.000)", "")
     assert made["errors"].drives.tolist() == ["1", "2"]
