@@ -13,6 +13,7 @@ from sgslam.tracking.gravity_cues import UprightView, axis_log_odds
 from sgslam.tracking.gravity_sign import sign_log_odds
 
 Floats = NDArray[np.float64]
+Mounts = tuple[tuple[float, float, float], ...]
 
 FEWEST = 30  # surfels
 DIRECTIONS = 6  # of surfaces that are looked at, the commonest first
@@ -25,6 +26,7 @@ SAMPLE = 150  # surfels that propose a direction
 # some are tilted, some lie on their side, few hang. (weight, middle, standard deviation), radians. Those that lie on
 # their side weigh more than they are frequent: a wrong answer is worse than none.
 MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.01, np.pi, 0.26))
+STATED = ((0.95, 0.0, 0.26), (0.05, 0.0, 0.7))  # the same where somebody states the mount: a hand sways
 LEAST_AXIS_ODDS = 1.5  # natural logarithm; below, no answer is better than a wrong one
 SIGN_SURE = 1.0  # likewise
 HOPELESS = 6.0  # likewise: so far behind, a candidate is not the vertical whatever its sign says
@@ -67,13 +69,15 @@ class _Candidate:
 
 
 def estimate_gravity(
-    positions: Floats, normals: Floats, weights: Floats, sensor_positions: Floats, expected_up: Floats
-) -> Gravity | None:
+    positions: Floats, normals: Floats, weights: Floats, sensor_positions: Floats, expected_up: Floats,
+    is_stated: bool = False,
+) -> Gravity | None:  # fmt: skip
     """The vertical, or None if it cannot be told.
 
     Args: surfels of the first seconds in a frame of any attitude: positions (N, 3) in metres, unit normals (N, 3)
     turned to the sensor that saw them, weights (N,) such as areas or numbers of points; the sensor's positions (M, 3)
-    on its way; `expected_up` (3,), the vertical if the sensor is mounted as expected, a hint only.
+    on its way; `expected_up` (3,), the vertical if the sensor is mounted as expected: a hint, and a strong one where
+    that `is_stated`.
     """
     if len(positions) < FEWEST:
         return None
@@ -83,7 +87,8 @@ def estimate_gravity(
     views = [UprightView.along(axis, positions, normals, capped, sensor_positions) for axis in _axes(normals, capped)]
     if not views:
         return None
-    up, axis_odds, sign_odds, sign_seen = _choose(_judged(views, expected), expected)
+    mounts = STATED if is_stated else MOUNTS
+    up, axis_odds, sign_odds, sign_seen = _choose(_judged(views, expected, mounts), expected, mounts)
     if _fitting(up, normals, capped) < LEAST_FITTING:
         return None
     if axis_odds < LEAST_AXIS_ODDS:
@@ -133,26 +138,28 @@ def _refined(axis: Floats, normals: Floats, weights: Floats) -> tuple[float, Flo
     return fitting, axis
 
 
-def _judged(views: list[UprightView], expected_up: Floats) -> list[_Candidate]:
+def _judged(views: list[UprightView], expected_up: Floats, mounts: Mounts) -> list[_Candidate]:
     """The candidates; their signs, which take the most time, only where they can matter."""
     odds = np.array([axis_log_odds(view) for view in views])
-    likely = odds + [max(_expectation(view.up, expected_up), _expectation(-view.up, expected_up)) for view in views]
+    likely = odds + [
+        max(_expectation(view.up, expected_up, mounts), _expectation(-view.up, expected_up, mounts)) for view in views
+    ]
     signs = [sign_log_odds(v) if o > likely.max() - HOPELESS else 0.0 for v, o in zip(views, likely, strict=True)]
     return [_Candidate(view.up, float(o), sign) for view, o, sign in zip(views, odds, signs, strict=True)]
 
 
-def _expectation(up: Floats, expected_up: Floats) -> float:
+def _expectation(up: Floats, expected_up: Floats, mounts: Mounts) -> float:
     """The log density of a mount whose vertical lies so far from the expected one."""
     angle = np.arccos(np.clip(up @ expected_up, -1.0, 1.0))
-    densities = [w / sigma**2 * np.exp(-(((angle - middle) / sigma) ** 2) / 2) for w, middle, sigma in MOUNTS]
+    densities = [w / sigma**2 * np.exp(-(((angle - middle) / sigma) ** 2) / 2) for w, middle, sigma in mounts]
     return float(np.log(sum(densities)))
 
 
-def _choose(candidates: list[_Candidate], expected_up: Floats) -> tuple[Floats, float, float, float]:
+def _choose(candidates: list[_Candidate], expected_up: Floats, mounts: Mounts) -> tuple[Floats, float, float, float]:
     """The likeliest vertical, its log odds against all other axes and against upside down, and the latter as seen."""
     ends = [(c.axis * end, c.sign * end, c) for c in candidates for end in (1.0, -1.0)]
     # the sign's odds share out those of the axis: an axis is no likelier for having one end unlike the other
-    odds = np.array([c.odds - np.logaddexp(0.0, -sign) + _expectation(up, expected_up) for up, sign, c in ends])
+    odds = np.array([c.odds - np.logaddexp(0.0, -sign) + _expectation(up, expected_up, mounts) for up, sign, c in ends])
     best = int(np.argmax(odds))
     up, sign, chosen = ends[best]
     others = [o for o, (_, _, c) in zip(odds, ends, strict=True) if c is not chosen]

@@ -97,7 +97,7 @@ class LevelFrame(Stateful):
             T = T_first_odom @ result.T_odom_sensor
             add_seen(surfels, in_sensor, T)
         places = np.stack([T_first_odom @ result.T_odom_sensor[:, 3] for result in results])[:, :3]
-        return estimate_gravity(*surfels.surfels(), places, self._expected)
+        return estimate_gravity(*surfels.surfels(), places, self._expected, self._settings.mount is not None)
 
 
 def add_scan(surfels: SurfelMap, points: Floats, T_map_sensor: Floats, side: float, settings: TrackingSettings) -> None:

@@ -106,6 +106,13 @@ def test_a_cube_looks_the_same_from_all_sides(toward: float) -> None:
     assert estimated(s, toward * s.up + level) is None
 
 
+def test_in_a_cube_a_stated_mount_decides() -> None:
+    s = lone_room((3.0, 3.0, 3.0))
+    found = estimate_gravity(s.positions, s.normals, s.weights, s.sensor_positions, s.up + [0.1, 0.05, 0.0], True)
+    assert found is not None
+    assert error_deg(found, s) < 1.5
+
+
 def test_a_bare_hall_has_one_vertical_but_no_sign() -> None:
     s = lone_room((9.0, 7.0, 2.8))
     found = estimated(s, s.up + np.array([0.4, 0.3, 0.0]))

@@ -17,13 +17,18 @@ _FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), 
 
 def scene_of(boxes: Iterable[Box]) -> TriangleScene:
     """What a sensor sees among solid boxes."""
+    return TriangleScene(triangles_of(boxes))
+
+
+def triangles_of(boxes: Iterable[Box]) -> Array:
+    """(M, 3, 3) the faces of solid boxes."""
     triangles = []
     for box in boxes:
         low, high = np.array(box[:3]), np.array(box[3:])
         corners = low + _CORNERS * (high - low)
         for a, b, c, d in _FACES:
             triangles += [corners[[a, b, c]], corners[[a, c, d]]]
-    return TriangleScene(np.array(triangles))
+    return np.array(triangles)
 
 
 def room(x0: float, y0: float, x1: float, y1: float, height: float = 2.6, wall: float = 0.2) -> list[Box]:
