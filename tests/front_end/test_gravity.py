@@ -108,7 +108,7 @@ def test_a_cube_looks_the_same_from_all_sides(toward: float) -> None:
 
 def test_in_a_cube_a_stated_mount_decides() -> None:
     s = lone_room((3.0, 3.0, 3.0))
-    found = estimate_gravity(s.positions, s.normals, s.weights, s.sensor_positions, s.up + [0.1, 0.05, 0.0], True)
+    found = estimate_gravity(s.positions, s.normals, s.weights, s.sensor_positions, s.up + 0.05, True)
     assert found is not None
     assert error_deg(found, s) < 1.5
 
