@@ -9,9 +9,12 @@ from typing import Any
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 
+NOT_ENOUGH = 3  # exit code
+
 
 def main(arguments: list[str] | None = None) -> int:
-    """The command; returns 0 when done, even if nothing could be anchored. Raises UserError."""
+    """The command; returns 0 when done, even if nothing could be anchored, and 3 if that is not enough for `--strict`.
+    Raises UserError."""
     options = _parser().parse_args(arguments)
     if options.resume is None and options.scan_dir is None and not options.demo:
         raise UserError("--scan-dir is missing; give the folder that holds the scans, or --demo")
@@ -32,10 +35,16 @@ def main(arguments: list[str] | None = None) -> int:
     view = None if page is None else LiveView(page, job.a_graph, job.truth)
     on_scan = None if view is None else view.add_scan
     stopped = run_scans(run.slam, job.scans, run.progress, run.checkpoints, job.external_odometry, on_scan)
-    _print_summary(run.finish(stopped), out)
+    metrics = run.finish(stopped)
+    _print_summary(metrics, out)
     if view is not None:
         view.show_finished(out)
-    return 0
+    return NOT_ENOUGH if options.strict and not _is_sound(metrics) else 0
+
+
+def _is_sound(metrics: dict[str, Any]) -> bool:
+    """Whether every scan is anchored and no signal of quality is out of its limit."""
+    return metrics["anchored_share"] == 1.0 and all(signal["ok"] for signal in metrics["quality"].values())
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -59,6 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--demo", action="store_true", help="generate a building, simulate a drive through it and run on that")
     add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive")
     add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser until Ctrl-C")
+    add("--strict", action="store_true", help="exit code 3 unless every scan is anchored and the map is sound")
     add("--verbose", action="store_true", help="print log messages")
     return parser
 
@@ -67,8 +77,10 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(show_header=False, title="anchored" if metrics["anchored"] else "not anchored")
-    rows = {"reason": metrics["reason"]}
+    from sgslam.report.tables import badge
+
+    table = Table(show_header=False, title=badge(metrics))
+    rows = {"reason": metrics["reason"], "quality": _quality(metrics["quality"])}
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
     rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
     rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
@@ -85,6 +97,12 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
         table.add_row(name, value)
     Console().print(table)
     print(f"report: {out / 'report.html'}")
+
+
+def _quality(signals: dict[str, Any]) -> str:
+    """The signals that are out of their limits."""
+    out = [f"{name} {own['value']:.3g} (limit {own['limit']:g})" for name, own in signals.items() if not own["ok"]]
+    return ("out of limits: " + ", ".join(out)) if out else "all signals within their limits"
 
 
 if __name__ == "__main__":

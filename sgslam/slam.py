@@ -15,6 +15,7 @@ from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
 from sgslam.perception import RawScan, checked_scan
+from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
 from sgslam.session.snapshot import take_snapshot
@@ -112,12 +113,17 @@ class SceneGraphSlam:
             self._process(scan.raw)
 
     def _update(self, stamp_ns: int) -> Update:
-        waiting = self._map.tracker.newest
+        waiting, T_bim_map = self._map.tracker.newest, self.T_bim_map
+        health: Health | None = None
         if self._lost:
-            T_map_sensor = self._map.T_map_odom @ self._lost[-1].T_odom_sensor
+            T_map_sensor, health = self._map.T_map_odom @ self._lost[-1].T_odom_sensor, "lost"
+        elif waiting is None:
+            T_map_sensor, health = self._map.scans[-1].T_map_sensor, self._map.scans[-1].health
         else:
-            T_map_sensor = self._map.scans[-1].T_map_sensor if waiting is None else waiting
-        return Update(stamp_ns, T_map_sensor, len(self._map.backend.keyframes), self.anchored)
+            T_map_sensor = waiting
+        T_bim_sensor = None if T_bim_map is None else T_bim_map @ T_map_sensor
+        keyframes = len(self._map.backend.keyframes)
+        return Update(stamp_ns, T_map_sensor, keyframes, self.anchored, T_bim_sensor, health)
 
     def _release(self) -> None:
         """Adds all scans that wait."""

@@ -55,6 +55,10 @@ class Trajectory:
         """The same motion in another frame; `T_new_old` is (4, 4)."""
         return Trajectory(self.stamps_ns, T_new_old @ self.poses)
 
+    def only(self, chosen: NDArray[np.bool_]) -> "Trajectory":
+        """The chosen (N,) poses."""
+        return Trajectory(self.stamps_ns[chosen], self.poses[chosen])
+
     def between(self, other: "Trajectory") -> "Trajectory":
         """The poses from the other's first stamp to its last; empty if that has none."""
         if not len(other):

@@ -11,6 +11,7 @@ from sgslam.config.models import (
     RoomSettings,
     SurfaceSettings,
 )
+from sgslam.config.quality_settings import QualitySettings
 from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "LevelSettings",
     "MatchingSettings",
     "OdometrySettings",
+    "QualitySettings",
     "RoomSettings",
     "SurfaceSettings",
     "TrackingSettings",

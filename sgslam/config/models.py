@@ -9,6 +9,7 @@ from pydantic import Field
 
 from sgslam.config.base import Settings
 from sgslam.config.loop_settings import LoopSettings
+from sgslam.config.quality_settings import QualitySettings
 from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 
@@ -236,3 +237,4 @@ class Config(Settings):
     anchors: AnchorSettings = AnchorSettings()
     matching: MatchingSettings = MatchingSettings()
     loops: LoopSettings = LoopSettings()
+    quality: QualitySettings = QualitySettings()

@@ -13,6 +13,22 @@ from sgslam.report.number_formats import NOTHING, metres, seconds, thousands
 LARGEST = 30  # deviations in the table
 
 
+def badge(metrics: dict[str, Any]) -> str:
+    """Whether the run is anchored, in part, or not."""
+    share = metrics.get("anchored_share", 1.0)
+    if not metrics.get("anchored"):
+        return "not anchored"
+    return "anchored" if share == 1.0 else f"anchored in part: {100 * share:.1f} % of the scans"
+
+
+def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Name, value and limit of each signal of the map's quality, and whether it is within the limit."""
+    return [
+        (name, f"{own['value']:.3g}", f"{own['limit']:g}", "within" if own["ok"] else "out of its limit")
+        for name, own in (metrics.get("quality") or {}).items()
+    ]
+
+
 def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     """Name and value of the figures of the whole run."""
     m = data.metrics

@@ -104,7 +104,7 @@ class ActiveMap:
         self.scans.append(
             ScanPose(
                 scan.raw.stamp_ns, scan.T_odom_sensor, T_map_sensor, max(len(keyframes) - 1, 0), since,
-                health=scan.health,
+                health=scan.health, covariance=scan.covariance,
             )
         )  # fmt: skip
         self._covariance, self._is_external = scan.covariance, scan.raw.T_odom_sensor is not None

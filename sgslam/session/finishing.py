@@ -1,5 +1,6 @@
 """Assembles the result of a run from its final map."""
 
+from collections import Counter
 from typing import TYPE_CHECKING, cast, get_args
 
 import numpy as np
@@ -16,8 +17,10 @@ from sgslam.mapping import Floors
 from sgslam.registration import Health
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
+from sgslam.session.quality import quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import at_stamps, smooth, with_unplaced
+from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
@@ -32,8 +35,8 @@ def assemble_result(
 ) -> Result:  # fmt: skip
     """The result of a run whose map is `final`.
 
-    `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor. A pose
-    in a prior map does not count as anchored to the building.
+    `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor, in the
+    map's trajectory only. A pose in a prior map does not count as anchored to the building.
     """
     scans, backend, floors = final.scans, final.backend, final.floors
     anchoring = None if final.plan_is_prior else final.anchoring
@@ -45,12 +48,17 @@ def assemble_result(
     anchored = anchoring is not None and backend.T_map_bim is not None
     T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
-    uncertainty = backend.uncertainty() if T_bim_map is not None else None
+    known = backend.uncertainty()
+    uncertainty = known if T_bim_map is not None else None
+    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
+    own = scan_uncertainty(scans, newest, backend, known, R_frame_map, config.odometry, 0, anchored)
+    told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
+    odometry = at_stamps(scans[newest], np.stack([s.T_odom_sensor for s in scans[newest]]))
     first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
     return Result(
         anchored=anchored,
         reason="no BIM was given" if anchoring is None else anchoring.reason,
-        trajectory=trajectory_map if T_bim_map is None else trajectory_map.transformed(T_bim_map),
+        trajectory=trajectory_map if T_bim_map is None else trajectory_map.only(told.anchored).transformed(T_bim_map),
         trajectory_map=trajectory_map,
         trajectory_odometry=at_stamps(of_run, np.stack([s.T_odom_sensor for s in of_run])),
         T_bim_map=T_bim_map,
@@ -66,10 +74,28 @@ def assemble_result(
         seconds=dict(final.stopwatch.seconds),
         config=config,
         clouds=final.clouds,
+        uncertainty=told,
+        quality=quality_of(placed, odometry, _walls_seen(floors, backend), own, T_bim_map, bim, config.quality),
         tracked={health: sum(scan.health == health for scan in of_run) for health in get_args(Health)},
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
         relocalisation=relocalisation,
     )
+
+
+def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
+    """The scans of the submaps that were not relocalised, each in its own frame."""
+    return [
+        scan_uncertainty(
+            part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config.odometry, number, False
+        )
+        for number, part in enumerate(unplaced, 1)
+    ]  # fmt: skip
+
+
+def _walls_seen(floors: Floors, backend: Backend) -> list[int]:
+    """The number of walls that each keyframe sees."""
+    seen = Counter(sight.keyframe for floor in floors.maps for sight in floor.walls.seen)
+    return [seen[k] for k in range(len(backend.keyframes))]
 
 
 def _deviations(

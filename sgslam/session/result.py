@@ -24,6 +24,9 @@ from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.registration import Health
 from sgslam.report import ReportData
+from sgslam.session.quality import Quality
+from sgslam.session.scan_uncertainty import FILE as SIGMA
+from sgslam.session.scan_uncertainty import ScanUncertainty
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
@@ -47,13 +50,17 @@ class Update:
 
     `T_map_sensor` (4, 4) is the sensor's pose in the map frame (metres) at `stamp_ns` (nanoseconds). It is not smoothed
     yet, and provisional until gravity is known and while scans are lost; `Result` has the final poses. `keyframes` is
-    the number of keyframes so far, `anchored` whether the map is anchored to the plan.
+    the number of keyframes so far, `anchored` whether the map is anchored to the plan. `T_bim_sensor` (4, 4) is the
+    pose in the BIM frame, None while the map is not anchored; `health` is what the tracker says of the newest scan,
+    None while it waits.
     """
 
     stamp_ns: int
     T_map_sensor: Floats
     keyframes: int
     anchored: bool
+    T_bim_sensor: Floats | None = None
+    health: Health | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +80,17 @@ class Result:
     """A finished run, in metres, radians and seconds.
 
     `anchored` says whether the map is anchored to the plan, `reason` why or why not, in one line. `trajectory` is in
-    the BIM frame when `anchored`, else in the map frame; `trajectory_map` is always in the map frame;
-    `trajectory_odometry` is the odometry alone, in its own frame. `T_bim_map` (4, 4) is the map's pose in the BIM
-    frame, None if the run is not anchored. `s_graph` is in the map frame; `a_graph` is in the BIM frame, None without a
-    plan. `matches` has the form of matches.json, None if nothing was matched; `deviations` has the form of
-    deviations.json, empty if the run is not anchored. `anchors` is the log of all anchors: who added each, and when
-    and why it changed. `factors` is the back end's log: the active factors, and those added and withdrawn. `clouds`
-    are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s` counts from the first scan. `seconds`
-    is the time of each stage. `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`.
-    `pose_covariances` is None if the run is not anchored, `relocalisation` is None without a prior map. `tracked` says
-    how many scans the tracker calls good, degraded and lost.
+    the BIM frame when `anchored`, and has the scans that are anchored: neither lost ones nor those of submaps that were
+    not relocalised. Else it is `trajectory_map`, which always has all scans, in the map frame. `trajectory_odometry` is
+    the odometry alone, in its own frame. `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not
+    anchored. `s_graph` is in the map frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form
+    of matches.json, None if nothing was matched; `deviations` has the form of deviations.json, empty if the run is not
+    anchored. `anchors` is the log of all anchors: who added each, and when and why it changed. `factors` is the back
+    end's log: the active factors, and those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>`
+    in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is the time of each stage. `earlier` are the
+    trajectories of the prior map's runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not
+    anchored, `relocalisation` is None without a prior map. `tracked` says how many scans the tracker calls good,
+    degraded and lost; `uncertainty` has a line for each scan, and `quality` says whether the map is sound.
     """
 
     anchored: bool
@@ -104,6 +112,8 @@ class Result:
     config: Config
     clouds: KeyframeClouds
     tracked: dict[Health, int]
+    uncertainty: ScanUncertainty
+    quality: Quality
     earlier: tuple[Trajectory, ...] = ()
     relocalisation: Relocalisation | None = None
 
@@ -117,8 +127,10 @@ class Result:
         return {
             "anchored": self.anchored,
             "reason": self.reason,
+            "anchored_share": float(self.uncertainty.anchored.mean()),
+            "quality": {name: asdict(signal) for name, signal in self.quality.items()},
             "T_bim_map": None if T is None else poses_to_xyzquat(T[None])[0].tolist(),
-            "scans": len(self.trajectory),
+            "scans": len(self.trajectory_map),
             "scans_skipped": 0,
             "tracked": dict(self.tracked),
             "keyframes": self.keyframes,
@@ -169,6 +181,7 @@ def _save(
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")
+    result.uncertainty.write_csv(out / SIGMA)
     for number, earlier in enumerate(result.earlier, 1):
         earlier.write_tum(out / f"trajectory_run{number}.tum")
     result.s_graph.save(out / "s_graph.json")

@@ -1,6 +1,6 @@
 """The poses of a run's scans: the live estimates, and smoothed ones after the keyframes have moved."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ class ScanPose:
 
     `keyframe` is the index of the last keyframe at or before it. All poses (4, 4) are at its stamp.
     `T_keyframe_sensor` is the motion since that keyframe; `T_previous_sensor`, for a keyframe, the motion since the
-    keyframe before it. `health` is what the tracker says of the scan.
+    keyframe before it. `health` is what the tracker says of the scan, `covariance` (6, 6) that of its pose against the
+    odometry's map, rotation first, in the sensor's axes.
     """
 
     stamp_ns: int
@@ -29,6 +30,7 @@ class ScanPose:
     T_keyframe_sensor: Floats
     T_previous_sensor: Floats | None = None
     health: Health = "good"
+    covariance: Floats = field(default_factory=lambda: np.zeros((6, 6)))
 
 
 def smooth(scans: list[ScanPose], keyframe_poses: Floats) -> Floats:

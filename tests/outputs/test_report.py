@@ -93,6 +93,15 @@ def test_an_ambiguous_match_is_shown_as_a_guess() -> None:
     assert page.tags["figure"] == 2
 
 
+def test_what_is_not_anchored_or_not_sound_is_shown() -> None:
+    data, signal = sample(), {"value": 7.0, "limit": 1, "ok": False}
+    found = {"anchored_share": 0.925, "quality": {"planned_walls_crossed": signal, "lost_scans": signal | {"ok": True}}}
+    page = Page(report_html(dataclasses.replace(data, metrics=data.metrics | found)))
+    assert "Anchored in part: 92.5 % of the scans" in page.text
+    assert page.text.count("out of its limit") == 1 and "planned_walls_crossed" in page.text
+    assert "Quality of the map" not in Page(report_html(data)).text
+
+
 def test_without_a_bim_the_map_is_shown_alone() -> None:
     data = sample()
     metrics = data.metrics | {"anchored": False, "reason": "no BIM was given", "T_bim_map": None}

@@ -79,7 +79,7 @@ def test_a_script_of_a_user_knows_every_type(tmp_path: Path) -> None:
         'sgslam.SceneGraphSlam(bim="building.ifc")': "arg-type",
         "sgslam.load_bims": "attr-defined",
         "slam.add_scan(0, [1.0, 2.0])": "arg-type",
-        "update.T_bim_sensor": "attr-defined",
+        "update.T_plan_sensor": "attr-defined",
         'result.deviations[0]["offset"]': "typeddict-item",
     }
     done = strict(tmp_path, SCRIPT + "\n".join(mistakes), tmp_path / "cache")

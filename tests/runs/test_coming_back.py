@@ -134,7 +134,10 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     more = [(last + 200_000_000 * (i + 1), scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i)) for i in range(30)]
     result = fed(SceneGraphSlam(drive.bim), [*drive.scans, *more]).finish()
     assert result.anchored and result.relocalisation is not None and not result.relocalisation.found
-    assert len(result.trajectory) == len(drive.scans) + 30
+    assert len(result.trajectory) == len(drive.scans)  # only what is anchored
+    assert len(result.trajectory_map) == len(result.uncertainty.stamps_ns) == len(drive.scans) + 30
+    assert result.uncertainty.part.tolist() == [0] * len(drive.scans) + [1] * 30
+    assert result.metrics()["anchored_share"] == pytest.approx(len(drive.scans) / (len(drive.scans) + 30))
     assert drive.rmse(alone) + 0.005 > float(
         np.sqrt(np.mean((result.trajectory.positions[: len(drive.scans)] - drive.truth.positions) ** 2 * 3))
     )

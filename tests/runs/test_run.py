@@ -43,7 +43,7 @@ def assert_refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demo")
-    done = process("--demo", "--out", folder / "out", cwd=folder)
+    done = process("--demo", "--strict", "--out", folder / "out", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == f"report: {folder / 'out' / 'report.html'}"
     return folder / "out"
@@ -145,6 +145,13 @@ def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
     assert metrics["anchored"] is False and metrics["reason"] == "no BIM was given"
     assert metrics["scans"] == 12
     assert "0.1 s apart" in done.stderr  # the stamps are a guess, and the user is told
+
+
+def test_strict_is_not_content_with_less_than_all(scans: Path, tmp_path: Path) -> None:
+    done = run("--scan-dir", scans, "--out", tmp_path / "out", "--strict")
+    assert done.returncode == 3, done.stderr
+    assert "not anchored" in done.stdout
+    assert json.loads((tmp_path / "out" / "metrics.json").read_text())["anchored_share"] == 0.0
 
 
 @pytest.mark.slow

@@ -1,0 +1,124 @@
+"""Signals that tell a sound map from one that was lost, each with its value and its limit.
+
+In lost runs the map and the odometry disagree, keyframes see no walls, the building stands askew in the map, or the way
+leads through planned walls, though a place in the plan may explain the map.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data import SceneGraph, UserError
+from data.scene_graph import WallSurface
+from data.trajectory import Trajectory
+from sgslam.config import QualitySettings
+from sgslam.report.accuracy import rmse_aligned
+from sgslam.session.scan_uncertainty import ScanUncertainty
+
+Floats = NDArray[np.float64]
+_DOOR = 0.8  # m from the middle of a planned door, up to which the way leads through it
+_APART = 1.0  # m of way: crossings nearer to each other are of one wall, which has two faces
+
+
+@dataclass(frozen=True)
+class Signal:
+    """`ok` where the value is within its limit."""
+
+    value: float
+    limit: float
+    ok: bool
+
+
+Quality = dict[str, Signal]
+
+
+def quality_of(
+    in_map: Trajectory, odometry: Trajectory, walls_seen: list[int], uncertainty: ScanUncertainty,
+    T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
+) -> Quality:  # fmt: skip
+    """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
+
+    - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.
+    - `lost_scans`, `keyframes_without_walls`: shares.
+    - `walls_per_keyframe`: the mean number of walls seen.
+    - `position_sigma_m`: below which the standard deviation of 95 % of the positions lies.
+    - `plan_tilt_deg`, `planned_walls_crossed`: of an anchored run, how the plan lies in the map, and through how many
+      planned walls its way leads.
+    """
+    way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
+    lost = np.array([health == "lost" for health in uncertainty.health])
+    sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
+    known = sigma[np.isfinite(sigma) & (uncertainty.anchored if T_bim_map is not None else ~lost)]
+    found = {
+        "map_against_odometry": _at_most(_difference(in_map, odometry) / max(way, 1.0), settings.map_against_odometry),
+        "lost_scans": _at_most(float(lost.mean()), settings.lost_scans),
+        "keyframes_without_walls": _at_most(
+            float(np.mean([count == 0 for count in walls_seen])), settings.keyframes_without_walls
+        ),
+        "walls_per_keyframe": _at_least(float(np.mean(walls_seen)), settings.walls_per_keyframe),
+    }
+    if len(known):
+        found["position_sigma_m"] = _at_most(float(np.quantile(known, 0.95)), settings.position_sigma)
+    if T_bim_map is not None and a_graph is not None:
+        tilt = float(np.degrees(np.arccos(np.clip(T_bim_map[2, 2], -1.0, 1.0))))
+        found["plan_tilt_deg"] = _at_most(tilt, settings.plan_tilt)
+        T_bim_sensor = in_map.transformed(T_bim_map).positions[uncertainty.anchored]
+        found["planned_walls_crossed"] = _at_most(
+            float(walls_crossed(T_bim_sensor, a_graph)), settings.planned_walls_crossed
+        )
+    return found
+
+
+def _at_most(value: float, limit: float) -> Signal:
+    return Signal(value, limit, bool(value <= limit))
+
+
+def _at_least(value: float, limit: float) -> Signal:
+    return Signal(value, limit, bool(value >= limit))
+
+
+def _difference(in_map: Trajectory, odometry: Trajectory) -> float:
+    """The RMSE (m) of the positions after alignment; 0 where they hardly move."""
+    try:
+        return rmse_aligned(odometry, in_map)
+    except UserError:
+        return 0.0
+
+
+def walls_crossed(way: Floats, a_graph: SceneGraph) -> int:
+    """Through how many planned walls a way (N, 3) in the BIM frame leads, elsewhere than at doors and openings."""
+    crossings = 0
+    for storey, own in _by_storey(way, a_graph):
+        solid = [line for wall in a_graph.wall_surfaces if wall.floor == storey for line in _solid(wall)]
+        doors = shapely.MultiPoint([door.centroid for door in a_graph.doors])
+        steps = shapely.linestrings(np.stack([own[:-1, :2], own[1:, :2]], axis=1))
+        walked = np.cumsum(np.linalg.norm(np.diff(own[:, :2], axis=0), axis=1))
+        last = -np.inf
+        for k in np.unique(shapely.STRtree(solid).query(steps, predicate="intersects")[0]):
+            if walked[k] - last > _APART and doors.distance(shapely.Point(own[k, :2])) > _DOOR:
+                crossings += 1
+            last = walked[k]
+    return crossings
+
+
+def _by_storey(way: Floats, a_graph: SceneGraph) -> Iterator[tuple[str | None, Floats]]:
+    """The pieces of a way (N, 3) on each storey: that whose floor is next below."""
+    floors = sorted((f.elevation, f.id) for f in a_graph.floors if f.elevation is not None)
+    if not floors:
+        yield None, way
+        return
+    level = np.searchsorted([elevation for elevation, _ in floors], way[:, 2], side="right") - 1
+    for piece in np.split(np.arange(len(way)), np.flatnonzero(np.diff(level)) + 1):
+        if len(piece) > 1:
+            yield floors[max(int(level[piece[0]]), 0)][1], way[piece]
+
+
+def _solid(wall: WallSurface) -> list[shapely.LineString]:
+    """The footprints (lines) of what stands along a planned surface, without its openings."""
+    if not wall.parts:
+        return [] if wall.length is None else [shapely.LineString(wall.ends())]
+    centre, left = np.array(wall.centroid), np.array([-wall.normal[1], wall.normal[0]])
+    return [shapely.LineString([centre + a * left, centre + b * left]) for _, a, b, _ in wall.parts if a != b]

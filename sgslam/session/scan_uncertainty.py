@@ -1,0 +1,113 @@
+"""How well the pose of each scan is known, and whether it is anchored."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.files import write_atomically
+from data.trajectory.stamps import ns_to_seconds
+from sgslam.backend import Backend, Uncertainty
+from sgslam.config import OdometrySettings
+from sgslam.registration import Health
+from sgslam.session.scan_poses import ScanPose
+
+Floats = NDArray[np.float64]
+FILE = "trajectory_sigma.csv"
+_MOST = 100  # keyframes whose covariance is computed; between them it is interpolated
+_HEADER = (
+    "stamp_s,sigma_x_m,sigma_y_m,sigma_z_m,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg,part,floor,anchored,health"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ScanUncertainty:
+    """A line for each scan, in the order of their stamps (N,), in nanoseconds.
+
+    `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) of the frame of the trajectory; NaN
+    where they are unknown. `part` (N,): 0 for the map, then a number for each submap that was not relocalised: its
+    sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two floors. `anchored` (N,):
+    whether the pose is one in the building; lost scans have none.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    sigma: Floats
+    part: NDArray[np.int64]
+    floor: tuple[str, ...]
+    anchored: NDArray[np.bool_]
+    health: tuple[Health, ...]
+
+    @staticmethod
+    def joined(parts: "list[ScanUncertainty]") -> "ScanUncertainty":
+        """All parts in the order of their stamps."""
+        stamps = np.concatenate([part.stamps_ns for part in parts])
+        order = np.argsort(stamps, kind="stable")
+        floors, health = ([own for part in parts for own in getattr(part, name)] for name in ("floor", "health"))
+        return ScanUncertainty(
+            stamps[order], np.concatenate([part.sigma for part in parts])[order],
+            np.concatenate([part.part for part in parts])[order], tuple(floors[k] for k in order),
+            np.concatenate([part.anchored for part in parts])[order], tuple(health[k] for k in order),
+        )  # fmt: skip
+
+    def write_csv(self, path: Path) -> None:
+        """Writes the file `trajectory_sigma.csv`; angles in degrees."""
+        values = np.hstack([self.sigma[:, :3], np.degrees(self.sigma[:, 3:])])
+        told = zip(self.stamps_ns, values, self.part, self.floor, self.anchored, self.health, strict=True)
+        lines = [
+            ",".join([ns_to_seconds(int(stamp)), *(f"{v:.5g}" for v in own), str(part), floor, f"{anchored:d}", health])
+            for stamp, own, part, floor, anchored, health in told
+        ]
+        write_atomically(path, "\n".join([_HEADER, *lines, ""]))
+
+
+def scan_uncertainty(
+    scans: list[ScanPose], run: slice, backend: Backend, uncertainty: Uncertainty | None, R_frame_map: Floats,
+    settings: OdometrySettings, part: int, anchored: bool,
+) -> ScanUncertainty:  # fmt: skip
+    """The lines of a map's `run`, a slice of its scans, whose poses are told in a frame turned by (3, 3).
+
+    A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, and what a step
+    between the two errs on the way: a Brownian bridge.
+    """
+    own, keyframes = scans[run], backend.keyframes
+    stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
+    floors = [keyframes[scan.keyframe].storey for scan in own]
+    found = ScanUncertainty(
+        stamps, np.full((len(own), 6), np.nan), np.full(len(own), part),
+        tuple("" if floor is None else f"floor-{floor}" for floor in floors),
+        np.array([anchored and scan.health != "lost" for scan in own]), tuple(scan.health for scan in own),
+    )  # fmt: skip
+    if uncertainty is not None:
+        found.sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, settings))
+    return found
+
+
+def _variances(
+    scans: list[ScanPose], own: list[ScanPose], backend: Backend, uncertainty: Uncertainty, R_frame_map: Floats,
+    settings: OdometrySettings,
+) -> Floats:  # fmt: skip
+    """(N, 6) along and about the axes of the frame."""
+    keyframes = backend.keyframes
+    used = np.unique([scan.keyframe for scan in own])
+    chosen = used[np.unique(np.linspace(0, len(used) - 1, min(len(used), _MOST)).astype(int))]
+    R_frame_keyframe = R_frame_map @ backend.poses[:, :3, :3]
+    known = _along_axes(uncertainty.pose_covariances(chosen.tolist()), R_frame_keyframe[chosen])
+    began = own[0].stamp_ns
+    at = np.array([keyframes[k].stamp_ns - began for k in chosen], dtype=np.float64)
+    when = np.array([scan.stamp_ns - began for scan in own], dtype=np.float64)
+    variances = np.column_stack([np.interp(when, at, column) for column in known.T])
+    of, parts = (np.array([getattr(scan, name) for scan in own]) for name in ("keyframe", "T_keyframe_sensor"))
+    tracked = _along_axes(np.stack([scan.covariance for scan in own]), R_frame_keyframe[of] @ parts[:, :3, :3])
+    before = _along_axes(np.stack([scans[keyframes[k].scan].covariance for k in of]), R_frame_keyframe[of])
+    step = np.repeat([settings.sigma_translation, settings.sigma_rotation], 3) ** 2
+    at_all = np.array([keyframe.stamp_ns - began for keyframe in keyframes], dtype=np.float64)
+    lasts = at_all[np.minimum(of + 1, len(keyframes) - 1)] - at_all[of]
+    share = np.clip((when - at_all[of]) / np.maximum(lasts, 1.0), 0.0, 1.0)
+    return np.asarray(variances + np.maximum(tracked - before, 0.0) + (share * (1 - share))[:, None] * step)
+
+
+def _along_axes(covariances: Floats, R: Floats) -> Floats:
+    """(N, 6) variances along, then about the axes to which R (N, 3, 3) turns, of covariances (N, 6, 6)."""
+    along, about = (np.einsum("nij,njk,nik->ni", R, covariances[:, own, own], R) for own in (slice(3, 6), slice(3)))
+    return np.hstack([along, about])
