@@ -176,6 +176,7 @@ class Run:
         more: dict[str, Any] = {"scans_skipped": len(job.scans.skipped), "seconds": seconds}
         more["cpu_seconds"] = cpu_seconds  # of all threads
         more["told"] = self._hints
+        more["advice"] = self.progress.advice
         if job.truth is not None:
             more["accuracy"] = _accuracy(result, job.truth)
         metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more)

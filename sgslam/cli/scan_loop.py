@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from data import UserError
 from data.scans import ScanSource
 from sgslam.odometry.external import ExternalOdometry
+from sgslam.perception.scan_advice import scan_advice
 from sgslam.session import Checkpoints, Update
 from sgslam.slam import SceneGraphSlam
 
@@ -24,16 +25,17 @@ ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]]
 
 @dataclass
 class Progress:
-    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, and the `seconds` spent on
-    reading scans and writing checkpoints."""
+    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, the `seconds` spent on
+    reading scans and writing checkpoints, and `advice`, a line for each thing that seems wrong with the scans."""
 
     index: int = -1
     fed: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
+    advice: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """The keyword arguments of `Progress`."""
-        return {"index": self.index, "fed": self.fed, "seconds": self.seconds}
+        return {"index": self.index, "fed": self.fed, "seconds": self.seconds, "advice": self.advice}
 
 
 class Interruption:
@@ -92,8 +94,9 @@ def run_scans(
                 if interruption:
                     checkpoints.write(slam, progress.to_dict())
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
-                if not progress.fed:
-                    _warn_about_units(scan.points)
+                if not progress.fed and (advice := scan_advice(scan.points)) is not None:
+                    logging.getLogger("sgslam").warning("%s", advice)
+                    progress.advice.append(advice)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
                 if on_scan is not None:
@@ -109,10 +112,3 @@ def run_scans(
                 raise
             return str(error)
     return None
-
-
-def _warn_about_units(points: NDArray[np.float64]) -> None:
-    """Warns if the ranges of the first scan suggest millimetres."""
-    far = float(np.median(np.linalg.norm(points, axis=1)))
-    if far > 500.0:
-        logging.getLogger("sgslam").warning("the median range is %.0f m; are the scans in metres?", far)
