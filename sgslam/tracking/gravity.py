@@ -27,7 +27,8 @@ SAMPLE = 150  # surfels that propose a direction
 # their side weigh more than they are frequent: a wrong answer is worse than none.
 MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.01, np.pi, 0.26))
 STATED = ((0.95, 0.0, 0.26), (0.05, 0.0, 0.7))  # the same where somebody states the mount: a hand sways
-LEAST_AXIS_ODDS = 1.5  # natural logarithm; below, no answer is better than a wrong one
+LEAST_AXIS_ODDS = 1.5  # natural logarithm; below, the axis is not sure
+NEAR = float(np.cos(np.radians(45.0)))  # of the expected vertical, as it is mounted on most carriers
 SIGN_SURE = 1.0  # likewise
 HOPELESS = 6.0  # likewise: so far behind, a candidate is not the vertical whatever its sign says
 LEAST_FITTING = 0.3  # share of surfaces parallel or square to the vertical; under a bare roof there may be fewer
@@ -51,6 +52,11 @@ class Gravity:
     sign_seen: float
 
     @property
+    def axis_sure(self) -> bool:
+        """Whether no other axis is as likely; else it is the likeliest one near the expected vertical."""
+        return self.axis_odds >= LEAST_AXIS_ODDS
+
+    @property
     def sign_sure(self) -> bool:
         """Whether surfaces and expected mount together tell which end is up."""
         return self.sign_odds >= SIGN_SURE
@@ -72,7 +78,7 @@ def estimate_gravity(
     positions: Floats, normals: Floats, weights: Floats, sensor_positions: Floats, expected_up: Floats,
     is_stated: bool = False,
 ) -> Gravity | None:  # fmt: skip
-    """The vertical, or None if it cannot be told.
+    """The vertical, or None if it cannot be told; where two axes are as likely, that near the expected one.
 
     Args: surfels of the first seconds in a frame of any attitude: positions (N, 3) in metres, unit normals (N, 3)
     turned to the sensor that saw them, weights (N,) such as areas or numbers of points; the sensor's positions (M, 3)
@@ -88,10 +94,14 @@ def estimate_gravity(
     if not views:
         return None
     mounts = STATED if is_stated else MOUNTS
-    up, axis_odds, sign_odds, sign_seen = _choose(_judged(views, expected, mounts), expected, mounts)
+    candidates = _judged(views, expected, mounts)
+    up, axis_odds, sign_odds, sign_seen = _choose(candidates, expected, mounts)
+    if axis_odds < LEAST_AXIS_ODDS and up @ expected < NEAR:
+        candidates = [candidate for candidate in candidates if abs(candidate.axis @ expected) > NEAR]
+        if not candidates:
+            return None
+        up, _, sign_odds, sign_seen = _choose(candidates, expected, mounts)
     if _fitting(up, normals, capped) < LEAST_FITTING:
-        return None
-    if axis_odds < LEAST_AXIS_ODDS:
         return None
     return Gravity(up, _sigma(up, normals, capped), axis_odds, sign_odds, sign_seen)
 

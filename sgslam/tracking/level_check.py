@@ -48,7 +48,7 @@ class LevelCheck(Stateful):
 
     def _check(self) -> None:
         found = estimate_gravity(*self._surfels.surfels(), np.stack(self._places), _UP)
-        if found is None:
+        if found is None or not found.axis_sure:
             return
         off = float(np.degrees(np.arccos(np.clip(abs(found.up_in_odom[2]), -1.0, 1.0))))
         seen = found.sign_seen if found.up_in_odom[2] > 0 else -found.sign_seen

@@ -59,7 +59,7 @@ class LevelFrame(Stateful):
             return
         self._next_ns = stamp_ns + _BETWEEN_NS
         found = self._estimate(results)
-        if found is not None:
+        if found is not None and found.axis_sure:
             self.found, self.likely_up = True, found.up_in_odom
             self.sure = found.sign_sure and self.waited_s(stamp_ns) >= settings.gravity_after
 
@@ -82,7 +82,7 @@ class LevelFrame(Stateful):
         elif settings.mount is not None and tilt > settings.mount_error:
             off = np.degrees(tilt)
             _log.warning("the sensor hangs %.0f degrees off the stated mount, as its surroundings show", off)
-        elif not found.sign_sure or (not found.sign_told and tilt > np.radians(45)):
+        elif not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45)):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
         self.known, self.likely_up, self._chosen = True, up, []
 

@@ -103,7 +103,19 @@ def lone_room(size: tuple[float, float, float], voxel: float = 0.5) -> Surfels:
 def test_a_cube_looks_the_same_from_all_sides(toward: float) -> None:
     s = lone_room((3.0, 3.0, 3.0))
     level = np.cross(s.up, [0.6, 0.8, 0.0])
-    assert estimated(s, toward * s.up + level) is None
+    found = estimated(s, toward * s.up + level)
+    assert found is None or not found.axis_sure
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 12.0, 30.0])
+def test_in_a_cube_the_axis_near_the_expected_one_is_taken_but_not_sure(tilt_deg: float) -> None:
+    s = lone_room((3.0, 3.0, 3.0))
+    across = np.cross(s.up, [0.6, 0.8, 0.0])
+    tilt = np.radians(tilt_deg)
+    found = estimated(s, np.cos(tilt) * s.up + np.sin(tilt) * across / np.linalg.norm(across))
+    assert found is not None
+    assert not found.axis_sure or tilt_deg == 0.0
+    assert error_deg(found, s) < 1.5
 
 
 def test_in_a_cube_a_stated_mount_decides() -> None:
