@@ -28,6 +28,7 @@ DOORWAY = 1.6  # m: a wider opening under a lintel joins what lies on its sides
 PASSABLE = 0.5  # m: a narrower one is no door
 GAP = 0.3  # m: walls this close to each other meet
 SAME_FLOOR = 0.1  # m
+LOWEST_CEILING = 1.9  # m
 STOREY = 2.2  # m: no storey is lower
 PART_OF_MOST = 0.3  # of the largest floor's area that another floor has at least
 MIN_AREA, HALF_WIDTH = 1.5, 0.3  # m2, m: what is smaller, or nowhere twice as wide, is no room
@@ -67,7 +68,11 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
     if not surfaces:
         raise UserError(f"{path}: no walls that stand on a floor; give the mesh of a building, walls with two sides")
     # what has no source is a wall of its own: all of a mesh is one body
-    numbered = tuple(replace(s, id=f"surface-{k}", source="") for k, s in enumerate(surfaces, 1))
+    ceilings = _ceilings(triangles, levels)
+    numbered = tuple(
+        replace(s, id=f"surface-{k}", source="", height=_up_to(ceilings.get(s.room or ""), s.height))
+        for k, s in enumerate(surfaces, 1)
+    )
     floors = tuple(Floor(str(v.floor), f"level {v.bottom:.2f}", v.bottom) for v in levels)
     rooms = tuple(room.room for level in levels for room in level.rooms)
     return MeshBuilding(SceneGraph("bim", rooms, numbered, tuple(doors), floors), triangles, tuple(levels))
@@ -91,6 +96,29 @@ def _floors(triangles: Array) -> list[tuple[float, Area]]:
             found.append((bottom, united(shapely.polygons(faces[own][:, :, :2])), float(area[own].sum())))
         free &= ~own
     return sorted(((bottom, floor) for bottom, floor, _ in found), key=lambda f: f[0])
+
+
+def _ceilings(triangles: Array, levels: list[Level]) -> dict[str, float]:
+    """The height of the ceiling over most of each room, by the room's id, for those that have one in the mesh."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2
+    down = triangles[normal[:, 2] < -0.99 * np.linalg.norm(normal, axis=1)]
+    outlines, z = shapely.polygons(down[:, :, :2]), down[:, :, 2].mean(axis=1)
+    tree, found = shapely.STRtree(outlines), dict[str, float]()
+    for level in levels:
+        for room in level.rooms:
+            own = tree.query(room.area, predicate="intersects")
+            own = own[z[own] > level.bottom + LOWEST_CEILING]
+            area = shapely.area(shapely.intersection(outlines[own], room.area))
+            lowest = own[np.argsort(z[own])]
+            covered = np.cumsum(area[np.argsort(z[own])])
+            if len(own) and covered[-1] > room.area.area / 2:
+                found[room.room.id] = float(z[lowest[np.searchsorted(covered, room.area.area / 2)]])
+    return found
+
+
+def _up_to(ceiling: float | None, height: tuple[float, float] | None) -> tuple[float, float] | None:
+    """The height of a wall up to the ceiling; None without one."""
+    return None if ceiling is None or height is None else (height[0], ceiling)
 
 
 def _level(solid: MeshSolid, z: float, floor: Area, number: int) -> tuple[Level, list[Area]]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.generation.buildings import generate_plan
-from data.generation.plan_mesh import plan_triangles, write_plan_mesh
+from data.generation.plan_mesh import HEIGHT, plan_triangles, write_plan_mesh
 from data.plans.mesh_files import read_triangles
 from data.plans.mesh_plan import read_mesh
 from data.plans.mesh_sections import mesh_solid, winding_numbers
@@ -75,6 +75,7 @@ def test_a_generated_building_is_read_as_it_was_drawn(building: str, tmp_path: P
     )
     inner = [door for door in drawn.doors if len(door.rooms) == 2]
     assert len(read.doors) == pytest.approx(len(inner), abs=1)
+    assert all(wall.height == pytest.approx((0.0, HEIGHT)) for wall in read.wall_surfaces)
 
 
 def test_a_plan_without_outlines_is_no_mesh() -> None:
