@@ -44,14 +44,15 @@ def quality_of(
     - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.
     - `lost_scans`, `keyframes_without_walls`: shares.
     - `walls_per_keyframe`: the mean number of walls seen.
-    - `position_sigma_m`: below which the standard deviation of 95 % of the positions lies.
+    - `position_sigma_m`: below which the standard deviation of 95 % of the positions lies: of the anchored scans, or of
+      all where none is.
     - `plan_tilt_deg`, `planned_walls_crossed`: of an anchored run, how the plan lies in the map, and through how many
       planned walls its way leads.
     """
     way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
     lost = np.array([health == "lost" for health in uncertainty.health])
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
-    known = sigma[np.isfinite(sigma) & (uncertainty.anchored if T_bim_map is not None else ~lost)]
+    known = sigma[np.isfinite(sigma) & (uncertainty.anchored if T_bim_map is not None else True)]
     found = {
         "map_against_odometry": _at_most(_difference(in_map, odometry) / max(way, 1.0), settings.map_against_odometry),
         "lost_scans": _at_most(float(lost.mean()), settings.lost_scans),
