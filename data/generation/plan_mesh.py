@@ -61,29 +61,10 @@ def _doorway(door: Door, rooms: dict[str, shapely.Polygon]) -> Area | None:
 
 def _extruded(area: Area, low: float, high: float) -> Array:
     """(M, 3, 3) the surface of a body with this outline from a lower to an upper height, turned outwards."""
-    flat = shapely.get_coordinates(list(shapely.constrained_delaunay_triangles(area).geoms)).reshape(-1, 4, 2)[:, :3]
-    edges = np.diff(flat, axis=1)
-    clockwise = edges[:, 0, 0] * edges[:, 1, 1] < edges[:, 0, 1] * edges[:, 1, 0]
-    flat[clockwise] = flat[clockwise, ::-1]
-    sides = [_sides(np.array(ring.coords), low, high) for part in _parts(area) for ring in _rings(part)]
-    return np.concatenate([_at(flat, high), _at(flat[:, ::-1], low), *sides])
+    import trimesh
 
-
-def _parts(area: Area) -> list[shapely.Polygon]:
-    return [part for part in getattr(area, "geoms", [area]) if isinstance(part, shapely.Polygon)]
-
-
-def _rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
-    """Its rings, each with the body to its left."""
-    turned = shapely.geometry.polygon.orient(part)
-    return [turned.exterior, *turned.interiors]
-
-
-def _sides(ring: Array, low: float, high: float) -> Array:
-    a, b = ring[:-1], ring[1:]
-    corners = [np.column_stack([xy, np.full(len(xy), z)]) for xy, z in ((a, low), (b, low), (b, high), (a, high))]
-    return np.stack([np.stack([corners[k] for k in own], axis=1) for own in ((0, 1, 2), (0, 2, 3))]).reshape(-1, 3, 3)
-
-
-def _at(flat: Array, z: float) -> Array:
-    return np.concatenate([flat, np.full((*flat.shape[:2], 1), z)], axis=2)
+    triangles = shapely.constrained_delaunay_triangles(area).geoms
+    corners = shapely.get_coordinates(list(triangles)).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
+    vertices, faces = np.unique(corners, axis=0, return_inverse=True)
+    body = trimesh.creation.extrude_triangulation(vertices, faces.reshape(-1, 3), high - low)
+    return np.asarray(body.triangles) + np.array([0.0, 0.0, low])

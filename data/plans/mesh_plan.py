@@ -67,8 +67,8 @@ def read_mesh(path: Path | str, *more: Path | str) -> MeshBuilding:
         surfaces += surfaces_at(replace(level, top=top), [solid])
     if not surfaces:
         raise UserError(f"{path}: no walls that stand on a floor; give the mesh of a building, walls with two sides")
-    # what has no source is a wall of its own: all of a mesh is one body
     ceilings = _ceilings(triangles, levels)
+    # what has no source is a wall of its own: all of a mesh is one body
     numbered = tuple(
         replace(s, id=f"surface-{k}", source="", height=_up_to(ceilings.get(s.room or ""), s.height))
         for k, s in enumerate(surfaces, 1)
@@ -108,11 +108,10 @@ def _ceilings(triangles: Array, levels: list[Level]) -> dict[str, float]:
         for room in level.rooms:
             own = tree.query(room.area, predicate="intersects")
             own = own[z[own] > level.bottom + LOWEST_CEILING]
-            area = shapely.area(shapely.intersection(outlines[own], room.area))
-            lowest = own[np.argsort(z[own])]
-            covered = np.cumsum(area[np.argsort(z[own])])
+            own = own[np.argsort(z[own])]
+            covered = np.cumsum(shapely.area(shapely.intersection(outlines[own], room.area)))
             if len(own) and covered[-1] > room.area.area / 2:
-                found[room.room.id] = float(z[lowest[np.searchsorted(covered, room.area.area / 2)]])
+                found[room.room.id] = float(z[own[np.searchsorted(covered, room.area.area / 2)]])
     return found
 
 

@@ -72,8 +72,8 @@ class SequenceSpec(BaseModel):
 
     def files(self) -> set[str]:
         """The paths of its input files."""
-        own = {path for path in (self.bim, self.scans, self.truth) if path is not None}
-        return own - {"demo", self.bim if self.is_generated else "demo"}
+        bim = None if self.bim == "demo" or self.is_generated else self.bim
+        return {path for path in (bim, self.scans, self.truth) if path is not None}
 
 
 class DriveOptions(Options):

@@ -1,4 +1,4 @@
-"""The settings of what is told about the soundness of a run's map."""
+"""The settings of the signals of a map's quality."""
 
 from pydantic import Field
 
