@@ -94,7 +94,7 @@ def simulate(
     legs = legs_over(models, grids, scene, robot.radius, min_rooms, min_length, rng)
     if and_back:
         legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
-    raised = platforms(models, legs, seed) if "steps" in chosen else None
+    raised = platforms(models, legs, scene, seed) if "steps" in chosen else None
     if raised is not None:
         legs = tuple(raised.over(leg, models[0].level) for leg in legs)
     motion = carrier.motion(plan_drive(legs, start_yaw, robot), models[0].level, height, seed)

@@ -60,6 +60,10 @@ class SmallBuilding:
         """(N, 3) points from the BIM frame to the building's."""
         return (points - self.T_bim_building[:3, 3]) @ self.T_bim_building[:3, :3]
 
+    def to_bim(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 3) points from the building's frame to the BIM frame."""
+        return points @ self.T_bim_building[:3, :3].T + self.T_bim_building[:3, 3]
+
 
 def write_small_ifc(
     path: Path,

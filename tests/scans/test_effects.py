@@ -17,7 +17,7 @@ from data.simulation.effects import EFFECTS, checked, timing_of
 from data.simulation.effects.doors import door_leaves
 from data.simulation.effects.furniture import furniture
 from data.simulation.effects.people import HEIGHT, RADIUS, People
-from data.simulation.effects.platforms import FROM_WALLS, RISE
+from data.simulation.effects.platforms import FROM_WALLS, HEADROOM, RISE, platforms
 from data.simulation.effects.returns import BIAS, Returns, noisy
 from data.simulation.effects.world import PASS, World
 from data.simulation.occupancy import build_grid
@@ -174,6 +174,16 @@ def test_the_sensor_rises_over_a_step(building: SmallBuilding, tmp_path: Path, c
     floor = np.concatenate(points(run, building))
     assert np.sum(np.abs(floor[:, 2] - RISE) < 0.03) > 500
     assert run.rooms_entered >= 2
+
+
+@pytest.mark.parametrize(("bottom", "raised"), [(HEADROOM - 0.01, False), (HEADROOM + 0.01, True)])
+def test_nothing_is_raised_under_what_hangs_low(building: SmallBuilding, bottom: float, raised: bool) -> None:
+    model = load_storey(building.path, "Ground")
+    corners = building.to_bim(np.array([[3, 0, bottom], [7, 0, bottom], [5, 9, bottom]], float))
+    way = building.to_bim(np.array([[x, 1.5, 0.0] for x in np.linspace(0.5, 9.5, 100)]))  # along the hall
+    found = platforms([model], [way], TriangleScene(np.concatenate([model.solid, corners[None]])), seed=0)
+    under, beside = building.to_bim(np.array([[5.0, 1.5, 0.0], [1.0, 1.5, 0.0]]))
+    assert found.rise(np.stack([under, beside])).tolist() == [RISE * raised, RISE]
 
 
 def test_all_together_is_that_of_its_seed(building: SmallBuilding, tmp_path: Path) -> None:

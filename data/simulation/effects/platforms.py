@@ -8,6 +8,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from data.geometry.raycast import TriangleScene
 from data.simulation.route import SPACING
 from data.simulation.storey_model import Space, StoreyModel
 
@@ -15,7 +16,9 @@ Array = NDArray[np.float64]
 RISE = 0.3  # m
 SHARE = 0.4  # of the rooms
 FROM_WALLS = 0.4  # m that stay at the floor's height, so that no lintel is over a platform
-HEADROOM = 2.4  # m: rooms lower than this get none
+HEADROOM = 2.4  # m: there is none under what hangs lower
+SAMPLE = 0.2  # m between the places at which that is looked for
+KNEE = 0.5  # m
 SMOOTH = 0.12  # m along the way: over half a step the sensor rises
 
 
@@ -46,11 +49,12 @@ class Platforms:
         return ground + np.column_stack([np.zeros((len(leg), 2)), rise])
 
 
-def platforms(models: Sequence[StoreyModel], legs: Sequence[Array], seed: int) -> Platforms:
-    """Raises the floor of SHARE of the rooms, of one at least that the way's legs (N, 2) or (N, 3) enter."""
+def platforms(models: Sequence[StoreyModel], legs: Sequence[Array], scene: TriangleScene, seed: int) -> Platforms:
+    """Raises the floor of SHARE of the rooms, of one at least that the way's legs (N, 2) or (N, 3) enter; `scene` is
+    the building."""
     rng, way, areas = np.random.default_rng([seed, 52]), np.concatenate(legs)[:, :2], []
     for model in dict.fromkeys(models):
-        rooms = [area for space in model.spaces if not (area := _inner(space, model.level)).is_empty]
+        rooms = [area for space in model.spaces if not (area := _inner(space, model.level, scene)).is_empty]
         entered = [shapely.contains_xy(area, way[::20, 0], way[::20, 1]).any() for area in rooms]
         chosen = rng.random(len(rooms)) < SHARE
         if any(entered):
@@ -60,14 +64,24 @@ def platforms(models: Sequence[StoreyModel], legs: Sequence[Array], seed: int) -
     return Platforms(tuple(areas))
 
 
-def _inner(space: Space, level: float) -> shapely.Geometry:
+def _inner(space: Space, level: float, scene: TriangleScene) -> shapely.Geometry:
     """Where a room's floor can be raised; empty for rooms that are low, or whose floor is not at the storey's level."""
     if not len(space.bottom) or np.abs(np.median(space.bottom[:, :, 2]) - level) > RISE:
         return shapely.MultiPolygon()
-    if len(space.top) and space.top[:, :, 2].min() - level < HEADROOM:
-        return shapely.MultiPolygon()
     floor = shapely.union_all([shapely.Polygon(corners).buffer(1e-3) for corners in space.bottom[:, :, :2]])
-    return floor.buffer(-FROM_WALLS, join_style="mitre")
+    area = floor.buffer(-FROM_WALLS, join_style="mitre")
+    return area if area.is_empty else area.difference(_low_places(area, level, scene).buffer(FROM_WALLS))
+
+
+def _low_places(area: shapely.Geometry, level: float, scene: TriangleScene) -> shapely.MultiPoint:
+    """The places of a floor at z = `level` over which something is lower than HEADROOM; what ends below KNEE does not
+    count."""
+    x0, y0, x1, y1 = area.bounds
+    places = np.stack(np.meshgrid(np.arange(x0, x1, SAMPLE), np.arange(y0, y1, SAMPLE)), axis=-1).reshape(-1, 2)
+    places = places[shapely.contains_xy(area, places[:, 0], places[:, 1])]
+    eyes = np.column_stack([places, np.full(len(places), level + KNEE)])
+    free = scene.distances(eyes, np.tile([0.0, 0.0, 1.0], (len(places), 1)))
+    return shapely.MultiPoint(places[free < HEADROOM - KNEE])
 
 
 def _solid(area: shapely.Geometry, level: float) -> Array:
