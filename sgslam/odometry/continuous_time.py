@@ -22,15 +22,23 @@ from sgslam.registration.sampling import TimedPoints, thinned
 from sgslam.registration.window import Solved, Weights, solve, window_knots
 
 Floats = NDArray[np.float64]
+_BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered
 _TRIED = 8  # of the likely poses of a lost sensor
 _UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
 _KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
-# rotations (4, 4) of a lost scan's search, about each axis of the sensor, since its mount is not known
-_TURNS = np.tile(np.eye(4), (15, 1, 1))
-_TURNS[:, :3, :3] = Rotation.from_rotvec(
-    [np.radians(angle) * axis for axis in np.eye(3) for angle in (-60, -30, 30, 60, 90)]
-).as_matrix()
+
+
+def _turns(degrees: tuple[float, ...]) -> Floats:
+    """(3 N, 4, 4) rotations by these angles about each axis of the sensor, since its mount is not known."""
+    turns = np.tile(np.eye(4), (3 * len(degrees), 1, 1))
+    vectors = [np.radians(angle) * axis for axis in np.eye(3) for angle in degrees]
+    turns[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+    return turns
+
+
+_LOST_TURNS = _turns((-60.0, -30.0, 30.0, 60.0, 90.0))  # while the sensor was lost
+_SWINGS = _turns((-36.0, -18.0, 18.0, 36.0))  # from the prediction: a hand turns back by as much within a scan
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +93,8 @@ class ContinuousTimeOdometry:
         """See `Odometry.register`."""
         self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
         began = (stamp_ns - self._first_ns) / 1e9
-        scan, self._side = thinned(points, point_times, began, self._side, self._settings)
-        self._scans += 1
-        if self._scans == 1:
-            found = self._begin(scan)
-        elif self._scans == 2:
-            found = self._second(scan)
-        else:
-            found = self._next(scan)
+        scan, side = thinned(points, point_times, began, self._side, self._settings)
+        found = self._lose(scan, 0.0) if len(scan.points) < _BLIND else self._found(scan, side)
         if self._early is not None:
             self._early.append(scan)
             if began > 2 * self._settings.gravity_until:
@@ -101,6 +103,14 @@ class ContinuousTimeOdometry:
         return Registration(
             motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained
         )
+
+    def _found(self, scan: TimedPoints, side: float) -> _Found:
+        """A scan that sees something; `side` as in `thinned`."""
+        self._side = side
+        self._scans += 1
+        if self._scans == 1:
+            return self._begin(scan)
+        return self._second(scan) if self._scans == 2 and self._older is not None else self._next(scan)
 
     def _begin(self, scan: TimedPoints) -> _Found:
         """The first scan: its pose is the frame `odom`."""
@@ -135,7 +145,7 @@ class ContinuousTimeOdometry:
 
     def _solved(self, belief: Belief, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
         """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""
-        settings, usual = self._settings, self._settings.suspicious * self._usual
+        settings = self._settings
         seconds, firsts = window_knots(belief.seconds, [scan.knot_seconds for scan in scans])
         known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *self._older_knots]
         newest = self._beliefs[-1]
@@ -152,15 +162,18 @@ class ContinuousTimeOdometry:
             return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, self._weights)
 
         best = attempt(ahead, settings.first_kernel)
-        if best.share < usual or best.agreement < settings.agreement:
-            others = [ahead, stopped, *(self._turned(stopped) if self._lost else [])]
-            best = max([best, *(attempt(guess, settings.wide_kernel) for guess in others)], key=lambda s: s.close)
+        if not self._fits(best):
+            others = [ahead, stopped, *(_turned(stopped, _LOST_TURNS) if self._lost else [])]
+            best = max([best, *(attempt(guess, settings.wide_kernel) for guess in others)], key=_close)
+        if not self._fits(best) and not self._lost:
+            swung = max((attempt(guess, settings.wide_kernel) for guess in _turned(ahead, _SWINGS)), key=_close)
+            best = swung if self._fits(swung) and swung.close > best.close else best  # some fit a little by chance
         return best, firsts
 
-    @staticmethod
-    def _turned(poses: list[Floats]) -> list[list[Floats]]:
-        """The same poses turned about the first one's place, as a lost sensor may have been."""
-        return [[pose @ turn for pose in poses] for turn in _TURNS]
+    def _fits(self, solved: Solved) -> bool:
+        """Whether about as many points of the newest scan as usual lie on known surfaces."""
+        usual = self._settings.suspicious * self._usual
+        return solved.share >= usual and solved.agreement >= self._settings.agreement
 
     def _judged(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> _Found:
         """Adds the older scan to the map and remembers the newest one, unless it is lost."""
@@ -168,16 +181,11 @@ class ContinuousTimeOdometry:
         relative = solved.share / max(self._usual, 1e-9) if self._scans > 2 else 1.0
         health, unconstrained = judged(solved, covariance, relative, self._lost, self._settings)
         interval = float(scan.knot_seconds[-1]) - self._beliefs[-1].seconds
+        if health == "lost":
+            return self._lose(scan, solved.share)
         if self._older is not None:
-            own = self._older_knots if health == "lost" else solved.knots[firsts[0] :][: len(self._older_knots)]
-            self._add(self._older, own)
-        self._lost = health == "lost"
-        if self._lost:
-            belief = self._model.unobserved(self._beliefs[-1], float(scan.knot_seconds[-1]))
-            self._older, self._beliefs = None, [belief]
-            knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
-            return _Found(knots, belief.covariance, health, solved.share)
-        knots = solved.knots[firsts[-1] :]
+            self._add(self._older, solved.knots[firsts[0] :][: len(self._older_knots)])
+        self._lost, knots = False, solved.knots[firsts[-1] :]
         self._way += float(np.linalg.norm(knots[-1, :3, 3] - self._beliefs[-1].T[:3, 3]))
         before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
         self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
@@ -187,6 +195,17 @@ class ContinuousTimeOdometry:
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
         self._usual += weight * (solved.share - self._usual)
         return _Found(knots, covariance, health, solved.share, unconstrained)
+
+    def _lose(self, scan: TimedPoints, share: float) -> _Found:
+        """A scan that tells nothing, or does not fit the map: its pose is a prediction."""
+        if self._older is not None:
+            self._add(self._older, self._older_knots)
+        before = self._beliefs[-1] if self._beliefs else self._model.begin(float(scan.knot_seconds[0]))
+        belief = self._model.unobserved(before, float(scan.knot_seconds[-1]))
+        self._lost, self._older = True, None
+        self._beliefs = [belief] if self._beliefs else []
+        knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
+        return _Found(knots, belief.covariance, "lost", share)
 
     def look_back(self, results: list[Registration]) -> list[Registration]:
         """See `Odometry.look_back`: the later scans are the map, and the first ones are registered to it from the last
@@ -268,3 +287,12 @@ class ContinuousTimeOdometry:
             setattr(self, name, state[name])
         if self._up is not None:
             self._model.level(self._up)
+
+
+def _close(solved: Solved) -> int:
+    return solved.close
+
+
+def _turned(poses: list[Floats], turns: Floats) -> list[list[Floats]]:
+    """The same poses (4, 4) turned about the sensor's place by each of `turns` (N, 4, 4)."""
+    return [[pose @ turn for pose in poses] for turn in turns]

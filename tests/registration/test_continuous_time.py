@@ -1,6 +1,7 @@
 """Registration in continuous time, on scans of a sensor in a hand."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import boxes
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from data.generation.demo_building import DEMO_STOREY, write_demo_building
 from data.scans import Scan, ScanFolder
-from data.simulation.carriers import HANDHELD
+from data.simulation.carriers import HANDHELD, Shaken
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 from sgslam.config import TrackingSettings
@@ -168,3 +169,33 @@ def test_covariances_stay_symmetric(drive: tuple[list[Scan], Trajectory]) -> Non
         odometry.register(scan.stamp_ns, scan.points, scan.point_times)
         for belief in odometry._beliefs:
             assert np.array_equal(belief.covariance, belief.covariance.T)
+
+
+def covered(scan: Scan) -> Scan:
+    """The scan of a sensor under a cap."""
+    ranges = np.linalg.norm(scan.points, axis=1, keepdims=True)
+    return replace(scan, points=scan.points / ranges * 0.2)
+
+
+@pytest.mark.parametrize("first", [0, 1, 40])
+def test_a_covered_sensor_is_lost_until_it_sees_again(drive: tuple[list[Scan], Trajectory], first: int) -> None:
+    scans, truth = drive
+    under = range(first, first + 4)
+    found = tracked([covered(scan) if k in under else scan for k, scan in enumerate(scans)])
+    assert [k for k, f in enumerate(found) if f.health == "lost"] == list(under)
+    after = found[first + 4 :]
+    assert np.median(second_errors(after, Trajectory(truth.stamps_ns[first + 4 :], truth.poses[first + 4 :]))) < 0.025
+
+
+@pytest.mark.slow
+def test_a_shaken_sensor_is_followed(tmp_path: Path) -> None:
+    write_demo_building(tmp_path / "demo.ifc")
+    run = simulate(
+        tmp_path / "demo.ifc", DEMO_STOREY, tmp_path / "drive", 2, 2, 12.0, carrier=Shaken(HANDHELD, 3.0, 5.0, 500.0),
+        seconds=10.0,
+    )  # fmt: skip
+    found = np.stack([f.T_odom_sensor for f in tracked(list(ScanFolder(tmp_path / "drive" / "scans")))])
+    truth = run.truth.poses[: len(found)]
+    off = inverse(inverse(truth[:-1]) @ truth[1:]) @ inverse(found[:-1]) @ found[1:]
+    lost = (np.linalg.norm(off[:, :3, 3], axis=1) > 0.2) | (np.trace(off[:, :3, :3], axis1=1, axis2=2) < 2.99)  # 6 deg
+    assert lost.mean() < 0.05  # of four seeds it was 0.0; 0.57 without turned predictions

@@ -3,6 +3,7 @@
 from data.simulation.carriers.carrier import Carrier, Motion
 from data.simulation.carriers.named import CARRIERS, carrier_named
 from data.simulation.carriers.recorded import Recorded
+from data.simulation.carriers.shaken import Shaken
 from data.simulation.carriers.walking import HANDHELD, POLE, Walker
 from data.simulation.carriers.wheeled import WHEELED, Wheeled
 
@@ -14,6 +15,7 @@ __all__ = [
     "Carrier",
     "Motion",
     "Recorded",
+    "Shaken",
     "Walker",
     "Wheeled",
     "carrier_named",
