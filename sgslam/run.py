@@ -101,8 +101,11 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
 
 def _quality(signals: dict[str, Any]) -> str:
     """The signals that are out of their limits."""
-    out = [f"{name} {own['value']:.3g} (limit {own['limit']:g})" for name, own in signals.items() if not own["ok"]]
-    return ("out of limits: " + ", ".join(out)) if out else "all signals within their limits"
+    from sgslam.report.number_formats import signal_texts
+
+    told = [signal_texts(name, own) for name, own in signals.items() if not own["ok"]]
+    out = [f"{phrase}: {value} ({limit})" for phrase, value, limit in told]
+    return ("out of limits: " + "; ".join(out)) if out else "all signals within their limits"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,18 @@
-"""Numbers as text."""
+"""Numbers as text, and the signals of a map's quality in words."""
+
+from collections.abc import Mapping
+from typing import Any
 
 NOTHING = "\N{EN DASH}"
+SIGNALS = {  # the names in metrics.json: phrase, unit, and which side of the limit is sound
+    "map_against_odometry": ("map against odometry, share of the way", " %", "at most"),
+    "lost_scans": ("lost scans, share of all", " %", "at most"),
+    "keyframes_without_walls": ("keyframes that see no wall, share of all", " %", "at most"),
+    "walls_per_keyframe": ("walls that a keyframe sees, mean", "", "at least"),
+    "position_sigma_m": ("standard deviation of 95 % of the positions", " m", "at most"),
+    "plan_tilt_deg": ("tilt of the plan in the map", "°", "at most"),
+    "planned_walls_crossed": ("planned walls that the way crosses", "", "at most"),
+}
 
 
 def thousands(value: int | None) -> str:
@@ -18,3 +30,10 @@ def metres(value: float | None) -> str:
 def seconds(value: float | None) -> str:
     """A time, in ms below 1 s."""
     return NOTHING if value is None else f"{value:.1f} s" if abs(value) >= 1 else f"{value * 1000:.0f} ms"
+
+
+def signal_texts(name: str, signal: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Phrase, value and limit of a signal of quality, as in metrics.json."""
+    phrase, unit, side = SIGNALS[name]
+    value, limit = (signal[key] * (100 if unit == " %" else 1) for key in ("value", "limit"))
+    return phrase, f"{value:.3g}{unit}", f"{side} {limit:g}{unit}"

@@ -8,7 +8,7 @@ from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
 from sgslam.report.hypothesis_plans import hypothesis_texts
-from sgslam.report.number_formats import NOTHING, metres, seconds, thousands
+from sgslam.report.number_formats import NOTHING, metres, seconds, signal_texts, thousands
 
 LARGEST = 30  # deviations in the table
 
@@ -22,9 +22,9 @@ def badge(metrics: dict[str, Any]) -> str:
 
 
 def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
-    """Name, value and limit of each signal of the map's quality, and whether it is within the limit."""
+    """Phrase, value and limit of each signal of the map's quality, and whether it is within the limit."""
     return [
-        (name, f"{own['value']:.3g}", f"{own['limit']:g}", "within" if own["ok"] else "out of its limit")
+        (*signal_texts(name, own), "within" if own["ok"] else "out of its limit")
         for name, own in (metrics.get("quality") or {}).items()
     ]
 

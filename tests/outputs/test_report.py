@@ -95,10 +95,13 @@ def test_an_ambiguous_match_is_shown_as_a_guess() -> None:
 
 def test_what_is_not_anchored_or_not_sound_is_shown() -> None:
     data, signal = sample(), {"value": 7.0, "limit": 1, "ok": False}
-    found = {"anchored_share": 0.925, "quality": {"planned_walls_crossed": signal, "lost_scans": signal | {"ok": True}}}
+    within = {"value": 0.0134, "limit": 0.05, "ok": True}
+    found = {"anchored_share": 0.925, "quality": {"planned_walls_crossed": signal, "lost_scans": within}}
     page = Page(report_html(dataclasses.replace(data, metrics=data.metrics | found)))
     assert "Anchored in part: 92.5 % of the scans" in page.text
-    assert page.text.count("out of its limit") == 1 and "planned_walls_crossed" in page.text
+    assert page.text.count("out of its limit") == 1
+    assert "planned walls that the way crosses\n7\nat most 1\n" in page.text
+    assert "lost scans, share of all\n1.34 %\nat most 5 %\n" in page.text
     assert "Quality of the map" not in Page(report_html(data)).text
 
 

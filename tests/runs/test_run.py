@@ -147,6 +147,17 @@ def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
     assert "0.1 s apart" in done.stderr  # the stamps are a guess, and the user is told
 
 
+@pytest.mark.parametrize(("most", "said"), [
+    (1.0, "all signals within their limits"),
+    (0.2, "out of limits: keyframes that see no wall, share of all: 50 % (at most 20 %)"),
+])  # fmt: skip
+def test_signals_of_quality_are_told_in_words(most: float, said: str, scans: Path, tmp_path: Path) -> None:
+    limits = ["--set", f"quality.keyframes_without_walls={most}", "--set", "quality.walls_per_keyframe=0"]
+    done = run("--scan-dir", scans, "--out", tmp_path / "out", *limits)
+    words = " ".join(done.stdout.replace("│", " ").split())
+    assert f"quality {said} scans" in words
+
+
 def test_strict_is_not_content_with_less_than_all(scans: Path, tmp_path: Path) -> None:
     done = run("--scan-dir", scans, "--out", tmp_path / "out", "--strict")
     assert done.returncode == 3, done.stderr
