@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from data.scene_graph import Floor, Room, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.geometry.frames import se2_to_se3
+from sgslam.report.scan_states import ScanStates
 
 Array = NDArray[np.float64]
 ENTERED_M = 1.0  # path length in a room from which on it counts as entered, not just looked into
@@ -22,7 +23,9 @@ class ReportData:
 
     `s_graph` and both trajectories are in the map frame (the odometry in its own, with the same origin),
     `a_graph` and `truth` in the BIM frame. `matches`, `metrics` and `deviations` have the forms of matches.json,
-    metrics.json and deviations.json.
+    metrics.json and deviations.json. `scans` tells of the scans of `trajectory_map`; where it is None, all are known.
+    `anchors` is the log of all anchors, as in a run's result. `placed` is False for a floor of the map that was not
+    placed in the plan.
     """
 
     a_graph: SceneGraph | None
@@ -34,6 +37,14 @@ class ReportData:
     matches: Mapping[str, Any] | None
     metrics: dict[str, Any]
     deviations: Sequence[Mapping[str, Any]]
+    scans: ScanStates | None = None
+    anchors: Sequence[Mapping[str, Any]] = ()
+    placed: bool = True
+
+    @property
+    def known(self) -> Trajectory:
+        """`trajectory_map` without the scans that were lost, or lie in parts that were not placed."""
+        return self.trajectory_map if self.scans is None else self.trajectory_map.only(self.scans.known)
 
     @property
     def hypotheses(self) -> list[dict[str, Any]]:
@@ -55,38 +66,47 @@ class ReportData:
 
 
 def split_by_floor(data: ReportData) -> list[ReportData]:
-    """The data of each floor of the map, with the parts of the trajectories on it; unchanged if there is only one."""
+    """The data of each floor of the map, with the parts of the trajectories on it; unchanged if there is only one.
+
+    The way between two floors belongs to the one that was left.
+    """
     floors = data.s_graph.floors
     if len(floors) < 2:
         return [data]
-    matches, parts = data.matches or {}, []
     of = {k.stamp_ns: k.floor for k in data.s_graph.keyframes}
-    stamps = np.array(sorted(of), dtype=np.int64)
-    on = [of[stamp] for stamp in stamps.tolist()]
+    stamps, on = np.array(sorted(of), dtype=np.int64), [floors[0].id]
+    for stamp in stamps.tolist():
+        on.append(of[stamp] or on[-1])
+    return [_on_floor(data, floor, stamps, np.array(on[1:])) for floor in floors]
 
-    def there(trajectory: Trajectory, floor: str) -> Trajectory:
+
+def _on_floor(data: ReportData, floor: Floor, stamps: NDArray[np.int64], on: NDArray[np.str_]) -> ReportData:
+    """The data of a floor, given the keyframes' `stamps` (K,) and the ids of their floors `on` (K,)."""
+
+    def there(trajectory: Trajectory) -> NDArray[np.bool_]:
         before = np.maximum(np.searchsorted(stamps, trajectory.stamps_ns, side="right") - 1, 0)
-        chosen = np.array([on[k] == floor for k in before.tolist()], dtype=bool)
-        return Trajectory(trajectory.stamps_ns[chosen], trajectory.poses[chosen])
+        return on[before] == floor.id
 
-    for floor in floors:
-        storey = (matches.get("floors") or {}).get(floor.id, matches.get("floor"))
-        parts.append(replace(
-            data, s_graph=data.s_graph.on_floor(floor.id), matches={**matches, "floor": storey} if matches else None,
-            trajectory_map=there(data.trajectory_map, floor.id),
-            trajectory_odometry=there(data.trajectory_odometry, floor.id),
-            truth=None if data.truth is None else there(data.truth, floor.id),
-        ))  # fmt: skip
-    return parts
+    matches = data.matches or {}
+    storeys, ours = matches.get("floors"), there(data.trajectory_map)
+    storey = (storeys or {}).get(floor.id, matches.get("floor"))
+    return replace(
+        data, s_graph=data.s_graph.on_floor(floor.id), matches={**matches, "floor": storey} if matches else None,
+        trajectory_map=data.trajectory_map.only(ours),
+        scans=None if data.scans is None else data.scans.only(ours),
+        trajectory_odometry=data.trajectory_odometry.only(there(data.trajectory_odometry)),
+        truth=None if data.truth is None else data.truth.only(there(data.truth)),
+        placed=storeys is None or floor.id in storeys,
+    )  # fmt: skip
 
 
 def current_storey(data: ReportData) -> Floor | None:
-    """The BIM's storey that the robot is on; None where the BIM has no storeys.
+    """The BIM's storey that the robot is on; None where the BIM has no storeys, or the floor was not placed.
 
     Taken from the match, else from the height of the anchored or the true trajectory; else it is the storey with the
     most rooms.
     """
-    if data.a_graph is None or not data.a_graph.floors:
+    if data.a_graph is None or not data.a_graph.floors or not data.placed:
         return None
     for floor_id in ((data.matches or {}).get("floor"), *(h.get("floor") for h in data.hypotheses)):
         if (floor := data.floor_named(floor_id)) is not None:
@@ -95,7 +115,7 @@ def current_storey(data: ReportData) -> Floor | None:
     known = sorted((f.elevation, i) for i, f in enumerate(floors) if f.elevation is not None)
     in_bim = data.truth
     if data.T_bim_map is not None:
-        in_bim = data.trajectory_map.transformed(data.T_bim_map)
+        in_bim = data.known.transformed(data.T_bim_map)
     if in_bim is not None and known and len(in_bim):
         height = float(np.median(in_bim.positions[:, 2]))
         below = [i for elevation, i in known if elevation <= height]
@@ -110,10 +130,10 @@ def entered_unmatched(data: ReportData) -> list[tuple[str | None, str]]:
     anchored.
     """
     floor = current_storey(data)
-    if data.T_bim_map is None or data.a_graph is None:
+    if data.T_bim_map is None or data.a_graph is None or not data.placed:
         return []
-    on_map = data.trajectory_map.positions[:, :2]
-    in_bim = data.trajectory_map.transformed(data.T_bim_map).positions[:, :2]
+    on_map = data.known.positions[:, :2]
+    in_bim = data.known.transformed(data.T_bim_map).positions[:, :2]
     matched = {a for a, _ in data.pairs("rooms").values()}
     mapped = {room.id: inside for room in data.s_graph.rooms if (inside := _inside(room, on_map)) is not None}
     found: list[tuple[str | None, str]] = []
@@ -149,15 +169,21 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     """
     if data.a_graph is None:
         return np.eye(4), "The map (no BIM was given)"
-    storey = (floor.name or floor.id) if floor else "The plan"
+    T_plan_map, remark = _place(data, floor)
+    if not data.placed:
+        return T_plan_map, f"{data.s_graph.floors[0].id} of the map: not placed in the plan"
+    return T_plan_map, ((floor.name or floor.id) if floor else "The plan") + remark
+
+
+def _place(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
+    """T_plan_map (4, 4), and where it is not sure, a remark on it."""
     if data.T_bim_map is not None:
-        return data.T_bim_map, storey
+        return data.T_bim_map, ""
     candidates = [(data.matches or {}).get("T_a_s"), *(h.get("T_a_s") for h in data.hypotheses)]
     best = next((g for g in candidates if g is not None), None)
     if best is not None:
-        heading = f"{storey}; the map is placed by the best hypothesis, which was not accepted"
-        return hypothesis_pose(data, best, floor), heading
-    return _pose_beside_plan(data, floor), f"{storey}; the map is drawn beside it, as its place is unknown"
+        return hypothesis_pose(data, best, floor), "; the map is placed by the best hypothesis, which was not accepted"
+    return _pose_beside_plan(data, floor), "; the map is drawn beside it, as its place is unknown"
 
 
 def hypothesis_pose(data: ReportData, T_a_s: list[float], floor: Floor | None) -> Array:

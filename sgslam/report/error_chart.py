@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
+from sgslam.geometry.frames import transform_points
 from sgslam.report.accuracy import align_se3, associate
 from sgslam.report.contents import ReportData
+from sgslam.report.drawn_paths import subsample
 from sgslam.report.number_formats import metres
-from sgslam.report.plan_drawing import PlanDrawing, subsample
+from sgslam.report.plan_drawing import PlanDrawing
 from sgslam.report.plan_svg import Pen
 
 Array = NDArray[np.float64]
@@ -45,14 +47,14 @@ class ErrorLine:
 def error_lines(data: ReportData) -> list[ErrorLine]:
     """Position errors of odometry and trajectory against the truth; those that can be computed.
 
-    An anchored trajectory is compared in the BIM frame without alignment; others are aligned first.
+    An anchored trajectory is compared in the BIM frame without alignment, as far as it is known; others are aligned
+    first.
     """
     if data.truth is None or not len(data.trajectory_map):
         return []
-    ours, label = data.trajectory_map, "trajectory, aligned"
+    start, ours, label = int(data.trajectory_map.stamps_ns[0]), data.trajectory_map, "trajectory, aligned"
     if data.T_bim_map is not None:
-        ours, label = ours.transformed(data.T_bim_map), "trajectory in the BIM frame, not aligned"
-    start = int(ours.stamps_ns[0])
+        ours, label = data.known.transformed(data.T_bim_map), "trajectory in the BIM frame, not aligned"
     odometry = _line("odometry", "odometry, aligned", data.trajectory_odometry, data.truth, start, True)
     trajectory = _line("trajectory", label, ours, data.truth, start, data.T_bim_map is None)
     return [line for line in (odometry, trajectory) if line is not None]
@@ -100,9 +102,9 @@ def chart_data(data: ReportData, lines: Sequence[ErrorLine], drawing: PlanDrawin
     """JSON for pointing at the chart: samples of `seconds`, `errors` by line (m), and `place` in `#plan`."""
     shown = next((line for line in lines if line.name == "trajectory"), lines[0])
     axes, seconds = _Axes(lines), shown.seconds[subsample(len(shown.seconds), SAMPLES)]
-    path, stamps = drawing.paths["trajectory"], data.trajectory_map.stamps_ns
-    drawn_at = (stamps[subsample(len(stamps), len(path))] - stamps[0]) / 1e9
-    place = Pen(drawing.centre()).local(np.column_stack([np.interp(seconds, drawn_at, path[:, k]) for k in (0, 1)]))
+    stamps, way = data.trajectory_map.stamps_ns, transform_points(drawing.T_plan_map, data.trajectory_map.positions)
+    at = (stamps - stamps[0]) / 1e9
+    place = Pen(drawing.centre()).local(np.column_stack([np.interp(seconds, at, way[:, k]) for k in (0, 1)]))
     return {
         "seconds": seconds.round(2).tolist(),
         "x": axes.x(seconds).round(1).tolist(),

@@ -20,7 +20,7 @@ def write_report(data: ReportData, path: Path | str) -> None:
 
 def report_html(data: ReportData) -> str:
     """The page: status, key figures, plan, 3D view, errors and tables. All strings from data are escaped."""
-    drawing, *others = (plan_drawing(part) for part in split_by_floor(data))
+    drawing, *others = drawings = [plan_drawing(part) for part in split_by_floor(data)]
     anchored, lines = data.T_bim_map is not None, error_lines(data)
     embedded = {"scene-data": scene_data(drawing)}
     if lines:
@@ -32,7 +32,7 @@ def report_html(data: ReportData) -> str:
         status=(data.matches or {}).get("status") if data.a_graph and not anchored else None,
         metrics=data.metrics, accuracy=data.metrics.get("accuracy") or {}, matched_rooms=data.matched_rooms(),
         figures=[] if anchored else hypothesis_figures(data), drawing=drawing, plan=plan_svg(drawing),
-        legend=legend(drawing), scene=scene_card(drawing), errors=error_chart(data, lines) if lines else "",
+        legend=legend(drawings), scene=scene_card(drawing), errors=error_chart(data, lines) if lines else "",
         other_floors=[(other.heading, plan_svg(other, f"plan-{k}")) for k, other in enumerate(others, 1)],
         deviations=data.deviations, significant=sum(bool(d["significant"]) for d in data.deviations),
         deviation_rows=deviation_rows, deviation_looks=deviation_looks, summary=tables.summary_rows(data),

@@ -4,37 +4,39 @@ Drawn by `plan_png`, `plan_svg` and `scene_3d`. The plan's frame is the BIM fram
 the map frame; metres.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.scene_graph import Floor, Room, WallSurface
-from data.trajectory import Trajectory
+from data.scene_graph import Floor, Room, SceneGraph, WallSurface
 from sgslam.as_built.deviation_bands import band_of, deviation_text
 from sgslam.geometry.frames import transform_points
 from sgslam.report.contents import ReportData, current_storey, placement
+from sgslam.report.drawn_paths import DrawnPath, PathKind, drawn_paths, subsample, uncertainty_band
 
 Array = NDArray[np.float64]
-MAX_VERTICES = 3000  # of a drawn path; more than a screen resolves
 MAX_KEYFRAMES = 1000
 STUB_M = 0.4  # drawn length of a wall surface whose length is not known
 STOREY_M, SENSOR_M = 2.5, 1.0  # drawn height of a wall, and of the sensor above the floor, where not known
 LARGEST_TEXT_M, SMALLEST_TEXT_M = 0.42, 0.12
 GLYPH_WIDTH = 0.6  # of a letter, relative to the text's size
-STRAY = 0.3  # of the building's longer side, by which a drifting odometry may widen the view
+STRAY = 0.3  # of the building's longer side, by which paths at unknown places may widen the view
 
 LABELS = {
     "bim-walls": "wall of the BIM",
     "walls-matched": "mapped wall, matched",
     "walls-unmatched": "mapped wall, not matched",
+    "anchors-withdrawn": "planned wall whose anchor was withdrawn",
     "matches": "match, from mapped to planned wall",
     "rooms-matched": "matched room of the BIM",
     "map-rooms": "room of the map",
     "odometry": "before anchoring (odometry)",
     "trajectory": "after anchoring (final)",
+    "uncertainty": "uncertainty of the position (95 %, to scale)",
+    "lost": "lost or not placed",
     "truth": "ground truth",
 }
 NOT_ANCHORED = {
@@ -43,9 +45,6 @@ NOT_ANCHORED = {
     "odometry": "odometry",
     "trajectory": "trajectory, not anchored",
 }
-
-PathKind = Literal["odometry", "truth", "trajectory"]
-
 
 @dataclass(frozen=True)
 class DrawnWall:
@@ -85,8 +84,10 @@ class DrawnRoom:
 class PlanDrawing:
     """One storey.
 
-    `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `paths` are (N, 3),
-    `keyframes` (K, 3). `floor_z` is the floor's height. `labels` names the layers in the legends.
+    `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `keyframes` is (K, 3),
+    `floor_z` the floor's height. `labels` names the layers in the legends. `T_plan_map` (4, 4) places the map in the
+    plan. `withdrawn` are the planned walls whose anchors were withdrawn. `band` holds the outlines (K, 2) of the
+    trajectory's uncertainty.
     """
 
     heading: str
@@ -95,24 +96,33 @@ class PlanDrawing:
     map_walls: tuple[DrawnWall, ...]
     map_rooms: tuple[DrawnRoom, ...]
     match_lines: Array
-    paths: dict[PathKind, Array]
+    paths: dict[PathKind, list[DrawnPath]]
     keyframes: Array
     floor_z: float
     labels: dict[str, str]
+    T_plan_map: Array = field(default_factory=lambda: np.eye(4))
+    withdrawn: tuple[DrawnWall, ...] = ()
+    band: Sequence[Array] = ()
 
     def bounds(self) -> tuple[Array, Array]:
-        """The lower left and upper right corners (2,) of the view; an odometry that drifts far away is cut off."""
+        """The lower left and upper right corners (2,) of the view; paths that stray far away are cut off: the
+        odometry, and what was not placed."""
         parts = [w.ends for w in (*self.bim_walls, *self.map_walls)]
         for room in (*self.bim_rooms, *self.map_rooms):
             parts.append(room.label[None] if room.outline is None else room.outline)
-        paths = {kind: path[:, :2] for kind, path in self.paths.items()}
-        points = np.vstack([*parts, *(p for kind, p in paths.items() if kind != "odometry"), np.empty((0, 2))])
+        sure, unsure = self._places("trajectory", "truth"), self._places("odometry", "lost")
+        points = np.vstack([*parts, sure]) if len(parts) or len(sure) else unsure
         if not len(points):
             return np.array([-1.0, -1.0]), np.array([1.0, 1.0])
         low, high = points.min(axis=0), points.max(axis=0)
         stray = max(STRAY * float((high - low).max()), 1.0)
-        strayed = np.clip(paths.get("odometry", points), low - stray, high + stray)
-        return np.minimum(low, strayed.min(axis=0)), np.maximum(high, strayed.max(axis=0))
+        strayed = np.vstack([points, np.clip(unsure, low - stray, high + stray)])
+        return strayed.min(axis=0), strayed.max(axis=0)
+
+    def _places(self, *kinds: PathKind) -> Array:
+        """(N, 2) all vertices of paths."""
+        pieces = [path.points[:, :2] for kind in kinds for path in self.paths.get(kind, ())]
+        return np.vstack([np.empty((0, 2)), *pieces])
 
     def centre(self) -> Array:
         """(2,) the centre in whole metres, the origin of drawings."""
@@ -129,6 +139,8 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
     """Selects the storey, places the map in the plan and converts both to lines and outlines."""
     floor = current_storey(data)
     T_plan_map, heading = placement(data, floor)
+    if not data.placed:
+        data = replace(data, a_graph=SceneGraph("bim"))  # it lies on none of the plan's storeys
     floor_z = _floor_z(data, floor, T_plan_map)
     rooms_a = [r for r in (data.a_graph.rooms if data.a_graph else ()) if _on(r, floor)]
     matched_rooms = data.pairs("rooms")
@@ -144,10 +156,13 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
         tuple(_room(r, T_plan_map, r.id in matched_rooms, _pair_title(r.id, matched_rooms, names),
                     labels.get(matched_rooms.get(r.id, ("", 0.0))[0])) for r in data.s_graph.rooms),
         _match_lines(data, T_plan_map, {w.id for w in bim_walls}),
-        _paths(data, T_plan_map),
+        drawn_paths(data, T_plan_map),
         _keyframes(data, T_plan_map),
         floor_z,
         LABELS if data.T_bim_map is not None else LABELS | NOT_ANCHORED,
+        T_plan_map,
+        _withdrawn(data, bim_walls),
+        uncertainty_band(data, T_plan_map),
     )  # fmt: skip
 
 
@@ -234,6 +249,17 @@ def _room(room: Room, T_plan: Array, matched: bool, title: str, label: Array | N
     return DrawnRoom(outline, label, room.name or room.id, matched, title)
 
 
+def _withdrawn(data: ReportData, bim_walls: Iterable[DrawnWall]) -> tuple[DrawnWall, ...]:
+    """The planned walls that have no anchor any more, with the reason for which they lost the last one."""
+    held = {anchor["a_id"] for anchor in data.anchors if anchor["state"] != "withdrawn"}
+    events = sorted((anchor["events"][-1]["stamp_ns"], anchor["a_id"], anchor["events"][-1]["why"])
+                    for anchor in data.anchors)  # fmt: skip
+    why = {a_id: reason for _, a_id, reason in events if a_id not in held}
+    return tuple(
+        replace(wall, title=f"{wall.title}\nanchor withdrawn: {why[wall.id]}") for wall in bim_walls if wall.id in why
+    )
+
+
 def _match_lines(data: ReportData, T_plan_map: Array, shown_a: Iterable[str]) -> Array:
     lines = []
     for s_id, (a_id, _) in data.pairs("wall_surfaces").items():
@@ -243,27 +269,6 @@ def _match_lines(data: ReportData, T_plan_map: Array, shown_a: Iterable[str]) ->
     return np.array(lines).reshape(-1, 2, 2)
 
 
-def _paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, Array]:
-    paths: dict[PathKind, Array] = {}
-    if len(data.trajectory_odometry) and len(data.trajectory_map):
-        # both first poses coincide, so that the drift from there on shows
-        T_map_odom = data.trajectory_map.poses[0] @ np.linalg.inv(data.trajectory_odometry.poses[0])
-        paths["odometry"] = _path(data.trajectory_odometry, T_plan_map @ T_map_odom)
-    if data.truth is not None and data.a_graph is not None:
-        paths["truth"] = _path(data.truth, np.eye(4))
-    paths["trajectory"] = _path(data.trajectory_map, T_plan_map)
-    return {kind: path for kind, path in paths.items() if len(path)}
-
-
-def _path(trajectory: Trajectory, T_plan: Array) -> Array:
-    return _placed(trajectory.positions[subsample(len(trajectory), MAX_VERTICES)], T_plan)
-
-
 def _keyframes(data: ReportData, T_plan_map: Array) -> Array:
     positions = _placed([k.pose[:3] for k in data.s_graph.keyframes], T_plan_map)
     return positions[subsample(len(positions), MAX_KEYFRAMES)]
-
-
-def subsample(count: int, most: int) -> NDArray[np.intp]:
-    """Indices of at most `most` of `count` items, evenly spaced, including the first and the last."""
-    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)

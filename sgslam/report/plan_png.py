@@ -9,17 +9,20 @@ import numpy as np
 from data.common.files import write_atomically
 from sgslam.as_built.deviation_bands import BANDS, band_labels
 from sgslam.report.contents import ReportData, split_by_floor
+from sgslam.report.drawn_paths import PathKind
 from sgslam.report.plan_drawing import DrawnWall, PlanDrawing, plan_drawing
 
 LONG_SIDE_INCH, LEGEND_INCH, DPI = 12.0, 2.3, 150
 MARGIN = 0.03  # of the longer side
 LARGEST_TEXT, SMALLEST_TEXT = 9.0, 3.0  # points; smaller names are left out
 BIM, ROOM, MATCHED, UNMATCHED = "#a3a9b2", "#e7f3f1", "#0f8a7b", "#c0508c"
+LOST, WITHDRAWN, BAND = "#767f8a", "#ec8288", "#e2d4f7"
 BAND_COLORS = ("#1f4aa8", "#4f86d4", "#8fbbe8", MATCHED, "#eeb04e", "#dd7a1c", "#b03a10")
-PATHS: dict[str, dict[str, Any]] = {
+PATHS: dict[PathKind, dict[str, Any]] = {  # from bottom to top
     "odometry": {"color": "#a78bfa", "lw": 1.1, "ls": (0, (4, 3))},
     "truth": {"color": "#1c1f23", "lw": 0.8, "ls": ":"},
     "trajectory": {"color": "#6d28d9", "lw": 1.6, "ls": "-"},
+    "lost": {"color": LOST, "lw": 1.8, "ls": "-"},
 }
 
 
@@ -78,8 +81,10 @@ def _draw(axes: Any, drawing: PlanDrawing) -> None:
         if known := [outline for outline in outlines if outline is not None]:
             axes.add_collection(PolyCollection(known, label=drawing.labels[layer], **style))
     matched = [w for w in drawing.map_walls if w.matched]
+    _uncertainty(axes, drawing)
     for layer, walls, color, width in (
         ("bim-walls", list(drawing.bim_walls), BIM, 3.2),
+        ("anchors-withdrawn", list(drawing.withdrawn), WITHDRAWN, 7.0),
         ("walls-unmatched", [w for w in drawing.map_walls if not w.matched], UNMATCHED, 1.6),
         ("walls-matched", [w for w in matched if w.band is None], MATCHED, 1.6),
     ):
@@ -90,11 +95,21 @@ def _draw(axes: Any, drawing: PlanDrawing) -> None:
     if len(drawing.match_lines):
         ends, label = list(drawing.match_lines), drawing.labels["matches"]
         axes.add_collection(LineCollection(ends, colors=MATCHED, linewidths=0.6, label=label))
-    for kind, path in drawing.paths.items():
-        axes.plot(*path[:, :2].T, label=drawing.labels[kind], **PATHS[kind])
+    for kind, style in PATHS.items():
+        for path in drawing.paths.get(kind, ()):
+            axes.plot(*path.points[:, :2].T, label=drawing.labels[kind], **style)
     if "trajectory" in drawing.paths:
-        start = drawing.paths["trajectory"][0, :2]
+        start = drawing.paths["trajectory"][0].points[0, :2]
         axes.plot(*start, "o", ms=6, color=PATHS["trajectory"]["color"], mec="white", label="start")
+
+
+def _uncertainty(axes: Any, drawing: PlanDrawing) -> None:
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path as Outline
+
+    if drawing.band:
+        area = Outline.make_compound_path(*(Outline(outline, closed=True) for outline in drawing.band))
+        axes.add_patch(PathPatch(area, fc=BAND, ec="none", label=drawing.labels["uncertainty"]))
 
 
 def _lines(axes: Any, walls: list[DrawnWall], color: str, widths: float | list[float], label: str) -> None:

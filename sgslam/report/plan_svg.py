@@ -1,5 +1,6 @@
 """The floor plan as inline SVG: layers that can be switched, text that zooms, strokes of constant width."""
 
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -43,6 +44,11 @@ class Pen:
         """A closed outline (K, 2)."""
         return f'<polygon points="{self.points(outline)}">{_title(title)}</polygon>'
 
+    def area(self, outlines: Sequence[Array]) -> str:
+        """The area within closed outlines (K, 2), of which holes run the other way round."""
+        rings = "".join(f"M{self.points(outline)}Z" for outline in outlines)
+        return f'<path d="{rings}"/>' if rings else ""
+
     def text(self, room: DrawnRoom, rise: float) -> str:
         """A room's name, moved down by `rise` times its size."""
         x, y = self.points(room.label).split(",")
@@ -76,14 +82,14 @@ def view_box(drawing: PlanDrawing, pen: Pen) -> tuple[float, tuple[float, float,
     return margin, (left - margin, top - margin, right - left + 2 * margin, bottom - top + 2 * margin)
 
 
-def legend(drawing: PlanDrawing) -> str:
-    """Switches for the layers that are not empty, each with its line style, and the scale of deviations."""
-    present = [name for name, content in _layers(drawing, Pen(np.zeros(2))) if content]
+def legend(drawings: Sequence[PlanDrawing]) -> str:
+    """Switches for the layers that are not empty in any drawing, each with its line style; the scale of deviations."""
+    present = {name for one in drawings for name, content in _layers(one, Pen(np.zeros(2))) if content}
     items = [
         switch("layer", name, f'<g class="layer-{name}">{_key(name)}</g>', label)
-        for name, label in drawing.labels.items() if name in present
+        for name, label in drawings[0].labels.items() if name in present
     ]  # fmt: skip
-    scale = deviation_scale() if drawing.with_deviations else ""
+    scale = deviation_scale() if any(one.with_deviations for one in drawings) else ""
     return f'<div class="legend">{"".join(items)}</div>{scale}'
 
 
@@ -112,7 +118,7 @@ def deviation_scale() -> str:
 
 
 def _key(layer: str) -> str:
-    if layer in ("rooms-matched", "map-rooms"):
+    if layer in ("rooms-matched", "map-rooms", "uncertainty"):
         return '<polygon points="3,1 21,1 21,9 3,9"/>'
     return '<polyline points="2,5 22,5"/>'
 
@@ -127,16 +133,22 @@ def _layers(drawing: PlanDrawing, pen: Pen) -> list[tuple[str, str]]:
         chosen = [w for w in drawing.map_walls if w.matched is matched]
         return "".join(pen.wall(w) for w in sorted(chosen, key=lambda w: w.significant))
 
-    paths = {kind: pen.line(xyz[:, :2]) for kind, xyz in drawing.paths.items()}
+    paths = {
+        kind: "".join(pen.line(path.points[:, :2], path.title) for path in pieces)
+        for kind, pieces in drawing.paths.items()
+    }
     return [
         ("rooms-matched", outlines(tuple(r for r in drawing.bim_rooms if r.matched))),
         ("map-rooms", outlines(drawing.map_rooms)),
+        ("uncertainty", pen.area(drawing.band)),
         ("bim-walls", "".join(pen.line(w.ends, w.title) for w in drawing.bim_walls)),
+        ("anchors-withdrawn", "".join(pen.line(w.ends, w.title) for w in drawing.withdrawn)),
         ("walls-unmatched", walls(False)),
         ("walls-matched", walls(True)),
         ("matches", "".join(pen.line(line) for line in drawing.match_lines)),
         ("odometry", paths.get("odometry", "")),
         ("trajectory", paths.get("trajectory", "") + _start_and_end(drawing, pen)),
+        ("lost", paths.get("lost", "")),
         ("truth", paths.get("truth", "")),
         ("bim-walls", "".join(pen.text(r, -0.25) for r in drawing.bim_rooms)),
         ("map-rooms", "".join(pen.text(r, 0.95 if r.matched else 0.35) for r in drawing.map_rooms)),
@@ -146,9 +158,9 @@ def _layers(drawing: PlanDrawing, pen: Pen) -> list[tuple[str, str]]:
 def _start_and_end(drawing: PlanDrawing, pen: Pen) -> str:
     if "trajectory" not in drawing.paths:
         return ""
-    xy = drawing.paths["trajectory"][:, :2]
+    pieces = drawing.paths["trajectory"]
     # zero-length lines with round caps are dots of constant size on the screen
-    dots = (("start", xy[0]), ("end", xy[-1]))
+    dots = (("start", pieces[0].points[0, :2]), ("end", pieces[-1].points[-1, :2]))
     return "".join(pen.line(np.stack([p, p]), name, f' class="{name}"') for name, p in dots)
 
 

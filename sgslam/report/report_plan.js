@@ -47,7 +47,8 @@ plan.addEventListener("dblclick", () => show(...home));
 
 for (const box of document.querySelectorAll("[data-layer]")) {
   box.addEventListener("change", () => {
-    for (const group of plan.querySelectorAll(".layer-" + box.dataset.layer)) group.style.display = box.checked ? "" : "none";
+    const groups = document.querySelectorAll(".plan .layer-" + box.dataset.layer);
+    for (const group of groups) group.style.display = box.checked ? "" : "none";
   });
 }
 

@@ -20,9 +20,10 @@ for (const [layer, look, significant, ...mm] of data.walls) {
   const [x0, y0, x1, y1, z0, z1] = mm.map((v) => v / 1000);
   add("wall", layer, look, [[x0, y0, z0], [x1, y1, z0], [x1, y1, z1], [x0, y0, z1]], significant);
 }
-for (const [layer, flat] of Object.entries(data.paths)) {
-  const points = triples(flat);
-  for (let i = 0; i < points.length - 1; i += PIECE) add("path", layer, layer, points.slice(i, i + PIECE + 1));
+for (const [layer, pieces] of Object.entries(data.paths)) {
+  for (const points of pieces.map(triples)) {
+    for (let i = 0; i < points.length - 1; i += PIECE) add("path", layer, layer, points.slice(i, i + PIECE + 1));
+  }
 }
 for (const point of triples(data.keyframes)) add("dot", "keyframes", "keyframe", [point]);
 const floors = data.floors.map(([matched, flat]) => ({
@@ -30,7 +31,7 @@ const floors = data.floors.map(([matched, flat]) => ({
   points: Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i] / 1000, flat[2 * i + 1] / 1000, 0]),
 }));
 // The camera stands three radii from what it looks at and zooms by its lens: nothing is ever behind it.
-const extent = things.filter((thing) => thing.layer !== "odometry").flatMap((thing) => thing.points);
+const extent = things.filter((thing) => !["odometry", "lost"].includes(thing.layer)).flatMap((thing) => thing.points);
 const radius = extent.reduce((far, point) => Math.max(far, Math.hypot(...point)), 2);
 const AWAY = 3 * radius;
 const camera = ({ yaw, pitch, x: atX, y: atY }) => {
@@ -90,7 +91,7 @@ const paint = (thing, colors) => {
     brush.lineWidth = (thing.significant ? 2.2 : bim ? 0.7 : 0.9) * pixel;
   } else {
     brush.globalAlpha = 1;
-    brush.lineWidth = (thing.layer === "trajectory" ? 2 : 1.3) * pixel;
+    brush.lineWidth = (["trajectory", "lost"].includes(thing.layer) ? 2 : 1.3) * pixel;
   }
   brush.stroke();
 };
@@ -124,8 +125,8 @@ let waiting = false;
 const redraw = () => { if (!waiting) { waiting = true; requestAnimationFrame(draw); } };
 const currentColors = () => {
   const style = getComputedStyle(canvas);
-  const names = ["bim-walls", "walls-matched", "walls-unmatched", "odometry", "trajectory", "truth", "keyframe", "rooms",
-    "rooms-matched", "band-back-3", "band-back-2", "band-back-1", "band-as-planned", "band-into-1", "band-into-2", "band-into-3"];
+  const names = ["bim-walls", "walls-matched", "walls-unmatched", "anchors-withdrawn", "odometry", "trajectory", "lost", "truth", "keyframe",
+    "rooms", "rooms-matched", "band-back-3", "band-back-2", "band-back-1", "band-as-planned", "band-into-1", "band-into-2", "band-into-3"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue("--" + name).trim()]));
 };
 

@@ -10,7 +10,9 @@ from sgslam.report.plan_drawing import DrawnWall, PlanDrawing
 from sgslam.report.plan_svg import switch
 
 Array = NDArray[np.float64]
-LAYERS = ("bim-walls", "walls-matched", "walls-unmatched", "odometry", "trajectory", "truth")
+LAYERS = (
+    "bim-walls", "walls-matched", "walls-unmatched", "anchors-withdrawn", "odometry", "trajectory", "lost", "truth",
+)  # fmt: skip
 
 
 def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
@@ -18,16 +20,19 @@ def scene_data(drawing: PlanDrawing) -> dict[str, Any]:
 
     `walls` is a list of `[layer, look, significant, x0, y0, x1, y1, z0, z1]`, with `layer` as in the legend and
     `look` the band of its deviation or the layer. `floors` holds for each room whether it is matched, and its outline
-    `[x, y, ...]`; `paths` by layer and `keyframes` are `[x, y, z, ...]`.
+    `[x, y, ...]`; the pieces of `paths` by layer, and `keyframes`, are `[x, y, z, ...]`.
     """
     origin = np.array([*drawing.centre(), drawing.floor_z])
     walls = [_wall("bim-walls", w, origin) for w in drawing.bim_walls]
+    walls += [_wall("anchors-withdrawn", w, origin) for w in drawing.withdrawn]
     walls += [_wall("walls-matched" if w.matched else "walls-unmatched", w, origin) for w in drawing.map_walls]
     outlines = [(r.outline, r.matched) for r in drawing.bim_rooms if r.outline is not None]
     return {
         "walls": walls,
         "floors": [[matched, _millimetres(outline - origin[:2])] for outline, matched in outlines],
-        "paths": {kind: _millimetres(path - origin) for kind, path in drawing.paths.items()},
+        "paths": {
+            kind: [_millimetres(path.points - origin) for path in pieces] for kind, pieces in drawing.paths.items()
+        },
         "keyframes": _millimetres(drawing.keyframes - origin),
     }
 

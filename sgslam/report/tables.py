@@ -34,6 +34,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     m = data.metrics
     rows = [
         ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
+        *_not_known(data),
         ("Distance travelled", f"{path_length(data.trajectory_map.positions):.1f} m"),
     ]
     if data.T_bim_map is not None:
@@ -46,6 +47,15 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
             ("T_bim_map: qx, qy, qz, qw", ", ".join(f"{q:.6f}" for q in quaternion)),
         ]
     return rows + _accuracy(m.get("accuracy") or {})
+
+
+def _not_known(data: ReportData) -> list[tuple[str, str]]:
+    """How many scans were lost, and how many lie in parts that were not placed; of those that there are."""
+    if data.scans is None:
+        return []
+    apart = data.scans.part > 0
+    counts = {"Lost scans": int((data.scans.lost & ~apart).sum()), "Scans in parts not placed": int(apart.sum())}
+    return [(name, thousands(count)) for name, count in counts.items() if count]
 
 
 def _accuracy(accuracy: dict[str, Any]) -> list[tuple[str, str]]:

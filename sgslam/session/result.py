@@ -215,7 +215,7 @@ def _write_report(
         truth = truth.between(result.trajectory_map)
     data = ReportData(
         a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
-        result.matches, metrics, result.deviations,
+        result.matches, metrics, result.deviations, result.uncertainty.states(), result.anchors,
     )  # fmt: skip
     write_report(data, out / "report.html")
     write_plan_png(data, out / "plan.png")

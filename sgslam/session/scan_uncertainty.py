@@ -11,6 +11,7 @@ from data.trajectory.stamps import ns_to_seconds
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import OdometrySettings
 from sgslam.registration import Health
+from sgslam.report.scan_states import ScanStates
 from sgslam.session.scan_poses import ScanPose
 
 Floats = NDArray[np.float64]
@@ -49,6 +50,11 @@ class ScanUncertainty:
             np.concatenate([part.part for part in parts])[order], tuple(floors[k] for k in order),
             np.concatenate([part.anchored for part in parts])[order], tuple(health[k] for k in order),
         )  # fmt: skip
+
+    def states(self) -> ScanStates:
+        """What the report shows of the scans."""
+        seconds = (self.stamps_ns - self.stamps_ns[0]) / 1e9
+        return ScanStates(seconds, np.array([own == "lost" for own in self.health]), self.part, self.sigma[:, :2])
 
     def write_csv(self, path: Path) -> None:
         """Writes the file `trajectory_sigma.csv`; angles in degrees."""

@@ -11,6 +11,7 @@ from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.scene_graph import Floor, Keyframe, Room, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.report import ReportData
+from sgslam.report.scan_states import ScanStates
 
 HOSTILE = "<script>alert('x')</script> & \"Söhne\" $\\frac$"
 ORIGIN = np.array([3_468_000.0, 5_427_000.0])  # a site's place in a national grid
@@ -115,7 +116,64 @@ def sample(count: int = 500, rooms_a_side: int = 4) -> ReportData:
     start = trajectory.poses[0]
     odometry = Trajectory(trajectory.stamps_ns, xyzquat_to_poses(turn) @ np.linalg.inv(start) @ trajectory.poses)
     found = deviations(s_graph)
-    return ReportData(a_graph, s_graph, trajectory, odometry, truth, T_bim_map, matches, metrics, found)
+    states = ScanStates(
+        np.arange(count) / 10, np.zeros(count, bool), np.zeros(count, np.int64), np.full((count, 2), 0.004)
+    )
+    anchors = [anchor(w.id, w.id[1:]) for w in s_graph.wall_surfaces if w.id != "Scupboard"]
+    return ReportData(
+        a_graph, s_graph, trajectory, odometry, truth, T_bim_map, matches, metrics, found, states, anchors
+    )
+
+
+def anchor(wall: str, a_id: str, withdrawn: str | None = None) -> dict[str, Any]:
+    """An anchor of a wall; `withdrawn` is why it holds no more."""
+    events = [{"stamp_ns": 14_200_000_000, "state": "tight", "why": "as planned within 25 mm"}]
+    if withdrawn is not None:
+        events.append({"stamp_ns": 30_000_000_000, "state": "withdrawn", "why": withdrawn})
+    return {"wall": wall, "a_id": a_id, "by": "match 1", "state": events[-1]["state"], "events": events}
+
+
+def with_lost_scans(data: ReportData) -> ReportData:
+    """Scans 100 to 129 are lost; 400 to 449 lie in a part that was not placed, which is laid at the last known pose."""
+    assert data.scans is not None
+    lost, part = data.scans.lost.copy(), data.scans.part.copy()
+    lost[100:130], part[400:450] = True, 1
+    poses = data.trajectory_map.poses.copy()
+    poses[400:450, 0, 3] = poses[399, 0, 3] - 0.1 * np.arange(50)
+    poses[400:450, 1, 3] = poses[399, 1, 3]
+    scans = dataclasses.replace(data.scans, lost=lost, part=part)
+    trajectory = Trajectory(data.trajectory_map.stamps_ns, poses)
+    return dataclasses.replace(data, scans=scans, trajectory_map=trajectory)
+
+
+def on_two_floors(placed: bool) -> ReportData:
+    """First on the lower storey, then on the upper one, `placed` in the plan or not; between them, on none."""
+    data = sample()
+    assert data.a_graph is not None
+    parts = [mapped(data.a_graph, storey) for storey in ("F0", "F1")]
+    ids = ("floor-0", "floor-1")
+    rooms, walls = (
+        tuple(
+            dataclasses.replace(item, floor=floor)
+            for part, floor in zip(parts, ids, strict=True) for item in getattr(part, kind)
+            if item.id != "Scupboard"
+        )
+        for kind in ("rooms", "wall_surfaces")
+    )  # fmt: skip
+    on = ["floor-0"] * 20 + [None] * 10 + ["floor-1"] * 20
+    keyframes = tuple(
+        dataclasses.replace(k, stamp_ns=1_000_000_000 * i, floor=on[i]) for i, k in enumerate(data.s_graph.keyframes)
+    )
+    floors = (Floor("floor-0", "", -4.0), Floor("floor-1", "", -0.5))
+    s_graph = SceneGraph("map", rooms, walls, (), floors, keyframes)
+    found = [w for w in walls if placed or w.floor == "floor-0"]
+    matches = dict(data.matches or {}) | {
+        "floor": "F0", "floors": {"floor-0": "F0"} | ({"floor-1": "F1"} if placed else {}),
+        "rooms": [[r.id, r.id[1:], 0.97] for r in rooms if placed or r.floor == "floor-0"],
+        "wall_surfaces": [[w.id, w.id[1:], 0.9] for w in found],
+    }  # fmt: skip
+    anchors = [anchor(w.id, w.id[1:]) for w in found]
+    return dataclasses.replace(data, s_graph=s_graph, matches=matches, deviations=[], anchors=anchors)
 
 
 def deviations(s_graph: SceneGraph) -> list[dict[str, Any]]:

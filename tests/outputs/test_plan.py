@@ -23,8 +23,8 @@ def test_the_map_lies_on_the_plan_when_anchored() -> None:
     for ours, planned in zip(drawing.map_walls, drawing.bim_walls, strict=False):
         assert np.allclose(ours.ends, planned.ends, atol=1e-9)
     assert np.allclose(drawing.match_lines[:, 0], drawing.match_lines[:, 1], atol=1e-9)
-    assert np.allclose(drawing.paths["trajectory"], drawing.paths["truth"], atol=1e-9)
-    away = np.linalg.norm(drawing.paths["odometry"] - drawing.paths["truth"], axis=1)
+    assert np.allclose(drawing.paths["trajectory"][0].points, drawing.paths["truth"][0].points, atol=1e-9)
+    away = np.linalg.norm(drawing.paths["odometry"][0].points - drawing.paths["truth"][0].points, axis=1)
     assert away[0] < 1e-9 and away[-1] > 0.3
     low, high = drawing.bounds()
     assert np.allclose(low, [0, -5.2]) and high[1] == pytest.approx(7.4)
@@ -101,10 +101,10 @@ def test_heights_are_those_of_the_storey() -> None:
     assert drawing.floor_z == 3.5
     assert all(w.z == (3.5, 3.5 + STOREY_M) for w in drawing.bim_walls)  # where none is known
     assert np.allclose([w.z for w in drawing.map_walls[:36]], [3.6, 5.1])  # over the floor
-    assert np.allclose(drawing.paths["trajectory"][:, 2], 4.0) and np.allclose(drawing.keyframes[:, 2], 4.0)
+    assert np.allclose(drawing.paths["trajectory"][0].points[:, 2], 4.0) and np.allclose(drawing.keyframes[:, 2], 4.0)
     # a guess knows no height: the map's floor, 0.5 m below its origin, is laid on the storey's
     guess = plan_drawing(not_anchored("ambiguous"))
-    assert np.allclose(guess.paths["trajectory"][:, 2], 4.0)
+    assert np.allclose(guess.paths["trajectory"][0].points[:, 2], 4.0)
     alone = plan_drawing(dataclasses.replace(data, a_graph=None, T_bim_map=None, matches=None, truth=None))
     assert alone.floor_z == -0.5
     s_graph = SceneGraph("map", (), (), (), ())
@@ -119,4 +119,4 @@ def test_an_odometry_that_strays_does_not_shrink_the_plan() -> None:
     stray = dataclasses.replace(data, trajectory_odometry=Trajectory(data.trajectory_odometry.stamps_ns, poses))
     (low, high), (usual_low, usual_high) = plan_drawing(stray).bounds(), plan_drawing(data).bounds()
     assert (high - low).max() < 2 * (usual_high - usual_low).max()
-    assert np.ptp(plan_drawing(stray).paths["odometry"][:, 0]) > 200
+    assert np.ptp(plan_drawing(stray).paths["odometry"][0].points[:, 0]) > 200

@@ -14,8 +14,9 @@ from report_samples import HOSTILE, ORIGIN, Page, building, not_anchored, sample
 from data.scene_graph import Floor, SceneGraph
 from data.trajectory import Trajectory
 from sgslam.report import ReportData
+from sgslam.report.drawn_paths import MAX_VERTICES
 from sgslam.report.page import report_html, write_report
-from sgslam.report.plan_drawing import MAX_VERTICES, plan_drawing
+from sgslam.report.plan_drawing import plan_drawing
 from sgslam.report.plan_png import write_plan_png
 
 
@@ -148,7 +149,8 @@ def test_long_runs_in_large_buildings_far_from_the_origin_stay_small_and_sharp(t
     )  # fmt: skip
     drawing = plan_drawing(data)
     assert len(drawing.bim_walls) == 484
-    path = drawing.paths["trajectory"]
+    (way,) = drawing.paths["trajectory"]
+    path = way.points
     assert len(path) == MAX_VERTICES
     last = data.T_bim_map @ data.trajectory_map.poses[-1]  # type: ignore[operator]
     assert np.allclose(path[-1], last[:3, 3])
@@ -159,7 +161,7 @@ def test_long_runs_in_large_buildings_far_from_the_origin_stay_small_and_sharp(t
     assert max(map(abs, drawn)) < 1100
     scene = json.loads(Page(html).inside["scene-data"])
     assert len(scene["walls"]) == 484 + 485
-    numbers = [v for wall in scene["walls"] for v in wall[3:]] + scene["paths"]["trajectory"] + scene["keyframes"]
+    numbers = [v for wall in scene["walls"] for v in wall[3:]] + scene["paths"]["trajectory"][0] + scene["keyframes"]
     assert all(isinstance(v, int) and abs(v) < 1_000_000 for v in numbers)
     write_plan_png(data, tmp_path / "plan.png")
 

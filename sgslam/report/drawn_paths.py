@@ -1,0 +1,117 @@
+"""The paths of the plan and the 3D view, in pieces, and the band of the trajectory's uncertainty."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.trajectory import Trajectory
+from sgslam.geometry.frames import transform_points
+from sgslam.report.contents import ReportData
+
+Array = NDArray[np.float64]
+PathKind = Literal["odometry", "truth", "trajectory", "lost"]
+MAX_VERTICES = 3000  # of a drawn trajectory; more than a screen resolves
+_KNOWN, _LOST = 0, 1  # states of a scan; larger ones are parts that were not placed
+_SIGMAS = 2.0  # half the width of the band: 95 %
+_CORNERS = 24  # of a drawn ellipse, which is then too narrow by less than 1 %
+_ROUNDED = 0.001  # m, by which the band's outline may be off
+
+
+@dataclass(frozen=True)
+class DrawnPath:
+    """`points` is (N, 3), N > 1, in the plan's frame; `title` is the tooltip."""
+
+    points: Array
+    title: str = ""
+
+
+def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, list[DrawnPath]]:
+    """The pieces of each path that is not empty; `lost` are those of scans whose place is not known."""
+    paths: dict[PathKind, list[DrawnPath]] = {"odometry": [], "truth": [], "trajectory": [], "lost": []}
+    if len(data.trajectory_odometry) and len(data.trajectory_map):
+        # both first poses coincide, so that the drift from there on shows
+        T_map_odom = data.trajectory_map.poses[0] @ np.linalg.inv(data.trajectory_odometry.poses[0])
+        paths["odometry"] = _whole(data.trajectory_odometry, T_plan_map @ T_map_odom)
+    if data.truth is not None and data.a_graph is not None:
+        paths["truth"] = _whole(data.truth, np.eye(4))
+    if data.scans is None:
+        paths["trajectory"] = _whole(data.trajectory_map, T_plan_map)
+    elif len(data.trajectory_map):
+        points, chosen, state = _vertices(data, T_plan_map)
+        for start, end in _runs(state):
+            if state[start] == _KNOWN:
+                paths["trajectory"].append(DrawnPath(_line(points[start:end])))
+                continue
+            # from the last known pose, and up to the next one unless a part lies where nobody knows
+            piece = points[max(start - 1, 0) : end + (state[start] == _LOST)]
+            when = data.scans.seconds[chosen[start]], data.scans.seconds[(*chosen, len(data.scans.seconds))[end] - 1]
+            paths["lost"].append(DrawnPath(_line(piece), _title(state[start] == _LOST, *when)))
+    return {kind: pieces for kind, pieces in paths.items() if pieces}
+
+
+def uncertainty_band(data: ReportData, T_plan_map: Array) -> list[Array]:
+    """Outlines (K, 2) of where the known part of an anchored trajectory lies with 95 %: holes run clockwise.
+
+    It is swept by the ellipses of the positions' standard deviations along x and y, and so reaches twice the standard
+    deviation to either side of the way.
+    """
+    import shapely
+
+    if data.T_bim_map is None or data.scans is None or not len(data.trajectory_map):
+        return []
+    points, chosen, state = _vertices(data, T_plan_map)
+    sigma = np.fmax.reduceat(data.scans.sigma, chosen)
+    state = np.where(np.isfinite(sigma).all(axis=1), state, _LOST)
+    angles = np.linspace(0.0, 2 * np.pi, _CORNERS, endpoint=False)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    ellipses = points[:, None, :2] + _SIGMAS * sigma[:, None] * circle
+    swept: list[Any] = []
+    for start, end in _runs(state):
+        if state[start] == _KNOWN:
+            own = _line(ellipses[start:end])
+            pairs = np.concatenate([own[:-1], own[1:]], axis=1)
+            swept.extend(shapely.convex_hull(shapely.multipoints(pairs)))
+    areas = [area for area in shapely.get_parts(shapely.union_all(swept).simplify(_ROUNDED)) if area.area]
+    oriented = [shapely.geometry.polygon.orient(area) for area in areas]
+    return [np.array(ring.coords) for area in oriented for ring in (area.exterior, *area.interiors)]
+
+
+def subsample(count: int, most: int) -> NDArray[np.intp]:
+    """Indices of at most `most` of `count` items, evenly spaced, including the first and the last."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
+
+
+def _whole(trajectory: Trajectory, T_plan: Array) -> list[DrawnPath]:
+    chosen = subsample(len(trajectory), MAX_VERTICES)
+    return [DrawnPath(_line(transform_points(T_plan, trajectory.positions[chosen])))] if len(chosen) else []
+
+
+def _vertices(data: ReportData, T_plan_map: Array) -> tuple[Array, NDArray[np.intp], NDArray[np.int64]]:
+    """The drawn positions (N, 3) of the map's trajectory, their scans (N,), and their states (N,).
+
+    A vertex stands for the scans up to the next one: where the place of any of them is not known, its own is not.
+    """
+    assert data.scans is not None
+    chosen = subsample(len(data.trajectory_map), MAX_VERTICES)
+    state = np.where(data.scans.part > 0, data.scans.part + _LOST, np.where(data.scans.lost, _LOST, _KNOWN))
+    points = transform_points(T_plan_map, data.trajectory_map.positions[chosen])
+    return points, chosen, np.maximum.reduceat(state, chosen)
+
+
+def _runs(state: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
+    """Start and end of each stretch of equal states."""
+    cuts = np.flatnonzero(np.diff(state)) + 1
+    return zip([0, *cuts.tolist()], [*cuts.tolist(), len(state)], strict=True)
+
+
+def _line(points: Array) -> Array:
+    """At least two points: a lone one is drawn as a dot."""
+    return np.repeat(points, 2, axis=0) if len(points) == 1 else points
+
+
+def _title(lost: bool, begin: float, end: float) -> str:
+    what = "lost" if lost else "not placed, and laid at the last known pose"
+    return f"{what}: {begin:.1f} to {end:.1f} s after the first scan"
