@@ -1,12 +1,13 @@
-"""Moves a scene graph in the plane."""
+"""Moves a scene graph in the plane, or mirrors it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from data.geometry import se2
 from data.geometry.se2 import Array
-from data.scene_graph.graph import SceneGraph, Xy
+from data.scene_graph.graph import Room, SceneGraph, WallSurface, Xy
 
 
 def moved(graph: SceneGraph, T_out_graph: Array) -> SceneGraph:
@@ -24,15 +25,31 @@ def moved(graph: SceneGraph, T_out_graph: Array) -> SceneGraph:
         x, y = se2.rotate(float(T[0]), np.array(normal)).tolist()
         return x, y
 
-    return SceneGraph(
-        graph.frame,
-        tuple(
-            replace(r, centroid=at(r.centroid), polygon=None if r.polygon is None else tuple(map(at, r.polygon)))
-            for r in graph.rooms
-        ),
-        tuple(
-            replace(w, centroid=at(w.centroid), normal=turned(w.normal), plane=None) for w in graph.wall_surfaces
-        ),
-        tuple(replace(d, centroid=at(d.centroid)) for d in graph.doors),
-        graph.floors,
+    return _mapped(graph, at, turned)
+
+
+def mirrored(graph: SceneGraph) -> SceneGraph:
+    """The mirror image: y becomes -y. Ids, order and the frame's name stay; `plane`s and keyframes are left out."""
+
+    def flipped(point: Xy) -> Xy:
+        return point[0], -point[1]
+
+    image = _mapped(graph, flipped, flipped)
+    rooms = tuple(replace(r, polygon=None if r.polygon is None else r.polygon[::-1]) for r in image.rooms)
+    walls = tuple(
+        replace(w, parts=tuple((source, -b, -a, full) for source, a, b, full in reversed(w.parts)))
+        for w in image.wall_surfaces
     )  # fmt: skip
+    return replace(image, rooms=rooms, wall_surfaces=walls)
+
+
+def _mapped(graph: SceneGraph, at: Callable[[Xy], Xy], turned: Callable[[Xy], Xy]) -> SceneGraph:
+    def room(r: Room) -> Room:
+        return replace(r, centroid=at(r.centroid), polygon=None if r.polygon is None else tuple(map(at, r.polygon)))
+
+    def wall(w: WallSurface) -> WallSurface:
+        return replace(w, centroid=at(w.centroid), normal=turned(w.normal), plane=None)
+
+    doors = tuple(replace(d, centroid=at(d.centroid)) for d in graph.doors)
+    rooms, walls = tuple(map(room, graph.rooms)), tuple(map(wall, graph.wall_surfaces))
+    return SceneGraph(graph.frame, rooms, walls, doors, graph.floors)

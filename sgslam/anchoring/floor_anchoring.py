@@ -119,6 +119,8 @@ class FloorAnchoring(Stateful):
         """
         if self.committed is None:
             self._ask(scene, walls, None, last=True)
+            if self.committed is None and not self.matching.rejection:
+                self.matching.is_mirrored(scene)  # the reason that is told
             return True
         self._ask(scene, walls, T_map_local, last=True)
         if self.committed is self.match:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph
+from data.scene_graph.motion import mirrored
 from matching.protocol import AnyMatcher, Match
 from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.anchoring.place_verification import (
@@ -27,6 +28,11 @@ from sgslam.serialization import Stateful
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _APART = 1.0, np.radians(5)  # m and rad from which on two answers place the map differently
+_MIRRORED = 3.0  # nats: a map is rarely the mirror image of a building, and nearly symmetric buildings are not rare
+MIRRORED_REASON = (
+    "the mirror image of the map fits the plan better: are the scans mirrored, or does the sensor hang upside down "
+    "(--mount 180,0,0)?"
+)
 _SEVERAL = 8  # matched wall surfaces, about two rooms', for an answer to confirm a later one
 
 
@@ -115,10 +121,22 @@ class FloorMatching(Stateful):
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), match.status, match.reason)
         place = self._verified_place(match, scene, walls) if match.status == "unique" else None
+        if place is not None and relocalise and self.is_mirrored(scene):
+            place = None
         if place is None:
             self._last_unique = None if self._plan.partial else self._last_unique
             return None
         return PlacedMatch(match, place, by_room is not None)
+
+    def is_mirrored(self, scene: Scene) -> bool:
+        """Whether the mirror image of the map fits the plan better than the newest answer, which is then rejected."""
+        image = self._matcher.match(mirrored(scene.graph), self._plan.storey(self.storey))
+        found = 0.0 if self.match is None else evidence(self.match)
+        if image.status != "unique" or evidence(image) <= found + _MIRRORED:
+            return False
+        self.rejection = MIRRORED_REASON
+        _log.info("match %d is rejected: %s", self.count, self.rejection)
+        return True
 
     def is_sure(self, answer: PlacedMatch, scene: Scene, last: bool) -> bool:
         """Whether the newest answer may be committed to; remembers it for the next time.
