@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat
 
 from data.scans import Scan, ScanFolder
-from data.simulation.carriers import carrier_named
+from data.simulation.carriers import Shaken, carrier_named
 from data.simulation.sensors import sensor_named
 from data.trajectory import Trajectory
 from evaluation.drives.sequences import DriveCase, building_of
@@ -69,9 +69,9 @@ class CarriedDrive:
 
 
 @contextmanager
-def carried(case: CarriedCase, work: Path) -> Iterator[CarriedDrive]:
+def carried(case: CarriedCase, work: Path, shaken_from: float | None = None) -> Iterator[CarriedDrive]:
     """Simulates the drive in a folder within `work` that is deleted at the end: all drives of a study take hundreds of
-    gigabytes, and to simulate one is quicker than to track it.
+    gigabytes, and to simulate one is quicker than to track it. The sensor is shaken from the second `shaken_from` on.
 
     Raises UserError as the simulator does.
     """
@@ -79,6 +79,7 @@ def carried(case: CarriedCase, work: Path) -> Iterator[CarriedDrive]:
 
     bim, storey = building_of(case.sequence, work)
     carrier = carrier_named(case.carrier, case.pace, case.backwards)
+    carrier = carrier if shaken_from is None else Shaken(carrier, shaken_from)
     with TemporaryDirectory(prefix="carried.", dir=work) as name:
         run = simulate(
             bim, storey, Path(name) / "drive", case.seed, min_rooms=1, min_length=case.seconds * carrier.robot.speed,

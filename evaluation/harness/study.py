@@ -104,12 +104,12 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "growth": "evaluation.studies.growth",
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",
-    "negative_plans": "evaluation.studies.negative_plans",
     "odometries": "evaluation.studies.odometries",
     "relocalisation": "evaluation.studies.relocalisation",
     "resume": "evaluation.studies.resume",
     "rooms_to_localise": "evaluation.studies.rooms_to_localise",
     "storeys": "evaluation.studies.storeys",
+    "trust": "evaluation.studies.trust",
     "wrong_matches": "evaluation.studies.wrong_matches",
 }
 

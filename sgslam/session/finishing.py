@@ -53,6 +53,7 @@ def assemble_result(
     R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     own = scan_uncertainty(scans, newest, backend, known, R_frame_map, config.odometry, 0, anchored)
     told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
+    tracked = {health: sum(scan.health == health for scan in of_run) for health in get_args(Health)}
     odometry = at_stamps(scans[newest], np.stack([s.T_odom_sensor for s in scans[newest]]))
     first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
     return Result(
@@ -75,8 +76,11 @@ def assemble_result(
         config=config,
         clouds=final.clouds,
         uncertainty=told,
-        quality=quality_of(placed, odometry, _walls_seen(floors, backend), own, T_bim_map, bim, config.quality),
-        tracked={health: sum(scan.health == health for scan in of_run) for health in get_args(Health)},
+        quality=quality_of(
+            placed, odometry, _walls_seen(floors, backend), own, tracked["lost"] / len(of_run), T_bim_map, bim,
+            config.quality,
+        ),
+        tracked=tracked,
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
         relocalisation=relocalisation,
     )

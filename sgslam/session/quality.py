@@ -36,10 +36,11 @@ Quality = dict[str, Signal]
 
 
 def quality_of(
-    in_map: Trajectory, odometry: Trajectory, walls_seen: list[int], uncertainty: ScanUncertainty,
+    in_map: Trajectory, odometry: Trajectory, walls_seen: list[int], uncertainty: ScanUncertainty, lost: float,
     T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
 ) -> Quality:  # fmt: skip
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
+    `lost` is the share of the scans that are lost, of those in parts that were not placed too.
 
     - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.
     - `lost_scans`, `keyframes_without_walls`: shares.
@@ -50,12 +51,11 @@ def quality_of(
       planned walls its way leads.
     """
     way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
-    lost = np.array([health == "lost" for health in uncertainty.health])
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
     known = sigma[np.isfinite(sigma) & (uncertainty.anchored if T_bim_map is not None else True)]
     found = {
         "map_against_odometry": _at_most(_difference(in_map, odometry) / max(way, 1.0), settings.map_against_odometry),
-        "lost_scans": _at_most(float(lost.mean()), settings.lost_scans),
+        "lost_scans": _at_most(lost, settings.lost_scans),
         "keyframes_without_walls": _at_most(
             float(np.mean([count == 0 for count in walls_seen])), settings.keyframes_without_walls
         ),

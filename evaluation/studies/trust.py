@@ -1,0 +1,177 @@
+"""Whether a run is ever anchored at a wrong place, whatever goes wrong with the recording, the carrier or the plan."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from pydantic import PositiveFloat
+
+from data.common.errors import UserError
+from data.simulation.effects.names import ALL
+from data.trajectory import Trajectory
+from evaluation.drives.carried import CarriedCase, carried
+from evaluation.drives.second_run import WRONG
+from evaluation.drives.sequences import DriveOptions, SequenceSpec, plan_of, storey_of
+from evaluation.drives.troubles import BEGINS, IN_ONE_PART, TROUBLES, Trouble, TroubledDrive
+from evaluation.harness import Claim, Record, Study
+from evaluation.harness.tables import grouped, of, rare, spread
+from evaluation.studies.carriers import RECORDING
+from evaluation.studies.carriers_tables import named
+from sgslam.geometry.frames import inverse
+from sgslam.session import Update
+from sgslam.slam import SceneGraphSlam
+
+Array = NDArray[np.float64]
+
+
+class Choice(DriveOptions):
+    """Each of `troubles`, of each of `carriers` (or a recorded motion) with each of `sensors`, without effects or with
+    all of them, over all `sequences` and `seeds`, `seconds` long. Foreign plans are those of the next sequence in the
+    list; a wrong storey is stated where the plan has another."""
+
+    sequences: tuple[str, ...] = ("institute", "office", "fzk-haus", "niedriha", "jesse", "sample-house")
+    troubles: tuple[Trouble, ...] = TROUBLES
+    carriers: tuple[str, ...] = ("wheeled", "handheld", RECORDING)
+    sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
+    effects: tuple[tuple[str, ...], ...] = ((), (ALL,))
+    seconds: PositiveFloat = 60.0
+
+
+class Troubled(CarriedCase):
+    """A drive with one trouble; `plan` is what the run gets, its own building's or a foreign one."""
+
+    trouble: Trouble
+    plan: SequenceSpec
+
+    def files(self) -> set[str]:
+        """Those of the drive, and the plan's."""
+        return super().files() | self.plan.files()
+
+
+class Told(Record):
+    """What the run says of `scans` scans: how many it calls `anchored` and how many `lost` at the end; of the anchored
+    ones how many are `wrong` (0.5 m or 5 degrees off, or in a plan that is not theirs), and the error (m) of the worst
+    and the RMSE. `wrong_live` were so when they came. `alarms` are the signals out of their limits."""
+
+    scans: int
+    anchored: int
+    lost: int
+    wrong: int
+    wrong_live: int
+    worst_m: float | None
+    rmse_m: float | None
+    first_anchor_s: float | None
+    kidnaps: int
+    alarms: tuple[str, ...]
+    reason: str
+    refused: bool = False
+
+
+def cases(options: Choice) -> list[Troubled]:
+    """Every trouble, in turn over all drives."""
+    return list(_cases(options))
+
+
+def _cases(options: Choice) -> Iterator[Troubled]:
+    drives = list(options.drives())
+    for spec, seed in drives:
+        others = [other for other, _ in drives if other.bim != spec.bim]
+        for carrier in options.carriers:
+            for sensor in options.sensors:
+                for effects in options.effects:
+                    for trouble in options.troubles:
+                        if trouble == "foreign" and not others:
+                            continue
+                        plan = others[seed % len(others)] if trouble == "foreign" else spec
+                        yield Troubled(
+                            sequence=spec, seed=seed, carrier=carrier, sensor=sensor, effects=effects,
+                            seconds=options.seconds, trouble=trouble, plan=plan,
+                        )  # fmt: skip
+
+
+def measure(case: Troubled, work: Path) -> Told:
+    """Simulates the drive and runs it with the plan."""
+    plan = plan_of(case.plan, work)
+    shaken = BEGINS * case.seconds if case.trouble == "shaken" else None
+    with carried(case, work, shaken) as drive:
+        troubled = TroubledDrive(drive, case.trouble, case.seconds)
+        truth, storey = troubled.truth, None
+        if case.trouble == "wrong storey":
+            own = storey_of(plan, truth.poses[0])
+            storey = next((floor.id for floor in plan.floors if floor.id != own), None)
+        slam = SceneGraphSlam(plan, storey=storey)
+        live, refused = list[Update](), False
+        for scan in troubled.scans():
+            try:
+                live.append(slam.add_scan(scan.stamp_ns, scan.points, scan.point_times))
+            except UserError:
+                refused = True
+        result = slam.finish()
+    foreign = case.trouble not in IN_ONE_PART and case.trouble != "wrong storey"
+    told = result.trajectory if result.anchored else result.trajectory.only(np.zeros(len(result.trajectory), bool))
+    placed = [update for update in live if update.T_bim_sensor is not None and update.health != "lost"]
+    known = Trajectory(
+        np.array([update.stamp_ns for update in placed], np.int64),
+        np.reshape([update.T_bim_sensor for update in placed], (-1, 4, 4)),
+    )
+    off = position_errors(told, truth)
+    return Told(
+        scans=len(live), anchored=len(told), lost=result.tracked.get("lost", 0),
+        wrong=len(told) if foreign else wrong_poses(told, truth),
+        wrong_live=len(known) if foreign else wrong_poses(known, truth), worst_m=float(off.max()) if len(off) else None,
+        rmse_m=float(np.sqrt(np.mean(off**2))) if len(off) else None, first_anchor_s=result.first_anchor_s,
+        kidnaps=slam.kidnaps, alarms=tuple(name for name, signal in result.quality.items() if not signal.ok),
+        reason=result.reason, refused=refused,
+    )  # fmt: skip
+
+
+def position_errors(told: Trajectory, truth: Trajectory) -> Array:
+    """(N,) metres in space, without alignment."""
+    return np.asarray(np.linalg.norm(told.positions - truth.at(told.stamps_ns)[:, :3, 3], axis=1))
+
+
+def wrong_poses(told: Trajectory, truth: Trajectory) -> int:
+    """How many poses in the BIM frame are off by more than `WRONG`, in space or in attitude."""
+    if not len(told):
+        return 0
+    off = inverse(truth.at(told.stamps_ns)) @ told.poses
+    turned = np.arccos(np.clip((np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1.0, 1.0))
+    return int(((np.linalg.norm(off[:, :3, 3], axis=1) > WRONG[0]) | (turned > WRONG[1])).sum())
+
+
+def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
+    """A line for each trouble, and one for each trouble, carrier and sensor."""
+    rows = named(rows)
+    return {
+        "troubles": grouped(rows, ["trouble"], _cells),
+        "carriers": grouped(rows, ["trouble", "carrier", "effects", "sensor"], _cells),
+    }
+
+
+def _cells(own: pd.DataFrame) -> dict[str, str]:
+    return {
+        "drives": str(len(own)), "anchored": of((own.anchored > 0).sum(), len(own)),
+        "scans anchored": f"{own.anchored.sum() / own.scans.sum():.1%}",
+        "scans lost": f"{own.lost.sum() / own.scans.sum():.1%}",
+        "RMSE (m)": spread(own.rmse_m, ".3f"),
+        "drives wrong": of((own.wrong > 0).sum(), len(own)), "scans wrong": of(own.wrong.sum(), own.scans.sum()),
+        "wrong while it ran": of((own.wrong_live > 0).sum(), len(own)),
+        "wrong and no alarm": of(((own.wrong > 0) & (own.alarms.map(len) == 0)).sum(), len(own)),
+    }  # fmt: skip
+
+
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How often a run was anchored wrongly."""
+    text = "Runs with a scan that is called anchored and is wrong by over 0.5 m or 5 degrees"
+    value = rare(int((rows.wrong > 0).sum()), len(rows))
+    return [Claim(text, value, f"{len(rows)} runs, {rows.trouble.nunique()} kinds")]
+
+
+STUDY = Study(
+    "trust", "whether a run is ever anchored at a wrong place, whatever goes wrong",
+    Choice, Choice(sequences=("fzk-haus", "office"), seeds=(0,), carriers=("handheld",), sensors=("VLP-16",),
+                   effects=((),), seconds=50.0),
+    Troubled, Told, cases, measure, tables, claims, small=True,
+)  # fmt: skip

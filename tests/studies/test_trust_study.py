@@ -1,0 +1,106 @@
+"""Runs in which something goes wrong: what the system gets, what counts as wrong, and the tables."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from small_ifc import write_small_ifc
+from study_rows import rows_of
+
+from data.scans import Scan
+from data.scans.writers import SCAN_WRITERS
+from data.trajectory import Trajectory
+from evaluation.drives import SequenceSpec
+from evaluation.drives.carried import CarriedDrive
+from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, Trouble, TroubledDrive
+from evaluation.studies.trust import Choice, Told, Troubled, cases, claims, measure, tables, wrong_poses
+
+SECONDS = 40.0
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> CarriedDrive:
+    """A scan a second of two points, taken on a straight way at a metre a second."""
+    folder = tmp_path_factory.mktemp("scans")
+    stamps, poses = np.arange(int(SECONDS), dtype=np.int64) * 1_000_000_000, np.tile(np.eye(4), (int(SECONDS), 1, 1))
+    poses[:, 0, 3] = np.arange(SECONDS)
+    for stamp in stamps.tolist():
+        SCAN_WRITERS["ply"](folder / f"{stamp:020d}.ply", np.array([[3.0, 1.0, 0.5], [0.0, 4.0, 0.0]]), None)
+    return CarriedDrive(folder, Trajectory(stamps, poses), int(SECONDS), times=False)
+
+
+def told(drive: CarriedDrive, trouble: Trouble) -> tuple[list[Scan], Trajectory]:
+    troubled = TroubledDrive(drive, trouble, SECONDS)
+    return list(troubled.scans()), troubled.truth
+
+
+def test_mirrored_scans_and_feet(drive: CarriedDrive) -> None:
+    (plain, truth), (mirrored, _), (feet, _) = (told(drive, trouble) for trouble in ("none", "mirrored", "feet"))
+    assert truth.stamps_ns.tolist() == [scan.stamp_ns for scan in plain]
+    np.testing.assert_allclose(mirrored[0].points, [[3.0, -1.0, 0.5], [0.0, -4.0, 0.0]])
+    np.testing.assert_allclose(feet[0].points, plain[0].points / 0.3048)
+
+
+def test_a_cover_hides_everything_for_a_while(drive: CarriedDrive) -> None:
+    scans, truth = told(drive, "covered")
+    near = [scan.stamp_ns / 1e9 for scan in scans if np.linalg.norm(scan.points, axis=1).max() < 0.3]
+    assert near == list(np.arange(BEGINS * SECONDS, BEGINS * SECONDS + COVERED_S))
+    assert len(scans) == len(truth) == SECONDS
+
+
+def test_who_is_carried_elsewhere_sees_no_gap_in_time(drive: CarriedDrive) -> None:
+    scans, truth = told(drive, "kidnapped")
+    assert [scan.stamp_ns for scan in scans] == truth.stamps_ns.tolist()
+    assert set(np.diff(truth.stamps_ns)) == {1_000_000_000}
+    jumps = np.diff(truth.positions[:, 0])
+    assert jumps.max() == 1.0 + CARRIED_S and (jumps == 1.0).sum() == len(jumps) - 1
+
+
+@pytest.mark.parametrize(("metres", "degrees", "wrong"), [(0.49, 0.0, 0), (0.51, 0.0, 1), (0.0, 4.9, 0), (0.0, 5.1, 1)])
+def test_what_is_wrong(drive: CarriedDrive, metres: float, degrees: float, wrong: int) -> None:
+    poses, a = drive.truth.poses.copy(), np.radians(degrees)
+    poses[7, 2, 3] += metres
+    poses[7, :3, :3] = [[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]]
+    assert wrong_poses(Trajectory(drive.truth.stamps_ns, poses), drive.truth) == wrong
+
+
+def test_every_trouble_meets_every_drive_and_foreign_plans_are_foreign() -> None:
+    runs = cases(Choice(sequences=("demo", "house-1"), seeds=(0,), carriers=("wheeled",), sensors=("VLP-16",)))
+    assert len({run.key for run in runs}) == len(runs) == 2 * 2 * 8
+    assert all((run.plan.bim != run.sequence.bim) == (run.trouble == "foreign") for run in runs)
+
+
+def small(path: Path, trouble: Trouble) -> Troubled:
+    building = SequenceSpec(name="small", bim=str(path), storey="Ground")
+    return Troubled(
+        sequence=building, plan=building, seed=1, carrier="handheld", sensor="VLP-16", seconds=12.0, trouble=trouble
+    )
+
+
+@pytest.mark.slow
+def test_a_run_under_a_cover_calls_it_lost(tmp_path: Path) -> None:
+    path = write_small_ifc(tmp_path / "small.ifc").path
+    (tmp_path / "work").mkdir()
+    own = measure(small(path, "covered"), tmp_path / "work")
+    assert own.scans == 120 and 50 <= own.lost <= 60 and own.anchored + own.lost <= own.scans
+    assert "lost_scans" in own.alarms and own.wrong == 0
+
+
+def test_the_tables_count_wrong_runs(tmp_path: Path) -> None:
+    given: dict[str, Any] = {
+        "scans": 100, "anchored": 100, "lost": 0, "wrong": 0, "wrong_live": 0, "worst_m": 0.05, "rmse_m": 0.01,
+        "first_anchor_s": 5.0, "kidnaps": 0, "alarms": (), "reason": "", "refused": False,
+    }  # fmt: skip
+    path = tmp_path / "a.ifc"
+    rows = rows_of([
+        (small(path, "none"), Told(**given)),
+        (small(path, "mirrored"), Told(**{**given, "wrong": 100, "wrong_live": 3})),
+        (small(path, "covered"), Told(**{**given, "anchored": 40, "lost": 60, "alarms": ("lost_scans",)})),
+    ])  # fmt: skip
+    line = tables(rows)["troubles"].set_index("trouble")
+    assert line["drives wrong"].to_dict() == {"none": "0/1", "mirrored": "1/1", "covered": "0/1"}
+    assert line.loc["covered", "scans anchored"] == "40.0%" and line.loc["covered", "scans lost"] == "60.0%"
+    assert line.loc["mirrored", "wrong and no alarm"] == "1/1"
+    (claim,) = claims(rows)
+    assert claim.value.startswith("1 of 3")
