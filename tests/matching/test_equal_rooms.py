@@ -46,6 +46,6 @@ def test_both_places_of_a_door_are_reported_however_long_the_row(rooms: int, see
     seen %= rooms - 3
     other = (seen + rooms // 2) % (rooms - 2)
     plan = row(list(range(rooms)), [seen, other], np.zeros(3))
-    answer = Matcher.load().match(row([seen, seen + 1], [seen], OWN), plan)
+    answer = Matcher.load("learned").match(row([seen, seen + 1], [seen], OWN), plan)
     assert answer.status == "ambiguous"
     assert {dict(h.rooms)[f"r{seen}"] for h in answer.hypotheses[:2]} == {f"r{seen}", f"r{other}"}

@@ -13,7 +13,7 @@ from matching.search.confidence import place_probability, room_confidence, surfa
 
 pytestmark = pytest.mark.slow
 
-MATCHER = Matcher.load()
+MATCHER = Matcher.load("learned")
 PLANS = [a_graph(flat(np.random.default_rng(seed))) for seed in range(20, 25)]
 
 
