@@ -99,7 +99,8 @@ def walls_crossed(way: Floats, a_graph: SceneGraph) -> int:
         walked = np.cumsum(np.linalg.norm(np.diff(own[:, :2], axis=0), axis=1))
         last = -np.inf
         for k in np.unique(shapely.STRtree(solid).query(steps, predicate="intersects")[0]):
-            if walked[k] - last > _APART and doors.distance(shapely.Point(own[k, :2])) > _DOOR:
+            at_door = shapely.dwithin(doors, shapely.Point(own[k, :2]), _DOOR)  # False of a plan without doors
+            if walked[k] - last > _APART and not at_door:
                 crossings += 1
             last = walked[k]
     return crossings
