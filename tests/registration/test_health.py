@@ -7,8 +7,6 @@ from boxes import Array, pose, room, scan, scene_of
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.registration import Registration
-from sgslam.registration.health import judged
-from sgslam.registration.window import Solved
 
 _FURNISHED = [*room(0, 0, 7, 5), (5, 3.5, 0, 6, 4.5, 1.4), (1, 4, 0, 1.6, 5, 2.0)]
 
@@ -36,22 +34,6 @@ def test_the_same_scans_give_the_same_bits() -> None:
     scans = [scan(scene, T, seed=k) for k, T in enumerate(_poses(6))]
     first, again = _registered(scans), _registered(scans)
     assert all(np.array_equal(a.T_odom_sensor, b.T_odom_sensor) for a, b in zip(first, again, strict=True))
-
-
-@pytest.mark.parametrize(
-    ("found", "close", "relative", "was_lost", "health"),
-    [
-        (1000, 710, 1.0, False, "good"), (1000, 690, 1.0, False, "lost"),  # the points contradict surfaces
-        (450, 440, 0.41, False, "good"), (450, 440, 0.39, False, "lost"),  # much less that is known than before
-        (450, 440, 0.86, True, "good"), (450, 440, 0.84, True, "lost"),  # found again only where it fits as usual
-    ],
-)  # fmt: skip
-def test_a_scan_is_lost_where_its_surfaces_or_the_map_say_otherwise(
-    found: int, close: int, relative: float, was_lost: bool, health: str
-) -> None:
-    knots, information = np.tile(np.eye(4), (2, 1, 1)), 1e6 * np.eye(12)
-    solved = Solved(np.array([0.0, 0.1]), knots, knots, information, 0.9 * information, 1000, found, close, 0.01)
-    assert judged(solved, np.eye(6) * 1e-6, relative, was_lost, TrackingSettings())[0] == health
 
 
 @pytest.mark.parametrize(

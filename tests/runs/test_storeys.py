@@ -1,7 +1,6 @@
 """Several storeys in one run: floors of the map, and which storeys of the plan they are."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 from boxes import Box, pose, room, scan, triangles_of
 from commands import refused
 
-from data import Floor, Room, SceneGraph, UserError, WallSurface
+from data import SceneGraph, UserError
 from data.geometry.raycast import TriangleScene
 from data.generation.demo_building import DEMO_STOREYS, write_demo_building
 from data.plans import Bim, load_bim
@@ -19,9 +18,8 @@ from data.simulation import Robot
 from data.simulation import SpinningSensor
 from data.simulation import SimulatedRun
 from data.simulation.simulate import simulate
-from matching import Hypothesis, MatchResult
 from sgslam.anchoring import floor_named
-from sgslam.anchoring.storey_hypotheses import assignments, match_jointly
+from sgslam.anchoring.storey_hypotheses import assignments
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.session import Checkpoints
@@ -30,7 +28,6 @@ from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 GROUND, UPPER = DEMO_STOREYS
-PLANNED = tuple(Floor(name, name, z) for name, z in (("cellar", -3.0), ("ground", 0.0), ("first", 3.0), ("top", 6.5)))
 
 
 @pytest.fixture(scope="module")
@@ -173,54 +170,6 @@ def test_a_step_or_a_ramp_within_a_storey_makes_no_floor(rise: float, length: fl
     assert result.s_graph.keyframes[-1].floor == "floor-0"
     risen = result.trajectory.positions[:, 2] - np.array(truth) + truth[0]
     assert np.abs(risen).mean() < 0.03  # over four seeds at most 0.01
-
-
-def test_storeys_are_told_by_the_height_climbed() -> None:
-    assert assignments({0: 0.0}, PLANNED, None) == [{0: f.id} for f in PLANNED]
-    climbed = assignments({0: 0.0, 1: 3.1}, PLANNED, None)
-    assert climbed == [{0: "cellar", 1: "ground"}, {0: "ground", 1: "first"}, {0: "first", 1: "top"}]
-    assert assignments({0: 0.0, 1: -6.0}, PLANNED, None) == [{0: "first", 1: "cellar"}, {0: "top", 1: "ground"}]
-    assert assignments({0: 0.0, 1: 3.1, 2: 6.0}, PLANNED, "cellar") == [{0: "cellar", 1: "ground", 2: "first"}]
-    assert assignments({0: 0.0, 1: 3.1}, PLANNED, "top") == []  # there is nothing above
-    assert assignments({0: 0.0, 1: 3.1}, (*PLANNED, Floor("attic")), None) is None
-
-
-def floor_graph(storey: int) -> SceneGraph:
-    walls = tuple(WallSurface(f"w{k}f{storey}", None, (float(k), 0.0), (0.0, 1.0), 1.0) for k in range(6))
-    return SceneGraph("map", (Room(f"r{storey}", (2.0, 1.0)),), walls)
-
-
-def answers(
-    scores: dict[tuple[int, str], float], at: dict[tuple[int, str], tuple[float, float, float]] | None = None
-) -> Callable[[int, str], MatchResult]:
-    """A matcher of one floor with one storey that gives these scores, at these places."""
-
-    def ask(number: int, storey: str) -> MatchResult:
-        score = scores.get((number, storey), 0.0)
-        T = (at or {}).get((number, storey), (0.0, 5.0, 5.0))
-        if not score:
-            return MatchResult("none", "nothing")
-        return MatchResult("unique", "", T_a_s=T, floor=storey, hypotheses=(Hypothesis(score, T, storey),))
-
-    return ask
-
-
-def test_equal_storeys_are_told_apart_by_a_floor_that_differs() -> None:
-    graphs, possible = {0: floor_graph(0), 1: floor_graph(1)}, [{0: "a", 1: "b"}, {0: "b", 1: "c"}]
-    equal = {(0, "a"): 60.0, (0, "b"): 59.0, (1, "b"): 60.0, (1, "c"): 59.0}
-    assert match_jointly(graphs, possible, answers(equal)) is None
-    found = match_jointly(graphs, possible, answers({**equal, (1, "c"): 20.0}))
-    assert found is not None and found.assigned == {0: "a", 1: "b"}
-
-
-def test_one_storey_less_in_the_plan_decides_only_where_all_floors_are_explained() -> None:
-    graphs, possible = {0: floor_graph(0), 1: floor_graph(1)}, [{0: "a", 1: "b"}]
-    both = {(0, "a"): 60.0, (1, "b"): 60.0}
-    found = match_jointly(graphs, possible, answers(both))
-    assert found is not None and found.answers[1].floor == "b"
-    assert match_jointly(graphs, possible, answers({(0, "a"): 60.0})) is None  # what lies above may be no storey of the plan
-    elsewhere = {(0, "a"): (0.0, 5.0, 5.0), (1, "b"): (0.0, 9.0, 5.0)}
-    assert match_jointly(graphs, possible, answers(both, elsewhere)) is None  # floors of one map lie at one place
 
 
 def test_a_storey_that_there_is_not_is_refused(bim: Bim) -> None:
