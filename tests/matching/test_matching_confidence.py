@@ -9,27 +9,11 @@ from plans import a_graph, flat
 from data.synthetic_maps.noise_models import draw
 from evaluation.metrics.calibration import binned, calibration_error
 from matching import Matcher
-from matching.search.confidence import place_probability, room_confidence, surface_confidence
 
 pytestmark = pytest.mark.slow
 
 MATCHER = Matcher.load("learned")
 PLANS = [a_graph(flat(np.random.default_rng(seed))) for seed in range(20, 25)]
-
-
-def test_the_place_is_as_likely_as_it_stands_out() -> None:
-    assert place_probability(np.array([60.0]), 11.0, 20) > 0.999
-    assert place_probability(np.array([60.0, 60.0]), 11.0, 20) == pytest.approx(0.5, abs=1e-3)
-    assert place_probability(np.array([60.0, 57.0]), 11.0, 20) == pytest.approx(0.95, abs=0.01)
-    assert place_probability(np.array([10.0]), 11.0, 20) < 0.01
-    assert place_probability(np.array([-1e6]), 11.0, 20) >= 0
-    assert place_probability(np.array([30.0]), 16.0, 20) < place_probability(np.array([30.0]), 11.0, 20)
-
-
-def test_a_pair_is_as_likely_as_its_share_tells() -> None:
-    for confidence in (room_confidence, surface_confidence):
-        values = [confidence(x) for x in (1e-6, 0.2, 0.5, 0.7, 0.9)]
-        assert values == sorted(values) and values[0] < 0.001 and values[-1] > 0.99
 
 
 def test_confidences_are_probabilities_whether_the_map_is_in_the_plan_or_not() -> None:
