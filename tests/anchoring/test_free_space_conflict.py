@@ -65,3 +65,35 @@ def test_a_wall_in_the_free_space_of_the_other_is_a_conflict(swapped: bool) -> N
 def test_maps_with_nothing_in_common_have_full_conflict() -> None:
     assert conflict_share(graph(OFFICE), graph(HALL, T=(0.0, 50.0, 0.0)), np.zeros(3)) == 1.0
     assert conflict_share(graph(), graph(OFFICE), np.zeros(3)) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("x", "heading", "conflicts"),
+    [
+        (4.0, 0.0, True), (0.31, 0.0, True), (0.29, 0.0, False), (0.19, 0.0, False),  # from 0.3 m inside the outline on
+        (5.19, 0.0, False), (5.21, 0.0, True), (5.19, 20.0, True), (5.19, 17.0, False),  # a wall that the other map has
+    ],
+)  # fmt: skip
+def test_a_wall_within_free_space_conflicts_unless_the_other_map_has_it_too(
+    x: float, heading: float, conflicts: bool
+) -> None:
+    room, walls = a_room("hall", 0, 0, 8, 6)
+    inner = WallSurface("inner", "hall", (5.0, 3.0), (1.0, 0.0), 2.0)
+    yaw = np.radians(heading)
+    seen = WallSurface("seen", "hall", (x, 3.0), (float(np.cos(yaw)), float(np.sin(yaw))), 0.2)
+    share = conflict_share(graph((room, [*walls, seen, inner])), graph((room, [*walls, inner])), np.zeros(3))
+    assert (share > 0) is conflicts
+
+
+def test_walls_count_by_their_length_and_those_of_unknown_length_do_not() -> None:
+    room, walls = a_room("hall", 0, 0, 8, 6)
+    known = graph((room, walls))
+    unknown = WallSurface("unknown", "hall", (4.0, 3.0), (1.0, 0.0), None)
+    assert conflict_share(graph((room, [*walls, unknown])), known, np.zeros(3)) == 0.0
+    screen = WallSurface("screen", "hall", (4.0, 3.0), (1.0, 0.0), 2.0)
+    at = 2 * 140  # places on the walls of both maps, every 0.2 m
+    assert conflict_share(graph((room, [*walls, screen])), known, np.zeros(3)) == pytest.approx(10 / (at + 10))
+    bare = graph((Room("hall", room.centroid), [*walls, screen]))
+    assert conflict_share(bare, known, np.zeros(3)) == pytest.approx(10 / (at + 10))
+    assert conflict_share(known, bare, np.zeros(3)) == pytest.approx(10 / (at + 10))
+    assert conflict_share(bare, graph((Room("hall", room.centroid), walls)), np.zeros(3)) == 0.0  # nothing is free
