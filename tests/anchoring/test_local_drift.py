@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sgslam.anchoring.local_drift import drifted_neighbourhoods, drifted_rooms
-from sgslam.anchoring.se2_consensus import Pairs, find_consensus
+from sgslam.anchoring.se2_consensus import Consensus, Pairs, find_consensus
 
 ROOM = 4.0  # m
 TURN = np.radians(4.0)
@@ -91,3 +91,65 @@ def test_a_moved_wall_is_no_drift_of_its_room(opposite: float) -> None:
     assert not moved_whole(off).any()
     off[5] = shifted((0.1, 0.0))
     assert not moved_whole(off, deviating=np.abs(off) > 0.05).any()
+
+
+X, Y = (1.0, 0.0), (0.0, 1.0)
+Wall = tuple[tuple[float, float], float, bool]  # normal, m before its planned place, whether it agrees with the map's
+
+
+def walls_of(*walls: Wall, far: float = 0.0) -> tuple[Pairs, Consensus]:
+    """Walls of 4 m at one place, the last `far` (m) away, and the map's place with a gate of 3 cm."""
+    normal = np.array([n for n, _, _ in walls])
+    planned = np.tile([1.0, 2.0], (len(walls), 1))
+    seen = planned + normal * np.array([off for _, off, _ in walls])[:, None]
+    away = np.zeros((len(walls), 2))
+    away[-1] = far, 0.0
+    pairs = Pairs(seen + away, normal, planned + away, normal, np.full(len(walls), 4.0), np.arange(len(walls)))
+    return pairs, Consensus(np.zeros(3), np.array([agrees for _, _, agrees in walls]), 0.03, 0.8)
+
+
+def drifted_among(*walls: Wall, far: float = 0.0) -> int:
+    pairs, overall = walls_of(*walls, far=far)
+    return int(drifted_neighbourhoods(pairs, overall, TURN, np.zeros(len(walls), dtype=bool)).sum())
+
+
+OFF_X: Wall = (X, 0.1, False)
+OFF_Y: Wall = (Y, 0.1, False)
+ON_Y: Wall = (Y, 0.0, True)
+
+
+@pytest.mark.parametrize(("walls", "found"), [([OFF_X, OFF_Y] * 2 + [OFF_X], 5), ([OFF_X, OFF_Y] * 2, 0)])
+def test_five_walls_tell_drift(walls: list[Wall], found: int) -> None:
+    assert drifted_among(*walls) == found
+
+
+@pytest.mark.parametrize(("far", "found"), [(5.9, 5), (6.1, 0)])
+def test_walls_within_six_metres_are_neighbours(far: float, found: int) -> None:
+    assert drifted_among(*[OFF_Y, OFF_X] * 2, OFF_Y, far=far) == found
+
+
+@pytest.mark.parametrize(("across", "found"), [(3, 3), (2, 0)])
+def test_three_walls_across_the_shift_tell_it(across: int, found: int) -> None:
+    along = [ON_Y, ON_Y] if across == 3 else [ON_Y, ON_Y, (Y, 0.0, False)]  # they agree with both places
+    assert drifted_among(*[OFF_X] * across, *along) == found
+
+
+@pytest.mark.parametrize(("agreeing", "found"), [(3, 3), (4, 0)])
+def test_a_neighbourhood_of_which_more_than_half_agrees_with_the_map_has_not_drifted(agreeing: int, found: int) -> None:
+    assert drifted_among(*[OFF_X] * 3, *[ON_Y] * agreeing) == found
+
+
+@pytest.mark.parametrize(("others", "found"), [(2, 6), (3, 0)])
+def test_seven_tenths_of_a_neighbourhood_must_agree_on_the_shift(others: int, found: int) -> None:
+    elsewhere: list[Wall] = [(X, 0.5, False), (X, -0.5, False), (Y, -0.5, False)]
+    assert drifted_among(*[OFF_X, OFF_Y] * 3, *elsewhere[:others]) == found
+
+
+@pytest.mark.parametrize(("degrees", "found"), [(14.0, 0), (16.0, 2)])
+def test_walls_within_15_degrees_are_across_the_step_into_a_room(degrees: float, found: int) -> None:
+    slanted = float(np.cos(np.radians(degrees))), float(np.sin(np.radians(degrees)))
+    pairs, overall = walls_of(OFF_X, ((-1.0, 0.0), -0.1, False), (slanted, 0.0, True))
+    for room in (0, -1):
+        none = np.zeros(3, dtype=bool)
+        drifted_walls = drifted_rooms(pairs, overall, np.full(3, room), none)
+        assert drifted_walls.sum() == (found if room == 0 else 0)

@@ -61,7 +61,7 @@ def test_one_storey_less_in_the_plan_decides_only_where_all_floors_are_explained
     assert match_jointly(graphs, possible, answers(both, elsewhere)) is None  # floors of one map lie at one place
 
 
-@pytest.mark.parametrize(("height", "found"), [(3.59, 1), (3.6, 0), (2.41, 1), (2.4, 0)])
+@pytest.mark.parametrize(("height", "found"), [(3.59, 1), (3.61, 0), (2.41, 1), (2.39, 0), (0.59, 2), (0.6, 0)])
 def test_a_climb_may_be_six_decimetres_off_the_plan(height: float, found: int) -> None:
     planned = (Floor("low", "", 0.0), Floor("high", "", 3.0))
     assert len(assignments({0: 0.0, 1: height}, planned, None) or ()) == found
@@ -78,7 +78,7 @@ HERE = (0.0, 5.0, 5.0)
 
 
 @pytest.mark.parametrize(
-    ("x", "degrees", "same"), [(5.74, 0.0, True), (5.76, 0.0, False), (5.0, 4.9, True), (5.0, 5.1, False)]
+    ("x", "degrees", "same"), [(5.75, 0.0, True), (5.76, 0.0, False), (5.0, 4.9, True), (5.0, 5.1, False)]
 )
 def test_floors_of_one_map_lie_at_one_place(x: float, degrees: float, same: bool) -> None:
     cx, cy = GRAPHS[1].centroid()
@@ -116,6 +116,18 @@ def test_another_place_that_all_floors_have_too_is_an_alternative() -> None:
 def test_a_place_beyond_a_full_list_may_be_as_good_as_the_last_one_of_it(places: int, decided: bool) -> None:
     far = [(50.0, (0.0, 50.0 + 10.0 * k, 5.0)) for k in range(places - 1)]
     assert jointly(listed((60.0, HERE), *far), listed((60.0, HERE), (55.0, (0.0, 5.0, 90.0)))) is decided
+
+
+def test_the_best_of_a_floors_hypotheses_at_a_place_counts() -> None:
+    there = (0.0, 30.0, 5.0)
+    upper = listed((60.0, HERE), (20.0, (0.0, 5.6, 5.0)), (50.0, there))
+    assert jointly(listed((60.0, HERE), (50.0, there)), upper)
+
+
+def test_a_place_that_a_floor_does_not_have_is_no_answer() -> None:
+    """Though its list is full, so that it may have it with less evidence."""
+    far = [(50.0 - 40.0 * (k > 0), (0.0, 50.0 + 10.0 * k, 5.0)) for k in range(10)]
+    assert not jointly(listed((90.0, HERE)), listed(*far))
 
 
 def test_one_floor_must_be_sure_and_none_without_an_answer() -> None:
