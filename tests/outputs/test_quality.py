@@ -44,14 +44,14 @@ def judged(
     deviations[:, 0] = np.where(np.arange(SCANS) < sure, sigma, 9.0)
     uncertainty = ScanUncertainty(
         np.arange(SCANS), deviations, np.zeros(SCANS, dtype=np.int64), ("",) * SCANS,
-        np.arange(SCANS) < sure, ("lost",) * lost + ("good",) * (SCANS - lost),
+        np.arange(SCANS) < sure, ("good",) * SCANS,
     )  # fmt: skip
     T_bim_map = None
     if tilt is not None:
         c, s = np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
         T_bim_map = np.array([[1.0, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
     maps = trajectory(positions), trajectory(odometry)
-    return quality_of(*maps, list(walls_seen), uncertainty, T_bim_map, plan, QualitySettings())
+    return quality_of(*maps, list(walls_seen), uncertainty, lost / SCANS, T_bim_map, plan, QualitySettings())
 
 
 @pytest.mark.parametrize(
