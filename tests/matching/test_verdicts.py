@@ -94,7 +94,7 @@ def scored(found: bent.DeformedHypotheses) -> Scored:
         table = found.table.copy()
         table[0, np.argsort(found.scene.s.half)[:unexplained]] = -1
         first = score if conservative is None else conservative
-        scores = np.array([score, others, others])
+        scores = np.array([score, others, -90.0])
         return replace(found, table=table, score=scores, conservative=np.array([first, -90.0, -90.0]))
 
     return changed
@@ -160,6 +160,33 @@ def test_a_bent_map_is_in_the_plan_by_its_odds_and_its_evidence_a_wall(
     assert deformed.verify(scored(200.0, 0.0, conservative), PAIRS).status == status
 
 
+def test_unexplained_walls_are_paid_for_in_the_evidence_a_wall(scored: Scored) -> None:
+    decided = 0
+    for gone in range(1, 8):
+        share = fraction(scored(200.0, 0.0, unexplained=gone))
+        missed = (1 - share) * WALLS
+        least = (WALLS - missed) * (1.8 + 0.6 * (WALLS - 15) / 15) - 2 * missed
+        if deformed.odds(scored(200.0, 0.0, least - 0.1), share) > 4.5:
+            decided += 1
+            for off, status in ((0.1, "unique"), (-0.1, "none")):
+                assert deformed.verify(scored(200.0, 0.0, least + off, gone), PAIRS).status == status
+    assert decided
+
+
+def test_alternatives_of_a_bent_map_are_counted_by_storeys(scored: Scored) -> None:
+    hypotheses = replace(scored(100.0, 100.0), score=np.array([100.0, 100.0, 100.0]))
+    two = replace(hypotheses.scene.plan, storeys=(STOREY, replace(STOREY, floor="upper")))
+    scene = replace(hypotheses.scene, plan=two)
+
+    def reason(*storey: int) -> str:
+        fields = replace(hypotheses.fields, storey=np.array([*storey, *[0] * (3 - len(storey))]))
+        score = np.where(np.arange(3) < len(storey), 100.0, 0.0)
+        return deformed.verify(replace(hypotheses, scene=scene, fields=fields, score=score), PAIRS).reason
+
+    assert reason(0, 0).startswith("2 places explain") and reason(0, 1).startswith("2 storeys explain")
+    assert reason(0, 0, 1).startswith("3 places on 2 storeys explain")
+
+
 def test_a_bent_map_of_many_unexplained_walls_needs_odds(scored: Scored) -> None:
     shares = []
     for gone in range(2, 12):
@@ -176,7 +203,7 @@ def test_a_bent_map_of_many_unexplained_walls_needs_odds(scored: Scored) -> None
 
 def test_probabilities_of_a_bent_map(scored: Scored) -> None:
     twice, alone = (deformed.verify(scored(100.0, other), PAIRS).probability for other in (100.0, 0.0))
-    assert twice == pytest.approx(1 / 3, abs=1e-3) and alone > 0.999
+    assert twice == pytest.approx(1 / 2, abs=1e-3) and alone > 0.999
     likely = scored(100.0, 0.0, conservative=30.0)
     odds = deformed.odds(likely, 1.0)
     assert deformed.verify(likely, PAIRS).probability == pytest.approx(1 / (1 + np.exp(-odds)), abs=1e-3)

@@ -124,3 +124,11 @@ def test_a_way_crosses_walls_of_its_own_storey() -> None:
         assert walls_crossed(way((0.0, 0.0, z), (10.0, 0.0, z)), plan) == crossed
     low = SceneGraph("bim", (), (replace(WALL, floor="low"),), floors=floors)
     assert walls_crossed(way((0.0, 0.0, -0.2), (10.0, 0.0, -0.2)), low) == 1
+
+
+def test_a_way_of_single_scans_on_a_storey_crosses_nothing() -> None:
+    floors = (Floor("low", "", 0.0), Floor("high", "", 3.0))
+    plan = SceneGraph("bim", (), tuple(replace(WALL, id=f"w-{f}", floor=f) for f in ("low", "high")), floors=floors)
+    hopping = np.array([[4.0, 0.0, 1.0], [6.0, 0.0, 3.5], [4.0, 0.0, 1.0]])
+    assert walls_crossed(hopping, plan) == 0
+    assert walls_crossed(np.concatenate([hopping, [[6.0, 0.0, 1.0]]]), plan) == 1  # two scans are a way
