@@ -13,7 +13,11 @@ from data.common.errors import UserError
 from data.scans.formats import READERS, read_timed
 from data.scans.scan import WORST_SHARE_SKIPPED, Scan, ScanSource, finished
 from data.scans.stamp_rule import unusable
+from data.scans.stamp_units import check_interval
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_times, stamps_from_names
+
+_INSIDE = (*READERS, ".bag", ".mcap", ".db3")  # what a folder may hold to be given instead of the one above it
+_NAMED = 5  # folders in a message
 
 
 class ScanFolder(ScanSource):
@@ -25,13 +29,14 @@ class ScanFolder(ScanSource):
         """Lists the files and determines their stamps; reads no scan.
 
         Raises UserError for a folder that is missing, empty or of mixed formats, and for stamps whose number does not
-        fit, or of which more than a fifth repeat or go backwards.
+        fit, of which more than a fifth repeat or go backwards, or which are in another unit.
         """
         super().__init__()
         self.path = Path(path)
         files = _list_scans(self.path)
         self.files, stamps, self.note = _order_and_stamps(self.path, files)
         self.stamps_ns = np.array(stamps, dtype=np.int64)
+        check_interval(stamps, str(self.path))
         if unusable(stamps) > WORST_SHARE_SKIPPED * len(stamps):
             check_increasing(self.stamps_ns, str(self.path), [f"'{f.name}'" for f in self.files])
 
@@ -64,12 +69,24 @@ def _list_scans(path: Path) -> list[Path]:
     shown = [f for f in path.iterdir() if not f.name.startswith(".")]
     files = [f for f in shown if f.suffix.lower() in READERS and f.is_file()]
     if not files:
-        raise UserError(f"{path}: no scans in it; give a folder of {', '.join(READERS)} files")
+        raise UserError(f"{path}: no scans in it; {_where_else(path)}")
     formats = Counter(f.suffix.lower() for f in files)
     if len(formats) > 1:
         found = ", ".join(f"{count} {suffix}" for suffix, count in sorted(formats.items()))
         raise UserError(f"{path}: scans of mixed formats ({found}); leave one format in the folder")
     return sorted(files, key=lambda f: natural_key(f.name))
+
+
+def _where_else(path: Path) -> str:
+    """What to give instead of a folder without scans: the folders in it, or in these, that hold some."""
+    files = (f for pattern in ("*/*", "*/*/*") for f in path.glob(pattern) if f.suffix.lower() in _INSIDE)
+    shown = {f.parent for f in files if not any(part.startswith(".") for part in f.relative_to(path).parts)}
+    if not shown:
+        return f"give a folder of {', '.join(READERS)} files"
+    found = sorted(map(str, shown), key=natural_key)
+    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    what = "that folder" if len(found) == 1 else "one of these"
+    return f"there are some in {', '.join(found[:_NAMED])}{more}; give {what}"
 
 
 def _order_and_stamps(path: Path, files: list[Path]) -> tuple[list[Path], list[int], str | None]:

@@ -14,6 +14,7 @@ NS = 1_000_000_000
 SCAN_PERIOD_NS = NS // 10
 NOTE_INDICES = "the scans have no stamps; they are taken to be 0.1 s apart"
 _INT64 = np.iinfo(np.int64)
+_DIGITS = {13: "milliseconds", 16: "microseconds", 19: "nanoseconds"}  # of times since 1970
 _SECONDS_IN_NAME = re.compile(r"\D*?(-?\d+\.\d+)")
 _NANOSECONDS_IN_NAME = re.compile(r"\D*(\d{16,})")
 
@@ -28,7 +29,8 @@ def seconds_to_ns(text: str) -> int:
     except InvalidOperation:
         raise ValueError(f"'{text}' is not a number") from None
     if not seconds.is_finite() or seconds.adjusted() > 11:
-        raise ValueError(f"'{text}' is not a stamp in seconds")
+        unit = _DIGITS.get(seconds.adjusted() + 1)
+        raise ValueError(f"'{text}' is not a stamp in seconds{f', but seems to be in {unit}' if unit else ''}")
     nanoseconds = int((seconds * NS).to_integral_value())
     if not _INT64.min <= nanoseconds <= _INT64.max:
         raise ValueError(f"'{text}' is not a stamp in seconds")

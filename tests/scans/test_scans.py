@@ -275,6 +275,44 @@ def test_bad_times_are_refused_before_anything_is_read(times: str, message: str,
 
 
 @pytest.mark.parametrize(
+    ("step", "unit"), [(100.0, "milliseconds"), (1e5, "microseconds"), (1e8, "nanoseconds"), (1.0, None), (0.1, None)]
+)
+def test_stamps_in_another_unit_are_refused(step: float, unit: str | None, tmp_path: Path) -> None:
+    write_bins(tmp_path, [f"{k}.bin" for k in range(9)])
+    (tmp_path / "times.txt").write_text("".join(f"{1e6 + k * step:.3f}\n" for k in range(9)))
+    if unit is None:
+        assert len(ScanFolder(tmp_path)) == 9
+        return
+    with pytest.raises(UserError, match=f"seem to be in {unit}"):
+        ScanFolder(tmp_path)
+
+
+def test_names_in_microseconds_are_refused_and_those_in_nanoseconds_read(tmp_path: Path) -> None:
+    write_bins(tmp_path / "micro", [f"{1_700_000_000_000_000 + 100_000 * k}.bin" for k in range(9)])
+    write_bins(tmp_path / "nano", [f"{1_700_000_000_000_000_000 + 100_000_000 * k}.bin" for k in range(9)])
+    with pytest.raises(UserError, match="seem to be in microseconds"):
+        ScanFolder(tmp_path / "micro")
+    assert ScanFolder(tmp_path / "nano").stamps_ns[1] == 1_700_000_000_100_000_000
+
+
+def test_stations_of_a_survey_are_minutes_apart_and_that_unevenly(tmp_path: Path) -> None:
+    write_bins(tmp_path, [f"{k}.bin" for k in range(6)])
+    (tmp_path / "times.txt").write_text("0\n95\n210\n420\n500\n630\n")
+    assert len(ScanFolder(tmp_path)) == 6
+
+
+@pytest.mark.parametrize(
+    ("stamp", "unit"),
+    [("1700000000123", "milli"), ("1700000000123456", "micro"), ("1700000000123456789", "nano")],
+)
+def test_the_unit_of_a_time_of_day_is_named(stamp: str, unit: str, tmp_path: Path) -> None:
+    write_bins(tmp_path, ["1.bin"])
+    (tmp_path / "times.txt").write_text(stamp)
+    with pytest.raises(UserError, match=f"seems to be in {unit}seconds"):
+        ScanFolder(tmp_path)
+
+
+@pytest.mark.parametrize(
     ("names", "message"),
     [
         ([], "no scans in it"),
