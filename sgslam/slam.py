@@ -137,7 +137,10 @@ class SceneGraphSlam:
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
-        return assemble_result(self._map, self._session.bim, self._session.unplaced, relocalisation, self._config)
+        session = self._session
+        return assemble_result(
+            self._map, session.bim, session.unplaced, relocalisation, self._config, session.advice
+        )  # fmt: skip
 
     @property
     def anchored(self) -> bool:

@@ -1,5 +1,6 @@
 """Assembles the result of a run from its final map."""
 
+import logging
 from collections import Counter
 from typing import TYPE_CHECKING, cast, get_args
 
@@ -21,19 +22,21 @@ from sgslam.session.quality import quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import at_stamps, smooth, with_unplaced
 from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty
+from sgslam.session.unit_advice import feet_advice
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
 
 Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
 _COVARIANCES = 50  # poses whose covariance is computed
 
 
 def assemble_result(
     final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], relocalisation: Relocalisation | None,
-    config: Config,
+    config: Config, advice: list[str],
 ) -> Result:  # fmt: skip
-    """The result of a run whose map is `final`.
+    """The result of a run whose map is `final`; `advice` are lines on the maps before.
 
     `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor, in the
     map's trajectory only. A pose in a prior map does not count as anchored to the building.
@@ -55,6 +58,9 @@ def assemble_result(
     told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
     tracked = {health: sum(scan.health == health for scan in of_run) for health in get_args(Health)}
     odometry = at_stamps(scans[newest], np.stack([s.T_odom_sensor for s in scans[newest]]))
+    unit = feet_advice(floors, trajectory_map, bim) if T_bim_map is None else None  # what fits the plan is in metres
+    if unit is not None:
+        _log.warning("%s", unit)
     first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
     return Result(
         anchored=anchored,
@@ -83,6 +89,7 @@ def assemble_result(
         tracked=tracked,
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
         relocalisation=relocalisation,
+        advice=tuple(dict.fromkeys(line for line in (*advice, final.tracker.advice, unit) if line is not None)),
     )
 
 

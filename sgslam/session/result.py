@@ -90,7 +90,8 @@ class Result:
     in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is the time of each stage. `earlier` are the
     trajectories of the prior map's runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not
     anchored, `relocalisation` is None without a prior map. `tracked` says how many scans the tracker calls good,
-    degraded and lost; `uncertainty` has a line for each scan, and `quality` says whether the map is sound.
+    degraded and lost; `uncertainty` has a line for each scan, and `quality` says whether the map is sound. `advice` has
+    a line for each thing that seems wrong with the scans or with what the user stated of them.
     """
 
     anchored: bool
@@ -116,6 +117,7 @@ class Result:
     quality: Quality
     earlier: tuple[Trajectory, ...] = ()
     relocalisation: Relocalisation | None = None
+    advice: tuple[str, ...] = ()
 
     def save(self, out: Path | str) -> None:
         """Writes all results to the folder `out`. Raises UserError if it cannot be written to or the disk is full."""
@@ -140,6 +142,7 @@ class Result:
             "seconds": self.seconds,
             "runs": len(self.earlier) + 1,
             "returned": None if self.relocalisation is None else asdict(self.relocalisation),
+            "advice": list(self.advice),
         }
 
 

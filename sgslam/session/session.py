@@ -26,8 +26,9 @@ class Session:
     """Begins maps and merges them into the `prior` map.
 
     `kidnaps` counts how often the sensor was carried elsewhere. If there is no prior map, the map up to the first
-    kidnap becomes it. `unplaced` are submaps of the run that are not relocalised. `storey` is the name or id of the
-    floor on which the run begins. Raises UserError for a storey that the plan does not have.
+    kidnap becomes it. `unplaced` are submaps of the run that are not relocalised. `advice` are the trackers' lines on
+    the maps before the active one. `storey` is the name or id of the floor on which the run begins. Raises UserError
+    for a storey that the plan does not have.
     """
 
     def __init__(
@@ -40,6 +41,7 @@ class Session:
         self.prior = prior
         self.kidnaps = 0
         self.unplaced: list[PriorMap] = []
+        self.advice: list[str] = []
 
     def begin(self, clouds: KeyframeClouds, stopwatch: Stopwatch) -> ActiveMap:
         """A new map, to be relocalised in the prior map or anchored to the building. The built-in odometry restarts; an
@@ -51,6 +53,7 @@ class Session:
     def split(self, ended: ActiveMap) -> ActiveMap:
         """Begins a new map after the sensor was carried elsewhere; the ended map becomes or joins the prior map."""
         ended.complete()
+        self.advice += [ended.tracker.advice] if ended.tracker.advice else []
         T_prior_map, own = self.T_prior_map(ended), _as_prior(ended)
         if self.prior is None:
             self.prior = own
@@ -117,7 +120,7 @@ class Session:
         """The complete state as a tree (see `state_tree`), without a prior map that the user gave."""
         return {
             "kidnaps": self.kidnaps, "unplaced": [part.state() for part in self.unplaced],
-            "prior": self.prior.state() if self.prior is not None and self.kidnaps else None,
+            "prior": self.prior.state() if self.prior is not None and self.kidnaps else None, "advice": self.advice,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any], clouds: KeyframeClouds) -> KeyframeClouds:
@@ -128,7 +131,7 @@ class Session:
         if state["prior"] is not None:
             self.prior, clouds = PriorMap.from_state(state["prior"], self._config, clouds), _no_clouds(clouds)
         self.unplaced = [PriorMap.from_state(part, self._config, _no_clouds(clouds)) for part in state["unplaced"]]
-        self.kidnaps = state["kidnaps"]
+        self.kidnaps, self.advice = state["kidnaps"], state["advice"]
         return clouds
 
 

@@ -25,10 +25,10 @@ class LevelFrame(Stateful):
     """`T_level_first` (4, 4) turns the frame of the first pose upright; `known` once that is settled.
 
     Until then `likely_up` (3,) is the best answer so far, in that frame: `found` in the surfaces, or where the mount
-    says, and `sure` tells whether it is good enough.
+    says, and `sure` tells whether it is good enough. `advice` is a line where the stated mount proves wrong, else None.
     """
 
-    _STATE = ("known", "sure", "found", "likely_up", "_began_ns", "_next_ns", "_chosen")
+    _STATE = ("known", "sure", "found", "likely_up", "advice", "_began_ns", "_next_ns", "_chosen")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
@@ -37,6 +37,7 @@ class LevelFrame(Stateful):
         self._expected: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()[2]
         self.likely_up = self._expected
         self.known, self.sure, self.found = False, False, False
+        self.advice: str | None = None
         self._began_ns: int | None = None
         self._next_ns = 0
         self._chosen: list[tuple[Floats, Ints]] = []  # of each scan, some points (N, 3) and their indices (N,)
@@ -80,8 +81,11 @@ class LevelFrame(Stateful):
                 "stated; state roll, pitch and yaw in degrees by --mount"
             )
         elif settings.mount is not None and tilt > settings.mount_error:
-            off = np.degrees(tilt)
-            _log.warning("the sensor hangs %.0f degrees off the stated mount, as its surroundings show", off)
+            self.advice = (
+                f"the sensor hangs {np.degrees(tilt):.0f} degrees off the stated mount, as its surroundings show; "
+                "correct --mount, or leave it out"
+            )
+            _log.warning("%s", self.advice)
         elif not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45)):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
         self.known, self.likely_up, self._chosen = True, up, []

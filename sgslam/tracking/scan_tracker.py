@@ -103,6 +103,11 @@ class ScanTracker(Stateful):
         return [self._tracked(*scan) for scan in zip(waiting, found, strict=True)]
 
     @property
+    def advice(self) -> str | None:
+        """A line where the stated mount proves wrong, else None."""
+        return self._level.advice
+
+    @property
     def newest(self) -> Floats | None:
         """(4, 4) T_odom_sensor of the newest scan that waits, as far as known; None if none does."""
         return self._T_level_now() @ self._found[-1].T_odom_sensor if self._waiting else None
