@@ -33,6 +33,7 @@ from sgslam.odometry.external import ExternalOdometry
 from sgslam.report import associate
 from sgslam.report.accuracy import accuracy
 from sgslam.session import Checkpoints, PriorMap, Result
+from sgslam.session.checkpoints import FILE as STATE
 from sgslam.session.checkpoints import load
 from sgslam.session.result import prepare_folder, save_result
 from sgslam.slam import SceneGraphSlam
@@ -142,6 +143,8 @@ class Run:
         if resumed is not None:
             check_unchanged(out, resumed, inputs)
         _log_to(out / "run.log", options.verbose, append=resumed is not None)
+        if resumed is None and (out / STATE).is_file():
+            _log.warning("%s holds the results of an earlier run, which are overwritten", out)
         for notice in [job.scans.note, *(job.bim.notices if job.bim is not None else ())]:
             if notice:
                 _log.warning("%s", notice)
@@ -176,7 +179,6 @@ class Run:
         more: dict[str, Any] = {"scans_skipped": len(job.scans.skipped), "seconds": seconds}
         more["cpu_seconds"] = cpu_seconds  # of all threads
         more["told"] = self._hints
-        more["advice"] = self.progress.advice
         if job.truth is not None:
             more["accuracy"] = _accuracy(result, job.truth)
         metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more)
@@ -215,6 +217,8 @@ def _three(option: str, text: str, form: str, example: str) -> tuple[float, floa
         raise UserError(f"{option} {text}: not in the form {form}; write e.g. {example}") from None
     if not all(math.isfinite(value) for value in (a, b, c)):
         raise UserError(f"{option} {text}: the numbers must be finite")
+    if option == "--start" and abs(c) > 2 * math.pi:
+        raise UserError(f"{option} {text}: the yaw is in radians; {c:g} degrees are {math.radians(c):.4f}")
     if option == "--mount" and max(abs(a), abs(b), abs(c)) > _TURN:
         raise UserError(f"{option} {text}: the angles are degrees, from -360 to 360")
     return a, b, c

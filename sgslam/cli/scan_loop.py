@@ -1,6 +1,5 @@
 """The scan loop of a run: adds the scans one by one, writes checkpoints, and stops cleanly when interrupted."""
 
-import logging
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from data import UserError
 from data.scans import ScanSource
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.perception.scan_advice import scan_advice
+from sgslam.perception.first_scans import in_metres_and_sensor_frame
 from sgslam.session import Checkpoints, Update
 from sgslam.slam import SceneGraphSlam
 
@@ -25,17 +24,16 @@ ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]]
 
 @dataclass
 class Progress:
-    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, the `seconds` spent on
-    reading scans and writing checkpoints, and `advice`, a line for each thing that seems wrong with the scans."""
+    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, and the `seconds` spent on
+    reading scans and writing checkpoints."""
 
     index: int = -1
     fed: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
-    advice: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """The keyword arguments of `Progress`."""
-        return {"index": self.index, "fed": self.fed, "seconds": self.seconds, "advice": self.advice}
+        return {"index": self.index, "fed": self.fed, "seconds": self.seconds}
 
 
 class Interruption:
@@ -77,7 +75,7 @@ def run_scans(
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
     `odometry` is an external odometry; `on_scan` is called after each scan. Raises UserError if not even one scan could
-    be added, and KeyboardInterrupt at the second interrupt.
+    be added or the first ones are in another unit or frame, and KeyboardInterrupt at the second interrupt.
     """
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -87,16 +85,13 @@ def run_scans(
         task = bar.add_task("scans", total=len(scans))
         waiting = perf_counter()
         try:
-            for scan in scans:
+            for scan in in_metres_and_sensor_frame(scans):
                 if scan.index <= progress.index and not interruption:
                     continue
                 progress.seconds["reading"] += perf_counter() - waiting
                 if interruption:
                     checkpoints.write(slam, progress.to_dict())
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
-                if not progress.fed and (advice := scan_advice(scan.points)) is not None:
-                    logging.getLogger("sgslam").warning("%s", advice)
-                    progress.advice.append(advice)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
                 if on_scan is not None:

@@ -174,19 +174,6 @@ def test_a_run_takes_no_torch(scans: Path, building: Path, tmp_path: Path, plann
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize(
-    ("scale", "shift", "said"), [(1000.0, 0.0, "in millimetres"), (1.0, 300.0, "in one world frame"), (1.0, 0.0, None)]
-)
-def test_another_unit_or_frame_is_told(scale: float, shift: float, said: str | None, tmp_path: Path) -> None:
-    for i in range(12):
-        np.save(tmp_path / f"{i}.npy", scale * box_scan(i * 0.02) + [shift, -shift, 0.0])
-    done = run("--scan-dir", tmp_path, "--out", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    advice = json.loads((tmp_path / "out" / "metrics.json").read_text())["advice"]
-    assert [said in line for line in advice] == ([True] if said else []) and len(advice) == (said is not None)
-    assert all(line in done.stderr and line in (tmp_path / "out" / "report.html").read_text() for line in advice)
-
-
 @pytest.mark.slow
 def test_one_bad_scan_is_skipped_and_counted(scans: Path, tmp_path: Path) -> None:
     folder = copied(scans, tmp_path)
