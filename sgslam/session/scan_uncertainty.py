@@ -16,6 +16,7 @@ from sgslam.session.scan_poses import ScanPose
 
 Floats = NDArray[np.float64]
 FILE = "trajectory_sigma.csv"
+_OWN = (1.5 / 6.0) ** 2  # share of a tracked pose's variance that is its own: of 6 median residuals, noise explains 1.5
 _MOST = 100  # keyframes whose covariance is computed; between them it is interpolated
 _HEADER = (
     "stamp_s,sigma_x_m,sigma_y_m,sigma_z_m,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg,part,floor,anchored,health"
@@ -73,8 +74,8 @@ def scan_uncertainty(
 ) -> ScanUncertainty:  # fmt: skip
     """The lines of a map's `run`, a slice of its scans, whose poses are told in a frame turned by (3, 3).
 
-    A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, and what a step
-    between the two errs on the way: a Brownian bridge.
+    A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
+    what a step between the two errs on the way: a Brownian bridge.
     """
     own, keyframes = scans[run], backend.keyframes
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
@@ -110,7 +111,8 @@ def _variances(
     at_all = np.array([keyframe.stamp_ns - began for keyframe in keyframes], dtype=np.float64)
     lasts = at_all[np.minimum(of + 1, len(keyframes) - 1)] - at_all[of]
     share = np.clip((when - at_all[of]) / np.maximum(lasts, 1.0), 0.0, 1.0)
-    return np.asarray(variances + np.maximum(tracked - before, 0.0) + (share * (1 - share))[:, None] * step)
+    alone = np.maximum(tracked - before, _OWN * tracked)
+    return np.asarray(variances + alone + (share * (1 - share))[:, None] * step)
 
 
 def _along_axes(covariances: Floats, R: Floats) -> Floats:
