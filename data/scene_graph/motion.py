@@ -9,6 +9,9 @@ from data.geometry import se2
 from data.geometry.se2 import Array
 from data.scene_graph.graph import Room, SceneGraph, WallSurface, Xy
 
+MIRRORED = ", mirrored"  # added to the name of a frame
+Pose = tuple[float, float, float, float, float, float, float]  # x y z, and a quaternion qx qy qz qw
+
 
 def moved(graph: SceneGraph, T_out_graph: Array) -> SceneGraph:
     """Moves rooms, wall surfaces and doors by (yaw, x, y) in rad and m: p_out = R(yaw) p_graph + (x, y).
@@ -29,7 +32,8 @@ def moved(graph: SceneGraph, T_out_graph: Array) -> SceneGraph:
 
 
 def mirrored(graph: SceneGraph) -> SceneGraph:
-    """The mirror image: y becomes -y. Ids, order and the frame's name stay; `plane`s and keyframes are left out."""
+    """The mirror image: y becomes -y, of the sensor's axes too. Ids and order stay, the frame's name says it; `plane`s
+    are left out."""
 
     def flipped(point: Xy) -> Xy:
         return point[0], -point[1]
@@ -40,7 +44,13 @@ def mirrored(graph: SceneGraph) -> SceneGraph:
         replace(w, parts=tuple((source, -b, -a, full) for source, a, b, full in reversed(w.parts)))
         for w in image.wall_surfaces
     )  # fmt: skip
-    return replace(image, rooms=rooms, wall_surfaces=walls)
+    keyframes = tuple(replace(k, pose=_flipped_pose(*k.pose)) for k in graph.keyframes)
+    frame = graph.frame.removesuffix(MIRRORED) if graph.frame.endswith(MIRRORED) else graph.frame + MIRRORED
+    return replace(image, frame=frame, rooms=rooms, wall_surfaces=walls, keyframes=keyframes)
+
+
+def _flipped_pose(x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float) -> Pose:
+    return x, -y, z, -qx, qy, -qz, qw
 
 
 def _mapped(graph: SceneGraph, at: Callable[[Xy], Xy], turned: Callable[[Xy], Xy]) -> SceneGraph:

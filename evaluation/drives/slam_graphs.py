@@ -17,6 +17,7 @@ from data.common.errors import UserError
 from data.plans import load_bim
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
+from data.scene_graph.motion import MIRRORED
 from data.synthetic_maps.noise_models import DrawnGraph
 from evaluation.drives.sequences import Sequence, SequenceSpec, prepare, read_specs, storey_of
 from evaluation.drives.slam_graph_files import SlamDrive, SlamGraph, drive_file, write_drive
@@ -38,7 +39,9 @@ class Recorder:
         self.last: tuple[float, SceneGraph] | None = None
 
     def match(self, s: SceneGraph, a: SceneGraph) -> MatchResult:
-        """Keeps the S-graph; returns no match."""
+        """Keeps the S-graph, unless it is a mirror image; returns no match."""
+        if s.frame.endswith(MIRRORED):
+            return MatchResult("none", "recording only")
         self.last = self.seconds, s
         if s.rooms:
             self.first.setdefault(len(s.rooms), self.last)

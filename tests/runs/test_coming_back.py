@@ -15,10 +15,8 @@ from matching import Matcher
 from sgslam.config import Config
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.session import Checkpoints
+from sgslam.session import Checkpoints, PriorMap, Result
 from sgslam.session.checkpoints import load
-from sgslam.session import PriorMap
-from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 pytestmark = pytest.mark.slow

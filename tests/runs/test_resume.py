@@ -16,9 +16,8 @@ from drives import fed, small_drive, small_run
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from sgslam.run import main
-from sgslam.session import Checkpoints
+from sgslam.session import Checkpoints, Result
 from sgslam.session.checkpoints import FILE, about_run, load
-from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 pytestmark = pytest.mark.slow

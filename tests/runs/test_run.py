@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from beginnings import begins_here
 import yaml
+from beginnings import begins_here
 from commands import called
 from small_ifc import write_small_ifc
 

@@ -10,21 +10,17 @@ from boxes import Box, pose, room, scan, triangles_of
 from commands import refused
 
 from data import SceneGraph, UserError
-from data.geometry.raycast import TriangleScene
 from data.generation.demo_building import DEMO_STOREYS, write_demo_building
+from data.geometry.raycast import TriangleScene
 from data.plans import Bim, load_bim
 from data.scans import ScanFolder
-from data.simulation import Robot
-from data.simulation import SpinningSensor
-from data.simulation import SimulatedRun
+from data.simulation import Robot, SimulatedRun, SpinningSensor
 from data.simulation.simulate import simulate
 from sgslam.anchoring import floor_named
 from sgslam.anchoring.storey_hypotheses import assignments
 from sgslam.config import Config
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.session import Checkpoints
-from sgslam.session import PriorMap
-from sgslam.session import Result
+from sgslam.session import Checkpoints, PriorMap, Result
 from sgslam.slam import SceneGraphSlam
 
 GROUND, UPPER = DEMO_STOREYS
