@@ -14,7 +14,7 @@ from evaluation.drives.carried import CarriedDrive
 Array = NDArray[np.float64]
 Trouble = Literal["none", "mirrored", "feet", "covered", "kidnapped", "shaken", "foreign", "wrong storey"]
 TROUBLES: tuple[Trouble, ...] = get_args(Trouble)
-IN_ONE_PART: frozenset[Trouble] = frozenset({"none", "covered", "kidnapped", "shaken"})  # may be anchored, where right
+NO_PLACE: frozenset[Trouble] = frozenset({"mirrored", "feet", "foreign"})  # no place in the plan is right
 
 BEGINS = 0.4  # of the drive: where the sensor is covered, carried elsewhere or shaken
 COVERED_S, CARRIED_S = 5.0, 12.0

@@ -5,25 +5,22 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import PositiveFloat
 
-from data.common.errors import UserError
 from data.simulation.effects.names import ALL
 from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, carried
 from evaluation.drives.second_run import WRONG
 from evaluation.drives.sequences import DriveOptions, SequenceSpec, plan_of, storey_of
-from evaluation.drives.troubles import BEGINS, IN_ONE_PART, TROUBLES, Trouble, TroubledDrive
+from evaluation.drives.troubles import BEGINS, NO_PLACE, TROUBLES, Trouble, TroubledDrive
 from evaluation.harness import Claim, Record, Study
 from evaluation.harness.tables import grouped, of, rare, spread
+from evaluation.metrics.trajectories import error_in_bim
 from evaluation.studies.carriers import RECORDING
 from evaluation.studies.carriers_tables import named
 from sgslam.geometry.frames import inverse
 from sgslam.session import Update
 from sgslam.slam import SceneGraphSlam
-
-Array = NDArray[np.float64]
 
 
 class Choice(DriveOptions):
@@ -66,7 +63,6 @@ class Told(Record):
     kidnaps: int
     alarms: tuple[str, ...]
     reason: str
-    refused: bool = False
 
 
 def cases(options: Choice) -> list[Troubled]:
@@ -102,34 +98,28 @@ def measure(case: Troubled, work: Path) -> Told:
             own = storey_of(plan, truth.poses[0])
             storey = next((floor.id for floor in plan.floors if floor.id != own), None)
         slam = SceneGraphSlam(plan, storey=storey)
-        live, refused = list[Update](), False
-        for scan in troubled.scans():
-            try:
-                live.append(slam.add_scan(scan.stamp_ns, scan.points, scan.point_times))
-            except UserError:
-                refused = True
+        live = [slam.add_scan(scan.stamp_ns, scan.points, scan.point_times) for scan in troubled.scans()]
         result = slam.finish()
-    foreign = case.trouble not in IN_ONE_PART and case.trouble != "wrong storey"
-    told = result.trajectory if result.anchored else result.trajectory.only(np.zeros(len(result.trajectory), bool))
-    placed = [update for update in live if update.T_bim_sensor is not None and update.health != "lost"]
-    known = Trajectory(
-        np.array([update.stamp_ns for update in placed], np.int64),
-        np.reshape([update.T_bim_sensor for update in placed], (-1, 4, 4)),
-    )
-    off = position_errors(told, truth)
+    count_wrong = _all if case.trouble in NO_PLACE else wrong_poses
+    error = error_in_bim(result.trajectory, truth).position if result.anchored and len(result.trajectory) else None
     return Told(
-        scans=len(live), anchored=len(told), lost=result.tracked.get("lost", 0),
-        wrong=len(told) if foreign else wrong_poses(told, truth),
-        wrong_live=len(known) if foreign else wrong_poses(known, truth), worst_m=float(off.max()) if len(off) else None,
-        rmse_m=float(np.sqrt(np.mean(off**2))) if len(off) else None, first_anchor_s=result.first_anchor_s,
-        kidnaps=slam.kidnaps, alarms=tuple(name for name, signal in result.quality.items() if not signal.ok),
-        reason=result.reason, refused=refused,
+        scans=len(live), anchored=len(result.trajectory) if result.anchored else 0,
+        lost=result.tracked.get("lost", 0), wrong=count_wrong(result.trajectory, truth) if result.anchored else 0,
+        wrong_live=count_wrong(_anchored_live(live), truth), worst_m=None if error is None else error.max,
+        rmse_m=None if error is None else error.rmse, first_anchor_s=result.first_anchor_s, kidnaps=slam.kidnaps,
+        alarms=tuple(name for name, signal in result.quality.items() if not signal.ok), reason=result.reason,
     )  # fmt: skip
 
 
-def position_errors(told: Trajectory, truth: Trajectory) -> Array:
-    """(N,) metres in space, without alignment."""
-    return np.asarray(np.linalg.norm(told.positions - truth.at(told.stamps_ns)[:, :3, 3], axis=1))
+def _anchored_live(live: list[Update]) -> Trajectory:
+    """The poses in the BIM frame that were known when the scans came."""
+    placed = [update for update in live if update.T_bim_sensor is not None and update.health != "lost"]
+    stamps = np.array([update.stamp_ns for update in placed], np.int64)
+    return Trajectory(stamps, np.reshape([update.T_bim_sensor for update in placed], (-1, 4, 4)))
+
+
+def _all(told: Trajectory, truth: Trajectory) -> int:
+    return len(told)
 
 
 def wrong_poses(told: Trajectory, truth: Trajectory) -> int:

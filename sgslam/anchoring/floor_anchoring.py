@@ -120,7 +120,7 @@ class FloorAnchoring(Stateful):
         if self.committed is None:
             self._ask(scene, walls, None, last=True)
             if self.committed is None and not self.matching.rejection:
-                self.matching.is_mirrored(scene)  # the reason that is told
+                self.matching.reject_mirrored(scene)  # for the reason in the report
             return True
         self._ask(scene, walls, T_map_local, last=True)
         if self.committed is self.match:

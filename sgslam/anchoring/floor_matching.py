@@ -121,15 +121,15 @@ class FloorMatching(Stateful):
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), match.status, match.reason)
         place = self._verified_place(match, scene, walls) if match.status == "unique" else None
-        if place is not None and relocalise and self.is_mirrored(scene):
+        if place is not None and relocalise and self.reject_mirrored(scene):
             place = None
         if place is None:
             self._last_unique = None if self._plan.partial else self._last_unique
             return None
         return PlacedMatch(match, place, by_room is not None)
 
-    def is_mirrored(self, scene: Scene) -> bool:
-        """Whether the mirror image of the map fits the plan better than the newest answer, which is then rejected."""
+    def reject_mirrored(self, scene: Scene) -> bool:
+        """Rejects the newest answer if the mirror image of the map fits the plan better; returns whether it does."""
         image = self._matcher.match(mirrored(scene.graph), self._plan.storey(self.storey))
         found = 0.0 if self.match is None else evidence(self.match)
         if image.status != "unique" or evidence(image) <= found + _MIRRORED:

@@ -28,7 +28,7 @@ def judged(plan: SceneGraph, seen: SceneGraph) -> FloorMatching:
     matcher = Matcher.load()
     matching = FloorMatching(Plan(plan), matcher, AnchorSettings())
     matching.match = matcher.match(seen, plan)
-    matching.is_mirrored(Scene(seen, {}, [], {}))
+    matching.reject_mirrored(Scene(seen, {}, [], {}))
     return matching
 
 

@@ -90,7 +90,7 @@ def test_a_run_under_a_cover_calls_it_lost(tmp_path: Path) -> None:
 def test_the_tables_count_wrong_runs(tmp_path: Path) -> None:
     given: dict[str, Any] = {
         "scans": 100, "anchored": 100, "lost": 0, "wrong": 0, "wrong_live": 0, "worst_m": 0.05, "rmse_m": 0.01,
-        "first_anchor_s": 5.0, "kidnaps": 0, "alarms": (), "reason": "", "refused": False,
+        "first_anchor_s": 5.0, "kidnaps": 0, "alarms": (), "reason": "",
     }  # fmt: skip
     path = tmp_path / "a.ifc"
     rows = rows_of([

@@ -59,12 +59,15 @@ class _ShakenMotion:
 
     @property
     def duration(self) -> float:
+        """As in `Motion`."""
         return self.calm.duration
 
     def ground(self, seconds: Array) -> Array:
+        """As in `Motion`."""
         return self.calm.ground(seconds)
 
     def poses(self, seconds: Array) -> Array:
+        """As in `Motion`."""
         since = np.asarray(seconds, float) - self.shaken.begin
         faded = np.clip(np.minimum(since, self.shaken.lasts - since) / FADED, 0.0, 1.0)
         phase = 2 * np.pi * FREQUENCY * since
