@@ -1,13 +1,10 @@
 """Small jobs that check the installation: PyTorch, a matcher's first result, a network file for readers."""
 
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from data.common.compiled import FOLDER
-from data.common.compiling import on_two_cores
-from data.common.processes import cores
+from data.common.compiling import once_on_two_cores
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
 from matching.arrays import Walls
 from matching.matcher import Matcher
@@ -26,11 +23,8 @@ def make_ready(matcher: Matcher, method: str) -> None:
 
     `method` is the name by which it was loaded.
     """
-    done = FOLDER / "learned"  # the one method of which there is much to compile
-    if method.partition("@")[0] == "learned" and FOLDER.is_dir() and not done.exists() and cores() > 1:
-        on_two_cores(propose, search)
-        with suppress(OSError):
-            done.touch()
+    if method.partition("@")[0] == "learned":  # the one method of which there is much to compile
+        once_on_two_cores("learned", propose, search)
     plan = three_rooms()
     matcher.match(plan, plan)
 

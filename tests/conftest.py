@@ -40,9 +40,9 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
         return
     option.numprocesses, option.dist, option.loadscopereorder = min(cores(), WORKERS), "loadfile", False
     from matching import Matcher
-    from matching.self_test import make_ready
+    from sgslam.cli.compile_ahead import compile_ahead
 
-    make_ready(Matcher.load(), "learned")  # on two cores at once: the workers load it, and do not compile it twice
+    compile_ahead(Matcher.load(), "learned")  # on two cores at once: the workers load it, and do not compile it twice
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -3,8 +3,10 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 
-from data.common.processes import environment
+from data.common.compiled import FOLDER
+from data.common.processes import cores, environment
 
 Work = Callable[[], object]
 
@@ -25,3 +27,15 @@ def on_two_cores(work: Work, other: Work) -> None:
     finally:
         helper.kill()
         helper.wait()
+
+
+def once_on_two_cores(name: str, work: Work, other: Work) -> None:
+    """As `on_two_cores`, unless this version's code has done it before; nothing on a single core.
+
+    `name` tells what was done from other such work.
+    """
+    done = FOLDER / f"{name}.done"
+    if FOLDER.is_dir() and not done.exists() and cores() > 1:
+        on_two_cores(work, other)
+        with suppress(OSError):
+            done.touch()

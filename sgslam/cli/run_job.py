@@ -7,7 +7,6 @@ import sys
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from threading import Timer
 from time import perf_counter, process_time
 from typing import Any
 
@@ -20,6 +19,7 @@ from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring import check_storey
 from sgslam.as_built import write_topics
+from sgslam.cli.compile_ahead import compile_ahead
 from sgslam.cli.export import BCF
 from sgslam.cli.resume_arguments import restore_arguments, run_arguments
 from sgslam.cli.run_fingerprint import check_unchanged, run_fingerprint
@@ -41,7 +41,6 @@ from sgslam.slam import SceneGraphSlam
 _log = logging.getLogger("sgslam")
 Start = tuple[float, float, float]
 _TURN = 360.0  # degrees
-_SILENT = 5.0  # s without output, after which a message explains the delay
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,23 +105,11 @@ def read_job(options: argparse.Namespace) -> Job:
         check_storey(bim.graph, options.storey)
     if bim is not None or prior is not None:  # after all checks; not counted in the run's time
         read, spent = perf_counter() - began, process_time() - cpu_began
-        _compile_ahead(matcher, config.matching.method)
+        compile_ahead(matcher, config.matching.method)
         began, cpu_began = perf_counter() - read, process_time() - spent
     if start is not None:
         matcher = _MatcherWithStart(matcher, start)
     return Job(options, resumed, config, external, start, matcher, prior, scans, truth, bim, began, cpu_began, seconds)
-
-
-def _compile_ahead(matcher: Any, method: str) -> None:
-    from matching.self_test import make_ready
-
-    message = "compiling the matcher, once per installed version: this takes half a minute or more"
-    notice = Timer(_SILENT, print, [message], {"file": sys.stderr})
-    notice.start()
-    try:
-        make_ready(matcher, method)
-    finally:
-        notice.cancel()
 
 
 def out_folder(options: argparse.Namespace) -> Path:
