@@ -26,7 +26,7 @@ FURNISHED: list[Box] = [
 ]  # fmt: skip
 ONE_WALL: list[Box] = [(-20.0, 2.0, 0.0, 20.0, 2.2, 2.6)]
 SCAN_NS = 100_000_000
-_DRIVES = 5
+_DRIVES = 3
 _SETTLED = 6  # scans
 
 
