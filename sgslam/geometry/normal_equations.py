@@ -11,15 +11,23 @@ Floats = NDArray[np.float64]
 
 
 @compiled
-def solved(H: Floats, g: Floats) -> Floats:
-    """x (n,) with H x = g for a positive definite H (n, n), by Cholesky factorisation."""
-    L, x = np.zeros_like(H), g.copy()
-    for i in range(len(g)):
+def cholesky(H: Floats) -> Floats:
+    """The lower triangle L (n, n) of a positive definite H (n, n) = L L^T."""
+    L = np.zeros_like(H)
+    for i in range(len(H)):
         for j in range(i + 1):
             rest = H[i, j]
             for k in range(j):
                 rest -= L[i, k] * L[j, k]
             L[i, j] = math.sqrt(rest) if i == j else rest / L[j, j]
+    return L
+
+
+@compiled
+def solved(H: Floats, g: Floats) -> Floats:
+    """x (n,) with H x = g for a positive definite H (n, n), by Cholesky factorisation."""
+    L, x = cholesky(H), g.copy()
+    for i in range(len(g)):
         for k in range(i):
             x[i] -= L[i, k] * x[k]
         x[i] /= L[i, i]
@@ -68,6 +76,39 @@ def eigen3(matrix: Floats) -> tuple[Floats, Floats]:
     values = np.array([A[0, 0], A[1, 1], A[2, 2]])
     order = np.argsort(values)
     return values[order], V[:, order]
+
+
+@compiled
+def eigen(matrix: Floats) -> tuple[Floats, Floats]:
+    """Eigenvalues (n,) and eigenvectors (n, n), in columns, of a symmetric matrix (n, n), by Jacobi rotations."""
+    n = len(matrix)
+    A, V = matrix.copy(), np.eye(n)
+    for _ in range(20):
+        off, own = 0.0, 0.0
+        for p in range(n):
+            own += A[p, p] ** 2
+            for q in range(p + 1, n):
+                off += A[p, q] ** 2
+        if off <= 1e-24 * own:
+            break
+        for p in range(n - 1):
+            for q in range(p + 1, n):
+                if A[p, q] == 0.0:
+                    continue
+                theta = (A[q, q] - A[p, p]) / (2 * A[p, q])
+                t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1))
+                c = 1 / math.sqrt(t * t + 1)
+                s = t * c
+                for k in range(n):
+                    kp, kq = A[k, p], A[k, q]
+                    A[k, p], A[k, q] = c * kp - s * kq, s * kp + c * kq
+                for k in range(n):
+                    pk, qk = A[p, k], A[q, k]
+                    A[p, k], A[q, k] = c * pk - s * qk, s * pk + c * qk
+                for k in range(n):
+                    kp, kq = V[k, p], V[k, q]
+                    V[k, p], V[k, q] = c * kp - s * kq, s * kp + c * kq
+    return np.diag(A).copy(), V
 
 
 @compiled

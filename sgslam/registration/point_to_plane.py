@@ -172,8 +172,8 @@ def add_points(
     and by the plane's, times the weight of Geman and McClure with scale `kernel` (m), where the scatter of all points
     on the same plane counts as a residual: a wall's points near a known floor do not agree about it. Once they are near
     their places, all points on a plane that is not flat share one error, its misfit: where a cell holds parts of two
-    surfaces, the plane between them is none. F (3, 3) gets the information about translations that errors of the
-    normals feign. Returns the median distance (m) of the points from their planes; of those from the `newest` one on,
+    surfaces, the plane between them is none. The upper triangle of F (6, 6) gets the information that errors of the normals
+    feign. Returns the median distance (m) of the points from their planes; of those from the `newest` one on,
     the numbers of points with a plane, and of those `near` (m) it.
     """
     moved, plane_of, off_of, group_of, scatter = _matched(points, knot, share, knots, surfels, oldest, gate, error)
@@ -201,7 +201,7 @@ def add_points(
             z -= a * (knots[k + 1, 2, 3] - knots[k, 2, 3])
         J[0], J[1], J[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
         J[3], J[4], J[5] = nx, ny, nz
-        add_normal_variance(planes[s], weight, F)
+        add_normal_variance(planes[s], x, y, z, weight, F)
         b = 1 - a
         for i in range(6):
             wi = weight * J[i]

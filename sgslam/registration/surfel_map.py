@@ -324,9 +324,15 @@ def misfit(plane: Floats, typical: float) -> float:
 
 
 @compiled
-def add_normal_variance(plane: Floats, weight: float, F: Floats) -> None:
-    """Adds the covariance of a plane's normal, times a weight, to F (3, 3)."""
-    one, two = weight * plane[_VARIANCE] * plane[_INVERSE_1], weight * plane[_VARIANCE] * plane[_INVERSE_2]
-    for i in range(3):
-        for j in range(3):
-            F[i, j] += one * plane[_AXIS_1 + i] * plane[_AXIS_1 + j] + two * plane[_AXIS_2 + i] * plane[_AXIS_2 + j]
+def add_normal_variance(plane: Floats, x: float, y: float, z: float, weight: float, F: Floats) -> None:
+    """Adds to F (6, 6), times a weight, what an error of a plane's normal does to the Jacobian of the distance of a
+    point at (x, y, z) from the sensor; rotation first."""
+    D = np.empty(6)
+    for first, inverse in ((_AXIS_1, plane[_INVERSE_1]), (_AXIS_2, plane[_INVERSE_2])):
+        ax, ay, az = plane[first], plane[first + 1], plane[first + 2]
+        D[0], D[1], D[2] = y * az - z * ay, z * ax - x * az, x * ay - y * ax
+        D[3], D[4], D[5] = ax, ay, az
+        own = weight * plane[_VARIANCE] * inverse
+        for i in range(6):
+            for j in range(i, 6):
+                F[i, j] += own * D[i] * D[j]

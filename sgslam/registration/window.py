@@ -157,7 +157,7 @@ def _solve(
     share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
 ) -> tuple[Floats, Floats, Floats, int, int, float]:  # fmt: skip
     knots, n = predicted.copy(), 6 * len(predicted)
-    H, measured, g, F = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((3, 3))
+    H, measured, g, F = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((6, 6))
     kernel, found, close, residual, sigma = first_kernel, 0, 0, np.inf, weights.sigma_point
     for _ in range(weights.iterations):
         H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
