@@ -172,8 +172,8 @@ def add_points(
     and by the plane's, times the weight of Geman and McClure with scale `kernel` (m), where the scatter of all points
     on the same plane counts as a residual: a wall's points near a known floor do not agree about it. Once they are near
     their places, all points on a plane that is not flat share one error, its misfit: where a cell holds parts of two
-    surfaces, the plane between them is none. The upper triangle of F (6, 6) gets the information that errors of the normals
-    feign. Returns the median distance (m) of the points from their planes; of those from the `newest` one on,
+    surfaces, the plane between them is none. The upper triangle of F (6, 6) gets the information that errors of the
+    normals feign. Returns the median distance (m) of the points from their planes; of those from the `newest` one on,
     the numbers of points with a plane, and of those `near` (m) it.
     """
     moved, plane_of, off_of, group_of, scatter = _matched(points, knot, share, knots, surfels, oldest, gate, error)

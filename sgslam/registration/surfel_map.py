@@ -30,6 +30,8 @@ _BELIEVED = 5.0  # points of that noise, added to a plane's own
 _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
 _EXTENT = 2.0  # times the standard deviation of a plane's points along it, its half width: beyond, it was not seen
+_FITS = 2.0  # times the standard deviation: a point farther from its plane may be on one of the next cell
+_BEYOND = 0.25  # m, by which a surface may go on beyond its seen extent in the next cell
 _GRAZING = 0.1  # sine of the angle between rays and plane, at least: one ring around a corner of a room is none
 _SHIFT = 0.11  # m, of the cells: walls at round distances from where a run begins are not on their borders
 _BITS = 20  # of a cell's index along one axis
@@ -283,30 +285,46 @@ def nearest_plane(
     A point beyond a plane's extent, by more than its own `error` (m), is not on it: a wall's points are not on the
     ceiling that ends there. Of the planes in the cells of several sizes, that of the largest, unless a smaller one
     predicts the point clearly better: large cells give true normals, since beams have biases, and small ones follow
-    what is not flat.
+    what is not flat. Where it does not fit, the plane of the next cell may, if the point is near the border: a wall
+    that goes on for a hand's breadth below a ceiling has no plane of its own there.
     """
     keys, first, other, planes, seen = surfels
     x, y, z = point
     nx, ny, nz = normal
     unknown = nx == 0.0 and ny == 0.0 and nz == 0.0
-    chosen, lowest = -1, math.inf
-    for level in range(len(SIDES)):
-        key = _key(x, y, z, level)
+    chosen, lowest, distance = -1, math.inf, math.inf
+    levels, largest = len(SIDES), SIDES[0]
+    for cell in range(levels + 3):
+        if cell < levels:
+            key, best, least, margin = _key(x, y, z, cell), -1, gate, error
+        else:
+            if chosen < 0 or distance < _FITS * math.sqrt(lowest):
+                break
+            axis = cell - levels
+            within = (point[axis] + _SHIFT) % largest
+            if _BEYOND < within < largest - _BEYOND:
+                continue
+            step = -largest if within < _BEYOND else largest
+            key = _key(x + step * (axis == 0), y + step * (axis == 1), z + step * (axis == 2), 0)
+            best, least, margin = -1, distance / 2, error + _BEYOND
         place = _place(key, keys)
         s = first[place] if keys[place] == key else -1
-        best, least = -1, gate
         while s >= 0:
             plane = planes[s]
             alike = unknown or abs(plane[0] * nx + plane[1] * ny + plane[2] * nz) > _ALIKE
             if alike and seen[s] >= oldest and plane[_VALID] > 0 and _seen_from(point, sensor, plane):
                 off, _ = plane_residual(x, y, z, plane)
-                if abs(off) < least and _is_within(x, y, z, plane, error):
+                if abs(off) < least and _is_within(x, y, z, plane, margin):
                     best, least = s, abs(off)
             s = other[s]
-        if best >= 0:
-            _, spread = plane_residual(x, y, z, planes[best])
-            if planes[best, _ACROSS] + spread < _FINER * lowest:
-                chosen, lowest = best, planes[best, _ACROSS] + spread
+        if best < 0:
+            continue
+        if cell >= levels:
+            chosen, distance = best, least
+            continue
+        _, spread = plane_residual(x, y, z, planes[best])
+        if planes[best, _ACROSS] + spread < _FINER * lowest:
+            chosen, lowest, distance = best, planes[best, _ACROSS] + spread, least
     return chosen
 
 
