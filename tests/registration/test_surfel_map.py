@@ -73,3 +73,21 @@ def test_a_plane_ends_where_it_was_seen(beyond: float, error: float, known: bool
     points = _wall(2.4, 0.01, 0)
     _added(surfels, points[points[:, 2] < 1.5], _AHEAD)
     assert (_nearest((2.4, 0.3, 1.5 + beyond), -_AHEAD, surfels, error=error) >= 0) == known
+
+
+@pytest.mark.parametrize(
+    ("height", "is_on_wall"),
+    [
+        (1.92, True),  # off the ceiling, in the cell above the wall's, which has only a strip of it
+        (1.985, False),  # it fits the ceiling
+        (2.15, False),  # more than a hand's breadth beyond the wall's cell
+    ],
+)
+def test_a_wall_goes_on_beyond_its_cell_below_a_ceiling(height: float, is_on_wall: bool) -> None:
+    surfels, rng = SurfelMap(), np.random.default_rng(0)
+    wall = _wall(2.4, 0.005, 0)
+    _added(surfels, wall[wall[:, 2] < 1.85], _AHEAD)
+    ceiling = np.c_[rng.uniform(1, 2.4, 4000), rng.uniform(-2, 2, 4000), 2.0 + rng.normal(0, 0.005, 4000)]
+    _added(surfels, ceiling, np.array([0.8, 0.0, 0.6]))
+    found = _nearest((2.39, 0.3, height), np.array([-1.8, 0.0, -1.0]), surfels)
+    assert abs(surfels.arrays.planes[found, 0 if is_on_wall else 2]) > 0.99
