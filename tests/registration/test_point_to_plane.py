@@ -31,7 +31,7 @@ def told(rough: float, error: float, seed: int, per_cell: int = 40) -> float:
     rest = floor(rough, 128 * per_cell, seed + 2)  # most planes are flat
     rest = rest[rest[:, 0] < 1]
     both = np.hstack([np.vstack([points, rest]), np.zeros((len(points) + len(rest), 3))])
-    H, g, F = np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3))
+    H, g, F = np.zeros((6, 6)), np.zeros(6), np.zeros((6, 6))
     own = np.arange(len(both)) < len(points)
     total = []
     for chosen in (np.ones(len(both), bool), ~own):
