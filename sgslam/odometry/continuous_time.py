@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.odometry.base import Odometry, State
 from sgslam.registration import Health, Motion, Registration, SurfelMap
+from sgslam.registration.attempts import best_attempt
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.health import judged
 from sgslam.registration.motion_prior import moved_on
@@ -27,18 +27,6 @@ _TRIED = 8  # of the likely poses of a lost sensor
 _UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
 _KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
-
-
-def _turns(degrees: tuple[float, ...]) -> Floats:
-    """(3 N, 4, 4) rotations by these angles about each axis of the sensor, since its mount is not known."""
-    turns = np.tile(np.eye(4), (3 * len(degrees), 1, 1))
-    vectors = [np.radians(angle) * axis for axis in np.eye(3) for angle in degrees]
-    turns[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
-    return turns
-
-
-_LOST_TURNS = _turns((-60.0, -30.0, 30.0, 60.0, 90.0))  # while the sensor was lost
-_SWINGS = _turns((-36.0, -18.0, 18.0, 36.0))  # from the prediction: a hand turns back by as much within a scan
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +138,6 @@ class ContinuousTimeOdometry:
         known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *self._older_knots]
         newest = self._beliefs[-1]
         ahead = [moved_on(known[-1], newest.velocity, s - seconds[len(known) - 1]) for s in seconds[len(known) :]]
-        stopped = [known[-1]] * len(ahead)
         knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
         points = np.concatenate([scan.points for scan in scans])
         prior = self._model.expected(belief, seconds, self._height)
@@ -161,14 +148,7 @@ class ContinuousTimeOdometry:
         def attempt(guess: list[Floats], kernel: float) -> Solved:
             return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, self._weights)
 
-        best = attempt(ahead, settings.first_kernel)
-        if not self._fits(best):
-            others = [ahead, stopped, *(_turned(stopped, _LOST_TURNS) if self._lost else [])]
-            best = max([best, *(attempt(guess, settings.wide_kernel) for guess in others)], key=_close)
-        if not self._fits(best) and not self._lost:
-            swung = max((attempt(guess, settings.wide_kernel) for guess in _turned(ahead, _SWINGS)), key=_close)
-            best = swung if self._fits(swung) and swung.close > best.close else best  # some fit a little by chance
-        return best, firsts
+        return best_attempt(attempt, self._fits, ahead, known[-1], self._lost, settings), firsts
 
     def _fits(self, solved: Solved) -> bool:
         """Whether about as many points of the newest scan as usual lie on known surfaces."""
@@ -287,12 +267,3 @@ class ContinuousTimeOdometry:
             setattr(self, name, state[name])
         if self._up is not None:
             self._model.level(self._up)
-
-
-def _close(solved: Solved) -> int:
-    return solved.close
-
-
-def _turned(poses: list[Floats], turns: Floats) -> list[list[Floats]]:
-    """The same poses (4, 4) turned about the sensor's place by each of `turns` (N, 4, 4)."""
-    return [[pose @ turn for pose in poses] for turn in turns]

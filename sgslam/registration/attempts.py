@@ -1,0 +1,54 @@
+"""From which prediction a scan is registered: the expected one, and where the result does not fit, others."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sgslam.config import TrackingSettings
+from sgslam.registration.window import Solved
+
+Floats = NDArray[np.float64]
+
+
+def _turns(degrees: tuple[float, ...]) -> Floats:
+    """(3 N, 4, 4) rotations by these angles about each axis of the sensor, since its mount is not known."""
+    turns = np.tile(np.eye(4), (3 * len(degrees), 1, 1))
+    vectors = [np.radians(angle) * axis for axis in np.eye(3) for angle in degrees]
+    turns[:, :3, :3] = Rotation.from_rotvec(vectors).as_matrix()
+    return turns
+
+
+_LOST_TURNS = _turns((-60.0, -30.0, 30.0, 60.0, 90.0))  # while the sensor was lost
+_SWINGS = _turns((-36.0, -18.0, 18.0, 36.0))  # from the prediction: a hand turns back by as much within a scan
+
+
+def best_attempt(
+    attempt: Callable[[list[Floats], float], Solved], fits: Callable[[Solved], bool], ahead: list[Floats],
+    last: Floats, was_lost: bool, settings: TrackingSettings,
+) -> Solved:  # fmt: skip
+    """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m).
+
+    Those `ahead` are expected. If the result does not fit, they are tried with a wide kernel, as is a sensor that
+    stopped at its `last` pose, or turned there while it was lost; then one that swung to another attitude than ahead.
+    """
+    best = attempt(ahead, settings.first_kernel)
+    if fits(best):
+        return best
+    stopped = [last] * len(ahead)
+    others = [ahead, stopped, *(_turned(stopped, _LOST_TURNS) if was_lost else [])]
+    best = _closest([best, *(attempt(guess, settings.wide_kernel) for guess in others)])
+    if fits(best) or was_lost:
+        return best
+    swung = _closest(attempt(guess, settings.wide_kernel) for guess in _turned(ahead, _SWINGS))
+    return swung if fits(swung) and swung.close > best.close else best  # some fit a little by chance
+
+
+def _closest(results: Iterable[Solved]) -> Solved:
+    return max(results, key=lambda solved: solved.close)
+
+
+def _turned(poses: list[Floats], turns: Floats) -> list[list[Floats]]:
+    """The same poses (4, 4) turned about the sensor's place by each of `turns` (N, 4, 4)."""
+    return [[pose @ turn for pose in poses] for turn in turns]
