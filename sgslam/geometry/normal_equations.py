@@ -48,39 +48,9 @@ def add_row(H: Floats, g: Floats, J: Floats, off: float, weight: float) -> None:
 
 
 @compiled
-def eigen3(matrix: Floats) -> tuple[Floats, Floats]:
-    """Eigenvalues (3,), ascending, and eigenvectors (3, 3), in columns, of a symmetric matrix (3, 3), by Jacobi
-    rotations."""
-    A, V = matrix.copy(), np.eye(3)
-    for _ in range(12):
-        off = A[0, 1] ** 2 + A[0, 2] ** 2 + A[1, 2] ** 2
-        if off < 1e-24 * (A[0, 0] ** 2 + A[1, 1] ** 2 + A[2, 2] ** 2):
-            break
-        for p in range(2):
-            for q in range(p + 1, 3):
-                if A[p, q] == 0.0:
-                    continue
-                theta = (A[q, q] - A[p, p]) / (2 * A[p, q])
-                t = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1))
-                c = 1 / math.sqrt(t * t + 1)
-                s = t * c
-                for k in range(3):
-                    kp, kq = A[k, p], A[k, q]
-                    A[k, p], A[k, q] = c * kp - s * kq, s * kp + c * kq
-                for k in range(3):
-                    pk, qk = A[p, k], A[q, k]
-                    A[p, k], A[q, k] = c * pk - s * qk, s * pk + c * qk
-                for k in range(3):
-                    kp, kq = V[k, p], V[k, q]
-                    V[k, p], V[k, q] = c * kp - s * kq, s * kp + c * kq
-    values = np.array([A[0, 0], A[1, 1], A[2, 2]])
-    order = np.argsort(values)
-    return values[order], V[:, order]
-
-
-@compiled
 def eigen(matrix: Floats) -> tuple[Floats, Floats]:
-    """Eigenvalues (n,) and eigenvectors (n, n), in columns, of a symmetric matrix (n, n), by Jacobi rotations."""
+    """Eigenvalues (n,), ascending, and eigenvectors (n, n), in columns, of a symmetric matrix (n, n), by Jacobi
+    rotations."""
     n = len(matrix)
     A, V = matrix.copy(), np.eye(n)
     for _ in range(20):
@@ -108,7 +78,9 @@ def eigen(matrix: Floats) -> tuple[Floats, Floats]:
                 for k in range(n):
                     kp, kq = V[k, p], V[k, q]
                     V[k, p], V[k, q] = c * kp - s * kq, s * kp + c * kq
-    return np.diag(A).copy(), V
+    values = np.diag(A).copy()
+    order = np.argsort(values)
+    return values[order], V[:, order]
 
 
 @compiled

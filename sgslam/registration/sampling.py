@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
-from sgslam.geometry.normal_equations import eigen3
+from sgslam.geometry.normal_equations import eigen
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -139,7 +139,7 @@ def normals_at(points: Floats, chosen: Ints, side: float) -> Floats:
                     for j in range(i, 3):
                         C[i, j] = C[j, i] = own[at] / n - own[1 + i] * own[1 + j] / (n * n)
                         at += 1
-                values, axes = eigen3(C)
+                values, axes = eigen(C)
                 if values[1] > _FLAT * values[0]:
                     found[place, :3] = axes[:, 0]
         normals[m] = found[place, :3]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.geometry.normal_equations import eigen3
+from sgslam.geometry.normal_equations import eigen
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
@@ -215,7 +215,7 @@ def _fit(own: Floats, plane: Floats) -> None:
         for j in range(i, 3):
             C[i, j] = C[j, i] = own[k] / n - mean[i] * mean[j]
             k += 1
-    values, axes = eigen3(C)
+    values, axes = eigen(C)
     across = values[0] * n / (n - 3)  # a plane has three degrees of freedom
     if across > _THICK**2 or values[1] < _FLAT * max(across, _NOISE**2 / 4):
         return
