@@ -103,8 +103,10 @@ def _parts(rows: pd.DataFrame) -> dict[str, tuple[pd.DataFrame, list[str]]]:
 
 def _side_by_side(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each carrier and effect, a column for each sensor: the median ATE (m) of ours, in brackets relative to
-    that of the better of the others in the same drives, and a star where ours is worse by more than `WORSE_M`."""
+    that of the better of the others in the same drives, and a star where ours is worse by more than `WORSE_M`. Drives
+    without others are left out."""
     told = rows[(rows["mount"] == LEVEL) & (rows.times == "told")]
+    told = told[told.drive.isin(told.drive[told.method != OURS])]
     lines: list[dict[str, str]] = [
         {"carrier": carrier, "effects": effects, **{name: _against_peer(own) for name, own in line.groupby("sensor")}}
         for (carrier, effects), line in told.groupby(["carrier", "effects"], sort=False)
