@@ -30,8 +30,8 @@ _log = logging.getLogger(__name__)
 _APART = 1.0, np.radians(5)  # m and rad from which on two answers place the map differently
 _MIRRORED = 3.0  # nats: a map is rarely the mirror image of a building, and nearly symmetric buildings are not rare
 MIRRORED_REASON = (
-    "the mirror image of the map fits the plan better: are the scans mirrored, or does the sensor hang upside down "
-    "(--mount 180,0,0)?"
+    "the mirror image of the map fits the plan better: are the scans mirrored? A sensor that hangs upside down needs "
+    "--mount 180,0,0, and one that does not must not have it"
 )
 _SEVERAL = 8  # matched wall surfaces, about two rooms', for an answer to confirm a later one
 
