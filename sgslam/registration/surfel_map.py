@@ -54,7 +54,7 @@ class Surfels(NamedTuple):
 
 
 class SurfelMap(Stateful):
-    """Surfels in the `odom` frame. `planes` (N, 16) are documented by the names of their columns."""
+    """Surfels in the `odom` frame. `planes` (N, 17) are documented by the names of their columns."""
 
     _STATE = ("count", "_keys", "_first", "_other", "_sums", "planes", "_seen")
 
@@ -343,8 +343,8 @@ def misfit(plane: Floats, typical: float) -> float:
 
 @compiled
 def add_normal_variance(plane: Floats, x: float, y: float, z: float, weight: float, F: Floats) -> None:
-    """Adds to F (6, 6), times a weight, what an error of a plane's normal does to the Jacobian of the distance of a
-    point at (x, y, z) from the sensor; rotation first."""
+    """Adds to the upper triangle of F (6, 6), times a weight, what an error of a plane's normal does to the Jacobian of
+    the distance of a point at (x, y, z) from the sensor; rotation first."""
     D = np.empty(6)
     for first, inverse in ((_AXIS_1, plane[_INVERSE_1]), (_AXIS_2, plane[_INVERSE_2])):
         ax, ay, az = plane[first], plane[first + 1], plane[first + 2]
