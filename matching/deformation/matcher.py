@@ -22,8 +22,8 @@ FEW = 32  # walls of a map
 class DeformableMatcher:
     """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room.
 
-    `others` is a second proposer, used if the first one's proposals agree on no motion. For a map with few walls it is
-    also used if they lead to no certain place, since a single room may have misled them.
+    `others` is a second proposer, used as well for a map with few walls, since a single room may mislead the first one
+    past the true place of a building that repeats itself, and where the first one's proposals agree on no motion.
     """
 
     def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
@@ -44,18 +44,17 @@ class DeformableMatcher:
         def proposed(proposer: Proposer) -> TopK:
             return among(proposer(s, a, scene.s).walls, plan)
 
-        proposals = proposed(self._propose)
+        proposals, others = proposed(self._propose), self._others
+        if others is not None and len(s.wall_surfaces) <= FEW:
+            proposals, others = _together(proposals, proposed(others)), None
         found = search(scene, proposals, allowed)
-        result = answer(found, began) if len(found) else None
-        doubtful = result is None or (len(s.wall_surfaces) <= FEW and result.status == "none")
-        if doubtful and self._others is not None:
-            found = search(scene, _together(proposals, proposed(self._others)), allowed)
-            result = answer(found, began) if len(found) else result
-        if result is None:
+        if not len(found) and others is not None:
+            found = search(scene, _together(proposals, proposed(others)), allowed)
+        if not len(found):
             near = "" if start is None else " near the start that was given"
             reason = f"no wall corner of the map has its like in the plan{near}"
             return MatchResult("none", reason, seconds=time.perf_counter() - began)
-        return result
+        return answer(found, began)
 
 
 def _together(one: TopK, other: TopK) -> TopK:

@@ -12,7 +12,7 @@ from matching.protocol import AnyMatcher, Match
 from matching.result import MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
 from sgslam.anchoring.anchored_rooms import anchor_statuses, graded_walls, matched_rooms, room_anchors
-from sgslam.anchoring.floor_matching import FloorMatching, differ
+from sgslam.anchoring.floor_matching import FloorMatching, PlacedMatch, differ
 from sgslam.anchoring.height_alignment import HeightAlignment, align_heights
 from sgslam.anchoring.match_history import Commitment
 from sgslam.anchoring.place_verification import CONFLICT_REASON, Plan
@@ -25,6 +25,7 @@ from sgslam.serialization import Stateful
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _MIN_WALLS = 4  # walls as planned, for a floor to take over the place of another one
+_CLEARLY_MORE = 1.1  # times the length of wall; as much as makes a map a larger one
 
 
 class FloorAnchoring(Stateful):
@@ -203,7 +204,7 @@ class FloorAnchoring(Stateful):
             answer.match.floor != self.committed.floor
             or differ(answer.place, self.commitment.place_now(walls, T_map_local), scene)
         )
-        if replaced and self.commitment.follows:
+        if replaced and (self.commitment.follows or self._outlives(answer, scene, walls, T_map_local)):
             return
         sure = self.matching.is_sure(answer, scene, last)
         if self.committed is None and not sure:
@@ -212,6 +213,22 @@ class FloorAnchoring(Stateful):
             self._withdraw(scene, f"{self._match_name} places the map elsewhere")
             self.commitment.replaced = True
         self.commitment.commit(answer.match, answer.place, scene)
+
+    def _outlives(
+        self, answer: PlacedMatch, scene: Scene, walls: WallMap, T_map_local: Floats | None
+    ) -> bool:  # fmt: skip
+        """Whether the committed place explains clearly more walls than that of an answer that places the map elsewhere;
+        the committed answer is then the newest again. A matcher may miss a place that it found before."""
+        place, storey = answer.place, self._plan.storey(answer.match.floor)
+        other = align_walls(scene, walls, storey, self._plan.origin[:2], place, self._config.anchors)
+        committed = self.alignment(scene, walls, T_map_local)
+        lengths = [0.0 if found is None else found.agreeing_length for found in (committed, other)]
+        if lengths[0] <= _CLEARLY_MORE * lengths[1]:
+            return False
+        _log.info("%s is rejected: %.1f m of wall stand there as planned, %.1f m at the committed place",
+                  self._match_name, *lengths[::-1])  # fmt: skip
+        self.matching.match, self.matching.scene = self.committed, None
+        return True
 
     def _withdraw(self, scene: Scene, why: str) -> None:
         self.commitment.clear()

@@ -250,6 +250,20 @@ def test_a_replaced_answer_withdraws_all_its_anchors(drive: Drive, clean: Result
     assert not any(d["significant"] for d in result.deviations if d["kind"] == "moved")
 
 
+def test_a_place_that_explains_clearly_fewer_walls_replaces_no_committed_one(drive: Drive) -> None:
+    """The matcher misses the copy, which it found before, and names the building itself, whose plan lacks walls."""
+    plan = drive.bim.graph
+    lacking = replace(plan, wall_surfaces=tuple(w for n, w in enumerate(plan.wall_surfaces) if n % 4))
+    both = with_twin(plan)
+    missed = {w.id for w in plan.wall_surfaces} - {w.id for w in lacking.wall_surfaces}
+    both = replace(both, wall_surfaces=tuple(w for w in both.wall_surfaces if w.id not in missed))
+    result = fed(SceneGraphSlam(both, ConvertedMatcher(lacking, drive.scans[-1][0])), drive.scans).finish()
+    assert result.anchored and result.matches is not None
+    held = [record["a_id"] for record in result.anchors if record["state"] == "tight"]
+    assert len(held) >= 10 and all(a_id.endswith("'") for a_id in held)
+    assert all(a_id.endswith("'") for _, a_id, _ in result.matches["wall_surfaces"])
+
+
 def test_missing_and_extra_walls_are_reported(drive: Drive) -> None:
     """The plan has a wall across the hall, which stands free, and lacks the one between the office and the store."""
     graph = drive.bim.graph
