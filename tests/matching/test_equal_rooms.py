@@ -1,10 +1,15 @@
 """A long row of equal rooms, which only doors tell apart: however many there are, none may be passed over."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from data.generation.buildings import generate_plan
+from data.generation.plan_mesh import write_plan_mesh
 from data.geometry import se2
+from data.plans.mesh_plan import read_mesh
 from data.scene_graph import Door, Room, SceneGraph, WallSurface
 from matching import Matcher
 
@@ -49,3 +54,12 @@ def test_both_places_of_a_door_are_reported_however_long_the_row(rooms: int, see
     answer = Matcher.load("learned").match(row([seen, seen + 1], [seen], OWN), plan)
     assert answer.status == "ambiguous"
     assert {dict(h.rooms)[f"r{seen}"] for h in answer.hypotheses[:2]} == {f"r{seen}", f"r{other}"}
+
+
+def test_a_place_that_the_network_does_not_propose_is_found_by_its_corners(tmp_path: Path) -> None:
+    """A map of a run in a corridor with four of its equal rooms; the network alone named other rooms, 12 m away."""
+    write_plan_mesh(generate_plan("l_shape", 2).graph, tmp_path / "plan.stl")
+    seen = SceneGraph.load(Path(__file__).with_name("corridor_of_equal_rooms.json"))
+    answer = Matcher.load("learned").match(seen, read_mesh(tmp_path / "plan.stl").graph)
+    assert answer.status == "unique"
+    assert answer.T_a_s == pytest.approx((0.860, 32.17, 41.98), abs=0.05)
