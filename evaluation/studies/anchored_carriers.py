@@ -15,10 +15,12 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
+from evaluation.metrics.regions import Inside, inside_95
 from evaluation.metrics.trajectories import error_in_bim
 from evaluation.studies.carriers import RECORDING, ate
 from evaluation.studies.carriers_tables import NO_EFFECT, named
-from sgslam.session import Stopwatch
+from evaluation.studies.trust import wrong_poses
+from sgslam.session import Result, Stopwatch
 from sgslam.slam import SceneGraphSlam
 
 LEVEL_CARRIER = "wheeled"
@@ -41,7 +43,8 @@ class Choice(DriveOptions):
 class Anchored(Record):
     """Errors (m) of all scans in the BIM frame, None without an anchor: the RMSE in space and in plan view, the mean
     magnitude in height, and the largest. `odometry_m` and `map_m` are the ATE of the odometry and of the map's
-    trajectory after SE(3) alignment, None where it is in several parts."""
+    trajectory after SE(3) alignment, None where it is in several parts. `wrong` scans are called anchored and are off
+    by more than 0.5 m or 5 degrees; `inside` says how often the anchored poses' 95 % regions hold the errors."""
 
     scans: int
     anchored: bool
@@ -50,6 +53,8 @@ class Anchored(Record):
     plan_view_m: float | None
     height_m: float | None
     worst_m: float | None
+    wrong: int
+    inside: Inside | None
     map_m: float | None
     odometry_m: float | None
     lost: int
@@ -95,6 +100,8 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
             plan_view_m=None if error is None else error.horizontal.rmse,
             height_m=None if error is None else _mean_height(result.trajectory, drive.truth),
             worst_m=None if error is None else error.position.max,
+            wrong=wrong_poses(result.trajectory, drive.truth) if result.anchored else 0,
+            inside=_inside(result, drive.truth) if result.anchored else None,
             map_m=ate(result.trajectory_map, drive.truth), odometry_m=ate(result.trajectory_odometry, drive.truth),
             lost=result.tracked.get("lost", 0), kidnaps=slam.kidnaps, floors=len(result.s_graph.floors),
             rooms=len(result.s_graph.rooms), scans_per_s=drive.count / sum(stopwatch.seconds.values()),
@@ -106,16 +113,24 @@ def _mean_height(found: Trajectory, truth: Trajectory) -> float:
     return float(np.abs(found.positions[:, 2] - truth.at(found.stamps_ns)[:, 2, 3]).mean())
 
 
+def _inside(result: Result, truth: Trajectory) -> Inside | None:
+    told = result.uncertainty
+    return inside_95(result.trajectory, truth, told.sigma[np.isin(told.stamps_ns, result.trajectory.stamps_ns)])
+
+
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each cell of the design: how many drives are anchored, of those whose level, clean twin is, and how
-    well; and how the whole run is compared with its odometry alone."""
+    well; how the whole run is compared with its odometry alone; and whether its standard deviations are true."""
     rows = named(rows)
     twin = rows[(rows.carrier == LEVEL_CARRIER) & (rows.effects == NO_EFFECT) & rows.anchored]
     key = ["building", "seed"]
     rows = rows.merge(twin[key].drop_duplicates().assign(twin=True), on=key, how="left")
     rows["twin"] = rows.twin.fillna(value=False).astype(bool)
     by = ["carrier", "effects", "sensor", "times", "seconds"]
-    return {"anchored": grouped(rows, by, _cell), "against_odometry": grouped(rows, ["sensor"], _against_odometry)}
+    return {
+        "anchored": grouped(rows, by, _cell), "against_odometry": grouped(rows, ["sensor"], _against_odometry),
+        "calibration": grouped(rows[rows.anchored], ["carrier", "effects"], _calibration),
+    }  # fmt: skip
 
 
 def _cell(own: pd.DataFrame) -> dict[str, str]:
@@ -125,6 +140,7 @@ def _cell(own: pd.DataFrame) -> dict[str, str]:
         "of those with an anchored twin": of(with_twin.anchored.sum(), len(with_twin)),
         "RMSE (m)": spread(own.rmse_m, ".3f"), "plan view (m)": spread(own.plan_view_m, ".3f"),
         "mean error in height (m)": spread(own.height_m, ".3f"), "worst (m)": spread(own.worst_m, ".2f"),
+        "scans wrong": of(own.wrong.sum(), own.scans.sum()),
         "first anchor (s)": spread(own.first_anchor_s),
     }  # fmt: skip
 
@@ -137,6 +153,15 @@ def _against_odometry(own: pd.DataFrame) -> dict[str, str]:
         "worse by 1 cm": of((whole.map_m > whole.odometry_m + 0.01).sum(), len(whole)),
         "false kidnappings": of((own.kidnaps > 0).sum(), len(own)), "scans a second": spread(own.scans_per_s),
     }  # fmt: skip
+
+
+def _calibration(own: pd.DataFrame) -> dict[str, str]:
+    """The shares (%) of all anchored poses inside their 95 % regions."""
+    poses = own["inside.poses"].sum()
+    return {"drives": str(len(own))} | {
+        f"{name.replace('_', ' ')} (%)": f"{100 * (own[f'inside.{name}'] * own['inside.poses']).sum() / poses:.1f}"
+        for name in ("plan_view", "height", "yaw")
+    }
 
 
 STUDY = Study(
