@@ -15,6 +15,7 @@ from data.generation.demo_building import DEMO_STOREYS
 from data.plans import load_bim
 from data.scans import ScanFolder
 from data.scene_graph import SceneGraph
+from data.simulation.carriers import CARRIERS, carrier_named
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
 from evaluation.drives.buildings import demo_building, locked
@@ -29,17 +30,19 @@ from sgslam.slam import SceneGraphSlam
 WRONG_M = 1.0  # error of the newest pose in the BIM frame above which the place is wrong
 WRONG_STOREY_M = 1.5  # error of its height above which the storey is wrong
 ON_STAIRS_M = 0.15  # height of the ground above or below the nearest storey
+ALL = tuple(CARRIERS)
 INSTITUTE = "../shared/data/ifc/AC11-Institute-Var-2-IFC.ifc"
 
 
 class Tour(BaseModel):
-    """Storeys of a building, and how many rooms to enter and metres to drive on each of them."""
+    """Storeys of a building, rooms to enter and metres to drive on each of them, and who carries the sensor."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     bim: str = "demo"
     storeys: tuple[str, ...]
     seeds: tuple[int, ...] = (0, 1, 2)
+    carriers: tuple[str, ...] = ("wheeled",)
     min_rooms: int = 4
     min_length: float = 30.0
 
@@ -48,8 +51,8 @@ class Choice(Options):
     """`climbs` are drives over all of their storeys in this order; `starts` are a drive on each of their storeys."""
 
     climbs: tuple[Tour, ...] = (
-        Tour(storeys=DEMO_STOREYS),
-        Tour(bim=INSTITUTE, storeys=("Erdgeschoss", "1. Obergeschoss")),
+        Tour(storeys=DEMO_STOREYS, carriers=ALL),
+        Tour(bim=INSTITUTE, storeys=("Erdgeschoss", "1. Obergeschoss"), carriers=ALL),
         Tour(bim=INSTITUTE, storeys=("Erdgeschoss", "1. Obergeschoss", "Erdgeschoss"), seeds=(0, 1)),
     )
     starts: tuple[Tour, ...] = (
@@ -67,6 +70,7 @@ class StoreyDrive(Case):
     bim: str
     storeys: tuple[str, ...]
     seed: int
+    carrier: str
     min_rooms: int
     min_length: float
     method: str
@@ -104,8 +108,11 @@ def cases(options: Choice) -> list[StoreyDrive]:
     chosen = [(tour, tour.storeys) for tour in options.climbs]
     chosen += [(tour, (storey,)) for tour in options.starts for storey in tour.storeys]
     return [
-        StoreyDrive(**(tour.model_dump() | {"storeys": storeys, "seed": seed, "method": options.method}))
-        for tour, storeys in chosen for seed in tour.seeds
+        StoreyDrive(
+            bim=tour.bim, storeys=storeys, seed=seed, carrier=carrier, min_rooms=tour.min_rooms,
+            min_length=tour.min_length, method=options.method,
+        )
+        for tour, storeys in chosen for carrier in tour.carriers for seed in tour.seeds
     ]  # fmt: skip
 
 
@@ -118,7 +125,7 @@ def measure(case: StoreyDrive, work: Path) -> Storeys:
     slam = SceneGraphSlam(a_graph, config=Config(matching=MatchingSettings(method=case.method)))
     first, off = None, []
     for k, scan in enumerate(ScanFolder(drive / "scans")):
-        update = slam.add_scan(scan.stamp_ns, scan.points)
+        update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times)
         if update.anchored and slam.T_bim_map is not None:
             first = k if first is None else first
             off.append((slam.T_bim_map @ update.T_map_sensor)[:3, 3] - truth.positions[k])
@@ -138,12 +145,13 @@ def measure(case: StoreyDrive, work: Path) -> Storeys:
 
 def _drive(case: StoreyDrive, bim: Path, work: Path) -> Path:
     """The folder of the drive."""
-    parts = (bim.stem, *case.storeys, case.seed, case.min_rooms, f"{case.min_length:g}")
+    parts = (bim.stem, *case.storeys, case.seed, case.carrier, case.min_rooms, f"{case.min_length:g}")
     folder = work / "-".join(re.sub(r"[^\w.-]", "", str(part)) for part in parts)
     with locked(folder):
         if not folder.exists():
             simulate(
-                bim, case.storeys, folder, seed=case.seed, min_rooms=case.min_rooms, min_length=case.min_length
+                bim, case.storeys, folder, seed=case.seed, min_rooms=case.min_rooms, min_length=case.min_length,
+                carrier=carrier_named(case.carrier), effects=("rolling",),
             )  # fmt: skip
     return folder
 
@@ -192,7 +200,8 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each drive over several storeys; one for each storey over its starts."""
     climbs, starts = _kinds(rows)
     lines = pd.DataFrame({
-        "building": climbs.building, "storeys": climbs.storeys.str.join(", "), "seed": climbs.seed,
+        "building": climbs.building, "storeys": climbs.storeys.str.join(", "), "carrier": climbs.carrier,
+        "seed": climbs.seed,
         "driven (m)": climbs.length_m.map("{:.0f}".format), "floors": climbs.floors,
         "rooms on their floor": climbs.on_their_floor.astype(str) + "/" + climbs.rooms.astype(str),
         "RMSE (m)": climbs.rmse_m.map(_metres), "on stairs (m)": climbs.stair_rmse_m.map(_metres),
@@ -239,6 +248,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 STUDY = Study(
     "storeys", "whether the storey is recognised, and how accurate a drive over stairs is",
-    Choice, Choice(climbs=(Tour(storeys=DEMO_STOREYS, seeds=(0,)),), starts=(Tour(storeys=DEMO_STOREYS, seeds=(0,)),)),
+    Choice, Choice(climbs=(Tour(storeys=DEMO_STOREYS, seeds=(0,), carriers=ALL),),
+                   starts=(Tour(storeys=DEMO_STOREYS, seeds=(0,)),)),
     StoreyDrive, Storeys, cases, measure, tables, claims,
 )  # fmt: skip

@@ -11,6 +11,7 @@ from data import SceneGraph
 from matching.protocol import AnyMatcher, Match
 from sgslam.anchoring.anchor_log import AnchorRecord
 from sgslam.anchoring.floor_anchoring import FloorAnchoring
+from sgslam.anchoring.floor_matching import differ
 from sgslam.anchoring.place_verification import Plan
 from sgslam.anchoring.storey_hypotheses import Assignment, assignments, match_jointly
 from sgslam.anchoring.wall_alignment import WallAlignment
@@ -112,20 +113,24 @@ class BuildingAnchoring:
         """Returns the anchors of all floors that hold now; see `FloorAnchoring.update`.
 
         Where no floor has a unique answer of its own, all floors are matched jointly. Where one has, the others take
-        their places from it and from their height above it.
+        their places from it and from their height above it. Where the heights fit no storeys, since the odometry
+        slipped on the stairs, each needs an answer of its own, at the same place in plan view.
         """
         self._restrict_storeys(floors)
         cut, found = _with_scenes(floors), []
         base = self.committed
         for floor, scene in cut:
             own = self.of(floor.number)
-            if base is None or own.committed is not None:
+            if base is None or own.committed is not None or self._heights_slipped:
                 anchors = own.update(floor, scene, T_map_local, last)
+                if base is not None and self._heights_slipped and self._is_displaced(own, base, scene):
+                    own.withdraw(scene, "the floors above or below lie elsewhere")
+                    anchors = None
                 found += [] if anchors is None else [anchors]
                 base = self.committed
         if base is None and len(cut) > 1:
             self._match_jointly(cut)
-        elif base is not None and T_map_local is not None:
+        elif base is not None and T_map_local is not None and not self._heights_slipped:
             self._propagate(base, cut, T_map_local)
         return merged(found) if found else None
 
@@ -169,6 +174,16 @@ class BuildingAnchoring:
                 own.withdraw(scene, "the floors above or below lie elsewhere")
             if own.committed is None and expected is not None:
                 own.follow(expected, scene, floor.walls, T_map_local, base.commitment.confidence)
+
+    @property
+    def _heights_slipped(self) -> bool:
+        """Whether the heights between the floors are known and fit no storeys of the plan."""
+        return self._possible is not None and not self._possible
+
+    @staticmethod
+    def _is_displaced(own: FloorAnchoring, base: FloorAnchoring, scene: Scene) -> bool:
+        """Whether a floor has an answer whose place in plan view is not that of the floor `base`."""
+        return own.committed is not None and differ(own.commitment.place, base.commitment.place, scene)
 
     def confirm(self, floors: Floors, T_map_local: Floats | None) -> bool:
         """Matches the final map; returns whether all floors keep their commitment. See `FloorAnchoring.confirm`.

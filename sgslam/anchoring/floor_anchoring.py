@@ -113,7 +113,8 @@ class FloorAnchoring(Stateful):
         return anchors
 
     def confirm(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> bool:
-        """Matches the final map once more; returns whether the answer is the committed one, or there was none.
+        """Matches the final map once more; returns whether the answer is the committed one, or there was none before or
+        after.
 
         If it is not, the commitment is withdrawn. With a partial plan that happens only where the maps conflict, since
         much of the map may lie outside the plan.
@@ -122,7 +123,7 @@ class FloorAnchoring(Stateful):
             self._ask(scene, walls, None, last=True)
             if self.committed is None and not self.matching.rejection:
                 self.matching.reject_mirrored(scene)  # for the reason in the report
-            return True
+            return self.committed is None
         self._ask(scene, walls, T_map_local, last=True)
         if self.committed is self.match:
             return not self.commitment.replaced

@@ -5,7 +5,8 @@ from study_rows import rows_of
 from evaluation.studies.storeys import Choice, StoreyDrive, Storeys, Tour, cases, claims, tables
 
 CLIMB = StoreyDrive(
-    bim="a/house.ifc", storeys=("ground", "first"), seed=1, min_rooms=4, min_length=30.0, method="learned"
+    bim="a/house.ifc", storeys=("ground", "first"), seed=1, carrier="pole", min_rooms=4, min_length=30.0,
+    method="learned",
 )  # fmt: skip
 FOUND = Storeys(
     status="unique", length_m=80.0, entered=7, wrong_storey=False, wrong_place=False, unique_m=12.0, unique_rooms=3,
@@ -17,8 +18,8 @@ LOST = FOUND.model_copy(update={"rmse_m": None, "max_m": None, "stair_rmse_m": N
 def test_each_drive_over_stairs_has_its_line() -> None:
     rows = rows_of([(CLIMB, FOUND), (CLIMB.model_copy(update={"seed": 2}), LOST)])
     lines = tables(rows)["climbs"].astype(str).to_numpy().tolist()
-    assert lines[0][:7] == ["house", "ground, first", "1", "80", "2", "8/9", "0.0123"]
-    assert lines[1][6] == "not anchored" and lines[1][-1] == "yes"
+    assert lines[0][:8] == ["house", "ground, first", "pole", "1", "80", "2", "8/9", "0.0123"]
+    assert lines[1][7] == "not anchored" and lines[1][-1] == "yes"
     assert [claim.value[:7] for claim in claims(rows)] == ["1 of 2 ", "12.3 [1"]
 
 
@@ -36,5 +37,7 @@ def test_starts_are_counted_storey_by_storey() -> None:
 
 def test_a_tour_is_a_drive_over_all_storeys_or_a_start_on_each() -> None:
     tour = Tour(bim="own.ifc", storeys=("A", "B"), seeds=(3,))
-    drives = [(case.storeys, case.seed) for case in cases(Choice(climbs=(tour,), starts=(tour,)))]
-    assert drives == [(("A", "B"), 3), (("A",), 3), (("B",), 3)]
+    carried = tour.model_copy(update={"carriers": ("handheld", "pole")})
+    drives = [(case.storeys, case.carrier) for case in cases(Choice(climbs=(carried,), starts=(tour,)))]
+    both = ("A", "B")
+    assert drives == [(both, "handheld"), (both, "pole"), (("A",), "wheeled"), (("B",), "wheeled")]
