@@ -9,7 +9,7 @@ from data.trajectory.stamps import NS
 
 _FEWEST = 4  # scans: of fewer, a single odd stamp would decide
 _SHORTEST, _LONGEST = 0.02, 0.5  # s between the scans of a moving LiDAR
-_FASTEST, _SLOWEST = 1e-3, 1e4  # s between any scans: none are faster, and nobody waits for hours
+_FASTEST, _SLOWEST = 1e-3, 1e4  # s between any scans: none are faster, nor hours apart
 _EVEN = 0.2  # of the median, within which the middle half of a LiDAR's intervals lies; stations are set up less evenly
 
 

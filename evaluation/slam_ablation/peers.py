@@ -71,6 +71,7 @@ def small_gicp_alone(scans: Iterable[Scan]) -> Trajectory:
     target: tuple[Any, Any] | None = None
 
     def register(scan: Scan) -> Array:
+        """T_odom_sensor of the next scan, which joins the local map where it is far enough from the last one."""
         nonlocal T, step, stamp_ns, kept, target
         interval_s, before, T = (scan.stamp_ns - stamp_ns) / 1e9, T, T @ step
         for _ in range(1 if scan.point_times is None else DESKEWING_ROUNDS):

@@ -96,6 +96,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each sequence, what became of its walls, and kind of deviation, over its seeds."""
 
     def cells(own: pd.DataFrame) -> dict[str, str]:
+        """Recall, precision and errors of the offsets over some drives."""
         right, reported, found, expected = own[["score.right", "score.answered", "score.found", "score.expected"]].sum()
         offsets = own.offset_errors.explode().dropna().astype(float)
         return {

@@ -145,6 +145,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each drive and front end over its seeds, without and with loop closure."""
 
     def cells(own: pd.DataFrame) -> dict[str, str]:
+        """The errors with loop closure beside those without."""
         closed, without = own[own.closing], own[~own.closing]
 
         def both(name: str, column: str, form: str, factor: float = 1.0) -> dict[str, str]:

@@ -109,6 +109,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each sequence and odometry, over its seeds."""
 
     def cells(own: pd.DataFrame) -> dict[str, str]:
+        """The errors, the consistency and the time of runs with one odometry."""
         external = own.odometry.iloc[0] == "external"
         return {
             "drives": str(len(own)), "alone: RPE over 1 m (m)": f"{own.alone_rpe_m.mean():.3f}",

@@ -45,7 +45,7 @@ def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, list[Draw
             if state[start] == _KNOWN:
                 paths["trajectory"].append(DrawnPath(_line(points[start:end])))
                 continue
-            # from the last known pose, and up to the next one unless a part lies where nobody knows
+            # from the last known pose, and up to the next one unless a part lies at an unknown place
             piece = points[max(start - 1, 0) : end + (state[start] == _LOST)]
             when = data.scans.seconds[chosen[start]], data.scans.seconds[(*chosen, len(data.scans.seconds))[end] - 1]
             paths["lost"].append(DrawnPath(_line(piece), _title(state[start] == _LOST, *when)))
