@@ -16,6 +16,7 @@ Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _UP = np.array([0.0, 0.0, 1.0])
 _AFTER_S = 30.0  # of walking through several rooms: they tell more than the first seconds
+_BETWEEN_NS = 400_000_000  # from a scan that is looked at to the next: a step or two on the way, or a turn of the head
 _OFF = np.radians(10.0)  # right frames are level to a degree; farther off, another direction was taken for up
 
 
@@ -25,20 +26,22 @@ class LevelCheck(Stateful):
     Nothing is changed then: the map is built in that frame.
     """
 
-    _STATE = ("_began_ns", "_places", "_is_done")
+    _STATE = ("_began_ns", "_next_ns", "_places", "_is_done")
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings = settings
         self._surfels = SurfelMap()
         self._places: list[Floats] = []
         self._began_ns: int | None = None
+        self._next_ns = 0
         self._is_done = False
 
     def add(self, stamp_ns: int, points: Floats, T_odom_sensor: Floats) -> None:
-        """Adds a scan with points (N, 3) as at its stamp and its pose (4, 4) in the level frame."""
-        if self._is_done:
+        """Adds a scan with points (N, 3) as at its stamp and its pose (4, 4) in the level frame, if it is its turn."""
+        if self._is_done or stamp_ns < self._next_ns:
             return
         self._began_ns = stamp_ns if self._began_ns is None else self._began_ns
+        self._next_ns = stamp_ns + _BETWEEN_NS
         add_scan(self._surfels, points, T_odom_sensor, SIDE, self._settings)
         self._places.append(T_odom_sensor[:3, 3])
         if stamp_ns - self._began_ns >= 1e9 * _AFTER_S:
