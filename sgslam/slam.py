@@ -1,6 +1,7 @@
 """The algorithm: from scans to an S-graph, matched with and anchored to a plan, and a trajectory in the BIM frame."""
 
 import logging
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
 from data.plans import Bim
+from data.scans import Scan
 from matching.protocol import AnyMatcher
 from sgslam.anchoring import AnchorRecord
 from sgslam.config import Config
@@ -18,6 +20,7 @@ from sgslam.perception import RawScan, checked_scan
 from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
+from sgslam.session.second_pass import second_pass
 from sgslam.session.snapshot import take_snapshot
 from sgslam.tracking import TrackedScan
 
@@ -131,16 +134,27 @@ class SceneGraphSlam:
             self._add(scan)
         self._add_lost()
 
-    def finish(self) -> Result:
-        """Matches and optimises for the last time. Raises UserError if no scan was added."""
+    def finish(self, scans: Iterable[Scan] | None = None) -> Result:
+        """Matches and optimises for the last time. Raises UserError if no scan was added.
+
+        If `scans` reads the run's scans again, a second pass registers all of them to the final map: poses then use
+        what was seen later. It needs our own odometry, and a run in one part, without a prior map.
+        """
         self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
         session = self._session
+        again = scans is not None and self._can_pass_again and second_pass(self._map, scans, self._config.tracking)
         return assemble_result(
-            self._map, session.bim, session.unplaced, relocalisation, self._config, session.advice
-        )  # fmt: skip
+            self._map, session.bim, session.unplaced, relocalisation, self._config, session.advice, again
+        )
+
+    @property
+    def _can_pass_again(self) -> bool:
+        """Whether the run is one chain of scans that our own odometry tracked."""
+        is_one = self._session.prior is None and not self._session.unplaced
+        return is_one and self._config.odometry.method == "continuous_time" and not self._map.is_external
 
     @property
     def anchored(self) -> bool:

@@ -58,6 +58,11 @@ class Backend:
         else:
             self._builder.hold_step(len(self.keyframes) - 1, self._step(len(self.keyframes) - 1))
 
+    def take_steps(self) -> None:
+        """Holds the steps of the odometry again, as the keyframes' tracked motion has changed."""
+        for i in [key[0] for key in self.log.held("odometry") if len(key) == 1]:
+            self._builder.hold_step(int(i), self._step(int(i)))
+
     def state(self) -> dict[str, Any]:
         """Returns the state as a tree (see `state_tree`)."""
         held = [entry.factor for key, entry in self.log.held("odometry").items() if len(key) == 1]

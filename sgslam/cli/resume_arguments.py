@@ -8,16 +8,16 @@ from data import UserError
 from sgslam.session.checkpoints import about_run
 
 _PATHS = ("scan_dir", "bim", "ground_truth", "map")
-_WORDS = ("topic", "start", "storey", "mount", "odometry")
+_WORDS = ("topic", "start", "storey", "mount", "odometry", "single_pass")
 
 
-def run_arguments(options: argparse.Namespace) -> dict[str, str | None]:
+def run_arguments(options: argparse.Namespace) -> dict[str, str | bool | None]:
     """The arguments that `--resume` restores, in JSON form."""
     paths = {name: getattr(options, name) for name in _PATHS}
     stored = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
-    words: dict[str, str | None] = {name: getattr(options, name) for name in _WORDS}
-    if words["odometry"] is not None and Path(words["odometry"]).is_file():
-        words["odometry"] = str(Path(words["odometry"]).resolve())
+    words: dict[str, str | bool | None] = {name: getattr(options, name) for name in _WORDS}
+    if options.odometry is not None and Path(options.odometry).is_file():
+        words["odometry"] = str(Path(options.odometry).resolve())
     return stored | words
 
 

@@ -157,13 +157,14 @@ class Run:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
-        result = self.slam.finish()
+        skipped_scans = len(job.scans.skipped)
+        result = self.slam.finish(None if stopped is not None or job.options.single_pass else job.scans)
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         _log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
         for kind, count in result.factors.counts().items():
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
         seconds = {**result.seconds, "bim": job.bim_seconds, **self.progress.seconds, "total": total}
-        more: dict[str, Any] = {"scans_skipped": len(job.scans.skipped), "seconds": seconds}
+        more: dict[str, Any] = {"scans_skipped": skipped_scans, "seconds": seconds}
         more["cpu_seconds"] = cpu_seconds  # of all threads
         more["told"] = self._hints
         if job.truth is not None:

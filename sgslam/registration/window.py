@@ -174,16 +174,24 @@ def _solve(
         lasted = (seconds[-1] - seconds[0]) / weights.sway_memory
         add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)
         step = solved(H, g)
-        most = 0.0
-        for k in range(len(knots)):
-            _update(knots[k], step[6 * k : 6 * k + 6])
-            for j in range(6):
-                most = max(most, abs(step[6 * k + j]))
-        if most < weights.convergence:
+        update_knots(knots, step)
+        if np.max(np.abs(step)) < weights.convergence:
             break
-        kernel = min(kernel, max(weights.kernel, _KERNEL * residual))
-        sigma = max(weights.sigma_point, _SIGMA * residual)
+        kernel, sigma = robust_scales(residual, kernel, weights)
     return knots, H, measured, found, close, residual
+
+
+@compiled
+def robust_scales(residual: float, kernel: float, weights: Weights) -> tuple[float, float]:
+    """The next iteration's kernel (m), and a point's standard deviation (m), by the median `residual` (m)."""
+    return min(kernel, max(weights.kernel, _KERNEL * residual)), max(weights.sigma_point, _SIGMA * residual)
+
+
+@compiled
+def update_knots(knots: Floats, step: Floats) -> None:
+    """Moves knots (K, 4, 4) in place by the negative of a step (6K,)."""
+    for k in range(len(knots)):
+        _update(knots[k], step[6 * k : 6 * k + 6])
 
 
 @compiled

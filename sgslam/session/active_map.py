@@ -52,7 +52,7 @@ class ActiveMap:
         self.begins = [0]
         self.first_anchor_ns: int | None = None
         self._steps, self._covariance = StepUncertainty(config.odometry), np.zeros((6, 6))
-        self._is_external = False  # the newest scan's pose is an external odometry's
+        self.is_external = False  # the newest scan's pose is an external odometry's
 
     @property
     def plan_is_prior(self) -> bool:
@@ -107,7 +107,7 @@ class ActiveMap:
                 health=scan.health, covariance=scan.covariance,
             )
         )  # fmt: skip
-        self._covariance, self._is_external = scan.covariance, scan.raw.T_odom_sensor is not None
+        self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
         if scan.health == "lost" and keyframes:
             return False
         with self.stopwatch("surfaces"):
@@ -138,7 +138,7 @@ class ActiveMap:
         tracked = before @ scan.T_keyframe_sensor  # unlike the map, this does not jump when the graph is optimised
         storey = None if self.transition.active else self.floors.current.number
         keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
-        keyframe.step_covariance, keyframe.weak_step = self._steps.leave(self._covariance, self._is_external)
+        keyframe.step_covariance, keyframe.weak_step = self._steps.leave(self._covariance, self.is_external)
         if points is not None:
             with self.stopwatch("surfaces"):
                 if storey is None:
@@ -205,6 +205,18 @@ class ActiveMap:
             confirmed = self.anchoring.confirm(self.floors, self.backend.T_map_bim)
         if not confirmed or (self.anchoring.committed is not None and not self.placed):
             self.update(last=True)
+
+    def take_tracked(self, poses: Floats) -> None:
+        """Replaces the tracked motion of all scans by that between `poses` (N, 4, 4); the graph's steps follow it."""
+        keyframes = self.backend.keyframes
+        for keyframe in keyframes:
+            keyframe.T_track_sensor = poses[keyframe.scan]
+        for i, scan in enumerate(self.scans):
+            own = keyframes[scan.keyframe]
+            scan.T_keyframe_sensor = inverse(poses[own.scan]) @ poses[i]
+            if own.scan == i and scan.keyframe:
+                scan.T_previous_sensor = inverse(poses[keyframes[scan.keyframe - 1].scan]) @ poses[i]
+        self.backend.take_steps()
 
     def _anchors(self, last: bool) -> Anchors | None:
         """The anchors to the plan; None while the map is not placed."""
@@ -275,7 +287,7 @@ class ActiveMap:
         own = {
             "scans": self.scans, "begins": self.begins, "first_anchor_ns": self.first_anchor_ns,
             "T_bim_map": self.T_bim_map, "sensor_height": self.front_end.height, "covariance": self._covariance,
-            "is_external": self._is_external,
+            "is_external": self.is_external,
         }  # fmt: skip
         return own | {name: part.state() for name, part in self._parts.items()}
 
@@ -283,5 +295,5 @@ class ActiveMap:
         """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
         for name, part in self._parts.items():
             part.restore(state[name])
-        self._covariance, self._is_external = state["covariance"], state["is_external"]
+        self._covariance, self.is_external = state["covariance"], state["is_external"]
         self.scans, self.begins, self.first_anchor_ns = state["scans"], state["begins"], state["first_anchor_ns"]

@@ -20,7 +20,7 @@ from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.quality import quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
-from sgslam.session.scan_poses import at_stamps, smooth, with_unplaced
+from sgslam.session.scan_poses import ScanPose, at_stamps, smooth, with_unplaced
 from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty
 from sgslam.session.unit_advice import feet_advice
 
@@ -34,9 +34,10 @@ _COVARIANCES = 50  # poses whose covariance is computed
 
 def assemble_result(
     final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], relocalisation: Relocalisation | None,
-    config: Config, advice: list[str],
+    config: Config, advice: list[str], passed_again: bool,
 ) -> Result:  # fmt: skip
-    """The result of a run whose map is `final`; `advice` are lines on the maps before.
+    """The result of a run whose map is `final`; `advice` are lines on the maps before. `passed_again`: all scans were
+    registered a second time.
 
     `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor, in the
     map's trajectory only. A pose in a prior map does not count as anchored to the building.
@@ -89,8 +90,15 @@ def assemble_result(
         tracked=tracked,
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
         relocalisation=relocalisation,
+        trajectory_live=_live(scans[newest], told, T_bim_map) if passed_again else None,
         advice=tuple(dict.fromkeys(line for line in (*advice, final.tracker.advice, unit) if line is not None)),
     )
+
+
+def _live(scans: list[ScanPose], told: ScanUncertainty, T_bim_map: Floats | None) -> Trajectory:
+    """The scans' poses in the map as they were estimated when each came; of an anchored run, in the BIM frame."""
+    live = at_stamps(scans, np.stack([scan.T_map_sensor for scan in scans]))
+    return live if T_bim_map is None else live.only(told.anchored).transformed(T_bim_map)
 
 
 def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
 
 _log = logging.getLogger(__name__)
+LIVE = "trajectory_live.tum"
 Floats = NDArray[np.float64]
 
 
@@ -82,9 +83,11 @@ class Result:
     `anchored` says whether the map is anchored to the plan, `reason` why or why not, in one line. `trajectory` is in
     the BIM frame when `anchored`, and has the scans that are anchored: neither lost ones nor those of submaps that were
     not relocalised. Else it is `trajectory_map`, which always has all scans, in the map frame. `trajectory_odometry` is
-    the odometry alone, in its own frame. `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not
-    anchored. `s_graph` is in the map frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form
-    of matches.json, None if nothing was matched; `deviations` has the form of deviations.json, empty if the run is not
+    the odometry alone, in its own frame. `trajectory_live` has the scans of `trajectory`, in its frame, with poses in
+    the map as they were estimated when the scans came; None without a second pass. `T_bim_map` (4, 4) is the map's pose
+    in the BIM frame, None if the run is not anchored. `s_graph` is in the map frame; `a_graph` is in the BIM frame,
+    None without a plan. `matches` has the form of matches.json, None if nothing was matched; `deviations` has the form
+    of deviations.json, empty if the run is not
     anchored. `anchors` is the log of all anchors: who added each, and when and why it changed. `factors` is the back
     end's log: the active factors, and those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>`
     in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is the time of each stage. `earlier` are the
@@ -118,6 +121,7 @@ class Result:
     earlier: tuple[Trajectory, ...] = ()
     relocalisation: Relocalisation | None = None
     advice: tuple[str, ...] = ()
+    trajectory_live: Trajectory | None = None
 
     def save(self, out: Path | str) -> None:
         """Writes all results to the folder `out`. Raises UserError if it cannot be written to or the disk is full."""
@@ -184,6 +188,8 @@ def _save(
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")
+    if result.trajectory_live is not None:
+        result.trajectory_live.write_tum(out / LIVE)
     result.uncertainty.write_csv(out / SIGMA)
     for number, earlier in enumerate(result.earlier, 1):
         earlier.write_tum(out / f"trajectory_run{number}.tum")

@@ -1,0 +1,55 @@
+"""The second pass of a run: once the map is known, all scans are registered again, and the graph is solved again."""
+
+import logging
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scans import Scan
+from sgslam.config import TrackingSettings
+from sgslam.registration import Motion
+from sgslam.registration.sampling import TimedPoints, thinned
+from sgslam.registration.smoothing import smoothed
+from sgslam.session.active_map import ActiveMap
+from sgslam.session.scan_poses import smooth
+
+Floats = NDArray[np.float64]
+_log = logging.getLogger(__name__)
+_LEAST = 3  # scans that a smoothing needs
+
+
+def second_pass(final: ActiveMap, scans: Iterable[Scan], settings: TrackingSettings) -> bool:
+    """Registers all scans of a map again, and estimates the map with the motion found; returns whether it did.
+
+    `scans` are those of the run, in the same order; more of them do no harm. Where one of the map's scans is not among
+    them, nothing happens but a warning.
+    """
+    with final.stopwatch("smoothing"):
+        stamps = np.array([scan.stamp_ns for scan in final.scans])
+        again = _thinned(final, scans, stamps, settings)
+        if len(again) != len(stamps) or len(stamps) < _LEAST:
+            _log.warning("no second pass: %d of %d scans can be read again", len(again), len(stamps))
+            return False
+        at = (stamps - stamps[0]) / 1e9
+        start = Motion(at, smooth(final.scans, final.backend.poses))
+        is_known = np.array([scan.health != "lost" for scan in final.scans])
+        motion = smoothed(again, start, is_known, settings)
+        final.take_tracked(np.stack([motion.at(second) for second in at]))
+    final.complete()
+    return True
+
+
+def _thinned(
+    final: ActiveMap, scans: Iterable[Scan], stamps: NDArray[np.int64], settings: TrackingSettings
+) -> list[TimedPoints]:
+    """The points of the map's scans that are used, with times in seconds since the first scan."""
+    settings = settings.model_copy(update={"points": settings.smoothed_points})
+    wanted, side, found = set(stamps.tolist()), 0.0, list[TimedPoints]()
+    for scan in scans:
+        if scan.stamp_ns in wanted:
+            times = final.tracker.times_of(scan.points, scan.point_times)
+            own, side = thinned(scan.points, times, (scan.stamp_ns - stamps[0]) / 1e9, side, settings)
+            found.append(replace(own, points=own.points.astype(np.float32)))  # all stay in memory
+    return found
