@@ -36,8 +36,8 @@ class Scan:
     index: int
     stamp_ns: int
     points: NDArray[np.float64]
-    dropped: int
-    path: Path
+    dropped: int = 0
+    path: Path = Path()
     point_times: NDArray[np.float64] | None = None
     T_odom_sensor: NDArray[np.float64] | None = None
 

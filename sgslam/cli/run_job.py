@@ -157,7 +157,9 @@ class Run:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
-        skipped_scans = len(job.scans.skipped)
+        skipped_scans = len(job.scans.skipped)  # which a second reading begins anew
+        if stopped is None:
+            self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
         result = self.slam.finish(None if stopped is not None or job.options.single_pass else job.scans)
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         _log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)

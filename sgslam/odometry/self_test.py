@@ -1,20 +1,27 @@
-"""A small job that compiles the loops of the odometry."""
+"""A small job that compiles the loops of the odometry and of the second pass."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.registration import Motion
+from sgslam.registration.sampling import thinned
+from sgslam.registration.smoothing import smoothed
 
 _ROOM = np.array([3.0, 4.0, 1.5])  # m, from the sensor in its middle to the walls and the ceiling
 _PERIOD = 100_000_000  # ns between scans
 
 
 def register() -> None:
-    """Registers three scans of a room, so that the loops are loaded or compiled before a robot needs them."""
-    odometry = ContinuousTimeOdometry(TrackingSettings())
+    """Registers three scans of a room, twice, so that the loops are loaded or compiled before a robot needs them."""
+    settings, points = TrackingSettings(), _points()
+    odometry = ContinuousTimeOdometry(settings)
     for number in range(3):
-        odometry.register(number * _PERIOD, _points())
+        odometry.register(number * _PERIOD, points)
+    scans = [thinned(points, None, number * _PERIOD / 1e9, 0.0, settings)[0] for number in range(3)]
+    stood = Motion(np.arange(3) * _PERIOD / 1e9, np.tile(np.eye(4), (3, 1, 1)))
+    smoothed(scans, stood, np.ones(3, bool), settings)
 
 
 def _points() -> NDArray[np.float64]:

@@ -1,0 +1,68 @@
+"""A second pass over all scans, once the map is known."""
+
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from drives import fed, small_drive
+
+from data.scans import Scan
+from sgslam.config import Config, OdometrySettings
+from sgslam.session import Result
+from sgslam.slam import SceneGraphSlam
+
+pytestmark = pytest.mark.slow
+
+
+def read_again() -> Iterator[Scan]:
+    """The drive's scans as a source yields them."""
+    for k, (stamp_ns, points) in enumerate(small_drive().scans):
+        yield Scan(k, stamp_ns, points, point_times=np.zeros(len(points)))
+
+
+@pytest.fixture(scope="module")
+def passed_again() -> tuple[SceneGraphSlam, Result, Result]:
+    """A run, and its results before and after a second pass."""
+    drive = small_drive()
+    slam = fed(SceneGraphSlam(drive.bim), drive.scans)
+    return slam, slam.finish(), slam.finish(read_again())
+
+
+def test_poses_are_better_than_the_live_ones_which_are_kept(passed_again: tuple[SceneGraphSlam, Result, Result]) -> None:
+    drive, (_, single, second) = small_drive(), passed_again
+    assert single.trajectory_live is None
+    assert second.anchored and second.trajectory_live is not None
+    assert np.array_equal(second.trajectory_live.stamps_ns, second.trajectory.stamps_ns)
+    assert drive.rmse(second) < drive.rmse(single) + 0.003
+    off = np.linalg.norm(second.trajectory_live.positions - drive.truth.positions, axis=1)
+    assert drive.rmse(second) < 0.7 * np.sqrt(np.mean(off**2))
+    assert second.seconds["smoothing"] > 0 == single.seconds["smoothing"]
+
+
+def test_the_odometry_is_told_as_it_was(passed_again: tuple[SceneGraphSlam, Result, Result]) -> None:
+    _, single, second = passed_again
+    assert np.array_equal(second.trajectory_odometry.poses, single.trajectory_odometry.poses)
+    assert not np.array_equal(second.trajectory.poses, single.trajectory.poses)
+
+
+def test_scans_that_cannot_all_be_read_again_change_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    drive = small_drive()
+    slam = fed(SceneGraphSlam(), drive.scans[:40])
+    single = slam.finish()
+    with caplog.at_level(logging.WARNING):
+        again = slam.finish(list(read_again())[:39])
+    assert "39 of 40 scans can be read again" in caplog.text
+    assert again.trajectory_live is None
+    assert np.abs(again.trajectory.poses - single.trajectory.poses).max() < 1e-4  # optimised once more
+    assert slam.finish(read_again()).trajectory_live is not None  # more scans than the run has do no harm
+
+
+def test_poses_of_another_odometry_are_not_estimated_again() -> None:
+    drive = small_drive()
+    given = SceneGraphSlam()
+    for k, (stamp_ns, points) in enumerate(drive.scans[:40]):
+        given.add_scan(stamp_ns, points, T_odom_sensor=drive.truth.poses[k])
+    other = SceneGraphSlam(config=Config(odometry=OdometrySettings(method="small_gicp")))
+    for slam in (given, fed(other, drive.scans[:40])):
+        assert slam.finish(read_again()).trajectory_live is None
