@@ -29,7 +29,9 @@ def passed_again() -> tuple[SceneGraphSlam, Result, Result]:
     return slam, slam.finish(), slam.finish(read_again())
 
 
-def test_poses_are_better_than_the_live_ones_which_are_kept(passed_again: tuple[SceneGraphSlam, Result, Result]) -> None:
+def test_poses_are_better_than_the_live_ones_which_are_kept(
+    passed_again: tuple[SceneGraphSlam, Result, Result],
+) -> None:
     drive, (_, single, second) = small_drive(), passed_again
     assert single.trajectory_live is None
     assert second.anchored and second.trajectory_live is not None
