@@ -108,6 +108,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "relocalisation": "evaluation.studies.relocalisation",
     "resume": "evaluation.studies.resume",
     "rooms_to_localise": "evaluation.studies.rooms_to_localise",
+    "second_pass": "evaluation.studies.second_pass",
     "storeys": "evaluation.studies.storeys",
     "trust": "evaluation.studies.trust",
     "wrong_matches": "evaluation.studies.wrong_matches",
