@@ -12,8 +12,6 @@ class TrackingSettings(Settings):
 
     points: int = Field(2000, ge=100)
     """number of a scan's points that are registered, spread evenly in space"""
-    smoothed_points: int = Field(1000, ge=100)
-    """number of a scan's points that the second pass registers; all scans' are in memory, 1 GB for an hour of scans"""
     min_range: float = Field(0.3, ge=0)
     """m, shortest range of the points that are used; nearer ones show the carrier"""
     max_range: float = Field(60.0, gt=0)

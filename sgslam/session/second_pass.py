@@ -45,11 +45,10 @@ def _thinned(
     final: ActiveMap, scans: Iterable[Scan], stamps: NDArray[np.int64], settings: TrackingSettings
 ) -> list[TimedPoints]:
     """The points of the map's scans that are used, with times in seconds since the first scan."""
-    settings = settings.model_copy(update={"points": settings.smoothed_points})
     wanted, side, found = set(stamps.tolist()), 0.0, list[TimedPoints]()
     for scan in scans:
         if scan.stamp_ns in wanted:
             times = final.tracker.times_of(scan.points, scan.point_times)
             own, side = thinned(scan.points, times, (scan.stamp_ns - stamps[0]) / 1e9, side, settings)
-            found.append(replace(own, points=own.points.astype(np.float32)))  # all stay in memory
+            found.append(replace(own, points=own.points.astype(np.float32)))  # all stay in memory: 70 kB each
     return found
