@@ -68,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--demo", action="store_true", help="generate a building, simulate a drive through it and run on that")
     add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive")
     add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser until Ctrl-C")
-    add("--single-pass", action="store_true", default=None, help="no second pass over all scans at the end")
+    add("--second-pass", action="store_true", default=None, help="register all scans again once the map is known")
     add("--strict", action="store_true", help="exit code 3 unless every scan is anchored and the map is sound")
     add("--verbose", action="store_true", help="print log messages")
     return parser

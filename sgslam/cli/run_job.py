@@ -158,9 +158,9 @@ class Run:
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
         skipped_scans = len(job.scans.skipped)  # which a second reading begins anew
-        if stopped is None:
+        if stopped is None and job.options.second_pass:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
-        result = self.slam.finish(None if stopped is not None or job.options.single_pass else job.scans)
+        result = self.slam.finish(job.scans if stopped is None and job.options.second_pass else None)
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         _log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
         for kind, count in result.factors.counts().items():

@@ -96,6 +96,7 @@ def refused(*arguments: str | Path) -> str:
 def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path) -> None:
     out, whole = tmp_path / "out", tmp_path / "whole"
     told = ("--scan-dir", inputs / "scans", "--bim", inputs / "a_graph.json", "--set", "matching.method=voting")
+    told = (*told, "--second-pass")
     process = begun(*told, "--out", out)
     come_to(process, out, 5)
     process.kill()
@@ -110,7 +111,7 @@ def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path
     assert len(Trajectory.read_tum(out / "trajectory.tum")) < PART
     assert begun("--resume", out).wait() == called("sgslam.run", *told, "--out", whole).returncode == 0
     assert len(Trajectory.read_tum(out / "trajectory.tum")) == PART
-    for name in ("trajectory.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json"):
+    for name in ("trajectory.tum", "trajectory_live.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json"):
         assert (out / name).read_bytes() == (whole / name).read_bytes(), name
     matches = [json.loads((folder / "matches.json").read_text()) for folder in (out, whole)]
     assert {**matches[0], "seconds": 0} == {**matches[1], "seconds": 0}
