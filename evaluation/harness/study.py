@@ -98,9 +98,9 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "known_map": "evaluation.published.known_map",
     "one_wall_out": "evaluation.published.one_wall_out",
     "combinatorial": "evaluation.published.combinatorial",
-    "anchored_carriers": "evaluation.studies.anchored_carriers",
+    "anchored_carriers": "evaluation.studies.carried.anchored_carriers",
     "as_built": "evaluation.studies.as_built",
-    "carriers": "evaluation.studies.carriers",
+    "carriers": "evaluation.studies.carried.carriers",
     "growth": "evaluation.studies.growth",
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",
@@ -108,9 +108,9 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "relocalisation": "evaluation.studies.relocalisation",
     "resume": "evaluation.studies.resume",
     "rooms_to_localise": "evaluation.studies.rooms_to_localise",
-    "second_pass": "evaluation.studies.second_pass",
+    "second_pass": "evaluation.studies.carried.second_pass",
     "storeys": "evaluation.studies.storeys",
-    "trust": "evaluation.studies.trust",
+    "trust": "evaluation.studies.carried.trust",
     "wrong_matches": "evaluation.studies.wrong_matches",
 }
 

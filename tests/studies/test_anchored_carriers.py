@@ -10,7 +10,7 @@ from study_rows import rows_of
 from evaluation.drives import SequenceSpec
 from evaluation.drives.carried import CarriedCase
 from evaluation.metrics.regions import Inside
-from evaluation.studies.anchored_carriers import Anchored, Choice, cases, measure, tables
+from evaluation.studies.carried.anchored_carriers import Anchored, Choice, cases, measure, tables
 
 
 def case(building: SequenceSpec, **fields: Any) -> CarriedCase:

@@ -10,8 +10,8 @@ from study_rows import rows_of
 from data.common.errors import UserError
 from evaluation.drives import SequenceSpec
 from evaluation.metrics.tracker_claims import Reliability
-from evaluation.studies.carriers import QUICK, Choice, Errors, Run, Tracking, cases, measure
-from evaluation.studies.carriers_tables import claims, tables
+from evaluation.studies.carried.carriers import QUICK, Choice, Errors, Run, Tracking, cases, measure
+from evaluation.studies.carried.carriers_tables import claims, tables
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from data.trajectory import Trajectory
 from evaluation.drives import SequenceSpec
 from evaluation.drives.carried import CarriedDrive
 from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, Trouble, TroubledDrive
-from evaluation.studies.trust import Choice, Told, Troubled, cases, claims, measure, tables, wrong_poses
+from evaluation.studies.carried.trust import Choice, Told, Troubled, cases, claims, measure, tables, wrong_poses
 
 SECONDS = 40.0
 

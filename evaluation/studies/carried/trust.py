@@ -16,8 +16,8 @@ from evaluation.drives.troubles import BEGINS, NO_PLACE, TROUBLES, Trouble, Trou
 from evaluation.harness import Claim, Record, Study
 from evaluation.harness.tables import grouped, of, rare, spread
 from evaluation.metrics.trajectories import error_in_bim
-from evaluation.studies.carriers import RECORDING
-from evaluation.studies.carriers_tables import named
+from evaluation.studies.carried.carriers import RECORDING
+from evaluation.studies.carried.carriers_tables import named
 from sgslam.geometry.frames import inverse
 from sgslam.session import Update
 from sgslam.slam import SceneGraphSlam

@@ -25,7 +25,7 @@ from evaluation.metrics.tracker_claims import PoseClaims, Reliability, reliabili
 from evaluation.metrics.tracking import errors_over_time, step_errors
 from evaluation.metrics.trajectories import ape
 from evaluation.slam_ablation.peers import kiss_icp_alone, small_gicp_alone
-from evaluation.studies.carriers_tables import claims, tables
+from evaluation.studies.carried.carriers_tables import claims, tables
 from sgslam.config import Config
 
 Method = Literal["sgslam", "kiss_icp", "small_gicp"]

@@ -17,9 +17,9 @@ from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
 from evaluation.metrics.regions import Inside, inside_95
 from evaluation.metrics.trajectories import error_in_bim
-from evaluation.studies.carriers import RECORDING, ate
-from evaluation.studies.carriers_tables import NO_EFFECT, named
-from evaluation.studies.trust import wrong_poses
+from evaluation.studies.carried.carriers import RECORDING, ate
+from evaluation.studies.carried.carriers_tables import NO_EFFECT, named
+from evaluation.studies.carried.trust import wrong_poses
 from sgslam.session import Result, Stopwatch
 from sgslam.slam import SceneGraphSlam
 

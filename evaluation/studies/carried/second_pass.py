@@ -15,9 +15,9 @@ from evaluation.drives.sequences import plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
 from evaluation.metrics.trajectories import error_in_bim
-from evaluation.studies import anchored_carriers
-from evaluation.studies.carriers_tables import named
-from evaluation.studies.trust import wrong_poses
+from evaluation.studies.carried import anchored_carriers
+from evaluation.studies.carried.carriers_tables import named
+from evaluation.studies.carried.trust import wrong_poses
 from sgslam.slam import SceneGraphSlam
 
 NO_WORSE_M = 0.001  # by which an RMSE may grow and counts as the same

@@ -1,0 +1,1 @@
+"""Studies of drives with any carrier, sensor and effect: tracked alone, with a plan, and in trouble."""
