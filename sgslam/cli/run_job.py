@@ -157,7 +157,7 @@ class Run:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
-        skipped_scans = len(job.scans.skipped)  # which a second reading begins anew
+        skipped_scans = len(job.scans.skipped)  # a second reading counts them again
         if stopped is None and job.options.second_pass:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
         result = self.slam.finish(job.scans if stopped is None and job.options.second_pass else None)

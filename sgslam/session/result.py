@@ -87,14 +87,14 @@ class Result:
     the map as they were estimated when the scans came; None without a second pass. `T_bim_map` (4, 4) is the map's pose
     in the BIM frame, None if the run is not anchored. `s_graph` is in the map frame; `a_graph` is in the BIM frame,
     None without a plan. `matches` has the form of matches.json, None if nothing was matched; `deviations` has the form
-    of deviations.json, empty if the run is not
-    anchored. `anchors` is the log of all anchors: who added each, and when and why it changed. `factors` is the back
-    end's log: the active factors, and those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>`
-    in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is the time of each stage. `earlier` are the
-    trajectories of the prior map's runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not
-    anchored, `relocalisation` is None without a prior map. `tracked` says how many scans the tracker calls good,
-    degraded and lost; `uncertainty` has a line for each scan, and `quality` says whether the map is sound. `advice` has
-    a line for each thing that seems wrong with the scans or with what the user stated of them.
+    of deviations.json, empty if the run is not anchored. `anchors` is the log of all anchors: who added each, and when
+    and why it changed. `factors` is the back end's log: the active factors, and those added and withdrawn. `clouds` are
+    indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is
+    the time of each stage. `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`.
+    `pose_covariances` is None if the run is not anchored, `relocalisation` is None without a prior map. `tracked` says
+    how many scans the tracker calls good, degraded and lost; `uncertainty` has a line for each scan, and `quality` says
+    whether the map is sound. `advice` has a line for each thing that seems wrong with the scans or with what the user
+    stated of them.
     """
 
     anchored: bool
@@ -188,7 +188,9 @@ def _save(
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")
-    if result.trajectory_live is not None:
+    if result.trajectory_live is None:
+        (out / LIVE).unlink(missing_ok=True)  # that of an earlier run in this folder
+    else:
         result.trajectory_live.write_tum(out / LIVE)
     result.uncertainty.write_csv(out / SIGMA)
     for number, earlier in enumerate(result.earlier, 1):

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -42,7 +43,17 @@ def test_poses_are_better_than_the_live_ones_which_are_kept(
     assert second.seconds["smoothing"] > 0 == single.seconds["smoothing"]
 
 
-def test_the_odometry_is_told_as_it_was(passed_again: tuple[SceneGraphSlam, Result, Result]) -> None:
+def test_a_folder_keeps_no_live_poses_of_an_earlier_run(
+    passed_again: tuple[SceneGraphSlam, Result, Result], tmp_path: Path
+) -> None:
+    _, single, second = passed_again
+    second.save(tmp_path)
+    assert (tmp_path / "trajectory_live.tum").is_file()
+    single.save(tmp_path)
+    assert not (tmp_path / "trajectory_live.tum").exists()
+
+
+def test_the_odometry_stays_as_it_was(passed_again: tuple[SceneGraphSlam, Result, Result]) -> None:
     _, single, second = passed_again
     assert np.array_equal(second.trajectory_odometry.poses, single.trajectory_odometry.poses)
     assert not np.array_equal(second.trajectory.poses, single.trajectory.poses)
