@@ -78,9 +78,18 @@ def eigen(matrix: Floats) -> tuple[Floats, Floats]:
                 for k in range(n):
                     kp, kq = V[k, p], V[k, q]
                     V[k, p], V[k, q] = c * kp - s * kq, s * kp + c * kq
-    values = np.diag(A).copy()
-    order = np.argsort(values)
-    return values[order], V[:, order]
+    values = np.empty(n)
+    for p in range(n):
+        values[p] = A[p, p]
+    for p in range(n - 1):  # sorted by exchanges: numpy's sort takes as long as all of the above
+        least = p
+        for q in range(p + 1, n):
+            if values[q] < values[least]:
+                least = q
+        values[p], values[least] = values[least], values[p]
+        for k in range(n):
+            V[k, p], V[k, least] = V[k, least], V[k, p]
+    return values, V
 
 
 @compiled

@@ -87,17 +87,17 @@ def _place(point: Floats, k: int, share: float, knots: Floats, turns: Floats, mo
 
 
 @compiled
-def _matched(
-    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float, error: float
-) -> tuple[Floats, Ints, Floats, Ints, Floats]:
-    """Points (N, 3) in `odom`, the plane (N,) of each, -1 for none, its distance (N,) from it, the group (N,) of all
-    points on the same plane, and the scatter (G,), m2, of each group's distances."""
-    turns, planes = np.empty((len(knots), 3)), surfels.planes
+def find_planes(
+    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float,
+    error: float, moved: Floats, plane_of: Ints,
+) -> None:  # fmt: skip
+    """Fills in where points (N, 6) are in `odom`, `moved` (N, 3), and the plane (N,) of each, -1 for none.
+
+    A plane is within `gate` (m) of its point, whose place is known to an `error` (m).
+    """
+    turns, ray, normal, sensor = np.empty((len(knots), 3)), np.empty(3), np.empty(3), np.empty(3)
     for k in range(len(knots) - 1):
         turns[k] = turn_between(knots[k], knots[k + 1])
-    moved, ray, normal, sensor = np.empty((len(points), 3)), np.empty(3), np.empty(3), np.empty(3)
-    plane_of, off_of = np.empty(len(points), np.int64), np.empty(len(points))
-    group_of, group, sums, count = np.full(len(points), -1), np.full(len(planes), -1), np.zeros((len(points), 3)), 0
     for p in range(len(points)):
         _place(points[p], knot[p], share[p], knots, turns, moved[p], ray)
         T, q = knots[knot[p]], points[p]
@@ -106,8 +106,17 @@ def _matched(
             sensor[i] = T[i, 3]
             if share[p] != 0.0:
                 sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
-        s = nearest_plane(moved[p], sensor, normal, gate, error, surfels, oldest)
-        plane_of[p] = s
+        plane_of[p] = nearest_plane(moved[p], sensor, normal, gate, error, surfels, oldest)
+
+
+@compiled
+def _grouped(moved: Floats, plane_of: Ints, planes: Floats) -> tuple[Floats, Ints, Floats]:
+    """The distance (N,) of points (N, 3) from their planes, the group (N,) of all points on the same plane, and the
+    scatter (G,), m2, of each group's distances."""
+    off_of, group_of = np.empty(len(moved)), np.full(len(moved), -1)
+    group, sums, count = np.full(len(planes), -1), np.zeros((len(moved), 3)), 0
+    for p in range(len(moved)):
+        s = plane_of[p]
         if s < 0:
             continue
         if group[s] < 0:
@@ -120,7 +129,7 @@ def _matched(
         own[1] += off
         own[2] += off * off
     mean = sums[:count, 1] / sums[:count, 0]
-    return moved, plane_of, off_of, group_of, np.maximum(sums[:count, 2] / sums[:count, 0] - mean * mean, 0.0)
+    return off_of, group_of, np.maximum(sums[:count, 2] / sums[:count, 0] - mean * mean, 0.0)
 
 
 @compiled
@@ -163,26 +172,26 @@ def _add_blocks(own: Floats, joint: Floats, pull: Floats, H: Floats, g: Floats) 
 
 @compiled
 def add_points(
-    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float,
-    error: float, kernel: float, variance: float, near: float, newest: int, H: Floats, g: Floats, F: Floats,
+    moved: Floats, plane_of: Ints, knot: Ints, share: Floats, knots: Floats, planes: Floats, error: float,
+    kernel: float, variance: float, near: float, newest: int, H: Floats, g: Floats, F: Floats,
 ) -> tuple[float, int, int]:  # fmt: skip
     """Adds all points to normal equations H (6K, 6K), g (6K,) of K knots; rotation first, both in axes of `odom`.
 
-    A point within `gate` (m) of a plane, its place known to an `error` (m), counts by the variance (m2) of its distance
-    and by the plane's, times the weight of Geman and McClure with scale `kernel` (m), where the scatter of all points
-    on the same plane counts as a residual: a wall's points near a known floor do not agree about it. Once they are near
+    A point, its place known to an `error` (m), counts by the variance (m2) of its distance from its plane and by the
+    plane's, times the weight of Geman and McClure with scale `kernel` (m), where the scatter of all points on the same
+    plane counts as a residual: a wall's points near a known floor do not agree about it. Once they are near
     their places, all points on a plane that is not flat share one error, its misfit: where a cell holds parts of two
     surfaces, the plane between them is none. The upper triangle of F (6, 6) gets the information that errors of the
     normals feign. Returns the median distance (m) of the points from their planes; of those from the `newest` one on,
     the numbers of points with a plane, and of those `near` (m) it.
     """
-    moved, plane_of, off_of, group_of, scatter = _matched(points, knot, share, knots, surfels, oldest, gate, error)
-    planes, is_placed = surfels.planes, 2 * error < kernel
+    off_of, group_of, scatter = _grouped(moved, plane_of, planes)
+    is_placed = 2 * error < kernel
     weights = _weighed(moved, plane_of, off_of, group_of, scatter, planes, kernel, variance, is_placed)
     # blocks of H: of a knot, and between it and the next one
     own, joint, pull = np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6, 6)), np.zeros((len(knots), 6))
-    used, found, close, offs, J = 0, 0, 0, np.empty(len(points)), np.empty(6)
-    for p in range(len(points)):
+    used, found, close, offs, J, D = 0, 0, 0, np.empty(len(moved)), np.empty(6), np.empty(6)
+    for p in range(len(moved)):
         s, k, a, off, weight = plane_of[p], knot[p], share[p], off_of[p], weights[p]
         if s < 0:
             continue
@@ -201,7 +210,7 @@ def add_points(
             z -= a * (knots[k + 1, 2, 3] - knots[k, 2, 3])
         J[0], J[1], J[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
         J[3], J[4], J[5] = nx, ny, nz
-        add_normal_variance(planes[s], x, y, z, weight, F)
+        add_normal_variance(planes[s], x, y, z, weight, D, F)
         b = 1 - a
         for i in range(6):
             wi = weight * J[i]

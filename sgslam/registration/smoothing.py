@@ -19,7 +19,7 @@ from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.point_to_plane import add_points
+from sgslam.registration.point_to_plane import add_points, find_planes
 from sgslam.registration.sampling import TimedPoints
 from sgslam.registration.surfel_map import SurfelMap, Surfels
 from sgslam.registration.types import Motion
@@ -123,8 +123,10 @@ def _scan_equations(
 ) -> tuple[Floats, Floats, float]:  # fmt: skip
     n = 6 * len(knots)
     H, g, F = np.zeros((n, n)), np.zeros(n), np.zeros((6, 6))
+    moved, plane_of = np.empty((len(points), 3)), np.empty(len(points), np.int64)
+    find_planes(points, knot, share, knots, surfels, -1.0, weights.gate, error, moved, plane_of)
     residual, _, _ = add_points(
-        points, knot, share, knots, surfels, -1.0, weights.gate, error, kernel, variance, weights.near, 0, H, g, F
+        moved, plane_of, knot, share, knots, surfels.planes, error, kernel, variance, weights.near, 0, H, g, F
     )
     project_out_feigned(H, g, F, weights.feigned)
     return H, g, residual

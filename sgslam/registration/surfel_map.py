@@ -342,10 +342,9 @@ def misfit(plane: Floats, typical: float) -> float:
 
 
 @compiled
-def add_normal_variance(plane: Floats, x: float, y: float, z: float, weight: float, F: Floats) -> None:
+def add_normal_variance(plane: Floats, x: float, y: float, z: float, weight: float, D: Floats, F: Floats) -> None:
     """Adds to the upper triangle of F (6, 6), times a weight, what an error of a plane's normal does to the Jacobian of
-    the distance of a point at (x, y, z) from the sensor; rotation first."""
-    D = np.empty(6)
+    the distance of a point at (x, y, z) from the sensor; rotation first. D (6,) is room to work in."""
     for first, inverse in ((_AXIS_1, plane[_INVERSE_1]), (_AXIS_2, plane[_INVERSE_2])):
         ax, ay, az = plane[first], plane[first + 1], plane[first + 2]
         D[0], D[1], D[2] = y * az - z * ay, z * ax - x * az, x * ay - y * ax

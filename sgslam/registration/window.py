@@ -1,7 +1,9 @@
 """Estimates the knots of a window of scans from their points and the prior of the motion, by Gauss-Newton."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +14,7 @@ from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_pose, add_velocities, velocity_between
-from sgslam.registration.point_to_plane import add_points, rotated_by
+from sgslam.registration.point_to_plane import add_points, find_planes, rotated_by
 from sgslam.registration.surfel_map import Surfels
 
 Floats = NDArray[np.float64]
@@ -145,40 +147,71 @@ def solve(
     from `first_kernel` to that of the weights (m): a wide one finds the way from a poor prediction, a narrow one
     rejects outliers. A point's place counts as known to the difference.
     """
-    knots, H, measured, found, close, residual = _solve(
-        seconds, predicted, prior, motion, points, knot, share, newest, surfels, oldest, first_kernel, weights
-    )
+    knots, n = predicted.copy(), 6 * len(predicted)
+    H, measured, kernel, sigma = np.empty((n, n)), np.empty((n, n)), first_kernel, weights.sigma_point
+    for _ in range(weights.iterations):
+        error = kernel - weights.kernel
+        moved, plane_of = _with_planes(points, knot, share, knots, surfels, oldest, weights.gate, error)
+        residual, found, close, moved_by = _step(
+            seconds, knots, prior, motion, moved, plane_of, knot, share, newest, surfels.planes, error, kernel, sigma,
+            weights, H, measured,
+        )  # fmt: skip
+        if moved_by < weights.convergence:
+            break
+        kernel, sigma = robust_scales(residual, kernel, weights)
     return Solved(seconds, knots, predicted, H, measured, len(points) - newest, found, close, residual)
 
 
-@compiled
-def _solve(
-    seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
-    share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
-) -> tuple[Floats, Floats, Floats, int, int, float]:  # fmt: skip
-    knots, n = predicted.copy(), 6 * len(predicted)
-    H, measured, g, F = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros((6, 6))
-    kernel, found, close, residual, sigma = first_kernel, 0, 0, np.inf, weights.sigma_point
-    for _ in range(weights.iterations):
-        H[:, :], g[:], F[:, :] = 0.0, 0.0, 0.0
-        residual, found, close = add_points(
-            points, knot, share, knots, surfels, oldest, weights.gate, kernel - weights.kernel, kernel, sigma**2,
-            weights.near, newest, H, g, F,
-        )  # fmt: skip
-        project_out_feigned(H, g, F, weights.feigned)
-        measured[:, :] = H
-        add_pose(knots[0], prior.T, prior.information, H, g)
-        add_velocities(
-            seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
+def _with_planes(
+    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float, error: float
+) -> tuple[Floats, Ints]:
+    """What `find_planes` finds, half of it in another thread: it is most of the work."""
+    moved, plane_of = np.empty((len(points), 3)), np.empty(len(points), np.int64)
+
+    def find(own: slice) -> None:
+        find_planes(
+            points[own], knot[own], share[own], knots, surfels, oldest, gate, error, moved[own], plane_of[own]
         )
-        lasted = (seconds[-1] - seconds[0]) / weights.sway_memory
-        add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)
-        step = solved(H, g)
-        update_knots(knots, step)
-        if np.max(np.abs(step)) < weights.convergence:
-            break
-        kernel, sigma = robust_scales(residual, kernel, weights)
-    return knots, H, measured, found, close, residual
+
+    half = len(points) // 2
+    other = _helper(os.getpid()).submit(find, slice(half))
+    find(slice(half, None))
+    other.result()
+    return moved, plane_of
+
+
+@lru_cache(maxsize=1)
+def _helper(process: int) -> ThreadPoolExecutor:
+    """A thread of this process: those of its parent are not there after a fork."""
+    return ThreadPoolExecutor(1)
+
+
+@compiled
+def _step(
+    seconds: Floats, knots: Floats, prior: Prior, motion: MotionPrior, moved: Floats, plane_of: Ints, knot: Ints,
+    share: Floats, newest: int, planes: Floats, error: float, kernel: float, sigma: float, weights: Weights,
+    H: Floats, measured: Floats,
+) -> tuple[float, int, int, float]:  # fmt: skip
+    """Moves the knots by one step of Gauss-Newton; fills in H and what of it is `measured`.
+
+    Returns as `add_points`, and the largest change.
+    """
+    g, F = np.zeros(len(H)), np.zeros((6, 6))
+    H[:, :] = 0.0
+    residual, found, close = add_points(
+        moved, plane_of, knot, share, knots, planes, error, kernel, sigma**2, weights.near, newest, H, g, F
+    )
+    project_out_feigned(H, g, F, weights.feigned)
+    measured[:, :] = H
+    add_pose(knots[0], prior.T, prior.information, H, g)
+    add_velocities(
+        seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
+    )
+    lasted = (seconds[-1] - seconds[0]) / weights.sway_memory
+    add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)
+    step = solved(H, g)
+    update_knots(knots, step)
+    return residual, found, close, float(np.max(np.abs(step)))
 
 
 @compiled
