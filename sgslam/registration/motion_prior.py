@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.registration.point_to_plane import rotated_by, turn_between
+from sgslam.registration.moving_points import rotated_by, turn_between
 
 Floats = NDArray[np.float64]
 

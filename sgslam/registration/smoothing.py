@@ -17,9 +17,10 @@ from scipy.linalg import solveh_banded
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.registration.beliefs import MotionModel
+from sgslam.registration.correspondences import find_planes
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.point_to_plane import add_points, find_planes
+from sgslam.registration.point_to_plane import add_points
 from sgslam.registration.sampling import TimedPoints
 from sgslam.registration.surfel_map import SurfelMap, Surfels
 from sgslam.registration.types import Motion

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.registration.motion_prior import moved_on, velocity_between
-from sgslam.registration.point_to_plane import placed
+from sgslam.registration.moving_points import placed
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -1,9 +1,7 @@
 """Estimates the knots of a window of scans from their points and the prior of the motion, by Gauss-Newton."""
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,9 +10,11 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
+from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_pose, add_velocities, velocity_between
-from sgslam.registration.point_to_plane import add_points, find_planes, rotated_by
+from sgslam.registration.moving_points import rotated_by
+from sgslam.registration.point_to_plane import add_points
 from sgslam.registration.surfel_map import Surfels
 
 Floats = NDArray[np.float64]
@@ -151,7 +151,7 @@ def solve(
     H, measured, kernel, sigma = np.empty((n, n)), np.empty((n, n)), first_kernel, weights.sigma_point
     for _ in range(weights.iterations):
         error = kernel - weights.kernel
-        moved, plane_of = _with_planes(points, knot, share, knots, surfels, oldest, weights.gate, error)
+        moved, plane_of = planes_of(points, knot, share, knots, surfels, oldest, weights.gate, error)
         residual, found, close, moved_by = _step(
             seconds, knots, prior, motion, moved, plane_of, knot, share, newest, surfels.planes, error, kernel, sigma,
             weights, H, measured,
@@ -160,30 +160,6 @@ def solve(
             break
         kernel, sigma = robust_scales(residual, kernel, weights)
     return Solved(seconds, knots, predicted, H, measured, len(points) - newest, found, close, residual)
-
-
-def _with_planes(
-    points: Floats, knot: Ints, share: Floats, knots: Floats, surfels: Surfels, oldest: float, gate: float, error: float
-) -> tuple[Floats, Ints]:
-    """What `find_planes` finds, half of it in another thread: it is most of the work."""
-    moved, plane_of = np.empty((len(points), 3)), np.empty(len(points), np.int64)
-
-    def find(own: slice) -> None:
-        find_planes(
-            points[own], knot[own], share[own], knots, surfels, oldest, gate, error, moved[own], plane_of[own]
-        )
-
-    half = len(points) // 2
-    other = _helper(os.getpid()).submit(find, slice(half))
-    find(slice(half, None))
-    other.result()
-    return moved, plane_of
-
-
-@lru_cache(maxsize=1)
-def _helper(process: int) -> ThreadPoolExecutor:
-    """A thread of this process: those of its parent are not there after a fork."""
-    return ThreadPoolExecutor(1)
 
 
 @compiled

@@ -1,9 +1,12 @@
 """What points tell of the sensor's place: all of them together no more than their plane is one."""
 
+import multiprocessing
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sgslam.registration.correspondences import planes_of
 from sgslam.registration.motion_prior import add_height
 from sgslam.registration.point_to_plane import add_points
 from sgslam.registration.surfel_map import SurfelMap
@@ -37,10 +40,11 @@ def told(rough: float, error: float, seed: int, per_cell: int = 40) -> float:
     for chosen in (np.ones(len(both), bool), ~own):
         H[:], g[:], F[:] = 0, 0, 0
         chosen_points = both[chosen]
+        knot, share, knots = np.zeros(len(chosen_points), np.int64), np.zeros(len(chosen_points)), np.eye(4)[None]
+        moved, plane_of = planes_of(chosen_points, knot, share, knots, surfels.arrays, -1.0, 1.2, error)
         add_points(
-            chosen_points, np.zeros(len(chosen_points), np.int64), np.zeros(len(chosen_points)), np.eye(4)[None],
-            surfels.arrays, -1.0, 1.2, error, KERNEL + error, 0.1**2, 0.1, 0, H, g, F,
-        )  # fmt: skip
+            moved, plane_of, knot, share, knots, surfels.planes, error, KERNEL + error, 0.1**2, 0.1, 0, H, g, F
+        )
         total.append(float(H[5, 5]))
     return total[0] - total[1]
 
@@ -73,3 +77,24 @@ def test_only_a_known_height_is_taken_for_a_climb() -> None:
     assert height_pull(0.05, 0.0) > 1.2
     assert height_pull(0.5, 0.0) < 0.1
     assert height_pull(0.5, 0.3**2) > 1.2
+
+
+def planes_found(count: int) -> list[int]:
+    """The planes of so many points of a known floor."""
+    known = floor(0.0, 12800, 0)
+    surfels = SurfelMap()
+    surfels.add(known, known / np.linalg.norm(known, axis=1)[:, None], 0.0, 100.0)
+    points = np.hstack([known[:count], np.zeros((count, 3))])
+    knot, share = np.zeros(count, np.int64), np.zeros(count)
+    return [int(s) for s in planes_of(points, knot, share, np.eye(4)[None], surfels.arrays, -1.0, 1.2, 0.0)[1]]
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 7])
+def test_each_point_has_its_plane_whatever_their_number(count: int) -> None:
+    assert planes_found(count) == planes_found(100)[:count]
+
+
+def test_planes_are_found_after_a_fork() -> None:
+    here = planes_found(100)
+    with multiprocessing.get_context("fork").Pool(1) as forked:
+        assert forked.apply_async(planes_found, (100,)).get(timeout=60) == here
