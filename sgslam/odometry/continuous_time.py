@@ -15,6 +15,7 @@ from sgslam.odometry.base import Odometry, State
 from sgslam.registration import Health, Motion, Registration, SurfelMap
 from sgslam.registration.attempts import best_attempt
 from sgslam.registration.beliefs import Belief, MotionModel
+from sgslam.registration.free_space import share_seen_through
 from sgslam.registration.health import judged
 from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.relocation import likely_poses
@@ -159,7 +160,10 @@ class ContinuousTimeOdometry:
         """Adds the older scan to the map and remembers the newest one, unless it is lost."""
         covariance = solved.covariance_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
         relative = solved.share / max(self._usual, 1e-9) if self._scans > 2 else 1.0
-        health, unconstrained = judged(solved, covariance, relative, self._lost, self._settings)
+        through = 0.0
+        if self._lost or relative < self._settings.suspicious:
+            through = self._seen_through(scan, solved.knots[firsts[-1] :])
+        health, unconstrained = judged(solved, covariance, relative, through, self._lost, self._settings)
         interval = float(scan.knot_seconds[-1]) - self._beliefs[-1].seconds
         if health == "lost":
             return self._lose(scan, solved.share)
@@ -175,6 +179,12 @@ class ContinuousTimeOdometry:
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
         self._usual += weight * (solved.share - self._usual)
         return _Found(knots, covariance, health, solved.share, unconstrained)
+
+    def _seen_through(self, scan: TimedPoints, knots: Floats) -> float:
+        """The share of a scan's rays that pass through surfaces of the map, with its knots at (K, 4, 4)."""
+        points, _ = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
+        oldest = self._way - self._settings.local_map
+        return share_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest)
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
         """A scan that tells nothing, or does not fit the map: its pose is a prediction."""

@@ -35,6 +35,7 @@ _BEYOND = 0.25  # m, by which a surface may go on beyond its seen extent in the 
 _GRAZING = 0.1  # sine of the angle between rays and plane, at least: one ring around a corner of a room is none
 _SHIFT = 0.11  # m, of the cells: walls at round distances from where a run begins are not on their borders
 _BITS = 20  # of a cell's index along one axis
+_FOLLOWED = 1  # of the grids, the one in which rays are followed
 # columns of a surfel's row
 _COUNT, _SUM, _SQUARES, _RAY, _CHANGED = 0, 1, 4, 10, 13
 _SUMS = 14
@@ -326,6 +327,27 @@ def nearest_plane(
         if planes[best, _ACROSS] + spread < _FINER * lowest:
             chosen, lowest, distance = best, planes[best, _ACROSS] + spread, least
     return chosen
+
+
+@compiled
+def is_met_between(sensor: Floats, ray: Floats, at: float, end: float, surfels: Surfels, oldest: float) -> bool:
+    """Whether the cell `at` so many metres from a sensor (3,) along a unit ray (3,) has a surface, of the side seen,
+    that the ray meets there, before its `end` (m)."""
+    keys, first, other, planes, seen = surfels
+    key = _key(sensor[0] + at * ray[0], sensor[1] + at * ray[1], sensor[2] + at * ray[2], _FOLLOWED)
+    place = _place(key, keys)
+    s = first[place] if keys[place] == key else -1
+    while s >= 0:
+        plane = planes[s]
+        towards = plane[0] * ray[0] + plane[1] * ray[1] + plane[2] * ray[2]
+        if plane[_VALID] > 0 and seen[s] >= oldest and towards < -_GRAZING:
+            before, _, _ = _in_plane(sensor[0], sensor[1], sensor[2], plane)
+            t = -before / towards
+            x, y, z = sensor[0] + t * ray[0], sensor[1] + t * ray[1], sensor[2] + t * ray[2]
+            if 0 < t < end and _key(x, y, z, _FOLLOWED) == key and _is_within(x, y, z, plane, 0.0):
+                return True
+        s = other[s]
+    return False
 
 
 @compiled

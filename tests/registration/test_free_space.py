@@ -1,0 +1,51 @@
+"""A scan at a wrong pose sees through known walls; at its own it does not, whatever lies behind the walls."""
+
+import numpy as np
+import pytest
+from boxes import Array, Box, pose, room, scan, scene_of
+
+from sgslam.geometry.frames import transform_points
+from sgslam.registration import SurfelMap
+from sgslam.registration.free_space import share_seen_through
+
+SMALL, LARGE = room(-2, -2, 2, 2), room(-4, -4, 4, 4)
+HERE = pose(0.3, 0.2, 1.2)
+
+
+def known(boxes: list[Box]) -> SurfelMap:
+    """A room as a few scans show it."""
+    surfels = SurfelMap()
+    for k, (x, y) in enumerate([(0.0, 0.0), (0.5, 0.2), (-0.5, 0.4), (0.2, -0.6)]):
+        T = pose(x, y, 1.2, yaw=0.3 * k, pitch=0.1 * k)
+        points = scan(scene_of(boxes), T, seed=k)
+        turned = points @ T[:3, :3].T
+        surfels.add(turned + T[:3, 3], turned / np.linalg.norm(turned, axis=1, keepdims=True), 0.0, 100.0)
+    return surfels
+
+
+def through(boxes: list[Box], T: Array, surfels: SurfelMap) -> float:
+    points = transform_points(T, scan(scene_of(boxes), T, seed=9))
+    return share_seen_through(points, T[:3, 3].copy(), surfels.arrays, -1.0)
+
+
+def test_no_ray_passes_the_walls_of_its_own_room() -> None:
+    assert through(SMALL, HERE, known(SMALL)) < 0.01
+    assert through(LARGE, HERE, known(LARGE)) < 0.01
+
+
+def test_most_rays_from_a_larger_room_pass_the_walls_of_a_smaller_one() -> None:
+    assert through(LARGE, HERE, known(SMALL)) > 0.5
+    assert through(SMALL, HERE, known(LARGE)) < 0.01
+
+
+def test_the_far_side_of_a_wall_hides_nothing() -> None:
+    """From outside, a room's inner faces are not what a ray meets."""
+    surfels, T = known(SMALL), pose(3.0, 0.0, 1.2)
+    beyond = np.array([[1.5, 0.0, 1.0], [1.4, 0.3, 1.2]]).repeat(8, axis=0)
+    assert share_seen_through(beyond, T[:3, 3].copy(), surfels.arrays, -1.0) == 0.0
+
+
+@pytest.mark.parametrize(("past", "expected"), [(0.4, 0.0), (0.7, 1.0)])
+def test_a_point_just_behind_a_wall_may_be_of_that_wall(past: float, expected: float) -> None:
+    point = np.array([[2.0 + past, 0.0, 1.2]])
+    assert share_seen_through(point, np.array([0.0, 0.0, 1.2]), known(SMALL).arrays, -1.0) == expected
