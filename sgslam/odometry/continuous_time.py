@@ -49,14 +49,14 @@ class ContinuousTimeOdometry:
 
     _STATE = (
         "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs",
-        "residual", "_up", "_early",
+        "residual", "_up", "_early", "_lost_at",
     )  # fmt: skip
 
     def __init__(self, settings: TrackingSettings) -> None:
         self._settings, self._model, self._weights = settings, MotionModel(settings), Weights.of(settings)
         self._map, self._side = SurfelMap(), 0.0
         self._first_ns: int | None = None
-        self._scans, self._lost = 0, False
+        self._scans, self._lost, self._lost_at = 0, False, -np.inf  # the latter: seconds, of the last lost scan
         self._up: Floats | None = None  # in `odom`, once it is known
         self._way, self._usual = 0.0, 0.0  # m; share of a scan's points on known surfaces
         self._height = 0.0  # m, the usual one along `up`
@@ -160,10 +160,8 @@ class ContinuousTimeOdometry:
         """Adds the older scan to the map and remembers the newest one, unless it is lost."""
         covariance = solved.covariance_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
         relative = solved.share / max(self._usual, 1e-9) if self._scans > 2 else 1.0
-        through = 0.0
-        if self._lost or relative < self._settings.suspicious:
-            through = self._seen_through(scan, solved.knots[firsts[-1] :])
-        health, unconstrained = judged(solved, covariance, relative, through, self._lost, self._settings)
+        sees_through = self._sees_through(scan, solved.knots[firsts[-1] :], relative)
+        health, unconstrained = judged(solved, covariance, relative, sees_through, self._lost, self._settings)
         interval = float(scan.knot_seconds[-1]) - self._beliefs[-1].seconds
         if health == "lost":
             return self._lose(scan, solved.share)
@@ -180,11 +178,19 @@ class ContinuousTimeOdometry:
         self._usual += weight * (solved.share - self._usual)
         return _Found(knots, covariance, health, solved.share, unconstrained)
 
-    def _seen_through(self, scan: TimedPoints, knots: Floats) -> float:
-        """The share of a scan's rays that pass through surfaces of the map, with its knots at (K, 4, 4)."""
+    def _sees_through(self, scan: TimedPoints, knots: Floats, relative: float) -> bool:
+        """Whether too many rays of a suspicious scan, its knots at (K, 4, 4), pass through surfaces of the map.
+
+        A place where the sensor is found again is suspicious until the usual share of points is that of this place.
+        """
+        settings = self._settings
+        is_new = float(scan.knot_seconds[-1]) - self._lost_at < settings.usual_memory
+        if not is_new and relative >= settings.suspicious:
+            return False
         points, _ = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
-        oldest = self._way - self._settings.local_map
-        return share_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest)
+        oldest = self._way - settings.local_map
+        through = share_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest)
+        return through > settings.seen_through * (0.5 if is_new else 1.0)
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
         """A scan that tells nothing, or does not fit the map: its pose is a prediction."""
@@ -192,7 +198,7 @@ class ContinuousTimeOdometry:
             self._add(self._older, self._older_knots)
         before = self._beliefs[-1] if self._beliefs else self._model.begin(float(scan.knot_seconds[0]))
         belief = self._model.unobserved(before, float(scan.knot_seconds[-1]))
-        self._lost, self._older = True, None
+        self._lost, self._lost_at, self._older = True, float(scan.knot_seconds[-1]), None
         self._beliefs = [belief] if self._beliefs else []
         knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
         return _Found(knots, belief.covariance, "lost", share)

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from boxes import Array, Box, pose, room, scan, scene_of
 
+from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import transform_points
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.registration import SurfelMap
 from sgslam.registration.free_space import share_seen_through
 
@@ -49,3 +51,19 @@ def test_the_far_side_of_a_wall_hides_nothing() -> None:
 def test_a_point_just_behind_a_wall_may_be_of_that_wall(past: float, expected: float) -> None:
     point = np.array([[2.0 + past, 0.0, 1.2]])
     assert share_seen_through(point, np.array([0.0, 0.0, 1.2]), known(SMALL).arrays, -1.0) == expected
+
+
+def last_health(there: list[Box], **settings: float) -> str:
+    """The health of a scan in another room, after some in the small one: both share two walls and a corner."""
+    odometry = ContinuousTimeOdometry(TrackingSettings(**settings))
+    here = scene_of(SMALL)
+    for k in range(8):
+        odometry.register(k * 100_000_000, scan(here, pose(0.05 * k, 0.2, 1.2), seed=k))
+    return odometry.register(800_000_000, scan(scene_of(there), pose(0.4, 0.2, 1.2), seed=8)).health
+
+
+def test_a_room_whose_walls_stand_behind_the_known_ones_is_another_one() -> None:
+    larger = room(-2, -2, 3.5, 3.5)
+    assert last_health(larger) == "lost"
+    assert last_health(larger, seen_through=1.0) != "lost"  # half of its points are where walls were known
+    assert last_health(room(-2, -2, 2, 3.5)) != "lost"  # one wall is gone: a wide door was opened
