@@ -150,7 +150,8 @@ def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifco
             if key(storey) in {key(n) for n in (s.GlobalId, s.Name, s.LongName) if n}:
                 return s
     names = ", ".join(f"'{s.Name or s.GlobalId}'" for s in storeys) or "none"
-    raise UserError(f"{ifc}: no storey '{storey}'; it has: {names}")
+    missing = f"no storey '{storey}'" if storey else "which storey is not said"
+    raise UserError(f"{ifc}: {missing}; it has: {names}")
 
 
 def _is_any(entity: ifcopenshell.entity_instance, classes: tuple[str, ...]) -> bool:

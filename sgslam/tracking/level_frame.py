@@ -88,6 +88,9 @@ class LevelFrame(Stateful):
             _log.warning("%s", self.advice)
         elif not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45)):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
+        if found is not None:
+            stands = "upright" if settings.mount is None else "its stated mount"
+            _log.info("the sensor begins %.0f degrees off %s, as its surroundings show", np.degrees(tilt), stands)
         self.known, self.likely_up, self._chosen = True, up, []
 
     def _estimate(self, results: list[Registration]) -> Gravity | None:
