@@ -28,7 +28,10 @@ def planes_of(
     half = len(points) // 2
     other = _helper(os.getpid()).submit(find, slice(half))
     find(slice(half, None))
-    other.result()
+    if other.cancel():  # no core was free for it
+        find(slice(half))
+    else:
+        other.result()
     return moved, plane_of
 
 
