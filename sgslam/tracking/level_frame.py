@@ -89,9 +89,17 @@ class LevelFrame(Stateful):
         elif not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45)):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
         if found is not None:
-            stands = "upright" if settings.mount is None else "its stated mount"
-            _log.info("the sensor begins %.0f degrees off %s, as its surroundings show", np.degrees(tilt), stands)
+            self._tell(float(np.degrees(tilt)))
         self.known, self.likely_up, self._chosen = True, up, []
+
+    def _tell(self, tilt_deg: float) -> None:
+        if self._settings.mount is not None:
+            _log.info("the sensor begins %.0f degrees off its stated mount, as its surroundings show", tilt_deg)
+            return
+        _log.info(  # in one building of three the surfaces of the first seconds look alike both ways up, or worse
+            "the sensor begins %.0f degrees off upright, as its surroundings show; whether it hangs upside down they "
+            "do not tell for sure: if so, state --mount 180,0,0", tilt_deg,
+        )  # fmt: skip
 
     def _estimate(self, results: list[Registration]) -> Gravity | None:
         """What the surfaces of all scans tell, in the frame of the first pose."""
