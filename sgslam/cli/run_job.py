@@ -168,7 +168,7 @@ class Run:
         seconds = {**result.seconds, "bim": job.bim_seconds, **self.progress.seconds, "total": total}
         more: dict[str, Any] = {"scans_skipped": skipped_scans, "seconds": seconds}
         more["cpu_seconds"] = cpu_seconds  # of all threads
-        more["told"] = self._hints
+        more["told"] = {**self._hints, "mount": job.config.tracking.mount}
         if job.truth is not None:
             more["accuracy"] = _accuracy(result, job.truth)
         metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more)
