@@ -15,7 +15,8 @@ Ints = NDArray[np.int64]
 _FIRST_SIDE, _FINEST_SIDE = 0.03, 0.05  # m between the points that are used: in the first scan, and least
 _PATCH = 0.25  # m, of the cells whose points show the normal of a scan's surface
 _LEAST = 8  # points of such a cell
-_FLAT = 9.0  # times the variance across, that along a surface in its narrower direction at least
+_FLAT = 4.0  # times the variance across, that along a surface in its narrower direction at least
+_NOISE = 0.02  # m, standard deviation of a range: by it alone, the points of one ring spread along their rays
 _SHORTEST = 1e-3  # s; a shorter scan is a snapshot
 
 
@@ -140,7 +141,7 @@ def normals_at(points: Floats, chosen: Ints, side: float) -> Floats:
                         C[i, j] = C[j, i] = own[at] / n - own[1 + i] * own[1 + j] / (n * n)
                         at += 1
                 values, axes = eigen(C)
-                if values[1] > _FLAT * values[0]:
+                if values[1] > _FLAT * max(values[0], _NOISE**2):
                     found[place, :3] = axes[:, 0]
         normals[m] = found[place, :3]
     return normals

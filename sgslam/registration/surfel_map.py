@@ -287,7 +287,8 @@ def nearest_plane(
     ceiling that ends there. Of the planes in the cells of several sizes, that of the largest, unless a smaller one
     predicts the point clearly better: large cells give true normals, since beams have biases, and small ones follow
     what is not flat. Where it does not fit, the plane of the next cell may, if the point is near the border: a wall
-    that goes on for a hand's breadth below a ceiling has no plane of its own there.
+    that goes on for a hand's breadth below a ceiling has no plane of its own there. A point of unknown normal that may
+    be on two surfaces is on neither.
     """
     keys, first, other, planes, seen = surfels
     x, y, z = point
@@ -326,7 +327,37 @@ def nearest_plane(
         _, spread = plane_residual(x, y, z, planes[best])
         if planes[best, _ACROSS] + spread < _FINER * lowest:
             chosen, lowest, distance = best, planes[best, _ACROSS] + spread, least
+    if unknown and chosen >= 0 and _may_be_on_another(point, sensor, error, planes[chosen], surfels, oldest):
+        chosen = -1
     return chosen
+
+
+@compiled
+def _may_be_on_another(
+    point: Floats, sensor: Floats, error: float, plane: Floats, surfels: Surfels, oldest: float
+) -> bool:  # fmt: skip
+    """Whether a point (3,) that may be on a plane may as well be on one of another direction, which ends near by.
+
+    A ring of beams that leaves a ceiling goes on along the wall below it, at heights where that was not seen before:
+    taken for the ceiling, it would lift the sensor.
+    """
+    keys, first, other, planes, seen = surfels
+    x, y, z = point
+    nx, ny, nz = _BEYOND * plane[0], _BEYOND * plane[1], _BEYOND * plane[2]
+    for cell in range(len(SIDES)):
+        key = _key(x + nx, y + ny, z + nz, cell)
+        place = _place(key, keys)
+        s = first[place] if keys[place] == key else -1
+        while s >= 0:
+            own = planes[s]
+            alike = abs(plane[0] * own[0] + plane[1] * own[1] + plane[2] * own[2]) > _ALIKE
+            if not alike and seen[s] >= oldest and own[_VALID] > 0 and _seen_from(point, sensor, own):
+                off, spread = plane_residual(x, y, z, own)
+                fits = off * off < _FITS**2 * (own[_ACROSS] + spread)
+                if fits and _is_within(x, y, z, own, error + _BEYOND):
+                    return True
+            s = other[s]
+    return False
 
 
 @compiled

@@ -75,19 +75,43 @@ def test_a_plane_ends_where_it_was_seen(beyond: float, error: float, known: bool
     assert (_nearest((2.4, 0.3, 1.5 + beyond), -_AHEAD, surfels, error=error) >= 0) == known
 
 
-@pytest.mark.parametrize(
-    ("height", "is_on_wall"),
-    [
-        (1.92, True),  # off the ceiling, in the cell above the wall's, which has only a strip of it
-        (1.985, False),  # it fits the ceiling
-        (2.15, False),  # more than a hand's breadth beyond the wall's cell
-    ],
-)
-def test_a_wall_goes_on_beyond_its_cell_below_a_ceiling(height: float, is_on_wall: bool) -> None:
+def _below_a_ceiling() -> SurfelMap:
+    """A wall at x = 2.4 m, seen up to a height of 1.85 m, and the ceiling at 2 m."""
     surfels, rng = SurfelMap(), np.random.default_rng(0)
     wall = _wall(2.4, 0.005, 0)
     _added(surfels, wall[wall[:, 2] < 1.85], _AHEAD)
     ceiling = np.c_[rng.uniform(1, 2.4, 4000), rng.uniform(-2, 2, 4000), 2.0 + rng.normal(0, 0.005, 4000)]
     _added(surfels, ceiling, np.array([0.8, 0.0, 0.6]))
+    return surfels
+
+
+@pytest.mark.parametrize(
+    ("height", "is_on_wall"),
+    [
+        (1.92, True),  # off the ceiling, in the cell above the wall's, which has only a strip of it
+        (2.15, False),  # more than a hand's breadth beyond the wall's cell
+    ],
+)
+def test_a_wall_goes_on_beyond_its_cell_below_a_ceiling(height: float, is_on_wall: bool) -> None:
+    surfels = _below_a_ceiling()
     found = _nearest((2.39, 0.3, height), np.array([-1.8, 0.0, -1.0]), surfels)
     assert abs(surfels.arrays.planes[found, 0 if is_on_wall else 2]) > 0.99
+
+
+@pytest.mark.parametrize(("off_the_wall", "known"), [(0.0, False), (0.01, False), (0.03, True), (0.3, True)])
+def test_a_point_that_fits_a_ceiling_and_the_wall_below_it_is_on_neither(off_the_wall: float, known: bool) -> None:
+    surfels = _below_a_ceiling()
+    found = _nearest((2.4 - off_the_wall, 0.3, 1.985), np.array([-1.8, 0.0, -1.0]), surfels)
+    assert (found >= 0) == known
+    assert not known or surfels.arrays.planes[found, 2] < -0.99
+
+
+@pytest.mark.parametrize(("normal", "column"), [((0.0, 0.0, 1.0), 2), ((1.0, 0.0, 0.0), 0)])
+def test_where_the_scan_shows_the_normal_the_surface_is_known(
+    normal: tuple[float, float, float], column: int
+) -> None:  # fmt: skip
+    surfels = _below_a_ceiling()
+    at = np.array([2.39, 0.3, 1.985 if column else 1.84])
+    sensor = at + np.array([-1.8, 0.0, -1.0])
+    found = nearest_plane(at, sensor, np.array(normal), 1.2, 0.0, surfels.arrays, -100.0)
+    assert abs(surfels.arrays.planes[found, column]) > 0.99
