@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sgslam.registration import SurfelMap
-from sgslam.registration.surfel_map import nearest_plane
+from sgslam.registration.plane_search import nearest_plane
 
 Array = NDArray[np.float64]
 _AHEAD = np.array([1.0, 0.0, 0.0])

@@ -1,0 +1,150 @@
+"""Finds the plane of a surfel map that a point lies on, or that a ray meets."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.compiled import compiled
+from sgslam.registration.surfel_cells import SHIFT, SIDES, key_of, place_of
+from sgslam.registration.surfel_planes import ACROSS, GRAZING, MEAN, NORMAL, VALID, in_plane, is_within, plane_residual
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
+_ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
+_FITS = 2.0  # times the standard deviation: a point farther from its plane may be on one of the next cell
+_BEYOND = 0.25  # m, by which a surface may go on beyond its seen extent in the next cell
+_FOLLOWED = 1  # of the grids, the one in which rays are followed
+
+
+class Surfels(NamedTuple):
+    """What a registration reads of a map: the hash table, each surfel's other side, planes, and when they were seen."""
+
+    keys: Ints
+    first: Ints
+    other: Ints
+    planes: Floats
+    seen: Floats
+
+
+@compiled
+def _seen_from(point: Floats, sensor: Floats, plane: Floats) -> bool:
+    """Whether a sensor (3,) stands before a plane, on the side that was seen, and looks at a point (3,) from there.
+
+    Who has come to a slab's height no longer sees its underside.
+    """
+    towards, before = 0.0, 0.0
+    for i in range(3):
+        towards += plane[NORMAL + i] * (point[i] - sensor[i])
+        before += plane[NORMAL + i] * (sensor[i] - plane[MEAN + i])
+    return towards < 0 and before > 0
+
+
+@compiled
+def nearest_plane(
+    point: Floats, sensor: Floats, normal: Floats, gate: float, error: float, surfels: Surfels, oldest: float
+) -> int:
+    """The plane within `gate` (m) of a point (3,) seen by a sensor at (3,), -1 for none.
+
+    Where the scan itself shows the normal (3,) of its surface there (else zero), the plane's is within 60 degrees of
+    it: the edge of a slab is not its floor.
+
+    A point beyond a plane's extent, by more than its own `error` (m), is not on it: a wall's points are not on the
+    ceiling that ends there. Of the planes in the cells of several sizes, that of the largest, unless a smaller one
+    predicts the point clearly better: large cells give true normals, since beams have biases, and small ones follow
+    what is not flat. Where it does not fit, the plane of the next cell may, if the point is near the border: a wall
+    that goes on for a hand's breadth below a ceiling has no plane of its own there. A point of unknown normal that may
+    be on two surfaces is on neither.
+    """
+    keys, first, other, planes, seen = surfels
+    x, y, z = point
+    nx, ny, nz = normal
+    unknown = nx == 0.0 and ny == 0.0 and nz == 0.0
+    chosen, lowest, distance = -1, math.inf, math.inf
+    levels, largest = len(SIDES), SIDES[0]
+    for cell in range(levels + 3):
+        if cell < levels:
+            key, best, least, margin = key_of(x, y, z, cell), -1, gate, error
+        else:
+            if chosen < 0 or distance < _FITS * math.sqrt(lowest):
+                break
+            axis = cell - levels
+            within = (point[axis] + SHIFT) % largest
+            if _BEYOND < within < largest - _BEYOND:
+                continue
+            step = -largest if within < _BEYOND else largest
+            key = key_of(x + step * (axis == 0), y + step * (axis == 1), z + step * (axis == 2), 0)
+            best, least, margin = -1, distance / 2, error + _BEYOND
+        place = place_of(key, keys)
+        s = first[place] if keys[place] == key else -1
+        while s >= 0:
+            plane = planes[s]
+            alike = unknown or abs(plane[0] * nx + plane[1] * ny + plane[2] * nz) > _ALIKE
+            if alike and seen[s] >= oldest and plane[VALID] > 0 and _seen_from(point, sensor, plane):
+                off, _ = plane_residual(x, y, z, plane)
+                if abs(off) < least and is_within(x, y, z, plane, margin):
+                    best, least = s, abs(off)
+            s = other[s]
+        if best < 0:
+            continue
+        if cell >= levels:
+            chosen, distance = best, least
+            continue
+        _, spread = plane_residual(x, y, z, planes[best])
+        if planes[best, ACROSS] + spread < _FINER * lowest:
+            chosen, lowest, distance = best, planes[best, ACROSS] + spread, least
+    if unknown and chosen >= 0 and _may_be_on_another(point, sensor, error, planes[chosen], surfels, oldest):
+        chosen = -1
+    return chosen
+
+
+@compiled
+def _may_be_on_another(
+    point: Floats, sensor: Floats, error: float, plane: Floats, surfels: Surfels, oldest: float
+) -> bool:  # fmt: skip
+    """Whether a point (3,) that may be on a plane may as well be on one of another direction, which ends near by.
+
+    A ring of beams that leaves a ceiling goes on along the wall below it, at heights where that was not seen before:
+    taken for the ceiling, it would lift the sensor.
+    """
+    keys, first, other, planes, seen = surfels
+    x, y, z = point
+    nx, ny, nz = _BEYOND * plane[0], _BEYOND * plane[1], _BEYOND * plane[2]
+    for cell in range(len(SIDES)):
+        key = key_of(x + nx, y + ny, z + nz, cell)
+        place = place_of(key, keys)
+        s = first[place] if keys[place] == key else -1
+        while s >= 0:
+            own = planes[s]
+            alike = abs(plane[0] * own[0] + plane[1] * own[1] + plane[2] * own[2]) > _ALIKE
+            if not alike and seen[s] >= oldest and own[VALID] > 0 and _seen_from(point, sensor, own):
+                off, spread = plane_residual(x, y, z, own)
+                fits = off * off < _FITS**2 * (own[ACROSS] + spread)
+                if fits and is_within(x, y, z, own, error + _BEYOND):
+                    return True
+            s = other[s]
+    return False
+
+
+@compiled
+def is_met_between(sensor: Floats, ray: Floats, at: float, end: float, surfels: Surfels, oldest: float) -> bool:
+    """Whether the cell `at` so many metres from a sensor (3,) along a unit ray (3,) has a surface, of the side seen,
+    that the ray meets there, before its `end` (m)."""
+    keys, first, other, planes, seen = surfels
+    key = key_of(sensor[0] + at * ray[0], sensor[1] + at * ray[1], sensor[2] + at * ray[2], _FOLLOWED)
+    place = place_of(key, keys)
+    s = first[place] if keys[place] == key else -1
+    while s >= 0:
+        plane = planes[s]
+        towards = plane[0] * ray[0] + plane[1] * ray[1] + plane[2] * ray[2]
+        if plane[VALID] > 0 and seen[s] >= oldest and towards < -GRAZING:
+            before, _, _ = in_plane(sensor[0], sensor[1], sensor[2], plane)
+            t = -before / towards
+            x, y, z = sensor[0] + t * ray[0], sensor[1] + t * ray[1], sensor[2] + t * ray[2]
+            if 0 < t < end and key_of(x, y, z, _FOLLOWED) == key and is_within(x, y, z, plane, 0.0):
+                return True
+        s = other[s]
+    return False
