@@ -20,6 +20,7 @@ from sgslam.perception import RawScan, checked_scan
 from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
+from sgslam.session.scan_uncertainty import live_sigma
 from sgslam.session.second_pass import second_pass
 from sgslam.session.snapshot import take_snapshot
 from sgslam.tracking import TrackedScan
@@ -165,6 +166,23 @@ class SceneGraphSlam:
     def T_bim_map(self) -> Floats | None:  # noqa: N802
         """(4, 4) the current pose of the map in the BIM frame; None while it is not anchored."""
         return self._map.T_bim_map
+
+    def sigma(self) -> Floats:
+        """(6,) the standard deviations of the newest pose: along x, y, z (m) and about them (rad), in the BIM frame if
+        the map is anchored, else in the map frame. NaN before the first optimisation and while scans wait.
+
+        It takes as long as an optimisation, some milliseconds to tens of them, and does not affect the run.
+        """
+        current, settings = self._map, self._config.odometry
+        if not current.scans or current.tracker.newest is not None:
+            return np.full(6, np.nan)
+        newest, T_bim_map = current.scans[-1], self.T_bim_map
+        T_map_sensor, covariance = newest.T_map_sensor, newest.covariance
+        if self._lost:
+            T_map_sensor = current.T_map_odom @ self._lost[-1].T_odom_sensor
+            covariance = self._lost[-1].covariance
+        R = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
+        return live_sigma(current.scans, T_map_sensor, covariance, current.backend, R, settings)
 
     @property
     def T_prior_map(self) -> Floats | None:  # noqa: N802

@@ -231,6 +231,13 @@ class Backend:
             before = self.keyframes[i - 1].T_map_sensor
             self.keyframes[i].T_map_sensor = before @ step if _usable(step) else before
 
+    @property
+    def newest_in_optimum(self) -> int | None:
+        """The newest keyframe of the last successful optimisation of this process; None before the first."""
+        if self._optimum is None:
+            return None
+        return next(k for k in reversed(range(len(self.keyframes))) if self._optimum[1].exists(X(k)))
+
     def uncertainty(self) -> Uncertainty | None:
         """The covariances of the last successful optimisation; None where there was none, or a variable is free."""
         if self._optimum is None:

@@ -115,6 +115,27 @@ def _variances(
     return np.asarray(variances + alone + (share * (1 - share))[:, None] * step)
 
 
+def live_sigma(
+    scans: list[ScanPose], T_map_sensor: Floats, covariance: Floats, backend: Backend, R_frame_map: Floats,
+    settings: OdometrySettings,
+) -> Floats:  # fmt: skip
+    """(6,) the standard deviations of the newest pose (4, 4), tracked with a covariance (6, 6), along (m) and about
+    (rad) the axes of a frame to which (3, 3) turns the map; NaN before the first optimisation.
+
+    The pose is as uncertain as the newest keyframe of that optimisation, and what it was tracked worse since then.
+    """
+    newest, uncertainty = backend.newest_in_optimum, backend.uncertainty()
+    if newest is None or uncertainty is None:
+        return np.full(6, np.nan)
+    keyframe, steps = backend.keyframes[newest], len(backend.keyframes) - 1 - newest
+    R_frame_keyframe = (R_frame_map @ keyframe.T_map_sensor[:3, :3])[None]
+    known = _along_axes(uncertainty.pose_covariances([newest]), R_frame_keyframe)
+    before = _along_axes(scans[keyframe.scan].covariance[None], R_frame_keyframe)
+    tracked = _along_axes(covariance[None], (R_frame_map @ T_map_sensor[:3, :3])[None])
+    step = np.repeat([settings.sigma_translation, settings.sigma_rotation], 3) ** 2
+    return np.asarray(np.sqrt(known + np.maximum(tracked - before, _OWN * tracked) + steps * step)[0])
+
+
 def _along_axes(covariances: Floats, R: Floats) -> Floats:
     """(N, 6) variances along, then about the axes to which R (N, 3, 3) turns, of covariances (N, 6, 6)."""
     along, about = (np.einsum("nij,njk,nik->ni", R, covariances[:, own, own], R) for own in (slice(3, 6), slice(3)))
