@@ -168,7 +168,7 @@ def placement(data: ReportData, floor: Floor | None) -> tuple[Array, str]:
     The plan's frame is the BIM frame where there is a BIM, else the map frame.
     """
     if data.a_graph is None:
-        return np.eye(4), "The map (no BIM was given)"
+        return np.eye(4), "The map (no plan was given)"
     T_plan_map, remark = _place(data, floor)
     if not data.placed:
         return T_plan_map, f"{data.s_graph.floors[0].id} of the map: not placed in the plan"

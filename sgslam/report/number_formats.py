@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+NO_PLAN = "no plan was given"  # the reason of a run that only makes a map
 NOTHING = "\N{EN DASH}"
 SIGNALS = {  # the names in metrics.json: phrase, unit, and which side of the limit is sound
     "map_against_odometry": ("map against odometry, share of the way", " %", "at most"),

@@ -8,16 +8,16 @@ from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
 from sgslam.report.hypothesis_plans import hypothesis_texts
-from sgslam.report.number_formats import NOTHING, metres, seconds, signal_texts, thousands
+from sgslam.report.number_formats import NO_PLAN, NOTHING, metres, seconds, signal_texts, thousands
 
 LARGEST = 30  # deviations in the table
 
 
 def badge(metrics: dict[str, Any]) -> str:
-    """Whether the run is anchored, in part, or not."""
+    """Whether the run is anchored, in part, or not; or had no plan."""
     share = metrics.get("anchored_share", 1.0)
     if not metrics.get("anchored"):
-        return "not anchored"
+        return "map only" if metrics.get("reason") == NO_PLAN else "not anchored"
     return "anchored" if share == 1.0 else f"anchored in part: {100 * share:.1f} % of the scans"
 
 
@@ -34,6 +34,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     m = data.metrics
     rows = [
         ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
+        *([("Tracking", _tracking(m["tracked"]))] if m.get("tracked") else []),
         *_not_known(data),
         ("Distance travelled", f"{path_length(data.trajectory_map.positions):.1f} m"),
     ]
@@ -47,6 +48,10 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
             ("T_bim_map: qx, qy, qz, qw", ", ".join(f"{q:.6f}" for q in quaternion)),
         ]
     return rows + _accuracy(m.get("accuracy") or {})
+
+
+def _tracking(tracked: dict[str, int]) -> str:
+    return ", ".join(f"{thousands(count)} {health}" for health, count in tracked.items())
 
 
 def _not_known(data: ReportData) -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
 from sgslam.mapping import Floors
 from sgslam.registration import Health
+from sgslam.report.number_formats import NO_PLAN
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.quality import quality_of
@@ -65,7 +66,7 @@ def assemble_result(
     first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
     return Result(
         anchored=anchored,
-        reason="no BIM was given" if anchoring is None else anchoring.reason,
+        reason=NO_PLAN if anchoring is None else anchoring.reason,
         trajectory=trajectory_map if T_bim_map is None else trajectory_map.only(told.anchored).transformed(T_bim_map),
         trajectory_map=trajectory_map,
         trajectory_odometry=at_stamps(of_run, np.stack([s.T_odom_sensor for s in of_run])),
@@ -84,7 +85,13 @@ def assemble_result(
         clouds=final.clouds,
         uncertainty=told,
         quality=quality_of(
-            placed, odometry, _walls_seen(floors, backend), own, tracked["lost"] / len(of_run), T_bim_map, bim,
+            placed,
+            odometry,
+            _walls_seen(floors, backend),
+            own,
+            tracked["lost"] / len(of_run),
+            T_bim_map,
+            bim,
             config.quality,
         ),
         tracked=tracked,

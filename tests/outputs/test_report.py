@@ -108,22 +108,23 @@ def test_what_is_not_anchored_or_not_sound_is_shown() -> None:
 
 def test_without_a_bim_the_map_is_shown_alone() -> None:
     data = sample()
-    metrics = data.metrics | {"anchored": False, "reason": "no BIM was given", "T_bim_map": None}
+    metrics = data.metrics | {"anchored": False, "reason": "no plan was given", "T_bim_map": None}
     alone = dataclasses.replace(
         data, a_graph=None, T_bim_map=None, matches=None, truth=None, metrics=metrics, deviations=[]
     )
     page = Page(report_html(alone))
     assert page.layers["layer-bim-walls", "polyline"] == page.layers["layer-matches", "polyline"] == 0
     assert page.layers["layer-walls-unmatched", "polyline"] == 37
-    assert "Matched rooms" not in page.text and "Not anchored" in page.text
+    assert "Matched rooms" not in page.text and "Not anchored" not in page.text
+    assert "Map only" in page.text and "no plan was given" in page.text
 
 
 def test_a_run_that_saw_nothing_still_has_its_report(tmp_path: Path) -> None:
     standing = Trajectory(np.array([0]), np.eye(4)[None])
     empty = ReportData(None, SceneGraph("map"), standing, standing, None, None, None,
-                       {"anchored": False, "reason": "no BIM was given"}, [])  # fmt: skip
+                       {"anchored": False, "reason": "no plan was given"}, [])  # fmt: skip
     page = Page(report_html(empty))
-    assert not page.open and "no BIM was given" in page.text and "What helps" not in page.text
+    assert not page.open and "no plan was given" in page.text and "What helps" not in page.text
     write_plan_png(empty, tmp_path / "plan.png")
     assert (tmp_path / "plan.png").stat().st_size > 1000
 

@@ -142,7 +142,7 @@ def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
     done = run("--scan-dir", scans, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
-    assert metrics["anchored"] is False and metrics["reason"] == "no BIM was given"
+    assert metrics["anchored"] is False and metrics["reason"] == "no plan was given"
     assert metrics["scans"] == 12
     assert "0.1 s apart" in done.stderr  # the stamps are a guess, and the user is told
 
