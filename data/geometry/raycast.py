@@ -23,6 +23,16 @@ class TriangleScene:
         hits = self._scene.run(*rays, query="DISTANCE")
         return np.where(hits < 1e30, hits, np.inf).astype(np.float64)
 
+    def faces(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """As `distances`, and (N,) the index of the triangle that is met first; -1 where nothing is."""
+        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
+        rays = np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
+        hits = self._scene.run(*rays, output=1)
+        face = hits["primID"].astype(np.int64)
+        return np.where(face >= 0, hits["tfar"].astype(np.float64), np.inf), face
+
     def incidences(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

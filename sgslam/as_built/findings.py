@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from data.ifc.bcf import Model, Topic, write_bcf
 from data.scene_graph import SceneGraph, WallSurface
-from sgslam.config import AnchorSettings
 
 if TYPE_CHECKING:
     from data.ifc.deviations import Status, UnplannedWall, WallFinding
@@ -31,8 +30,11 @@ def by_wall(deviations: Sequence[Deviation]) -> dict[str, list[Deviation]]:
     return dict(found)
 
 
-def wall_status(entries: list[Deviation]) -> tuple["Status", Deviation]:
-    """The status of a wall by its entries, and the entry that decides it, that of the least sigma among several."""
+def wall_status(entries: list[Deviation], tolerance: float) -> tuple["Status", Deviation]:
+    """The status of a wall by its entries, and the entry that decides it, that of the least sigma among several.
+
+    `tolerance` (m) is the largest offset that counts as planned.
+    """
     moved = [d for d in entries if d["kind"] == "moved"]
     significant = [d for d in moved if d["significant"]]
     if significant:
@@ -40,20 +42,19 @@ def wall_status(entries: list[Deviation]) -> tuple["Status", Deviation]:
     absent = [d for d in entries if d["kind"] == "absent"]
     if absent:
         return "absent", absent[0]
-    tolerance = AnchorSettings().tolerance
     standing = [d for d in moved if abs(d["offset_m"]) <= max(tolerance, 3 * d["sigma_m"])]
     if standing:
         return "as planned", min(standing, key=lambda d: d["sigma_m"])
     return "unclear", min(moved, key=lambda d: d["sigma_m"])
 
 
-def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph) -> list["WallFinding"]:
+def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph, tolerance: float) -> list["WallFinding"]:
     """The finding for each planned wall with entries."""
     from data.ifc.deviations import WallFinding
 
     findings = []
     for source, entries in by_wall(deviations).items():
-        status, d = wall_status(entries)
+        status, d = wall_status(entries, tolerance)
         shift = None
         if d["offset_m"] is not None:
             nx, ny = a_graph.surface_by_id[d["a_id"]].normal
@@ -85,12 +86,12 @@ def unplanned_walls(
 
 def write_topics(
     path: Path, deviations: Sequence[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
-    model: Model,
+    model: Model, tolerance: float,
 ) -> int:  # fmt: skip
     """Writes a BCF topic for each moved or missing wall and each extra surface; returns the number of topics."""
     topics = []
     for source, entries in by_wall(deviations).items():
-        status, d = wall_status(entries)
+        status, d = wall_status(entries, tolerance)
         if status in ("moved", "absent"):
             surface = a_graph.surface_by_id[d["a_id"]]
             room = a_graph.room_by_id.get(surface.room or "")

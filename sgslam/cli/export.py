@@ -108,7 +108,7 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
-    findings = wall_findings(run.deviations, a_graph)
+    findings = wall_findings(run.deviations, a_graph, _tolerance(run))
     unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, storeys_of(run.matches, run.s_graph))
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
@@ -126,8 +126,15 @@ def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
     model = Model(bim.name, project_of(bim))
-    count = write_topics(run.path / BCF, run.deviations, a_graph, run.s_graph, T_bim_map, model)
+    count = write_topics(run.path / BCF, run.deviations, a_graph, run.s_graph, T_bim_map, model, _tolerance(run))
     return [f"{run.path / BCF}: {count} topics"]
+
+
+def _tolerance(run: "RunFolder") -> float:
+    """The run's tolerance (m)."""
+    from sgslam.config.loading import load_config
+
+    return load_config(run.path / "config.yaml", []).as_built.tolerance
 
 
 FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {

@@ -19,9 +19,11 @@ from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from sgslam.anchoring import check_storey
 from sgslam.as_built import write_topics
+from sgslam.as_built.tolerance_classes import parse_length
 from sgslam.cli.compile_ahead import compile_ahead
 from sgslam.cli.export import BCF
 from sgslam.cli.resume_arguments import restore_arguments, run_arguments
+from sgslam.cli.run_elements import write_run_elements
 from sgslam.cli.run_fingerprint import check_unchanged, run_fingerprint
 from sgslam.cli.scan_loop import Progress
 from sgslam.config import Config
@@ -84,6 +86,9 @@ def read_job(options: argparse.Namespace) -> Job:
     if options.mount is not None:
         mount = _three("--mount", options.mount, "R,P,Y", "180,0,0")
         config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
+    if options.tolerance is not None:
+        as_built = config.as_built.model_copy(update={"tolerance": parse_length(options.tolerance)})
+        config = config.model_copy(update={"as_built": as_built})
     start = None if options.start is None else _three("--start", options.start, "X,Y,YAW", "3.5,-1.2,1.57")
     matcher = _matcher(config.matching.method)
     if options.demo:
@@ -174,7 +179,11 @@ class Run:
         metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more)
         if job.bim is not None and result.T_bim_map is not None:
             model = Model(job.options.bim.name)
-            write_topics(out / BCF, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model)
+            write_topics(
+                out / BCF, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model,
+                result.config.as_built.tolerance,
+            )  # fmt: skip
+        write_run_elements(result, job.options.bim, job.a_graph, out)
         if stopped is not None:
             hint = f"; 'python -m sgslam.run --resume {out}' continues" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")

@@ -215,6 +215,13 @@ class AnchorSettings(Settings):
     """m, standard deviation of a storey's elevation as built"""
 
 
+class AsBuiltSettings(Settings):
+    """The comparison of the building as built with its plan."""
+
+    tolerance: float = Field(0.03, ge=0.001, le=0.2)
+    """m, largest offset of an element that counts as planned (option --tolerance)"""
+
+
 class MatchingSettings(Settings):
     """How the S-graph is matched with the plan."""
 
@@ -238,3 +245,4 @@ class Config(Settings):
     matching: MatchingSettings = MatchingSettings()
     loops: LoopSettings = LoopSettings()
     quality: QualitySettings = QualitySettings()
+    as_built: AsBuiltSettings = AsBuiltSettings()

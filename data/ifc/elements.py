@@ -1,0 +1,61 @@
+"""The elements of an IFC model that are compared with the building: walls, columns, slabs, ceilings, doors, windows."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import ifcopenshell
+import numpy as np
+from ifcopenshell.util.element import get_container
+from numpy.typing import NDArray
+
+from data.ifc.products import IfcProduct, open_ifc, products, triangulated
+
+Kind = Literal["solid", "opening"]
+SOLID = ("IfcWall", "IfcColumn", "IfcSlab", "IfcCovering", "IfcCurtainWall")
+FILLINGS = ("IfcDoor", "IfcWindow")
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedElement:
+    """One element; `triangles` (M, 3, 3) metres in the BIM frame are its body.
+
+    Those of an opening, which a door or a window fills, are the body that is cut out of the wall.
+    """
+
+    global_id: str
+    ifc_class: str
+    name: str
+    storey: str
+    kind: Kind
+    triangles: NDArray[np.float64]
+
+
+def planned_elements(ifc: Path | str) -> list[PlannedElement]:
+    """The elements of a model, with what has no geometry left out. Raises UserError as `open_ifc` does."""
+    model = open_ifc(ifc)
+    storeys = {storey.GlobalId: storey.Name or storey.GlobalId for storey in model.by_type("IfcBuildingStorey")}
+    found = [_element(product, storeys, "solid") for product in products(model, SOLID)]
+    return [*found, *_openings(model, storeys)]
+
+
+def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> PlannedElement:
+    triangles = product.vertices[product.faces]
+    storey = storeys.get(product.storey or "", "")
+    return PlannedElement(product.global_id, product.ifc_class, product.name, storey, kind, triangles)
+
+
+def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[PlannedElement]:
+    """The openings that doors and windows fill."""
+    for filling in dict.fromkeys(entity for kind in FILLINGS for entity in model.by_type(kind)):
+        bodies = [triangulated(fills.RelatingOpeningElement) for fills in filling.FillsVoids]
+        body = next((mesh for mesh in bodies if mesh is not None), None)
+        if body is None:
+            continue
+        container = get_container(filling)
+        storey = storeys.get(container.GlobalId, "") if container is not None else ""
+        vertices, faces = body
+        yield PlannedElement(
+            filling.GlobalId, filling.is_a(), filling.Name or "", storey, "opening", vertices[faces]
+        )  # fmt: skip

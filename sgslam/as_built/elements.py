@@ -1,0 +1,190 @@
+"""A verdict for each planned element: as planned, moved, absent, not seen or uncertain, by one likelihood test."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from data.scene_graph import SceneGraph
+from sgslam.as_built.sightings import Sightings, View, sightings
+from sgslam.as_built.tolerance_classes import loa_class
+
+if TYPE_CHECKING:
+    from data.ifc.elements import PlannedElement  # loads ifcopenshell
+
+Floats = NDArray[np.float64]
+Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
+_LEAST_VIEWS, _LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element
+_NOISE = 0.02  # m, standard deviation of one sighting of a cell: noise of a range, and texture of a surface
+_REACH = 0.4  # m, largest offset that is looked for; beyond it stands another thing
+_BEHIND = 0.15  # m behind a surface, from which on a ray went through it
+_BEFORE, _THROUGH, _SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
+_SURE = np.log(100.0)  # log-likelihood of a cell's evidence by which one hypothesis must lead
+_SURE_SIGMAS = 2.0  # as the guard band of JCGM 106: 95 % coverage
+_SHARED = 0.004  # m, standard deviation of the error that all sightings share, as `anchors.sigma_extraction`
+_BESIDE = 0.5  # m from a room's outline to an element that bounds it
+
+
+@dataclass(frozen=True)
+class ElementVerdict:
+    """One entry of elements.json.
+
+    `offset_m` is along `direction` (x, y, z), a unit vector in the BIM frame, with standard deviation `sigma_m`; all
+    None where nothing was measured. `seen` is the share of the cells of its visible surface at which it stands or that
+    are seen through; `views` the number of keyframes. `conclusive` says whether sigma is small enough for the verdict
+    at the tolerance. `tolerance_class` is the USIBD level of accuracy of the offset.
+    """
+
+    global_id: str
+    name: str
+    ifc_class: str
+    storey: str
+    rooms: tuple[str, ...]
+    verdict: Verdict
+    offset_m: float | None
+    direction: tuple[float, float, float] | None
+    sigma_m: float | None
+    tolerance_class: str | None
+    conclusive: bool
+    seen: float
+    views: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Finding:
+    verdict: Verdict
+    reason: str
+    offset: float | None = None
+    direction: tuple[float, float, float] | None = None
+    sigma: float | None = None
+    conclusive: bool = False
+    seen: float = 0.0
+    views: int = 0
+
+
+def element_verdicts(
+    elements: list["PlannedElement"], views: Sequence[View], plan: SceneGraph, tolerance: float
+) -> list[ElementVerdict]:
+    """A verdict for each element, in their order; `tolerance` (m) is the largest offset that counts as planned."""
+    found: dict[str, _Finding] = {}
+    for kind in ("solid", "opening"):
+        own = [element for element in elements if element.kind == kind]
+        if not own:
+            continue
+        seen = sightings(own, views)
+        order = np.argsort(seen.element, kind="stable")
+        ends = np.searchsorted(seen.element[order], np.arange(len(own) + 1))
+        for k, element in enumerate(own):
+            mine = order[ends[k] : ends[k + 1]]
+            found[element.global_id] = _solid(seen, mine, views, tolerance) if kind == "solid" else _opening(seen, mine)
+    return [_entry(element, found[element.global_id], plan) for element in elements]
+
+
+def _solid(seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tolerance: float) -> _Finding:
+    """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent."""
+    count = len(np.unique(seen.view[mine]))
+    cells = len(np.unique(seen.cell[mine], axis=0))
+    if count < _LEAST_VIEWS or cells < _LEAST_CELLS:
+        return _Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
+    mine, direction = _main_axis(seen, mine)
+    sign = np.sign(seen.normal[mine] @ direction)
+    offset = seen.offset[mine]
+    weight = 1 / np.unique(seen.cell[mine], axis=0, return_inverse=True, return_counts=True)[2][_group(seen, mine)]
+    d = _mode(sign * offset, weight)
+    before = offset - sign * d  # what was met, before (+) or behind (-) the surface that stands at d
+    stands = float(np.sum(weight * _log_standing(before)))
+    absent = float(np.sum(weight * _log_absent(offset)))
+    at, through = np.abs(before) < 3 * _NOISE, before < -_BEHIND
+    share = float(np.sum(weight * (at | through)) / np.sum(weight))
+    if absent - stands > _SURE:
+        return _Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
+    if stands - absent < _SURE or np.sum(weight * at) < 0.5 * _LEAST_CELLS:
+        return _Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
+    scatter = _NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
+    pose = float(np.median([views[k].sigma for k in np.unique(seen.view[mine[at]])]))
+    sigma = float(np.hypot(np.hypot(scatter, _SHARED), pose))
+    d = float(np.median((sign * offset)[at]))
+    n = (float(direction[0]), float(direction[1]), float(direction[2]))
+    margin = abs(abs(d) - tolerance)
+    sure = margin > _SURE_SIGMAS * sigma
+    verdict: Verdict = "as planned" if abs(d) <= tolerance else "moved" if sure else "uncertain"
+    reason = f"its surface is at {1000 * d:+.0f} mm, by {int(at.sum())} sightings"
+    if verdict == "moved" and abs(d) > _BEHIND / 2 and _could_be_furniture(sign[at], d):
+        verdict, reason, sure = "uncertain", f"{reason}; on one side only and before it: it may be furniture", False
+    return _Finding(verdict, reason, d, n, sigma, sure, share, count)
+
+
+def _opening(seen: Sightings, mine: NDArray[np.int64]) -> _Finding:
+    """An opening is there where rays pass; a closed leaf, a pane and a wall that fills it look alike.
+
+    A ray that ends before it says nothing of it: other walls hide it.
+    """
+    mine = mine[seen.offset[mine] < _BEHIND]
+    count = len(np.unique(seen.view[mine]))
+    cells = len(np.unique(seen.cell[mine], axis=0))
+    if count < _LEAST_VIEWS or cells < _LEAST_CELLS:
+        return _Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
+    open_ = seen.offset[mine] < -_BEHIND
+    if open_.mean() > 0.5:
+        return _Finding("as planned", "rays pass through its opening", conclusive=True, seen=1.0, views=count)
+    return _Finding("uncertain", "something closes its opening: a leaf, a pane or a wall", seen=1.0, views=count)
+
+
+def _main_axis(seen: Sightings, mine: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
+    """The sightings of the faces along the axis with most of them, and that axis."""
+    normal = seen.normal[mine]
+    axis = normal * np.where(np.abs(normal[:, :1]) > 0.1, np.sign(normal[:, :1]), 1.0)
+    axis *= np.where(np.abs(normal[:, :1]) > 0.1, 1.0, np.where(normal[:, 1:2] < -0.1, -1.0, 1.0))
+    level = np.abs(normal[:, 2]) > 0.7
+    axis[level] = [0.0, 0.0, 1.0]
+    _, first, group = np.unique(np.rint(20 * axis), axis=0, return_index=True, return_inverse=True)
+    best = int(np.argmax(np.bincount(group.ravel())))
+    return mine[group.ravel() == best], axis[first[best]]
+
+
+def _group(seen: Sightings, mine: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.asarray(np.unique(seen.cell[mine], axis=0, return_inverse=True)[1]).ravel()
+
+
+def _mode(shift: Floats, weight: Floats) -> float:
+    """The shift that most cells agree on."""
+    candidates = np.arange(-_REACH, _REACH + 1e-9, _NOISE / 2)
+    near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / _NOISE) ** 2)
+    return float(candidates[np.argmax(near @ weight)])
+
+
+def _log_standing(before: Floats) -> Floats:
+    """Log-densities (1/m) of what is met, if an opaque surface stands: it, things before it, rarely what is behind."""
+    at = np.exp(-0.5 * (before / _NOISE) ** 2) / (_NOISE * np.sqrt(2 * np.pi))
+    else_ = np.where(before > 0, _BEFORE, _THROUGH) / 5.0
+    return np.asarray(np.log((1 - _BEFORE - _THROUGH) * at + else_))
+
+
+def _log_absent(offset: Floats) -> Floats:
+    """Log-densities (1/m), if nothing stands there: mostly what is behind."""
+    return np.asarray(np.log(np.where(offset < -_BEHIND, 1 - _BEFORE - _SPREAD, _BEFORE + _SPREAD) / 5.0))
+
+
+def _could_be_furniture(sign: Floats, d: float) -> bool:
+    return len(np.unique(sign)) == 1 and float(sign[0]) * d > 0
+
+
+def _entry(element: "PlannedElement", f: _Finding, plan: SceneGraph) -> ElementVerdict:
+    corners = element.triangles.reshape(-1, 3)
+    outline = shapely.oriented_envelope(shapely.multipoints(corners[:, :2]))
+    storey = next((floor.id for floor in plan.floors if element.storey in (floor.id, floor.name)), None)
+    rooms = tuple(
+        room.name or room.id
+        for room in plan.rooms
+        if storey in (None, room.floor) and room.polygon
+        and shapely.Polygon(room.polygon).distance(outline) < _BESIDE
+    )  # fmt: skip
+    level = None if f.offset is None else loa_class(f.offset)
+    return ElementVerdict(
+        element.global_id, element.name, element.ifc_class, element.storey, rooms, f.verdict, f.offset, f.direction,
+        f.sigma, level, f.conclusive, round(f.seen, 3), f.views, f.reason,
+    )  # fmt: skip

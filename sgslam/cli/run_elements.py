@@ -1,0 +1,43 @@
+"""The verdicts of all elements of a finished run, written to its folder."""
+
+from pathlib import Path
+
+import numpy as np
+
+from data.geometry.poses import xyzquat_to_poses
+from data.plans.bim import IFC_SUFFIXES
+from data.scene_graph import SceneGraph
+from sgslam.as_built.element_files import CSV, JSON, XLSX, write_elements
+from sgslam.as_built.elements import element_verdicts
+from sgslam.as_built.sightings import View
+from sgslam.session import Result
+
+
+def write_run_elements(result: Result, bim: Path | None, a_graph: SceneGraph | None, out: Path) -> None:
+    """Writes the elements' files; where the run is not anchored to an IFC model, those of an earlier run are deleted.
+
+    Raises UserError for a model that cannot be read.
+    """
+    if bim is None or a_graph is None or result.T_bim_map is None or bim.suffix.lower() not in IFC_SUFFIXES:
+        for name in (JSON, CSV, XLSX):
+            (out / name).unlink(missing_ok=True)
+        return
+    from data.ifc.elements import planned_elements  # loads ifcopenshell
+
+    tolerance = result.config.as_built.tolerance
+    write_elements(out, element_verdicts(planned_elements(bim), run_views(result), a_graph, tolerance), tolerance)
+
+
+def run_views(result: Result) -> list[View]:
+    """The keyframes that have a cloud, in the BIM frame."""
+    assert result.T_bim_map is not None
+    keyframes = result.s_graph.keyframes
+    poses = result.T_bim_map @ xyzquat_to_poses(np.array([keyframe.pose for keyframe in keyframes]))
+    told = result.uncertainty
+    nearest = np.clip(np.searchsorted(told.stamps_ns, [k.stamp_ns for k in keyframes]), 0, len(told.stamps_ns) - 1)
+    sigma = np.nan_to_num(told.sigma[nearest, :2].max(axis=1), nan=np.inf)
+    return [
+        View(points, T, float(own))
+        for keyframe, T, own in zip(keyframes, poses, sigma, strict=True)
+        for points in [result.clouds[int(keyframe.id[1:])]] if len(points) and np.isfinite(own)
+    ]  # fmt: skip

@@ -1,0 +1,129 @@
+"""Verdicts on single walls, from rays cast in scenes in which the truth is known."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.geometry.raycast import TriangleScene
+from data.ifc.elements import PlannedElement
+from data.scene_graph import SceneGraph
+from sgslam.as_built.element_files import write_elements
+from sgslam.as_built.elements import ElementVerdict, element_verdicts
+from sgslam.as_built.sightings import View
+from sgslam.as_built.tolerance_classes import loa_class, parse_length
+
+PLAN = SceneGraph("bim", (), (), (), ())
+SEEN, HIDDEN = "wall", "hidden"
+
+
+def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> NDArray[np.float64]:
+    corners = np.array([[(low, high)[i >> k & 1][k] for k in range(3)] for i in range(8)])
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    return np.array([corners[[q[0], q[i], q[i + 1]]] for q in quads for i in (1, 2)])
+
+
+WALL = _box((3.0, -3.0, 0.0), (3.2, 3.0, 2.6))
+FAR = _box((6.0, -9.0, 0.0), (6.2, 9.0, 2.6))  # behind the wall
+BEYOND = _box((9.0, -3.0, 0.0), (9.2, 3.0, 2.6))  # hidden by the far wall
+ELEMENTS = [
+    PlannedElement(name, "IfcWall", name, "", "solid", body)
+    for name, body in ((SEEN, WALL), ("far", FAR), (HIDDEN, BEYOND))
+]
+
+
+def _views(*built: NDArray[np.float64], count: int = 6) -> list[View]:
+    """Views from x = 0 of what stands, with 8 mm of noise."""
+    scene, rng = TriangleScene(np.concatenate(built)), np.random.default_rng(0)
+    y, z = np.meshgrid(np.linspace(-1.0, 1.0, 80), np.linspace(-0.3, 0.4, 16))
+    rays = np.column_stack([np.ones(y.size), y.ravel(), z.ravel()])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    views = []
+    for k in range(count):
+        T = np.eye(4)
+        T[:3, 3] = 0.0, 0.3 * k - 0.75, 1.2
+        ranges = scene.distances(T[:3, 3], rays)
+        met = np.isfinite(ranges)
+        ranges = ranges[met] + rng.normal(0.0, 0.008, met.sum())
+        views.append(View((ranges[:, None] * rays[met]).astype(np.float32), T, 0.002))
+    return views
+
+
+def _verdict(views: list[View], tolerance: float = 0.01, name: str = SEEN) -> ElementVerdict:
+    return next(v for v in element_verdicts(ELEMENTS, views, PLAN, tolerance) if v.global_id == name)
+
+
+@pytest.mark.parametrize("shift", [0.2, -0.03, 0.03])
+def test_a_wall_that_stands_elsewhere_is_moved_by_what_it_is_moved(shift: float) -> None:
+    found = _verdict(_views(np.add(WALL, [shift, 0.0, 0.0]), FAR))
+    assert found.verdict == "moved" and found.conclusive
+    assert found.offset_m is not None and found.direction is not None
+    assert found.offset_m * found.direction[0] == pytest.approx(shift, abs=0.006)
+
+
+def test_within_the_tolerance_it_is_as_planned() -> None:
+    views = _views(np.add(WALL, [0.03, 0.0, 0.0]), FAR)
+    assert _verdict(views, 0.05).verdict == "as planned"
+    assert _verdict(_views(WALL, FAR)).verdict == "as planned"
+
+
+def test_a_sigma_too_large_for_the_tolerance_does_not_say_moved() -> None:
+    views = [replace(view, sigma=0.02) for view in _views(np.add(WALL, [0.03, 0.0, 0.0]), FAR)]
+    found = _verdict(views)
+    assert found.verdict == "uncertain" and not found.conclusive
+
+
+def test_seen_through_is_absent_and_hidden_is_not_seen() -> None:
+    assert _verdict(_views(FAR)).verdict == "absent"
+    assert _verdict(_views(WALL, FAR), name=HIDDEN).verdict == "not seen"
+    assert _verdict(_views(FAR, count=2)).verdict == "not seen"
+
+
+def test_a_shelf_before_a_wall_does_not_move_it() -> None:
+    shelf = _box((2.8, -1.0, 0.0), (2.9, 1.0, 1.6))
+    assert _verdict(_views(WALL, shelf, FAR)).verdict == "as planned"
+    whole = _box((2.8, -3.0, 0.0), (2.9, 3.0, 2.6))
+    assert _verdict(_views(WALL, whole, FAR)).verdict != "moved"
+
+
+def test_an_opening_that_is_closed_is_uncertain() -> None:
+    opening = PlannedElement("door", "IfcDoor", "", "", "opening", _box((3.0, -0.6, 0.0), (3.2, 0.6, 2.1)))
+    leaf = _box((3.0, -0.6, 0.0), (3.05, 0.6, 2.1))
+    verdicts = [element_verdicts([opening], views, PLAN, 0.01)[0].verdict for views in (_views(FAR), _views(leaf, FAR))]
+    assert verdicts == ["as planned", "uncertain"]
+    before = _box((2.0, -3.0, 0.0), (2.2, 3.0, 2.6))
+    assert element_verdicts([opening], _views(before), PLAN, 0.01)[0].verdict == "not seen"
+
+
+def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
+    verdicts = element_verdicts(ELEMENTS, _views(WALL, FAR), PLAN, 0.01)
+    verdicts[0] = replace(verdicts[0], name="=1+1")
+    write_elements(tmp_path, verdicts, 0.01)
+    rows = list(csv.DictReader((tmp_path / "elements.csv").open()))
+    assert [row["GlobalId"] for row in rows] == [SEEN, "far", HIDDEN] and rows[0]["name"] == "'=1+1"
+    assert json.loads((tmp_path / "elements.json").read_text())["counts"]["not seen"] == 1
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
+    sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
+    assert sheet.max_row == 4 and sheet.cell(2, 6).value == "as planned"
+
+
+@pytest.mark.parametrize("text", ["15mm", "0.015", "15 mm", "1.5cm", "0.015 m"])
+def test_a_tolerance_is_a_length(text: str) -> None:
+    assert parse_length(text) == pytest.approx(0.015)
+
+
+@pytest.mark.parametrize("text", ["15", "-1mm", "0", "mm", "15 inches", "nan", "1,5cm", "0.9mm", "201mm"])
+def test_another_tolerance_is_refused(text: str) -> None:
+    with pytest.raises(UserError, match="--tolerance"):
+        parse_length(text)
+
+
+def test_levels_of_accuracy() -> None:
+    assert [loa_class(x) for x in (0.0009, -0.005, 0.0051, 0.015, 0.05, -0.051)] == [
+        "LOA50", "LOA40", "LOA30", "LOA30", "LOA20", "LOA10",
+    ]  # fmt: skip
