@@ -11,7 +11,7 @@ from data.trajectory.stamps import ns_to_seconds
 
 Floats = NDArray[np.float64]
 GRAVITY = 9.80665  # m/s2, the standard one, which is also the unit g
-_OFF = 1.5  # factor by which the median specific force may differ from gravity: a carried sensor's does by a tenth
+_LEAST, _MOST = 0.6, 5.0  # times gravity, the median specific force: a carried sensor's is 1.0, a shaken one's more
 _log = logging.getLogger(__name__)
 
 
@@ -63,9 +63,9 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
 def _unit_of(forces: Floats, where: str) -> float:
     """The unit of specific forces (N, 3), in m/s2."""
     usual = float(np.median(np.linalg.norm(forces, axis=1)))
-    if 1 / _OFF < usual / GRAVITY < _OFF:
+    if _LEAST < usual / GRAVITY < _MOST:
         return 1.0
-    if 1 / _OFF < usual < _OFF:
+    if _LEAST < usual < _MOST:
         _log.info("%s: specific forces of %.2f in the median are taken to be in g", where, usual)
         return GRAVITY
     raise UserError(
