@@ -6,8 +6,9 @@
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
 frame), `run.json` (what was driven) and, if the building differs from its plan, `changes.json`, and
-`plan.ifc` if the plan is to lack walls. A robot's scan is a snapshot of one instant, without motion distortion; a
-person's is measured while the sensor moves, each point with its time (`--effects` says otherwise).
+`plan.ifc` if the plan is to lack walls. `--imu` adds `scans/imu.csv`, in the sensor's axes. A robot's scan is a
+snapshot of one instant, without motion distortion; a person's is measured while the sensor moves, each point with its
+time (`--effects` says otherwise).
 """
 
 import argparse
@@ -21,6 +22,7 @@ from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named
 from data.simulation.effects import EFFECTS
+from data.simulation.imu import IMUS
 from data.simulation.sensors import SENSORS, sensor_named
 from data.simulation.simulate import simulate
 
@@ -50,6 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--mount", type=_angles, default=(0.0, 0.0, 0.0), metavar="R,P,Y",
         help="roll, pitch and yaw of the sensor in the carrier's frame, degrees (default 0,0,0; 180,0,0: upside down)")
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
+    add("--imu", metavar="NAME", help=f"writes scans/imu.csv of an IMU in the sensor: {', '.join(IMUS)} (default none)")
     add("--azimuths", type=int, metavar="N", help="of a spinning sensor, a turn (default: the sensor's)")
     add("--effects", type=_names, default=[], metavar="LIST", help="names with commas between, see below")
     add("--speed", type=float, help="metres a second (default: the carrier's; wheeled 0.8, on foot 1.1)")
@@ -83,7 +86,7 @@ def main() -> int:
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
         sensor_named(args.sensor, args.azimuths), robot,
         args.sensor_height, args.format, Changes(args.moved_walls, args.absent_walls, args.unplanned_walls),
-        args.and_back, carrier, args.mount, args.effects, args.seconds,
+        args.and_back, carrier, args.mount, args.effects, args.seconds, args.imu,
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"

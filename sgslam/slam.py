@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
+from data.imu import ImuSamples
 from data.plans import Bim
 from data.scans import Scan
 from matching.protocol import AnyMatcher
@@ -77,6 +78,28 @@ class SceneGraphSlam:
         self._newest_ns = int(stamp_ns)
         self._process(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor))
         return self._update(int(stamp_ns))
+
+    def add_imu(self, stamp_ns: int, gyro: Floats, accel: Floats) -> None:
+        """Adds a sample of an IMU, by the scans' clock: rate of turn (3,) in rad/s and specific force (3,) in m/s2, in
+        the IMU's axes (`imu.rotation` turns them into the sensor's). Of several: stamps (N,) and values (N, 3).
+
+        Add those until a scan's end before the scan: they predict how the sensor turns in it. What comes later, by less
+        than a scan, still counts when the next scan is registered together with this one. Samples begin with the scans
+        or they do not tell where up is. Raises UserError for stamps that do not increase and values that are not
+        finite; the run goes on without these samples.
+        """
+        stamps = np.atleast_1d(np.asarray(stamp_ns, np.int64))
+        newest = self._session.imu.newest_ns
+        try:
+            samples = ImuSamples(
+                stamps, np.atleast_2d(np.asarray(gyro, float)), np.atleast_2d(np.asarray(accel, float))
+            )
+        except ValueError as error:
+            raise UserError(f"{error}; give (3,) of each in rad/s and m/s2, in the order of their stamps") from None
+        if newest is not None and len(stamps) and stamps[0] <= newest:
+            raise UserError(f"IMU at {stamps[0]} ns: stamps must increase; the last was {newest} ns")
+        if len(stamps):
+            self._session.imu.add(samples)
 
     def _process(self, raw: RawScan) -> None:
         """Tracks a scan, and adds it to the map when it is known where it was taken."""

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.files import write_atomically, write_json
+from data.imu import ImuSamples, write_imu
 from data.scans.writers import SCAN_WRITERS
 from data.simulation.carriers import Motion
 from data.simulation.changes import Change, write_plan_without
 from data.simulation.effects import Timing
 from data.simulation.effects.world import World
+from data.simulation.imu import ImuModel, measured
 from data.simulation.sensor import Sensor, instants, moving_scan, snapshot
 from data.trajectory import Trajectory
 from data.trajectory.stamps import ns_to_seconds
@@ -22,6 +24,7 @@ from data.trajectory.stamps import ns_to_seconds
 Settings = dict[str, object]  # for run.json
 Array = NDArray[np.float64]
 
+IMU = "imu.csv"
 PLAN = "plan.ifc"  # what the plan shows, where it lacks walls that stand
 
 
@@ -63,12 +66,14 @@ class SimulatedRun:
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """A sensor taken along a motion, turned in the carrier's hand by roll, pitch and yaw `mount_deg`."""
+    """A sensor taken along a motion, turned in the carrier's hand by roll, pitch and yaw `mount_deg`, and an `imu` in
+    it if there is one."""
 
     sensor: Sensor
     motion: Motion
     mount_deg: tuple[float, float, float]
     timing: Timing
+    imu: ImuModel | None = None
 
     @cached_property
     def _mount(self) -> Array:
@@ -92,6 +97,13 @@ class Taken:
         else:
             T_bim_sensor = np.concatenate([self._poses(k, 2)[:1] for k in range(count)])
         return Trajectory(np.rint(stamps * 1e9).astype(np.int64), T_bim_sensor)
+
+    def inertial(self, truth: Trajectory, seed: int) -> ImuSamples | None:
+        """What the IMU measures until the last scan's end, in the sensor's axes; None without one."""
+        if self.imu is None:
+            return None
+        end = float(truth.stamps_ns[-1] / 1e9) + 1 / self.sensor.rate
+        return measured(lambda seconds: self.motion.poses(seconds) @ self._mount, end, self.imu, seed)
 
     def scan(
         self, k: int, T_bim_sensor: Array, world: World, seed: int
@@ -125,6 +137,8 @@ def write_run(
         stamps = run.truth.stamps_ns.tolist()
         write_atomically(scans / "times.txt", "".join(f"{ns_to_seconds(stamp)}\n" for stamp in stamps))
         run.truth.write_tum(unfinished / "truth.tum")
+        if (inertial := taken.inertial(run.truth, run.seed)) is not None:
+            write_imu(inertial, scans / IMU)
         if run.changes:
             write_json(unfinished / "changes.json", [asdict(change) for change in run.changes])
         if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:

@@ -19,6 +19,7 @@ from data.simulation.carriers import WHEELED, Carrier
 from data.simulation.changes import Changes
 from data.simulation.drive import Robot, plan_drive
 from data.simulation.effects import Timing, checked, timing_of
+from data.simulation.imu import imu_named
 from data.simulation.run import PLAN, Settings, SimulatedRun, Taken, VisitedRoom, write_run
 from data.simulation.sensor import Sensor, SpinningSensor
 from data.simulation.sensors import described
@@ -52,6 +53,7 @@ def simulate(
     mount_deg: tuple[float, float, float] = (0.0, 0.0, 0.0),
     effects: Collection[str] = (),
     seconds: float | None = None,
+    imu: str | None = None,
 ) -> SimulatedRun:
     """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
 
@@ -65,7 +67,9 @@ def simulate(
     need a drive on one storey. With `and_back` the whole route is then driven in reverse, so that every place is seen
     twice. `effects` are names of `data.simulation.effects`. In a rolling scan the sensor moves while it measures: the
     scan's stamp and true pose are those of its first ray. `robot`, `sensor_height` and `scan_format` are the carrier's
-    own and `bin` (`ply` for points with times) where not given. The same seed gives the same bytes.
+    own and `bin` (`ply` for points with times) where not given. `imu` names a class of inertial measurement unit
+    (`data.simulation.imu`) in the sensor, whose samples are written to `imu.csv` beside the scans. The same seed gives
+    the same bytes.
 
     Raises UserError for an unreadable IFC file, an unknown storey, one on which the robot cannot move, storeys without
     stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
@@ -80,7 +84,7 @@ def simulate(
     from data.simulation.route import curve_length
 
     chosen = checked(effects)
-    timing = timing_of(chosen, carrier.rolling)
+    timing, unit = timing_of(chosen, carrier.rolling), None if imu is None else imu_named(imu)
     scan_format = scan_format or ("ply" if timing == "rolling" else "bin")
     robot, height = robot or carrier.robot, carrier.height if sensor_height is None else sensor_height
     sensor = noisy(sensor) if "returns" in chosen else sensor
@@ -98,7 +102,7 @@ def simulate(
     if raised is not None:
         legs = tuple(raised.over(leg, models[0].level) for leg in legs)
     motion = carrier.motion(plan_drive(legs, start_yaw, robot), models[0].level, height, seed)
-    taken = Taken(sensor, motion, mount_deg, timing)
+    taken = Taken(sensor, motion, mount_deg, timing, unit)
     truth = taken.truth(seconds)
     stamps = truth.stamps_ns / 1e9
     way = motion.ground(stamps)
@@ -111,6 +115,7 @@ def simulate(
     settings: Settings = {"bim": Path(ifc).name, "sensor": described(sensor), "robot": asdict(robot)}
     settings |= {"sensor_height_m": height, "rolling": timing != "snapshots", "times_told": timing == "rolling"}
     settings |= {"carrier": carrier.name, "mount_deg": list(mount_deg), "effects": sorted(chosen)}
+    settings |= {} if imu is None else {"imu": imu}
     drive = Driven(grids, legs, motion, tuple(room.id for room in visited), float(stamps[-1]), robot.radius)
     world = furnished(chosen, drive, raised, sensor.beams, seed) if chosen & IN_SCENE else World(scene)
     write_run(run, taken, world, scan_format, settings, ifc)

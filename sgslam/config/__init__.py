@@ -1,5 +1,6 @@
 """The settings of a run: their models, loading, checking and documentation."""
 
+from sgslam.config.imu_settings import ImuSettings
 from sgslam.config.models import (
     AnchorSettings,
     BackendSettings,
@@ -19,6 +20,7 @@ __all__ = [
     "BackendSettings",
     "Config",
     "FloorSettings",
+    "ImuSettings",
     "KeyframeSettings",
     "LevelSettings",
     "MatchingSettings",

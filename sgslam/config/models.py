@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from sgslam.config.base import Settings
+from sgslam.config.imu_settings import ImuSettings
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.config.quality_settings import QualitySettings
 from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
@@ -234,6 +235,7 @@ class Config(Settings):
 
     odometry: OdometrySettings = OdometrySettings()
     tracking: TrackingSettings = TrackingSettings()
+    imu: ImuSettings = ImuSettings()
     floors: FloorSettings = FloorSettings()
     keyframes: KeyframeSettings = KeyframeSettings()
     surfaces: SurfaceSettings = SurfaceSettings()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
+from sgslam.inertial import NO_TURNS, Gyroscope
 from sgslam.odometry.base import Odometry, State
 from sgslam.registration import Health, Motion, Registration, SurfelMap
 from sgslam.registration.attempts import best_attempt
@@ -44,7 +45,7 @@ class _Found:
 class ContinuousTimeOdometry:
     """State: the sensor's pose at knots, at most `knot_interval` apart, where each scan begins and ends.
 
-    Two scans are estimated together. The older of them is then added to the map.
+    Two scans are estimated together. The older of them is then added to the map. A `gyro` tells how the sensor turns.
     """
 
     _STATE = (
@@ -52,7 +53,8 @@ class ContinuousTimeOdometry:
         "residual", "_up", "_early", "_lost_at",
     )  # fmt: skip
 
-    def __init__(self, settings: TrackingSettings) -> None:
+    def __init__(self, settings: TrackingSettings, gyro: Gyroscope | None = None) -> None:
+        self._gyro = gyro
         self._settings, self._model, self._weights = settings, MotionModel(settings), Weights.of(settings)
         self._map, self._side = SurfelMap(), 0.0
         self._first_ns: int | None = None
@@ -80,7 +82,10 @@ class ContinuousTimeOdometry:
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
         """See `Odometry.register`."""
-        self._first_ns = stamp_ns if self._first_ns is None else self._first_ns
+        if self._first_ns is None:
+            self._first_ns = stamp_ns
+            if self._gyro is not None:
+                self._gyro.begin(stamp_ns)
         began = (stamp_ns - self._first_ns) / 1e9
         scan, side = thinned(points, point_times, began, self._side, self._settings)
         found = self._lose(scan, 0.0) if len(scan.points) < _BLIND else self._found(scan, side)
@@ -103,7 +108,8 @@ class ContinuousTimeOdometry:
 
     def _begin(self, scan: TimedPoints) -> _Found:
         """The first scan: its pose is the frame `odom`."""
-        self._older, self._older_knots = scan, np.tile(np.eye(4), (len(scan.knot_seconds), 1, 1))
+        still = np.tile(np.eye(4), (len(scan.knot_seconds), 1, 1))
+        self._older, self._older_knots = scan, self._turned(scan.knot_seconds, still)
         self._beliefs = [self._model.begin(float(scan.knot_seconds[-1]))]
         self._add(scan, self._older_knots)
         return _Found(self._older_knots, np.eye(6) * 1e-8, "good", 1.0)
@@ -117,7 +123,8 @@ class ContinuousTimeOdometry:
         for _ in range(_ROUNDS if len(first.knot_seconds) > 1 else 0):
             # where the first scan was given too little motion, the second shows as much too much
             velocity = (velocity + Motion(solved.seconds, solved.knots).velocity(0)) / 2
-            knots = self._model.steady(np.eye(4), velocity, first.knot_seconds)
+            steady = self._model.steady(np.eye(4), velocity, first.knot_seconds)
+            knots = self._turned(first.knot_seconds, steady)
             self._beliefs = [self._model.known(float(first.knot_seconds[-1]), knots[-1])]
             self._map.clear()
             self._add(first, knots)
@@ -137,19 +144,27 @@ class ContinuousTimeOdometry:
         settings = self._settings
         seconds, firsts = window_knots(belief.seconds, [scan.knot_seconds for scan in scans])
         known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *self._older_knots]
-        newest = self._beliefs[-1]
-        ahead = [moved_on(known[-1], newest.velocity, s - seconds[len(known) - 1]) for s in seconds[len(known) :]]
+        newest, after = self._beliefs[-1], seconds[len(known) - 1 :]
+        moved = [known[-1], *(moved_on(known[-1], newest.velocity, s - after[0]) for s in after[1:])]
+        ahead = list(self._turned(after, np.stack(moved)))[1:]
         knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
         points = np.concatenate([scan.points for scan in scans])
         prior = self._model.expected(belief, seconds, self._height)
         newest_point = len(points) - len(scans[-1].points)
         fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), newest_point
         local = self._map.arrays, self._way - settings.local_map
+        turns = NO_TURNS if self._gyro is None else self._gyro.between(seconds)
 
         def attempt(guess: list[Floats], kernel: float) -> Solved:
-            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, self._weights)
+            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, self._weights, turns)
 
-        return best_attempt(attempt, self._fits, ahead, known[-1], self._lost, settings), firsts
+        stopped = list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
+        turn_known = len(turns.information) > 0 and bool(np.all(turns.information[len(known) - 1 :] > 0))
+        return best_attempt(attempt, self._fits, ahead, stopped, self._lost, turn_known, settings), firsts
+
+    def _turned(self, seconds: Floats, knots: Floats) -> Floats:
+        """Predicted knots (K, 4, 4) at times (K,), as far as a gyroscope tells how the sensor turned."""
+        return knots if self._gyro is None else self._gyro.turned(seconds, knots)
 
     def _fits(self, solved: Solved) -> bool:
         """Whether about as many points of the newest scan as usual lie on known surfaces."""
@@ -172,6 +187,8 @@ class ContinuousTimeOdometry:
         before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
         self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
         self._older, self._older_knots, self.residual = scan, knots, solved.residual
+        if self._gyro is not None:
+            self._gyro.follow(float(scan.knot_seconds[-1]), knots[-1, :3, :3])
         follow = 1 - np.exp(-interval / self._settings.sway_memory)
         self._height += follow * (float(self._model.up @ knots[-1, :3, 3]) - self._height)
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
@@ -198,6 +215,10 @@ class ContinuousTimeOdometry:
             self._add(self._older, self._older_knots)
         before = self._beliefs[-1] if self._beliefs else self._model.begin(float(scan.knot_seconds[0]))
         belief = self._model.unobserved(before, float(scan.knot_seconds[-1]))
+        if self._gyro is not None:
+            T = self._gyro.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))[1]
+            belief = replace(belief, T=T)
+            self._gyro.lose()
         self._lost, self._lost_at, self._older = True, float(scan.knot_seconds[-1]), None
         self._beliefs = [belief] if self._beliefs else []
         knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
@@ -213,7 +234,7 @@ class ContinuousTimeOdometry:
         count = int(np.searchsorted(ages, _UNSURE))
         if len(early) - count < 2 or ages[-1] < _UNSURE + _KNOWN:
             return results
-        back = ContinuousTimeOdometry(self._settings)
+        back = ContinuousTimeOdometry(self._settings, None if self._gyro is None else self._gyro.backwards())
         if self._up is not None:
             back.level(self._up)
         for scan, result in zip(early[count:-1], results[count:-1], strict=True):
@@ -274,11 +295,14 @@ class ContinuousTimeOdometry:
 
     def state(self) -> dict[str, Any]:
         """See `Odometry.state`."""
-        return {"map": self._map.state()} | {name: getattr(self, name) for name in self._STATE}
+        gyro = None if self._gyro is None else self._gyro.state()
+        return {"map": self._map.state(), "gyro": gyro} | {name: getattr(self, name) for name in self._STATE}
 
     def restore(self, state: State) -> None:
         """See `Odometry.restore`."""
         self._map.restore(state["map"])
+        if self._gyro is not None:
+            self._gyro.restore(state["gyro"])
         for name in self._STATE:
             setattr(self, name, state[name])
         if self._up is not None:

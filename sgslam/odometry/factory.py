@@ -4,6 +4,7 @@ from functools import partial
 from typing import get_args
 
 from sgslam.config import OdometrySettings, TrackingSettings
+from sgslam.inertial import Gyroscope, ImuBuffer
 from sgslam.odometry.base import Odometry
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import TimedOdometry
@@ -11,13 +12,14 @@ from sgslam.odometry.timed import TimedOdometry
 METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].annotation)
 
 
-def make_odometry(odometry: OdometrySettings, tracking: TrackingSettings) -> Odometry:
+def make_odometry(odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None = None) -> Odometry:
     """Creates the odometry of `odometry.method`, which finds out the times of points that are not given as
-    `tracking.point_times` says; raises UserError if its library is missing."""
-    return TimedOdometry(partial(_make, odometry, tracking), tracking.point_times)
+    `tracking.point_times` says. Our own takes turns from an `imu`, where there is one. Raises UserError if its library
+    is missing."""
+    return TimedOdometry(partial(_make, odometry, tracking, imu), tracking.point_times)
 
 
-def _make(odometry: OdometrySettings, tracking: TrackingSettings) -> Odometry:
+def _make(odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None) -> Odometry:
     if odometry.method == "small_gicp":
         from sgslam.odometry.small_gicp import SmallGicpOdometry
 
@@ -26,4 +28,4 @@ def _make(odometry: OdometrySettings, tracking: TrackingSettings) -> Odometry:
         from sgslam.odometry.kiss import KissOdometry
 
         return KissOdometry(odometry)
-    return ContinuousTimeOdometry(tracking)
+    return ContinuousTimeOdometry(tracking, None if imu is None else Gyroscope(imu))

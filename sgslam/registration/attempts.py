@@ -26,20 +26,20 @@ _SWINGS = _turns((-36.0, -18.0, 18.0, 36.0))  # from the prediction: a hand turn
 
 def best_attempt(
     attempt: Callable[[list[Floats], float], Solved], fits: Callable[[Solved], bool], ahead: list[Floats],
-    last: Floats, was_lost: bool, settings: TrackingSettings,
+    stopped: list[Floats], was_lost: bool, turn_known: bool, settings: TrackingSettings,
 ) -> Solved:  # fmt: skip
     """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m).
 
     Those `ahead` are expected. If the result does not fit, they are tried with a wide kernel, as is a sensor that
-    stopped at its `last` pose, or turned there while it was lost; then one that swung to another attitude than ahead.
+    `stopped`, or turned there while it was lost; then one that swung to another attitude than ahead. Where the turn is
+    known, by a gyroscope, no other one is tried.
     """
     best = attempt(ahead, settings.first_kernel)
     if fits(best):
         return best
-    stopped = [last] * len(ahead)
-    others = [ahead, stopped, *(_turned(stopped, _LOST_TURNS) if was_lost else [])]
+    others = [ahead, stopped, *(_turned(stopped, _LOST_TURNS) if was_lost and not turn_known else [])]
     best = _closest([best, *(attempt(guess, settings.wide_kernel) for guess in others)])
-    if fits(best) or was_lost:
+    if fits(best) or was_lost or turn_known:
         return best
     swung = _closest(attempt(guess, settings.wide_kernel) for guess in _turned(ahead, _SWINGS))
     return swung if fits(swung) and swung.close > best.close else best  # some fit a little by chance

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
+from sgslam.inertial import Turns
 from sgslam.registration.moving_points import rotated_by, turn_between
 
 Floats = NDArray[np.float64]
@@ -66,6 +67,28 @@ def add_height(
             g[6 * k + 3 + i] += weight * off * up[i]
             for j in range(3):
                 H[6 * k + 3 + i, 6 * k + 3 + j] += weight * up[i] * up[j]
+
+
+@compiled
+def add_turns(knots: Floats, turns: Turns, H: Floats, g: Floats) -> None:
+    """Adds a gyroscope's turns between knots to normal equations H (6K, 6K), g (6K,)."""
+    expected = np.empty((3, 3))
+    for k in range(len(turns.information)):
+        weight = turns.information[k]
+        for i in range(3):
+            for j in range(3):
+                expected[i, j] = 0.0
+                for c in range(3):
+                    expected[i, j] += knots[k, i, c] * turns.rotations[k, c, j]
+        off = turn_between(expected, knots[k + 1])
+        for i in range(3):
+            a, b = 6 * k + i, 6 * k + 6 + i
+            g[a] -= weight * off[i]
+            g[b] += weight * off[i]
+            H[a, a] += weight
+            H[b, b] += weight
+            H[a, b] -= weight
+            H[b, a] -= weight
 
 
 @compiled

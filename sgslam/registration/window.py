@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
+from sgslam.inertial import NO_TURNS, Turns
 from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
-from sgslam.registration.motion_prior import add_height, add_pose, add_velocities, velocity_between
+from sgslam.registration.motion_prior import add_height, add_pose, add_turns, add_velocities, velocity_between
 from sgslam.registration.moving_points import rotated_by
 from sgslam.registration.plane_search import Surfels
 from sgslam.registration.point_to_plane import add_points
@@ -139,13 +140,14 @@ def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
 def solve(
     seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
     share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
+    turns: Turns = NO_TURNS,
 ) -> Solved:  # fmt: skip
     """Estimates all knots from the `predicted` ones (K, 4, 4) at `seconds` (K,).
 
     Points (N, 6), with the normals that the scan shows, were measured a `share` (N,) of the way from their `knot` (N,)
     to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals,
     from `first_kernel` to that of the weights (m): a wide one finds the way from a poor prediction, a narrow one
-    rejects outliers. A point's place counts as known to the difference.
+    rejects outliers. A point's place counts as known to the difference. `turns` are those of a gyroscope.
     """
     knots, n = predicted.copy(), 6 * len(predicted)
     H, measured, kernel, sigma = np.empty((n, n)), np.empty((n, n)), first_kernel, weights.sigma_point
@@ -154,7 +156,7 @@ def solve(
         moved, plane_of = planes_of(points, knot, share, knots, surfels, oldest, weights.gate, error)
         residual, found, close, moved_by = _step(
             seconds, knots, prior, motion, moved, plane_of, knot, share, newest, surfels.planes, error, kernel, sigma,
-            weights, H, measured,
+            weights, turns, H, measured,
         )  # fmt: skip
         if moved_by < weights.convergence:
             break
@@ -166,7 +168,7 @@ def solve(
 def _step(
     seconds: Floats, knots: Floats, prior: Prior, motion: MotionPrior, moved: Floats, plane_of: Ints, knot: Ints,
     share: Floats, newest: int, planes: Floats, error: float, kernel: float, sigma: float, weights: Weights,
-    H: Floats, measured: Floats,
+    turns: Turns, H: Floats, measured: Floats,
 ) -> tuple[float, int, int, float]:  # fmt: skip
     """Moves the knots by one step of Gauss-Newton; fills in H and what of it is `measured`.
 
@@ -183,6 +185,7 @@ def _step(
     add_velocities(
         seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
     )
+    add_turns(knots, turns, H, g)
     lasted = (seconds[-1] - seconds[0]) / weights.sway_memory
     add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)
     step = solved(H, g)

@@ -13,6 +13,7 @@ from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, raised, squared_up
+from sgslam.inertial import ImuBuffer
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.odometry import Odometry
@@ -38,12 +39,12 @@ class ActiveMap:
 
     def __init__(
         self, config: Config, odometry: Odometry, anchoring: BuildingAnchoring | None, clouds: KeyframeClouds,
-        stopwatch: Stopwatch,
+        stopwatch: Stopwatch, imu: ImuBuffer | None = None,
     ) -> None:  # fmt: skip
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
         self.floors = Floors(config)
-        self.tracker, self.front_end = ScanTracker(config, odometry), FrontEnd(config)
+        self.tracker, self.front_end = ScanTracker(config, odometry, imu), FrontEnd(config)
         self.transition = FloorTransition(config.floors)
         self._keyframe_rule = KeyframeRule(config.keyframes)
         self.backend = Backend(config)

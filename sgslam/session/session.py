@@ -11,6 +11,7 @@ from matching.protocol import AnyMatcher
 from sgslam.anchoring import BuildingAnchoring, floor_named
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
+from sgslam.inertial import ImuBuffer
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry, make_odometry
@@ -27,8 +28,8 @@ class Session:
 
     `kidnaps` counts how often the sensor was carried elsewhere. If there is no prior map, the map up to the first
     kidnap becomes it. `unplaced` are submaps of the run that are not relocalised. `advice` are the trackers' lines on
-    the maps before the active one. `storey` is the name or id of the floor on which the run begins. Raises UserError
-    for a storey that the plan does not have.
+    the maps before the active one. `imu` holds the newest samples of an IMU, none without one. `storey` is the
+    name or id of the floor on which the run begins. Raises UserError for a storey that the plan does not have.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class Session:
     ) -> None:  # fmt: skip
         self._config, self.bim, self._matcher = config, bim, matcher
         self._given_odometry = odometry
+        self.imu = ImuBuffer(config.imu)
         self._start = None if storey is None or bim is None else floor_named(bim, storey).id
         self.prior = prior
         self.kidnaps = 0
@@ -47,8 +49,8 @@ class Session:
         """A new map, to be relocalised in the prior map or anchored to the building. The built-in odometry restarts; an
         odometry that the caller passed is kept."""
         plan, is_prior = (self.bim, False) if self.prior is None else plan_of(self.prior, self.bim)
-        odometry = self._given_odometry or make_odometry(self._config.odometry, self._config.tracking)
-        return ActiveMap(self._config, odometry, self._anchored_in(plan, is_prior), clouds, stopwatch)
+        odometry = self._given_odometry or make_odometry(self._config.odometry, self._config.tracking, self.imu)
+        return ActiveMap(self._config, odometry, self._anchored_in(plan, is_prior), clouds, stopwatch, self.imu)
 
     def split(self, ended: ActiveMap) -> ActiveMap:
         """Begins a new map after the sensor was carried elsewhere; the ended map becomes or joins the prior map."""
@@ -121,6 +123,7 @@ class Session:
         return {
             "kidnaps": self.kidnaps, "unplaced": [part.state() for part in self.unplaced],
             "prior": self.prior.state() if self.prior is not None and self.kidnaps else None, "advice": self.advice,
+            "imu": self.imu.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any], clouds: KeyframeClouds) -> KeyframeClouds:
@@ -132,6 +135,7 @@ class Session:
             self.prior, clouds = PriorMap.from_state(state["prior"], self._config, clouds), _no_clouds(clouds)
         self.unplaced = [PriorMap.from_state(part, self._config, _no_clouds(clouds)) for part in state["unplaced"]]
         self.kidnaps, self.advice = state["kidnaps"], state["advice"]
+        self.imu.restore(state["imu"])
         return clouds
 
 

@@ -25,13 +25,15 @@ class LevelFrame(Stateful):
     """`T_level_first` (4, 4) turns the frame of the first pose upright; `known` once that is settled.
 
     Until then `likely_up` (3,) is the best answer so far, in that frame: `found` in the surfaces, or where the mount
-    says, and `sure` tells whether it is good enough. `advice` is a line where the stated mount proves wrong, else None.
+    says, and `sure` tells whether it is good enough. What an accelerometer shows counts for the sign, and for the axis
+    unless the surfaces tell it within `up_error` (rad) of that. `advice` is a line where the stated mount proves
+    wrong, else None.
     """
 
-    _STATE = ("known", "sure", "found", "likely_up", "advice", "_began_ns", "_next_ns", "_chosen")
+    _STATE = ("known", "sure", "found", "likely_up", "advice", "_began_ns", "_next_ns", "_chosen", "_measured")
 
-    def __init__(self, settings: TrackingSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: TrackingSettings, up_error: float) -> None:
+        self._settings, self._up_error = settings, up_error
         roll, pitch, yaw = settings.mount or (0.0, 0.0, 0.0)
         # up in the first sensor's axes, if the carrier stands upright
         self._expected: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()[2]
@@ -40,6 +42,7 @@ class LevelFrame(Stateful):
         self.advice: str | None = None
         self._began_ns: int | None = None
         self._next_ns = 0
+        self._measured: Floats | None = None  # up by an accelerometer
         self._chosen: list[tuple[Floats, Ints]] = []  # of each scan, some points (N, 3) and their indices (N,)
 
     @property
@@ -48,6 +51,12 @@ class LevelFrame(Stateful):
         T = np.eye(4)
         T[:3, :3] = levelling(self.likely_up)
         return T
+
+    def measure(self, up: Floats | None) -> None:
+        """Takes up (3,) as an accelerometer shows it by now, in the frame of the first pose; None: not known yet."""
+        if up is not None:
+            self._measured = self.likely_up = up
+            self.found = True
 
     def add(self, stamp_ns: int, points: Floats, results: list[Registration]) -> None:
         """Adds a scan (N, 3), and looks for gravity when it is time; `results` are those of all scans so far."""
@@ -59,6 +68,9 @@ class LevelFrame(Stateful):
         if stamp_ns < self._next_ns:
             return
         self._next_ns = stamp_ns + _BETWEEN_NS
+        if self._measured is not None:
+            self.sure = self.waited_s(stamp_ns) >= settings.gravity_after
+            return
         found = self._estimate(results)
         if found is not None and found.axis_sure:
             self.found, self.likely_up = True, found.up_in_odom
@@ -71,6 +83,9 @@ class LevelFrame(Stateful):
     def settle(self, results: list[Registration]) -> None:
         """Ends the search with the `results` of all scans; where nothing is found, up is where the mount says."""
         settings, found = self._settings, self._estimate(results)
+        if self._measured is not None:
+            self._settle_measured(self._measured, found)
+            return
         up = self._expected if found is None else found.up_in_odom
         if found is not None and not found.sign_sure and up @ self._expected < 0:
             up = -up
@@ -90,6 +105,23 @@ class LevelFrame(Stateful):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
         if found is not None:
             self._tell(float(np.degrees(tilt)))
+        self.known, self.likely_up, self._chosen = True, up, []
+
+    def _settle_measured(self, measured: Floats, found: Gravity | None) -> None:
+        """Ends the search with up as the accelerometer shows it, and more exactly by the surfaces if these agree."""
+        up = measured
+        if found is not None:
+            axis = found.up_in_odom if found.up_in_odom @ measured > 0 else -found.up_in_odom
+            if axis @ measured > np.cos(self._up_error):
+                up = axis
+        tilt = float(np.arccos(np.clip(up @ self._expected, -1.0, 1.0)))
+        if self._settings.mount is not None and tilt > self._settings.mount_error:
+            self.advice = (
+                f"the sensor hangs {np.degrees(tilt):.0f} degrees off the stated mount, as the accelerometer shows; "
+                "correct --mount, or leave it out"
+            )
+            _log.warning("%s", self.advice)
+        _log.info("the sensor begins %.0f degrees off its mount, as the accelerometer shows", np.degrees(tilt))
         self.known, self.likely_up, self._chosen = True, up, []
 
     def _tell(self, tilt_deg: float) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
+from sgslam.inertial import ImuBuffer, measured_up
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.odometry.given import GivenPoses
 from sgslam.odometry.timed import TimedOdometry
@@ -45,10 +46,11 @@ class ScanTracker(Stateful):
 
     _STATE = ("_waiting", "_found", "_lost_since_ns", "_T_level_source")
 
-    def __init__(self, config: Config, odometry: Odometry) -> None:
-        self._config, self._odometry = config, odometry
+    def __init__(self, config: Config, odometry: Odometry, imu: ImuBuffer | None = None) -> None:
+        self._config, self._odometry, self._imu = config, odometry, imu
         self._given = GivenPoses(config.odometry)
-        self._level, self._check = LevelFrame(config.tracking), LevelCheck(config.tracking)
+        self._level = LevelFrame(config.tracking, config.imu.up_error)
+        self._check = LevelCheck(config.tracking)
         # until it is known where up is, and what the points' times are: scans, and their poses as of now
         self._waiting: list[RawScan] = []
         self._found: list[Registration] = []
@@ -76,10 +78,19 @@ class ScanTracker(Stateful):
             self._found = self._odometry.held
         else:
             self._found.append(found)
+        self._level.measure(self._measured_up())
         self._level.add(raw.stamp_ns, raw.points, self._found)
         if self._level.found:
             self._odometry.level(self._level.likely_up)
         return self.release() if self._is_settled(raw) else []
+
+    def _measured_up(self) -> Floats | None:
+        """(3,) up by the accelerometer in the frame of the first pose, once it shows more than the carrier's steps."""
+        if self._imu is None:
+            return None
+        T_first_odom = inverse(self._found[0].T_odom_sensor)
+        poses = np.stack([T_first_odom @ result.T_odom_sensor for result in self._found])
+        return measured_up(self._imu, np.array([raw.stamp_ns for raw in self._waiting]), poses)
 
     def _is_settled(self, raw: RawScan) -> bool:
         """Whether it is known where up is and what the points' times are, or it has been too long."""
@@ -141,7 +152,7 @@ class ScanTracker(Stateful):
             self._other, self._lost_since_ns = None, None
             return False
         if self._other is None or self._lost_since_ns is None:
-            self._other = make_odometry(self._config.odometry, self._config.tracking)
+            self._other = make_odometry(self._config.odometry, self._config.tracking, self._imu)
             self._lost_since_ns = scan.raw.stamp_ns
         found = self._other.register(scan.raw.stamp_ns, scan.raw.points, scan.raw.point_times)
         if found.health == "lost":
@@ -170,5 +181,5 @@ class ScanTracker(Stateful):
         self._level.restore(state["level"])
         self._check.restore(state["check"])
         if state["other"] is not None:
-            self._other = make_odometry(self._config.odometry, self._config.tracking)
+            self._other = make_odometry(self._config.odometry, self._config.tracking, self._imu)
             self._other.restore(state["other"])

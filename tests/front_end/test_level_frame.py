@@ -15,7 +15,7 @@ from sgslam.tracking.level_frame import LevelFrame
 def told(hangs: bool, mount: tuple[float, float, float] | None, caplog: pytest.LogCaptureFixture) -> str:
     """The line about a sensor that stands, or hangs, still in one of two rooms for six seconds."""
     settings = TrackingSettings(mount=mount)
-    frame, odometry, results = LevelFrame(settings), ContinuousTimeOdometry(settings), []
+    frame, odometry, results = LevelFrame(settings, 0.1), ContinuousTimeOdometry(settings), []
     turned = HANGING if hangs else np.eye(3)
     for k in range(13):
         points = scan(two_rooms(), pose(2.5, 2.0, 1.3), seed=k) @ turned

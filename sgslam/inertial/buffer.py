@@ -1,0 +1,65 @@
+"""The newest samples of an IMU, in the LiDAR's axes."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from data.imu import ImuSamples
+from sgslam.config import ImuSettings
+from sgslam.serialization import Stateful
+
+Floats = NDArray[np.float64]
+_KEPT_NS = 30_000_000_000  # longer than the first scans wait
+_GAP_NS = 50_000_000  # longest time between samples, or beyond them, over which the rate of turn is interpolated
+
+
+class ImuBuffer(Stateful):
+    """Samples are added in the order of their stamps; old ones are forgotten."""
+
+    _STATE = ("_stamps", "_values")
+
+    def __init__(self, settings: ImuSettings) -> None:
+        self.settings = settings
+        roll, pitch, yaw = settings.rotation
+        self._R_sensor_imu: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()
+        self._stamps, self._values = np.empty(0, np.int64), np.empty((0, 6))  # gyro and accel
+        self._newer: list[ImuSamples] = []
+
+    def add(self, samples: ImuSamples) -> None:
+        """Adds samples later than all before, in the IMU's axes."""
+        self._newer.append(samples)
+
+    @property
+    def newest_ns(self) -> int | None:
+        """The stamp of the newest sample; None before the first."""
+        if self._newer:
+            return int(self._newer[-1].stamps_ns[-1])
+        return int(self._stamps[-1]) if len(self._stamps) else None
+
+    def around(self, begin_ns: int, end_ns: int) -> ImuSamples | None:
+        """The samples from the last one before a time to the first one after another; None where there is a gap."""
+        self._take_newer()
+        first = max(int(np.searchsorted(self._stamps, begin_ns, side="right")) - 1, 0)
+        last = int(np.searchsorted(self._stamps, end_ns)) + 1
+        stamps, values = self._stamps[first:last], self._values[first:last]
+        if not len(stamps) or stamps[0] - begin_ns > _GAP_NS or end_ns - stamps[-1] > _GAP_NS:
+            return None
+        if np.any(np.diff(stamps) > _GAP_NS):
+            return None
+        return ImuSamples(stamps, values[:, :3], values[:, 3:])
+
+    def _take_newer(self) -> None:
+        if not self._newer:
+            return
+        newer = [np.hstack([own.gyro @ self._R_sensor_imu.T, own.accel @ self._R_sensor_imu.T]) for own in self._newer]
+        stamps = np.concatenate([self._stamps, *(own.stamps_ns for own in self._newer)])
+        kept = stamps >= stamps[-1] - _KEPT_NS
+        self._stamps, self._values = stamps[kept], np.concatenate([self._values, *newer])[kept]
+        self._newer = []
+
+    def state(self) -> dict[str, Any]:
+        """See `Stateful`."""
+        self._take_newer()
+        return super().state()

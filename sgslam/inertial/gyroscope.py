@@ -1,0 +1,101 @@
+"""How the sensor turned by its gyroscope, and the gyroscope's bias."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from sgslam.inertial.buffer import ImuBuffer
+from sgslam.inertial.preintegration import NO_TURNS, Turns, preintegrated
+from sgslam.serialization import Stateful
+
+Floats = NDArray[np.float64]
+_BETWEEN = 1.0  # s from one measurement of the bias to the next: registration's error is then small against the turn
+
+
+class Gyroscope(Stateful):
+    """Turns between times, in seconds after `begin`.
+
+    The bias is a random walk, measured about every second by the turn that registration finds: a Kalman filter.
+    """
+
+    _STATE = ("_first_ns", "bias", "_covariance", "_seen")
+
+    def __init__(self, imu: ImuBuffer) -> None:
+        self._imu, self._direction = imu, 1
+        self._first_ns = 0
+        self.bias = np.zeros(3)  # rad/s
+        self._covariance = np.eye(3) * imu.settings.gyro_bias**2
+        self._seen: tuple[float, Floats] | None = None  # seconds and attitude of the last measurement
+
+    def begin(self, first_ns: int) -> None:
+        """Sets the stamp at which seconds are 0."""
+        self._first_ns = first_ns
+
+    def backwards(self) -> "Gyroscope":
+        """The same gyroscope, as time runs backwards; its bias is what it is now."""
+        other = Gyroscope(self._imu)
+        other.restore(self.state())
+        other._direction, other._seen = -self._direction, None
+        return other
+
+    def between(self, seconds: Floats) -> Turns:
+        """The turns between knots at times (K,) that increase."""
+        settings, lasted = self._imu.settings, np.diff(seconds)
+        found = [self._turn(a, b) for a, b in pairwise(seconds)]
+        known = np.array([own is not None for own in found])
+        if not known.any():
+            return NO_TURNS
+        rotations = np.stack([np.eye(3) if own is None else own[0] for own in found])
+        bias_variance = float(np.linalg.eigvalsh(self._covariance)[-1])
+        return Turns(rotations, known / (settings.gyro_noise**2 * lasted + bias_variance * lasted**2))
+
+    def turned(self, seconds: Floats, knots: Floats) -> Floats:
+        """Knots (K, 4, 4) at times (K,), with the attitudes that follow from the first one, as far as is measured."""
+        result = knots.copy()
+        for k in range(1, len(knots)):
+            found = self._turn(seconds[k - 1], seconds[k])
+            if found is None:
+                break
+            result[k, :3, :3] = result[k - 1, :3, :3] @ found[0]
+        return result
+
+    def follow(self, second: float, R_odom_sensor: Floats) -> None:
+        """Measures the bias by an attitude (3, 3) that registration finds."""
+        if self._seen is None:
+            self._seen = second, R_odom_sensor.copy()
+            return
+        before, R_before = self._seen
+        if second - before < _BETWEEN:
+            return
+        self._seen = second, R_odom_sensor.copy()
+        found = self._turn(before, second)
+        if found is not None:
+            R, J = found
+            off = Rotation.from_matrix(R.T @ R_before.T @ R_odom_sensor).as_rotvec()
+            self._correct(off, J, second - before)
+
+    def _correct(self, off: Floats, J: Floats, lasted: float) -> None:
+        """A Kalman filter's step: the true turn is the one of the gyroscope and a rotation vector `off` (3,)."""
+        settings = self._imu.settings
+        P = self._covariance + np.eye(3) * settings.gyro_walk**2 * lasted
+        gain = P @ J.T @ np.linalg.inv(J @ P @ J.T + np.eye(3) * 2 * settings.attitude_error**2)
+        self.bias = self.bias + gain @ off
+        P = P - gain @ J @ P
+        self._covariance = (P + P.T) / 2
+
+    def lose(self) -> None:
+        """To be called where attitudes are not known any more."""
+        self._seen = None
+
+    def _turn(self, begin: float, end: float) -> tuple[Floats, Floats] | None:
+        """See `preintegrated`; None where samples are missing."""
+        low, high = sorted((self._direction * begin, self._direction * end))
+        at = [self._first_ns + round(second * 1e9) for second in (low, high)]
+        samples = self._imu.around(*at)
+        if samples is None:
+            return None
+        seconds = (samples.stamps_ns - self._first_ns) / 1e9
+        R, J = preintegrated(seconds, samples.gyro, self.bias, low, high)
+        return (R, J) if self._direction > 0 else (R.T.copy(), -R @ J)

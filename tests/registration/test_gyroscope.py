@@ -1,0 +1,82 @@
+"""Turns of a gyroscope, its bias, and up by an accelerometer."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from data.imu import ImuSamples
+from data.simulation.imu import ImuModel, measured
+from sgslam.config import ImuSettings
+from sgslam.geometry.frames import inverse
+from sgslam.inertial import NO_TURNS, Gyroscope, ImuBuffer, measured_up
+
+Array = NDArray[np.float64]
+SECONDS = np.arange(0.0, 1.01, 0.1)
+
+
+def walking(seconds: Array) -> Array:
+    """Poses of a sensor on its side that sways on a walk in a circle."""
+    T = np.tile(np.eye(4), (len(seconds), 1, 1))
+    sway = 0.2 * np.sin(9.0 * seconds)
+    T[:, :3, :3] = Rotation.from_euler("ZYX", np.column_stack([seconds, np.full(len(seconds), 1.5), sway])).as_matrix()
+    T[:, :3, 3] = np.column_stack([np.cos(seconds), np.sin(seconds), 0.03 * np.sin(12.0 * seconds)])
+    return T
+
+
+def gyroscope(samples: ImuSamples) -> tuple[ImuBuffer, Gyroscope]:
+    imu = ImuBuffer(ImuSettings())
+    imu.add(samples)
+    gyro = Gyroscope(imu)
+    gyro.begin(0)
+    return imu, gyro
+
+
+def test_turns_between_knots_are_the_true_ones() -> None:
+    _, gyro = gyroscope(measured(walking, 2.0, ImuModel(), 0))
+    poses = walking(SECONDS)
+    expected = poses[:-1, :3, :3].transpose(0, 2, 1) @ poses[1:, :3, :3]
+    turns = gyro.between(SECONDS)
+    assert turns.rotations == pytest.approx(expected, abs=1e-3)
+    assert (turns.information > 0).all()
+
+
+def test_without_samples_nothing_is_told() -> None:
+    gyro = Gyroscope(ImuBuffer(ImuSettings()))
+    assert gyro.between(SECONDS) is NO_TURNS
+    knots = walking(SECONDS)
+    assert np.array_equal(gyro.turned(SECONDS, knots), knots)
+
+
+def test_the_bias_is_found_by_the_attitudes_of_registration() -> None:
+    samples = measured(walking, 10.0, ImuModel(), 0)
+    bias = np.array([0.01, -0.02, 0.005])
+    _, gyro = gyroscope(ImuSamples(samples.stamps_ns, samples.gyro + bias, samples.accel))
+    for second in np.arange(0.0, 9.0, 0.1):
+        gyro.follow(second, walking(np.array([second]))[0, :3, :3])
+    assert gyro.bias == pytest.approx(bias, abs=1.5e-3)
+
+
+def test_backwards_it_turns_back() -> None:
+    _, gyro = gyroscope(measured(walking, 2.0, ImuModel(), 0))
+    forth, back = gyro.between(SECONDS), gyro.backwards().between(-SECONDS[::-1])
+    assert back.rotations[::-1] == pytest.approx(forth.rotations.transpose(0, 2, 1), abs=1e-9)
+
+
+def test_up_is_known_after_a_second_of_walking_and_not_before() -> None:
+    imu, _ = gyroscope(measured(walking, 2.0, ImuModel(), 0))
+    poses, stamps = walking(SECONDS), np.rint(SECONDS * 1e9).astype(np.int64)
+    in_first = inverse(poses[0]) @ poses
+    up = measured_up(imu, stamps, in_first)
+    assert up is not None
+    assert np.degrees(np.arccos(up @ poses[0, 2, :3])) < 2.0
+    assert measured_up(imu, stamps[:8], in_first[:8]) is None
+
+
+def test_a_gap_of_samples_tells_nothing() -> None:
+    samples = measured(walking, 2.0, ImuModel(), 0)
+    kept = (samples.stamps_ns < 3 * 10**8) | (samples.stamps_ns > 5 * 10**8)
+    _, gyro = gyroscope(ImuSamples(samples.stamps_ns[kept], samples.gyro[kept], samples.accel[kept]))
+    known = gyro.between(SECONDS).information > 0
+    assert known[0] and known[7]
+    assert not known[3] and not known[4]
