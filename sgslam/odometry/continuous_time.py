@@ -13,7 +13,7 @@ from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import NO_TURNS, Gyroscope
 from sgslam.odometry.base import Odometry, State
-from sgslam.registration import Health, Motion, Registration, SurfelMap
+from sgslam.registration import Health, Motion, Registration
 from sgslam.registration.attempts import best_attempt
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.free_space import share_seen_through
@@ -22,6 +22,7 @@ from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.relocation import likely_poses
 from sgslam.registration.sampling import TimedPoints, thinned
 from sgslam.registration.window import Solved, Weights, solve, window_knots
+from sgslam.surfels import SurfelMap
 
 Floats = NDArray[np.float64]
 _BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.registration.moving_points import place_point, turn_between
-from sgslam.registration.plane_search import Surfels, nearest_plane
+from sgslam.surfels.search import Surfels, nearest_plane
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.registration.plane_search import Surfels, is_met_between
+from sgslam.surfels.search import Surfels, is_met_between
 
 Floats = NDArray[np.float64]
 _EVERY = 8  # of the points, one whose ray is followed

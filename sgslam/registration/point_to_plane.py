@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.registration.surfel_planes import (
+from sgslam.surfels.planes import (
     add_normal_variance,
     misfit,
     plane_residual,

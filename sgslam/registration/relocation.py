@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from data.common.compiled import compiled
 from sgslam.geometry.frames import levelling
-from sgslam.registration.plane_search import Surfels, nearest_plane
+from sgslam.surfels.search import Surfels, nearest_plane
 
 Floats = NDArray[np.float64]
 

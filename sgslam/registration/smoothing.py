@@ -20,12 +20,11 @@ from sgslam.registration.beliefs import MotionModel
 from sgslam.registration.correspondences import find_planes
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_velocities
-from sgslam.registration.plane_search import Surfels
 from sgslam.registration.point_to_plane import add_points
 from sgslam.registration.sampling import TimedPoints
-from sgslam.registration.surfel_map import SurfelMap
 from sgslam.registration.types import Motion
 from sgslam.registration.window import MotionPrior, Weights, robust_scales, update_knots, window_knots
+from sgslam.surfels import SurfelMap, Surfels
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -15,8 +15,8 @@ from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_pose, add_turns, add_velocities, velocity_between
 from sgslam.registration.moving_points import rotated_by
-from sgslam.registration.plane_search import Surfels
 from sgslam.registration.point_to_plane import add_points
+from sgslam.surfels import Surfels
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,8 +17,8 @@ from sgslam.perception import (
     sort_into_columns,
 )
 from sgslam.perception.column_scan import contour
-from sgslam.registration import SurfelMap
 from sgslam.serialization import Stateful
+from sgslam.surfels import SurfelMap
 from sgslam.tracking.level_frame import add_scan
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
-from sgslam.registration import SurfelMap
 from sgslam.serialization import Stateful
+from sgslam.surfels import SurfelMap
 from sgslam.tracking.gravity import SIGN_SURE, estimate_gravity
 from sgslam.tracking.level_frame import SIDE, add_scan
 

@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, levelling
-from sgslam.registration import Registration, SurfelMap
+from sgslam.registration import Registration
 from sgslam.registration.sampling import one_a_cell
 from sgslam.serialization import Stateful
+from sgslam.surfels import SurfelMap
 from sgslam.tracking.gravity import Gravity, estimate_gravity
 
 Floats = NDArray[np.float64]

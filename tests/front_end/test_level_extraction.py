@@ -7,7 +7,7 @@ from boxes import Array, Box, pose, room, scan, scene_of
 from data.simulation import SpinningSensor
 from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.perception import LevelObservation, extract_levels
-from sgslam.registration import SurfelMap
+from sgslam.surfels import SurfelMap
 from sgslam.tracking.level_frame import add_seen
 
 WIDE = SpinningSensor(beams=32, lowest_deg=-45, highest_deg=45)

@@ -7,8 +7,8 @@ from boxes import Array, Box, pose, room, scan, scene_of
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import transform_points
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration import SurfelMap
 from sgslam.registration.free_space import share_seen_through
+from sgslam.surfels import SurfelMap
 
 SMALL, LARGE = room(-2, -2, 2, 2), room(-4, -4, 4, 4)
 HERE = pose(0.3, 0.2, 1.2)

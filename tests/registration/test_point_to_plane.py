@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sgslam.registration.correspondences import planes_of
 from sgslam.registration.motion_prior import add_height
 from sgslam.registration.point_to_plane import add_points
-from sgslam.registration.surfel_map import SurfelMap
+from sgslam.surfels import SurfelMap
 
 Floats = NDArray[np.float64]
 HEIGHT = 1.5  # m, of the sensor above the floor

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sgslam.registration import SurfelMap
-from sgslam.registration.plane_search import nearest_plane
+from sgslam.surfels import SurfelMap
+from sgslam.surfels.search import nearest_plane
 
 Array = NDArray[np.float64]
 _AHEAD = np.array([1.0, 0.0, 0.0])

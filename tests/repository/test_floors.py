@@ -24,8 +24,8 @@ FLOORS = {  # sub-packages and modules of each package, the lowest first
     "matching": "protocol result arrays search deformation network learned training published combinatorial ambiguity "
     "matcher match train self_test",
     "factors": "noise planes rooms bim",
-    "sgslam": "own_packages config geometry serialization perception inertial registration odometry mapping backend "
-    "loops tracking anchoring as_built report session slam inspection viewer export cli run",
+    "sgslam": "own_packages config geometry serialization perception inertial surfels registration odometry mapping "
+    "backend loops tracking anchoring as_built report session slam inspection viewer export cli run",
     "evaluation": "metrics harness drives slam_ablation matching_benchmark published studies",
 }
 MOST_MODULES = 15  # in a folder, so that its list is taken in at a glance

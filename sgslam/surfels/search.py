@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.registration.surfel_cells import SHIFT, SIDES, key_of, place_of
-from sgslam.registration.surfel_planes import ACROSS, GRAZING, MEAN, NORMAL, VALID, in_plane, is_within, plane_residual
+from sgslam.surfels.cells import SHIFT, SIDES, key_of, place_of
+from sgslam.surfels.planes import ACROSS, GRAZING, MEAN, NORMAL, VALID, in_plane, is_within, plane_residual
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

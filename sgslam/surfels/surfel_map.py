@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.registration.plane_search import Surfels
-from sgslam.registration.surfel_cells import SIDES, key_of, place_of, rehash
-from sgslam.registration.surfel_planes import (
+from sgslam.serialization import Stateful
+from sgslam.surfels.cells import SIDES, key_of, place_of, rehash
+from sgslam.surfels.planes import (
     AXIS_1,
     CHANGED,
     COUNT,
@@ -27,7 +27,7 @@ from sgslam.registration.surfel_planes import (
     VALID,
     fit_plane,
 )
-from sgslam.serialization import Stateful
+from sgslam.surfels.search import Surfels
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
