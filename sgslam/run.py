@@ -34,7 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     gc.freeze()  # the modules stay loaded: the garbage collector need not scan them
     view = None if page is None else LiveView(page, job.a_graph, job.truth)
     on_scan = None if view is None else view.add_scan
-    stopped = run_scans(run.slam, job.scans, run.progress, run.checkpoints, job.external_odometry, on_scan)
+    stopped = run_scans(run.slam, job.scans, run.progress, run.checkpoints, job.external_odometry, on_scan, job.imu)
     metrics = run.finish(stopped)
     _print_summary(metrics, out)
     if view is not None:
@@ -63,6 +63,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--mount", metavar="R,P,Y", help="roll, pitch, yaw of the sensor, degrees (default: found out); 180,0,0: hangs")
     add("--tolerance", metavar="LENGTH", help="offset up to which an element is as planned, e.g. 15mm (default: 30mm)")
     add("--odometry", metavar="NAME|FILE", help="continuous_time (default), kiss, small_gicp, or a TUM file of poses")
+    add("--imu", type=Path, metavar="FILE", help="samples of an IMU beside the LiDAR, as CSV in EuRoC's form")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
     add("--resume", type=Path, metavar="DIR", help="resume the interrupted run in this --out folder")

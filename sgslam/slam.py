@@ -79,7 +79,7 @@ class SceneGraphSlam:
         self._process(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor))
         return self._update(int(stamp_ns))
 
-    def add_imu(self, stamp_ns: int, gyro: Floats, accel: Floats) -> None:
+    def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """Adds a sample of an IMU, by the scans' clock: rate of turn (3,) in rad/s and specific force (3,) in m/s2, in
         the IMU's axes (`imu.rotation` turns them into the sensor's). Of several: stamps (N,) and values (N, 3).
 
@@ -100,6 +100,11 @@ class SceneGraphSlam:
             raise UserError(f"IMU at {stamps[0]} ns: stamps must increase; the last was {newest} ns")
         if len(stamps):
             self._session.imu.add(samples)
+
+    @property
+    def newest_imu_ns(self) -> int | None:
+        """The stamp of the newest sample of an IMU; None before the first."""
+        return self._session.imu.newest_ns
 
     def _process(self, raw: RawScan) -> None:
         """Tracks a scan, and adds it to the map when it is known where it was taken."""

@@ -7,7 +7,7 @@ from typing import Any
 from data import UserError
 from sgslam.session.checkpoints import about_run
 
-_PATHS = ("scan_dir", "bim", "ground_truth", "map")
+_PATHS = ("scan_dir", "bim", "ground_truth", "map", "imu")
 _WORDS = ("topic", "start", "storey", "mount", "odometry", "second_pass")
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from data.common.errors import UserError
 from data.ifc.bcf import Model
+from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
 from data.scans import ScanSource
 from data.scans.sources import open_scans
@@ -64,6 +65,7 @@ class Job:
     scans: ScanSource
     truth: Trajectory | None
     bim: Bim | None
+    imu: ImuSamples | None
     began: float
     cpu_began: float
     bim_seconds: float
@@ -97,6 +99,7 @@ def read_job(options: argparse.Namespace) -> Job:
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start refer to a building; give --bim too")
     scans = open_scans(options.scan_dir, options.topic)
+    imu = None if options.imu is None else read_imu(options.imu)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
     if truth is not None and stamps is not None and not len(associate(stamps, truth.stamps_ns)[0]):
@@ -114,7 +117,9 @@ def read_job(options: argparse.Namespace) -> Job:
         began, cpu_began = perf_counter() - read, process_time() - spent
     if start is not None:
         matcher = _MatcherWithStart(matcher, start)
-    return Job(options, resumed, config, external, start, matcher, prior, scans, truth, bim, began, cpu_began, seconds)
+    return Job(
+        options, resumed, config, external, start, matcher, prior, scans, truth, bim, imu, began, cpu_began, seconds
+    )  # fmt: skip
 
 
 def out_folder(options: argparse.Namespace) -> Path:
@@ -129,9 +134,8 @@ class Run:
         """Raises UserError if the inputs differ from those of the run to be resumed."""
         self._job, self._out, options, resumed = job, out, job.options, job.resumed_from
         self._hints = {"storey": options.storey, "start": job.start}
-        inputs = run_fingerprint(
-            job.scans, job.a_graph, job.config, {**self._hints, "topic": options.topic}, options.map
-        )  # fmt: skip
+        told = {**self._hints, "topic": options.topic, "imu_samples": None if job.imu is None else len(job.imu)}
+        inputs = run_fingerprint(job.scans, job.a_graph, job.config, told, options.map)
         if resumed is not None:
             check_unchanged(out, resumed, inputs)
         _log_to(out / "run.log", options.verbose, append=resumed is not None)

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data import UserError
+from data.imu import ImuSamples
 from data.scans import ScanSource
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.perception.first_scans import in_metres_and_sensor_frame
 from sgslam.session import Checkpoints, Update
 from sgslam.slam import SceneGraphSlam
+
+_SCAN_NS = 200_000_000  # as long as a scan lasts at most, from its stamp on
 
 ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]], None]
 
@@ -71,11 +74,13 @@ def interruptible() -> Iterator[Interruption]:
 def run_scans(
     slam: SceneGraphSlam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
     odometry: ExternalOdometry | None = None, on_scan: ScanCallback | None = None,
+    imu: ImuSamples | None = None,
 ) -> str | None:  # fmt: skip
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
-    `odometry` is an external odometry; `on_scan` is called after each scan. Raises UserError if not even one scan could
-    be added or the first ones are in another unit or frame, and KeyboardInterrupt at the second interrupt.
+    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` is called after each scan. Raises
+    UserError if not even one scan could be added or the first ones are in another unit or frame, and KeyboardInterrupt
+    at the second interrupt.
     """
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -92,6 +97,7 @@ def run_scans(
                 if interruption:
                     checkpoints.write(slam, progress.to_dict())
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
+                _add_imu(slam, imu, scan.stamp_ns)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
                 if on_scan is not None:
@@ -107,3 +113,14 @@ def run_scans(
                 raise
             return str(error)
     return None
+
+
+def _add_imu(slam: SceneGraphSlam, imu: ImuSamples | None, stamp_ns: int) -> None:
+    """Adds the samples until the end of a scan that were not added yet."""
+    if imu is None:
+        return
+    newest = slam.newest_imu_ns
+    first = 0 if newest is None else int(np.searchsorted(imu.stamps_ns, newest, side="right"))
+    last = int(np.searchsorted(imu.stamps_ns, stamp_ns + _SCAN_NS, side="right"))
+    if last > first:
+        slam.add_imu(imu.stamps_ns[first:last], imu.gyro[first:last], imu.accel[first:last])

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from odometry_contract import rolling
 from scipy.spatial.transform import Rotation
 
 from data.imu import ImuSamples
 from data.simulation.imu import ImuModel, measured
-from sgslam.config import ImuSettings
+from sgslam.config import ImuSettings, TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.inertial import NO_TURNS, Gyroscope, ImuBuffer, measured_up
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 
 Array = NDArray[np.float64]
 SECONDS = np.arange(0.0, 1.01, 0.1)
@@ -80,3 +82,14 @@ def test_a_gap_of_samples_tells_nothing() -> None:
     known = gyro.between(SECONDS).information > 0
     assert known[0] and known[7]
     assert not known[3] and not known[4]
+
+
+def test_an_imu_without_samples_changes_no_bit() -> None:
+    silent = Gyroscope(ImuBuffer(ImuSettings()))
+    settings = TrackingSettings()
+    alone, beside = ContinuousTimeOdometry(settings), ContinuousTimeOdometry(settings, silent)
+    scans, _, times = rolling()
+    for k, (points, seconds) in enumerate(zip(scans[:8], times[:8], strict=True)):
+        a, b = (own.register(k * 100_000_000, points, seconds) for own in (alone, beside))
+        assert np.array_equal(a.T_odom_sensor, b.T_odom_sensor)
+        assert np.array_equal(a.covariance, b.covariance)
