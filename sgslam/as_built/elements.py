@@ -13,7 +13,7 @@ from sgslam.as_built.sightings import Sightings, View, sightings
 from sgslam.as_built.tolerance_classes import loa_class
 
 if TYPE_CHECKING:
-    from data.ifc.elements import PlannedElement  # loads ifcopenshell
+    from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
 Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]

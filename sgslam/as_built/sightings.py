@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from data.geometry.raycast import TriangleScene
 
 if TYPE_CHECKING:
-    from data.ifc.elements import PlannedElement  # loads ifcopenshell
+    from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

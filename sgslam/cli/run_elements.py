@@ -22,7 +22,7 @@ def write_run_elements(result: Result, bim: Path | None, a_graph: SceneGraph | N
         for name in (JSON, CSV, XLSX):
             (out / name).unlink(missing_ok=True)
         return
-    from data.ifc.elements import planned_elements  # loads ifcopenshell
+    from data.plans.elements import planned_elements  # loads ifcopenshell
 
     tolerance = result.config.as_built.tolerance
     write_elements(out, element_verdicts(planned_elements(bim), run_views(result), a_graph, tolerance), tolerance)

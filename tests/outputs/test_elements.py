@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
-from data.ifc.elements import PlannedElement
+from data.plans.elements import PlannedElement
 from data.scene_graph import SceneGraph
 from sgslam.as_built.element_files import write_elements
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
