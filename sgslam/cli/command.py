@@ -27,6 +27,7 @@ COMMANDS = {
     "match": Command("matching.match", "match an S-graph with a plan's A-graph"),
     "inspect-bim": Command("sgslam.cli.inspect_bim", "check a plan: gaps, symmetries, rooms needed to localise"),
     "export": Command("sgslam.cli.export", "export a finished run to the formats of other programs"),
+    "compare": Command("sgslam.as_built.compare", "show what was built or moved between two runs in one building"),
     "simulate": Command("data.simulate", "simulate a robot with a LiDAR driving through a building"),
     "train": Command("matching.train", "train the matcher's network"),
     "evaluate": Command("evaluation.__main__", "measure accuracy, matching and time; 'sgslam evaluate list'"),

@@ -1,0 +1,92 @@
+"""`python -m sgslam.as_built.compare OUT1 OUT2`: what changed between two runs in one building, element by element.
+
+It reads elements.json of both, prints the elements that changed, and writes compare.json and compare.csv to OUT2.
+"""
+
+import argparse
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+from data.common.files import write_atomically, write_json
+from sgslam.as_built.element_files import JSON
+
+COMPARE_JSON, COMPARE_CSV = "compare.json", "compare.csv"
+Entry = dict[str, Any]
+_COLUMNS = ("change", "name", "global_id", "ifc_class", "storey", "before", "after", "offset_m")
+_STANDS = ("as planned", "moved")
+_SURE_SIGMAS = 2.0  # of the difference of two offsets, for 95 % coverage
+
+
+def compare(before: Path, after: Path) -> list[Entry]:
+    """The elements that were `built since`, `gone since`, `moved since` or are `still absent`, in the plan's order.
+
+    Raises UserError for a run without elements.json and for runs of different plans.
+    """
+    first, second = _elements(before), _elements(after)
+    if first.keys() != second.keys():
+        raise UserError(
+            f"{before} and {after}: not of the same plan, their elements differ; give two runs of one --bim"
+        )
+    changes = ((_change(first[key], entry), first[key], entry) for key, entry in second.items())
+    return [
+        {
+            "change": change, **{name: new[name] for name in _COLUMNS[1:5]}, "before": old["verdict"],
+            "after": new["verdict"], "offset_m": new["offset_m"],
+        }
+        for change, old, new in changes if change is not None
+    ]  # fmt: skip
+
+
+def _change(old: Entry, new: Entry) -> str | None:
+    """None where nothing changed, or where one of the runs does not say."""
+    if old["verdict"] == "absent":
+        return "still absent" if new["verdict"] == "absent" else "built since" if new["verdict"] in _STANDS else None
+    if old["verdict"] in _STANDS and new["verdict"] == "absent":
+        return "gone since"
+    if old["offset_m"] is None or new["offset_m"] is None or old["direction"] != new["direction"]:
+        return None
+    sigma = (old["sigma_m"] ** 2 + new["sigma_m"] ** 2) ** 0.5
+    moved = abs(new["offset_m"] - old["offset_m"]) > _SURE_SIGMAS * sigma
+    return "moved since" if moved and old["verdict"] != new["verdict"] and new["verdict"] in _STANDS else None
+
+
+def _elements(out: Path) -> dict[str, Entry]:
+    path = out / JSON
+    if not path.is_file():
+        raise UserError(f"{out}: has no {JSON}; give the --out of a run that was anchored to an IFC model")
+    try:
+        return {entry["global_id"]: entry for entry in json.loads(path.read_text())["elements"]}
+    except (ValueError, KeyError, TypeError):
+        raise UserError(f"{path}: is damaged; run it again") from None
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command line; raises UserError."""
+    from rich.console import Console
+    from rich.table import Table
+
+    parser = Parser(prog="python -m sgslam.as_built.compare", description="Compare two runs in one building.")
+    parser.add_argument("before", type=Path, metavar="OUT1", help="folder of the earlier run")
+    parser.add_argument("after", type=Path, metavar="OUT2", help="folder of the later run; the files are written there")
+    options: argparse.Namespace = parser.parse_args(arguments)
+    rows = compare(options.before, options.after)
+    write_json(options.after / COMPARE_JSON, rows)
+    text = io.StringIO()
+    table = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    write_atomically(options.after / COMPARE_CSV, text.getvalue())
+    shown = Table("change", "name", "class", "storey", "before", "after")
+    for row in rows:
+        shown.add_row(*(str(row[name]) for name in ("change", "name", "ifc_class", "storey", "before", "after")))
+    Console().print(shown if rows else "nothing changed that both runs saw")
+    return 0
+
+
+if __name__ == "__main__":
+    run_command(main)
