@@ -18,18 +18,14 @@ class TriangleScene:
 
     def distances(self, origins: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) metres along unit `directions` (N, 3) from `origins`, (3,) or (N, 3); inf where nothing is."""
-        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
-        rays = np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
-        hits = self._scene.run(*rays, query="DISTANCE")
+        hits = self._scene.run(*self._rays(origins, directions), query="DISTANCE")
         return np.where(hits < 1e30, hits, np.inf).astype(np.float64)
 
     def faces(
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """As `distances`, and (N,) the index of the triangle that is met first; -1 where nothing is."""
-        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
-        rays = np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
-        hits = self._scene.run(*rays, output=1)
+        hits = self._scene.run(*self._rays(origins, directions), output=1)
         face = hits["primID"].astype(np.int64)
         return np.where(face >= 0, hits["tfar"].astype(np.float64), np.inf), face
 
@@ -37,10 +33,15 @@ class TriangleScene:
         self, origins: NDArray[np.float64], directions: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """As `distances`, and (N,) the cosines of the angles between rays and surfaces' normals; 1 where nothing is."""
-        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
-        rays = np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
-        hits = self._scene.run(*rays, output=1)
+        hits = self._scene.run(*self._rays(origins, directions), output=1)
         found, normals = hits["primID"] >= 0, hits["Ng"].astype(np.float64)
         lengths = np.where(found, np.linalg.norm(normals, axis=1), 1.0)
         cosines = np.abs(np.einsum("ij,ij->i", normals, directions)) / np.maximum(lengths, 1e-12)
         return np.where(found, hits["tfar"].astype(np.float64), np.inf), np.where(found, cosines, 1.0)
+
+    def _rays(
+        self, origins: NDArray[np.float64], directions: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(N, 3) both, about the local origin, as Embree takes them."""
+        local = np.broadcast_to((origins - self._origin).astype(np.float32), directions.shape)
+        return np.ascontiguousarray(local), np.ascontiguousarray(directions, dtype=np.float32)
