@@ -83,7 +83,7 @@ class LevelFrame(Stateful):
 
     def settle(self, results: list[Registration]) -> None:
         """Ends the search with the `results` of all scans; where nothing is found, up is where the mount says."""
-        settings, found = self._settings, self._estimate(results)
+        found = self._estimate(results)
         if self._measured is not None:
             self._settle_measured(self._measured, found)
             return
@@ -96,13 +96,9 @@ class LevelFrame(Stateful):
                 "the surfaces of the first seconds do not tell where up is: the sensor is taken to be mounted as "
                 "stated; state roll, pitch and yaw in degrees by --mount"
             )
-        elif settings.mount is not None and tilt > settings.mount_error:
-            self.advice = (
-                f"the sensor hangs {np.degrees(tilt):.0f} degrees off the stated mount, as its surroundings show; "
-                "correct --mount, or leave it out"
-            )
-            _log.warning("%s", self.advice)
-        elif not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45)):
+        elif not self._contradicts_mount(tilt, "its surroundings show") and (
+            not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45))
+        ):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
         if found is not None:
             self._tell(float(np.degrees(tilt)))
@@ -116,14 +112,20 @@ class LevelFrame(Stateful):
             if axis @ measured > np.cos(self._up_error):
                 up = axis
         tilt = float(np.arccos(np.clip(up @ self._expected, -1.0, 1.0)))
-        if self._settings.mount is not None and tilt > self._settings.mount_error:
-            self.advice = (
-                f"the sensor hangs {np.degrees(tilt):.0f} degrees off the stated mount, as the accelerometer shows; "
-                "correct --mount, or leave it out"
-            )
-            _log.warning("%s", self.advice)
+        self._contradicts_mount(tilt, "the accelerometer shows")
         _log.info("the sensor begins %.0f degrees off its mount, as the accelerometer shows", np.degrees(tilt))
         self.known, self.likely_up, self._chosen = True, up, []
+
+    def _contradicts_mount(self, tilt: float, as_shown: str) -> bool:
+        """Whether up is so far (rad) off the stated mount that this is wrong; then it is advised to correct it."""
+        if self._settings.mount is None or tilt <= self._settings.mount_error:
+            return False
+        self.advice = (
+            f"the sensor hangs {np.degrees(tilt):.0f} degrees off the stated mount, as {as_shown}; "
+            "correct --mount, or leave it out"
+        )
+        _log.warning("%s", self.advice)
+        return True
 
     def _tell(self, tilt_deg: float) -> None:
         if self._settings.mount is not None:
