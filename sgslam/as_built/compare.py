@@ -14,12 +14,12 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
 from sgslam.as_built.element_files import JSON
+from sgslam.as_built.elements import SURE_SIGMAS
 
 COMPARE_JSON, COMPARE_CSV = "compare.json", "compare.csv"
 Entry = dict[str, Any]
 _COLUMNS = ("change", "name", "global_id", "ifc_class", "storey", "before", "after", "offset_m")
 _STANDS = ("as planned", "moved")
-_SURE_SIGMAS = 2.0  # of the difference of two offsets, for 95 % coverage
 
 
 def compare(before: Path, after: Path) -> list[Entry]:
@@ -51,7 +51,7 @@ def _change(old: Entry, new: Entry) -> str | None:
     if old["offset_m"] is None or new["offset_m"] is None or old["direction"] != new["direction"]:
         return None
     sigma = (old["sigma_m"] ** 2 + new["sigma_m"] ** 2) ** 0.5
-    moved = abs(new["offset_m"] - old["offset_m"]) > _SURE_SIGMAS * sigma
+    moved = abs(new["offset_m"] - old["offset_m"]) > SURE_SIGMAS * sigma
     return "moved since" if moved and old["verdict"] != new["verdict"] and new["verdict"] in _STANDS else None
 
 

@@ -23,8 +23,7 @@ _REACH = 0.4  # m, largest offset that is looked for; beyond it stands another t
 _BEHIND = 0.15  # m behind a surface, from which on a ray went through it
 _BEFORE, _THROUGH, _SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
 _SURE = np.log(100.0)  # log-likelihood of a cell's evidence by which one hypothesis must lead
-_SURE_SIGMAS = 2.0  # as the guard band of JCGM 106: 95 % coverage
-_SHARED = 0.004  # m, standard deviation of the error that all sightings share, as `anchors.sigma_extraction`
+SURE_SIGMAS = 2.0  # as the guard band of JCGM 106: 95 % coverage
 _BESIDE = 0.5  # m from a room's outline to an element that bounds it
 
 
@@ -67,9 +66,13 @@ class _Finding:
 
 
 def element_verdicts(
-    elements: list["PlannedElement"], views: Sequence[View], plan: SceneGraph, tolerance: float
+    elements: list["PlannedElement"], views: Sequence[View], plan: SceneGraph, tolerance: float, shared: float
 ) -> list[ElementVerdict]:
-    """A verdict for each element, in their order; `tolerance` (m) is the largest offset that counts as planned."""
+    """A verdict for each element, in their order.
+
+    `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
+    all sightings of an element share.
+    """
     found: dict[str, _Finding] = {}
     for kind in ("solid", "opening"):
         own = [element for element in elements if element.kind == kind]
@@ -80,11 +83,14 @@ def element_verdicts(
         ends = np.searchsorted(seen.element[order], np.arange(len(own) + 1))
         for k, element in enumerate(own):
             mine = order[ends[k] : ends[k + 1]]
-            found[element.global_id] = _solid(seen, mine, views, tolerance) if kind == "solid" else _opening(seen, mine)
+            solid = kind == "solid"
+            found[element.global_id] = _solid(seen, mine, views, tolerance, shared) if solid else _opening(seen, mine)
     return [_entry(element, found[element.global_id], plan) for element in elements]
 
 
-def _solid(seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tolerance: float) -> _Finding:
+def _solid(
+    seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tolerance: float, shared: float
+) -> _Finding:  # fmt: skip
     """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent."""
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
@@ -93,7 +99,8 @@ def _solid(seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tole
     mine, direction = _main_axis(seen, mine)
     sign = np.sign(seen.normal[mine] @ direction)
     offset = seen.offset[mine]
-    weight = 1 / np.unique(seen.cell[mine], axis=0, return_inverse=True, return_counts=True)[2][_group(seen, mine)]
+    _, cell, counts = np.unique(seen.cell[mine], axis=0, return_inverse=True, return_counts=True)
+    weight = 1 / counts[cell.ravel()]
     d = _mode(sign * offset, weight)
     before = offset - sign * d  # what was met, before (+) or behind (-) the surface that stands at d
     stands = float(np.sum(weight * _log_standing(before)))
@@ -106,11 +113,11 @@ def _solid(seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tole
         return _Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
     scatter = _NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
     pose = float(np.median([views[k].sigma for k in np.unique(seen.view[mine[at]])]))
-    sigma = float(np.hypot(np.hypot(scatter, _SHARED), pose))
+    sigma = float(np.hypot(np.hypot(scatter, shared), pose))
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
     margin = abs(abs(d) - tolerance)
-    sure = margin > _SURE_SIGMAS * sigma
+    sure = margin > SURE_SIGMAS * sigma
     verdict: Verdict = "as planned" if abs(d) <= tolerance else "moved" if sure else "uncertain"
     reason = f"its surface is at {1000 * d:+.0f} mm, by {int(at.sum())} sightings"
     if verdict == "moved" and abs(d) > _BEHIND / 2 and _could_be_furniture(sign[at], d):
@@ -144,10 +151,6 @@ def _main_axis(seen: Sightings, mine: NDArray[np.int64]) -> tuple[NDArray[np.int
     _, first, group = np.unique(np.rint(20 * axis), axis=0, return_index=True, return_inverse=True)
     best = int(np.argmax(np.bincount(group.ravel())))
     return mine[group.ravel() == best], axis[first[best]]
-
-
-def _group(seen: Sightings, mine: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.asarray(np.unique(seen.cell[mine], axis=0, return_inverse=True)[1]).ravel()
 
 
 def _mode(shift: Floats, weight: Floats) -> float:

@@ -24,8 +24,9 @@ def write_run_elements(result: Result, bim: Path | None, a_graph: SceneGraph | N
         return
     from data.plans.elements import planned_elements  # loads ifcopenshell
 
-    tolerance = result.config.as_built.tolerance
-    write_elements(out, element_verdicts(planned_elements(bim), run_views(result), a_graph, tolerance), tolerance)
+    tolerance, shared = result.config.as_built.tolerance, result.config.anchors.sigma_extraction
+    verdicts = element_verdicts(planned_elements(bim), run_views(result), a_graph, tolerance, shared)
+    write_elements(out, verdicts, tolerance)
 
 
 def run_views(result: Result) -> list[View]:

@@ -20,6 +20,7 @@ from sgslam.as_built.tolerance_classes import loa_class, parse_length
 
 PLAN = SceneGraph("bim", (), (), (), ())
 SEEN, HIDDEN = "wall", "hidden"
+SHARED = 0.004  # m
 
 
 def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -55,7 +56,7 @@ def _views(*built: NDArray[np.float64], count: int = 6) -> list[View]:
 
 
 def _verdict(views: list[View], tolerance: float = 0.01, name: str = SEEN) -> ElementVerdict:
-    return next(v for v in element_verdicts(ELEMENTS, views, PLAN, tolerance) if v.global_id == name)
+    return next(v for v in element_verdicts(ELEMENTS, views, PLAN, tolerance, SHARED) if v.global_id == name)
 
 
 @pytest.mark.parametrize("shift", [0.2, -0.03, 0.03])
@@ -94,14 +95,16 @@ def test_a_shelf_before_a_wall_does_not_move_it() -> None:
 def test_an_opening_that_is_closed_is_uncertain() -> None:
     opening = PlannedElement("door", "IfcDoor", "", "", "opening", _box((3.0, -0.6, 0.0), (3.2, 0.6, 2.1)))
     leaf = _box((3.0, -0.6, 0.0), (3.05, 0.6, 2.1))
-    verdicts = [element_verdicts([opening], views, PLAN, 0.01)[0].verdict for views in (_views(FAR), _views(leaf, FAR))]
+    verdicts = [
+        element_verdicts([opening], views, PLAN, 0.01, SHARED)[0].verdict for views in (_views(FAR), _views(leaf, FAR))
+    ]
     assert verdicts == ["as planned", "uncertain"]
     before = _box((2.0, -3.0, 0.0), (2.2, 3.0, 2.6))
-    assert element_verdicts([opening], _views(before), PLAN, 0.01)[0].verdict == "not seen"
+    assert element_verdicts([opening], _views(before), PLAN, 0.01, SHARED)[0].verdict == "not seen"
 
 
 def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
-    verdicts = element_verdicts(ELEMENTS, _views(WALL, FAR), PLAN, 0.01)
+    verdicts = element_verdicts(ELEMENTS, _views(WALL, FAR), PLAN, 0.01, SHARED)
     verdicts[0] = replace(verdicts[0], name="=1+1")
     write_elements(tmp_path, verdicts, 0.01)
     rows = list(csv.DictReader((tmp_path / "elements.csv").open()))
