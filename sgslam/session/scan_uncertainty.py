@@ -72,7 +72,7 @@ def scan_uncertainty(
     scans: list[ScanPose], run: slice, backend: Backend, uncertainty: Uncertainty | None, R_frame_map: Floats,
     settings: OdometrySettings, part: int, anchored: bool,
 ) -> ScanUncertainty:  # fmt: skip
-    """The lines of a map's `run`, a slice of its scans, whose poses are told in a frame turned by (3, 3).
+    """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3).
 
     A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
     what a step between the two errs on the way: a Brownian bridge.
