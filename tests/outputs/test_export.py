@@ -20,6 +20,8 @@ from data.common.errors import UserError
 from data.ifc.deviations import WallFinding, write_as_built
 from data.plans import load_bim
 from sgslam.cli.export import BCF, IFC, export
+from sgslam.config import Config
+from sgslam.config.loading import save_config
 
 SHARED_2X3 = Path(__file__).resolve().parents[3] / "shared/data/ifc/AC90R1-niedriha-V2-2x3.ifc"
 YAW = 0.4
@@ -54,6 +56,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     pose = [3000.0, -2000.0, 41.0, 0.0, 0.0, np.sin(YAW / 2), np.cos(YAW / 2)]
     (out / "metrics.json").write_text(json.dumps({"T_bim_map": pose}))
     (out / "matches.json").write_text(json.dumps({"floor": moved.floor}))
+    (out / "config.yaml").write_text(save_config(Config()))
     done = called("sgslam.cli.export", "--out", out, "--bim", building.path)
     assert done.returncode == 0, done.stderr
     assert "3 walls" in done.stdout and "3 topics" in done.stdout
