@@ -63,12 +63,11 @@ def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]
 
 def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.scans.ply import write_ply
-    from sgslam.config.loading import load_config
     from sgslam.export.cloud_map import cloud_map
     from sgslam.mapping import KeyframeClouds
     from sgslam.mapping.keyframe_clouds import FILE
 
-    voxel = voxel or load_config(run.path / "config.yaml", []).clouds.map_voxel
+    voxel = voxel or run.config.clouds.map_voxel
     clouds = KeyframeClouds.open(run.path / FILE)
     named = zip(run.s_graph.keyframes, run.keyframe_poses, strict=True)
     poses = {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
@@ -108,7 +107,7 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
-    findings = wall_findings(run.deviations, a_graph, _tolerance(run))
+    findings = wall_findings(run.deviations, a_graph, run.config.as_built.tolerance)
     unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, storeys_of(run.matches, run.s_graph))
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
@@ -126,15 +125,9 @@ def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
     model = Model(bim.name, project_of(bim))
-    count = write_topics(run.path / BCF, run.deviations, a_graph, run.s_graph, T_bim_map, model, _tolerance(run))
+    tolerance = run.config.as_built.tolerance
+    count = write_topics(run.path / BCF, run.deviations, a_graph, run.s_graph, T_bim_map, model, tolerance)
     return [f"{run.path / BCF}: {count} topics"]
-
-
-def _tolerance(run: "RunFolder") -> float:
-    """The run's tolerance (m)."""
-    from sgslam.config.loading import load_config
-
-    return load_config(run.path / "config.yaml", []).as_built.tolerance
 
 
 FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {

@@ -46,12 +46,12 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         text = path.read_text()
     except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"--config {path}: cannot read this file ({type(error).__name__}); give a YAML file") from None
-    values = _yaml(text, f"--config {path}")
+        raise UserError(f"{path}: cannot read these settings ({type(error).__name__}); give a YAML file") from None
+    values = _yaml(text, str(path))
     if values is None:
         return {}
     if not isinstance(values, dict):
-        raise UserError(f"--config {path}: not a table of settings; see config.yaml in a run's folder for the form")
+        raise UserError(f"{path}: not a table of settings; see config.yaml in a run's folder for the form")
     return values
 
 

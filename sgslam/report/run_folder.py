@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph import SceneGraph, WallSurface, Xy
+from sgslam.config import Config
+from sgslam.config.loading import load_config
 
 Floats = NDArray[np.float64]
 _HEIGHT = 2.5  # m, of a wall of unknown height
@@ -58,6 +60,11 @@ class RunFolder:
         if self.a_graph is None or self.T_bim_map is None:
             raise UserError(f"{self.path}: the run was not anchored, so nothing is known about the building as built")
         return self.a_graph, self.T_bim_map
+
+    @cached_property
+    def config(self) -> Config:
+        """The settings of the run; raises UserError where its `config.yaml` cannot be read."""
+        return load_config(self.path / "config.yaml", [])
 
     @property
     def frame(self) -> str:

@@ -141,8 +141,8 @@ def test_what_is_no_run_is_refused(run: tuple[Path, Path], tmp_path: Path) -> No
     out, bim = run
     with pytest.raises(UserError, match="no run's folder"):
         export(tmp_path, ["ifc"], bim)
-    for name in ("deviations", "matches", "a_graph", "s_graph"):
-        (tmp_path / f"{name}.json").write_bytes((out / f"{name}.json").read_bytes())
+    for name in ("deviations.json", "matches.json", "a_graph.json", "s_graph.json", "config.yaml"):
+        (tmp_path / name).write_bytes((out / name).read_bytes())
     (tmp_path / "metrics.json").write_text('{"T_bim_map": null}')
     with pytest.raises(UserError, match="not anchored"):
         export(tmp_path, ["ifc"], bim)
