@@ -103,7 +103,7 @@ def _at_the_end(scan: Scan, step: Array, interval_s: float) -> Array:
     if times is None:
         return scan.points
     velocity = velocity_between(np.eye(4), step, interval_s)
-    placed, _ = steady_motion(step, velocity, float(times.max()), times).placed(scan.points, times)
+    placed = steady_motion(step, velocity, float(times.max()), times).placed(scan.points, times)
     return np.asarray((placed - step[:3, 3]) @ step[:3, :3])
 
 

@@ -205,7 +205,7 @@ class ContinuousTimeOdometry:
         is_new = float(scan.knot_seconds[-1]) - self._lost_at < settings.usual_memory
         if not is_new and relative >= settings.suspicious:
             return False
-        points, _ = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
+        points = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
         oldest = self._way - settings.local_map
         through = share_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest)
         return through > settings.seen_through * (0.5 if is_new else 1.0)
@@ -283,7 +283,7 @@ class ContinuousTimeOdometry:
     def _likely_poses(self, other: "ContinuousTimeOdometry", newest: TimedPoints) -> list[Floats]:
         """T_odom_other (4, 4) of the places near the last known one where the other's newest scan would fit best."""
         last = other._older_knots[-1]
-        placed, _ = Motion(newest.knot_seconds, other._older_knots).placed(newest.points, newest.seconds)
+        placed = Motion(newest.knot_seconds, other._older_knots).placed(newest.points, newest.seconds)
         seen = np.hstack([transform_points(inverse(last), placed), newest.points[:, 3:]])
         local = self._map.arrays, self._way - self._settings.local_map
         assert self._up is not None
@@ -291,8 +291,9 @@ class ContinuousTimeOdometry:
 
     def _add(self, scan: TimedPoints, knots: Floats) -> None:
         """Adds a scan to the map."""
-        points, rays = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
-        self._map.add(points, rays, self._way, self._settings.local_map)
+        motion = Motion(scan.knot_seconds, knots)
+        points = motion.placed(scan.points, scan.seconds)
+        self._map.add(points, motion.rays(points, scan.seconds), self._way, self._settings.local_map)
 
     def state(self) -> dict[str, Any]:
         """See `Odometry.state`."""

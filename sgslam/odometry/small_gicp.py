@@ -88,7 +88,7 @@ class SmallGicpOdometry(RigidOdometry):
             return None
         if point_times is not None:
             motion = steady_motion(pose, velocity, end_of(point_times), point_times)
-            in_odom, _ = motion.placed(kept, point_times[within])
+            in_odom = motion.placed(kept, point_times[within])
             kept = (in_odom - pose[:3, 3]) @ pose[:3, :3]
         cloud, _ = self._gicp.preprocess_points(
             kept, downsampling_resolution=self._settings.gicp_voxel_size, num_neighbors=_NEIGHBOURS, num_threads=1

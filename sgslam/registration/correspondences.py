@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.registration.moving_points import place_point, turn_between
+from sgslam.registration.moving_points import place_point, turns_between
 from sgslam.surfels.search import Surfels, nearest_plane
 
 Floats = NDArray[np.float64]
@@ -50,15 +50,14 @@ def find_planes(
 
     A plane is within `gate` (m) of its point, whose place is known to an `error` (m).
     """
-    turns, ray, normal, sensor = np.empty((len(knots), 3)), np.empty(3), np.empty(3), np.empty(3)
-    for k in range(len(knots) - 1):
-        turns[k] = turn_between(knots[k], knots[k + 1])
+    turns, sensor = turns_between(knots), np.empty(3)
     for p in range(len(points)):
-        place_point(points[p], knot[p], share[p], knots, turns, moved[p], ray)
-        T, q = knots[knot[p]], points[p]
-        for i in range(3):
-            normal[i] = T[i, 0] * q[3] + T[i, 1] * q[4] + T[i, 2] * q[5]
-            sensor[i] = T[i, 3]
-            if share[p] != 0.0:
-                sensor[i] += share[p] * (knots[knot[p] + 1, i, 3] - T[i, 3])
-        plane_of[p] = nearest_plane(moved[p], sensor, normal, gate, error, surfels, oldest)
+        place_point(points, p, knot[p], share[p], knots, turns, moved, sensor)
+        k, nx, ny, nz = knot[p], points[p, 3], points[p, 4], points[p, 5]
+        normal = (
+            knots[k, 0, 0] * nx + knots[k, 0, 1] * ny + knots[k, 0, 2] * nz,
+            knots[k, 1, 0] * nx + knots[k, 1, 1] * ny + knots[k, 1, 2] * nz,
+            knots[k, 2, 0] * nx + knots[k, 2, 1] * ny + knots[k, 2, 2] * nz,
+        )
+        point, at = (moved[p, 0], moved[p, 1], moved[p, 2]), (sensor[0], sensor[1], sensor[2])
+        plane_of[p] = nearest_plane(point, at, normal, gate, error, surfels, oldest)

@@ -31,9 +31,9 @@ def velocity_between(T_a: Floats, T_b: Floats, seconds: float) -> Floats:
 def moved_on(T: Floats, velocity: Floats, seconds: float) -> Floats:
     """(4, 4) the pose after so many seconds with a steady velocity (6,)."""
     result = T.copy()
-    turn = velocity[:3] * seconds
+    turn = velocity[0] * seconds, velocity[1] * seconds, velocity[2] * seconds
     for j in range(3):
-        result[0, j], result[1, j], result[2, j] = rotated_by(turn, 1.0, T[0, j], T[1, j], T[2, j])
+        result[0, j], result[1, j], result[2, j] = rotated_by(*turn, T[0, j], T[1, j], T[2, j])
     result[:3, 3] += velocity[3:] * seconds
     return result
 

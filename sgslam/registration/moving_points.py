@@ -10,6 +10,8 @@ from data.common.compiled import compiled
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_SMALL = 0.25  # rad2: the series of a smaller angle are as true as the functions
+
 
 @compiled
 def turn_between(T_a: Floats, T_b: Floats) -> Floats:
@@ -27,54 +29,60 @@ def turn_between(T_a: Floats, T_b: Floats) -> Floats:
 
 
 @compiled
-def rotated_by(w: Floats, share: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A point rotated by a share of a rotation vector (3,), by Rodrigues' formula."""
-    angle = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    if angle < 1e-12:
-        return x, y, z
-    ax, ay, az = w[0] / angle, w[1] / angle, w[2] / angle
-    c, s = math.cos(share * angle), math.sin(share * angle)
-    along = (ax * x + ay * y + az * z) * (1 - c)
+def rotated_by(wx: float, wy: float, wz: float, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A point rotated by a rotation vector, by Rodrigues' formula; for small angles by its series,
+    without roots and trigonometry, to 1e-14."""
+    t = wx * wx + wy * wy + wz * wz
+    if t < _SMALL:
+        first = 1 - t * (1 / 6) * (1 - t * (1 / 20) * (1 - t * (1 / 42) * (1 - t * (1 / 72) * (1 - t * (1 / 110)))))
+        second = 0.5 - t * (1 / 24) * (1 - t * (1 / 30) * (1 - t * (1 / 56) * (1 - t * (1 / 90) * (1 - t * (1 / 132)))))
+    else:
+        angle = math.sqrt(t)
+        first, second = math.sin(angle) / angle, (1 - math.cos(angle)) / t
+    cx, cy, cz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
     return (
-        x * c + (ay * z - az * y) * s + ax * along,
-        y * c + (az * x - ax * z) * s + ay * along,
-        z * c + (ax * y - ay * x) * s + az * along,
+        x + first * cx + second * (wy * cz - wz * cy),
+        y + first * cy + second * (wz * cx - wx * cz),
+        z + first * cz + second * (wx * cy - wy * cx),
     )
 
 
 @compiled
-def placed(points: Floats, knot: Ints, share: Floats, knots: Floats) -> tuple[Floats, Floats]:
-    """Points (N, 3) and their unit rays (N, 3) in `odom`.
+def placed(points: Floats, knot: Ints, share: Floats, knots: Floats) -> Floats:
+    """Points (N, 3) in `odom`.
 
     Each point was measured by a sensor that had moved a `share` of the way from knot to next knot; `knots` (K, 4, 4)
     are its poses there.
     """
-    turns = np.empty((len(knots), 3))
-    for k in range(len(knots) - 1):
-        turns[k] = turn_between(knots[k], knots[k + 1])
-    moved, rays = np.empty((len(points), 3)), np.empty((len(points), 3))
+    turns, moved, sensor = turns_between(knots), np.empty((len(points), 3)), np.empty(3)
     for p in range(len(points)):
-        k = knot[p]
-        place_point(points[p], k, share[p], knots, turns, moved[p], rays[p])
-    return moved, rays
+        place_point(points, p, knot[p], share[p], knots, turns, moved, sensor)
+    return moved
 
 
 @compiled
-def place_point(point: Floats, k: int, share: float, knots: Floats, turns: Floats, moved: Floats, ray: Floats) -> None:
-    """Fills in a point's place (3,) and its unit ray (3,) in `odom`; as in `placed`, with the rotation vectors `turns`
-    (K, 3) between the knots."""
-    T = knots[k]
-    x = T[0, 0] * point[0] + T[0, 1] * point[1] + T[0, 2] * point[2]
-    y = T[1, 0] * point[0] + T[1, 1] * point[1] + T[1, 2] * point[2]
-    z = T[2, 0] * point[0] + T[2, 1] * point[1] + T[2, 2] * point[2]
-    if share != 0.0:
-        x, y, z = rotated_by(turns[k], share, x, y, z)
-    far = 1 / math.sqrt(x * x + y * y + z * z)
-    ray[0], ray[1], ray[2] = x * far, y * far, z * far
+def turns_between(knots: Floats) -> Floats:
+    """(K, 3) the rotation vectors from each of the poses (K, 4, 4) to the next one."""
+    turns = np.zeros((len(knots), 3))
+    for k in range(len(knots) - 1):
+        turns[k] = turn_between(knots[k], knots[k + 1])
+    return turns
+
+
+@compiled
+def place_point(
+    points: Floats, p: int, k: int, share: float, knots: Floats, turns: Floats, moved: Floats, sensor: Floats
+) -> None:
+    """Fills in where point `p`, moved[p], and the sensor (3,) that measured it were in `odom`; as in `placed`, with the
+    rotation vectors `turns` (K, 3) between the knots."""
+    px, py, pz = points[p, 0], points[p, 1], points[p, 2]
+    x = knots[k, 0, 0] * px + knots[k, 0, 1] * py + knots[k, 0, 2] * pz
+    y = knots[k, 1, 0] * px + knots[k, 1, 1] * py + knots[k, 1, 2] * pz
+    z = knots[k, 2, 0] * px + knots[k, 2, 1] * py + knots[k, 2, 2] * pz
     for i in range(3):
-        moved[i] = T[i, 3]
-        if share != 0.0:
-            moved[i] += share * (knots[k + 1, i, 3] - T[i, 3])
-    moved[0] += x
-    moved[1] += y
-    moved[2] += z
+        sensor[i] = knots[k, i, 3]
+    if share != 0.0:
+        x, y, z = rotated_by(share * turns[k, 0], share * turns[k, 1], share * turns[k, 2], x, y, z)
+        for i in range(3):
+            sensor[i] += share * (knots[k + 1, i, 3] - knots[k, i, 3])
+    moved[p, 0], moved[p, 1], moved[p, 2] = x + sensor[0], y + sensor[1], z + sensor[2]

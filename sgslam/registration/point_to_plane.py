@@ -30,7 +30,7 @@ def _grouped(moved: Floats, plane_of: Ints, planes: Floats) -> tuple[Floats, Int
         if group[s] < 0:
             group[s] = count
             count += 1
-        off, _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
+        off, _ = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes, s)
         group_of[p], off_of[p] = group[s], off
         own = sums[group[s]]
         own[0] += 1
@@ -52,11 +52,11 @@ def _weighed(
         s, own = plane_of[p], group_of[p]
         if s < 0:
             continue
-        off, spread = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes[s])
+        off, spread = plane_residual(moved[p, 0], moved[p, 1], moved[p, 2], planes, s)
         scale = kernel * kernel + spread
         robust = scale / (scale + off * off + scatter[own])
         weights[p] = robust * robust / (variance + spread)
-        shared[own] += weights[p] * misfit(planes[s], flat)
+        shared[own] += weights[p] * misfit(planes, s, flat)
     if is_placed:
         for p in range(len(moved)):
             if plane_of[p] >= 0:
@@ -118,7 +118,7 @@ def add_points(
             z -= a * (knots[k + 1, 2, 3] - knots[k, 2, 3])
         J[0], J[1], J[2] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
         J[3], J[4], J[5] = nx, ny, nz
-        add_normal_variance(planes[s], x, y, z, weight, D, F)
+        add_normal_variance(planes, s, x, y, z, weight, D, F)
         b = 1 - a
         for i in range(6):
             wi = weight * J[i]

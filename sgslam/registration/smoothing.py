@@ -90,8 +90,9 @@ def _map_of(scans: list[TimedPoints], firsts: list[int], motion: Motion, is_know
             if is_known[i]:
                 scan, own = scans[i], slice(firsts[i], firsts[i] + len(scans[i].knot_seconds))
                 points = scan.points.astype(np.float64)
-                placed = Motion(scan.knot_seconds, motion.knots[own]).placed(points, scan.seconds)
-                surfels.add(*placed, 0.0, 1.0)
+                own_motion = Motion(scan.knot_seconds, motion.knots[own])
+                placed = own_motion.placed(points, scan.seconds)
+                surfels.add(placed, own_motion.rays(placed, scan.seconds), 0.0, 1.0)
     return surfels
 
 

@@ -40,11 +40,18 @@ class Motion:
         k = np.clip(np.searchsorted(self.seconds, seconds, side="right") - 1, 0, len(self.knots) - 2)
         return k, (seconds - self.seconds[k]) / (self.seconds[k + 1] - self.seconds[k])
 
-    def placed(self, points: Floats, seconds: Floats) -> tuple[Floats, Floats]:
-        """Points (N, 3), measured at `seconds` (N,), and their unit rays (N, 3), in `odom`."""
+    def placed(self, points: Floats, seconds: Floats) -> Floats:
+        """Points (N, 3), measured at `seconds` (N,), in `odom`."""
         knot, share = self.between(seconds)
-        moved, rays = placed(points, knot, share, self.knots)
-        return moved, rays
+        return np.asarray(placed(points, knot, share, self.knots))
+
+    def rays(self, placed: Floats, seconds: Floats) -> Floats:
+        """(N, 3) the unit rays in `odom` to points (N, 3) that were measured at `seconds` (N,)."""
+        knot, share = self.between(seconds)
+        begin = self.knots[knot, :3, 3]
+        step = self.knots[np.minimum(knot + 1, len(self.knots) - 1), :3, 3] - begin
+        rays = placed - begin - share[:, None] * step
+        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,5 +77,5 @@ class Registration:
         """Points (N, 3) of the scan as the sensor would have measured them at its stamp."""
         if self.point_times is None:
             return points
-        in_odom, _ = self.motion.placed(points, self.point_times)
+        in_odom = self.motion.placed(points, self.point_times)
         return np.asarray((in_odom - self.T_odom_sensor[:3, 3]) @ self.T_odom_sensor[:3, :3])

@@ -14,7 +14,7 @@ from sgslam.inertial import NO_TURNS, Turns
 from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_pose, add_turns, add_velocities, velocity_between
-from sgslam.registration.moving_points import rotated_by
+from sgslam.registration.moving_points import placed, rotated_by
 from sgslam.registration.point_to_plane import add_points
 from sgslam.surfels import Surfels
 
@@ -23,6 +23,7 @@ Ints = NDArray[np.int64]
 
 _KERNEL = 5.0  # times the median residual
 _SIGMA = 6.0  # times the median residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors
+_SETTLED = 4.0  # times the convergence: after a smaller step, fewer than one point in a hundred is on another plane
 _GAP = 0.25  # of a scan's duration: a shorter pause after the scan before is none
 
 
@@ -148,12 +149,17 @@ def solve(
     to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals,
     from `first_kernel` to that of the weights (m): a wide one finds the way from a poor prediction, a narrow one
     rejects outliers. A point's place counts as known to the difference. `turns` are those of a gyroscope.
+
+    Most of the time goes into finding the points' planes; they are kept over the last, small steps.
     """
-    knots, n = predicted.copy(), 6 * len(predicted)
+    knots, n, moved_by, plane_of = predicted.copy(), 6 * len(predicted), np.inf, np.empty(0, np.int64)
     H, measured, kernel, sigma = np.empty((n, n)), np.empty((n, n)), first_kernel, weights.sigma_point
     for _ in range(weights.iterations):
         error = kernel - weights.kernel
-        moved, plane_of = planes_of(points, knot, share, knots, surfels, oldest, weights.gate, error)
+        if error > 0 or moved_by > _SETTLED * weights.convergence:
+            moved, plane_of = planes_of(points, knot, share, knots, surfels, oldest, weights.gate, error)
+        else:
+            moved = placed(points, knot, share, knots)
         residual, found, close, moved_by = _step(
             seconds, knots, prior, motion, moved, plane_of, knot, share, newest, surfels.planes, error, kernel, sigma,
             weights, turns, H, measured,
@@ -209,9 +215,9 @@ def update_knots(knots: Floats, step: Floats) -> None:
 @compiled
 def _update(T: Floats, step: Floats) -> None:
     """Moves a pose (4, 4) in place by the negative of a step (6,), and squares its rotation up."""
-    turn = -step[:3]
+    turn = -step[0], -step[1], -step[2]
     for j in range(3):
-        T[0, j], T[1, j], T[2, j] = rotated_by(turn, 1.0, T[0, j], T[1, j], T[2, j])
+        T[0, j], T[1, j], T[2, j] = rotated_by(*turn, T[0, j], T[1, j], T[2, j])
     for i in range(3):
         T[i, 3] -= step[3 + i]
     square_up(T)

@@ -59,30 +59,30 @@ def fit_plane(own: Floats, plane: Floats) -> None:
 
 
 @compiled
-def in_plane(x: float, y: float, z: float, plane: Floats) -> tuple[float, float, float]:
-    """A point relative to a plane's mean (m): along the normal and along both axes of the plane."""
-    dx, dy, dz = x - plane[MEAN], y - plane[MEAN + 1], z - plane[MEAN + 2]
+def in_plane(x: float, y: float, z: float, planes: Floats, s: int) -> tuple[float, float, float]:
+    """A point relative to the mean of plane `s` of `planes` (m): along the normal and along both axes of the plane."""
+    dx, dy, dz = x - planes[s, MEAN], y - planes[s, MEAN + 1], z - planes[s, MEAN + 2]
     return (
-        plane[0] * dx + plane[1] * dy + plane[2] * dz,
-        plane[AXIS_1] * dx + plane[AXIS_1 + 1] * dy + plane[AXIS_1 + 2] * dz,
-        plane[AXIS_2] * dx + plane[AXIS_2 + 1] * dy + plane[AXIS_2 + 2] * dz,
+        planes[s, 0] * dx + planes[s, 1] * dy + planes[s, 2] * dz,
+        planes[s, AXIS_1] * dx + planes[s, AXIS_1 + 1] * dy + planes[s, AXIS_1 + 2] * dz,
+        planes[s, AXIS_2] * dx + planes[s, AXIS_2 + 1] * dy + planes[s, AXIS_2 + 2] * dz,
     )
 
 
 @compiled
-def plane_residual(x: float, y: float, z: float, plane: Floats) -> tuple[float, float]:
+def plane_residual(x: float, y: float, z: float, planes: Floats, s: int) -> tuple[float, float]:
     """The distance (m) of a point from a plane, and the variance (m2) of the plane there, as of a linear regression."""
-    off, a, b = in_plane(x, y, z, plane)
-    spread = plane[VARIANCE] * (1 + a * a * plane[INVERSE_1] + b * b * plane[INVERSE_2])
+    off, a, b = in_plane(x, y, z, planes, s)
+    spread = planes[s, VARIANCE] * (1 + a * a * planes[s, INVERSE_1] + b * b * planes[s, INVERSE_2])
     return off, spread
 
 
 @compiled
-def is_within(x: float, y: float, z: float, plane: Floats, error: float) -> bool:
+def is_within(x: float, y: float, z: float, planes: Floats, s: int, error: float) -> bool:
     """Whether a point whose place has an `error` (m) may lie on the part of a plane that was seen."""
-    _, a, b = in_plane(x, y, z, plane)
-    a /= _EXTENT / math.sqrt(plane[INVERSE_1]) + error
-    b /= _EXTENT / math.sqrt(plane[INVERSE_2]) + error
+    _, a, b = in_plane(x, y, z, planes, s)
+    a /= _EXTENT / math.sqrt(planes[s, INVERSE_1]) + error
+    b /= _EXTENT / math.sqrt(planes[s, INVERSE_2]) + error
     return a * a + b * b < 1
 
 
@@ -94,20 +94,22 @@ def typical_variance(planes: Floats, plane_of: Ints) -> float:
 
 
 @compiled
-def misfit(plane: Floats, typical: float) -> float:
+def misfit(planes: Floats, s: int, typical: float) -> float:
     """The variance (m2) across a plane beyond that of a flat one, where the `typical` variance (m2) is that of most."""
-    return max(plane[ACROSS] - max(_UNEVEN * typical, _NOISE**2), 0.0)
+    return max(planes[s, ACROSS] - max(_UNEVEN * typical, _NOISE**2), 0.0)
 
 
 @compiled
-def add_normal_variance(plane: Floats, x: float, y: float, z: float, weight: float, D: Floats, F: Floats) -> None:
+def add_normal_variance(
+    planes: Floats, s: int, x: float, y: float, z: float, weight: float, D: Floats, F: Floats
+) -> None:
     """Adds to the upper triangle of F (6, 6), times a weight, what an error of a plane's normal does to the Jacobian of
     the distance of a point at (x, y, z) from the sensor; rotation first. D (6,) is room to work in."""
-    for first, inverse in ((AXIS_1, plane[INVERSE_1]), (AXIS_2, plane[INVERSE_2])):
-        ax, ay, az = plane[first], plane[first + 1], plane[first + 2]
+    for first, inverse in ((AXIS_1, planes[s, INVERSE_1]), (AXIS_2, planes[s, INVERSE_2])):
+        ax, ay, az = planes[s, first], planes[s, first + 1], planes[s, first + 2]
         D[0], D[1], D[2] = y * az - z * ay, z * ax - x * az, x * ay - y * ax
         D[3], D[4], D[5] = ax, ay, az
-        own = weight * plane[VARIANCE] * inverse
+        own = weight * planes[s, VARIANCE] * inverse
         for i in range(6):
             for j in range(i, 6):
                 F[i, j] += own * D[i] * D[j]

@@ -12,6 +12,7 @@ from sgslam.surfels.planes import ACROSS, GRAZING, MEAN, NORMAL, VALID, in_plane
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Vector = Floats | tuple[float, float, float]
 
 _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller one's at most: beams have biases
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
@@ -31,21 +32,21 @@ class Surfels(NamedTuple):
 
 
 @compiled
-def _seen_from(point: Floats, sensor: Floats, plane: Floats) -> bool:
-    """Whether a sensor (3,) stands before a plane, on the side that was seen, and looks at a point (3,) from there.
+def _seen_from(point: Vector, sensor: Vector, planes: Floats, s: int) -> bool:
+    """Whether a sensor (3,) stands before plane `s`, on the side that was seen, and looks at a point (3,) from there.
 
     Who has come to a slab's height no longer sees its underside.
     """
-    towards, before = 0.0, 0.0
-    for i in range(3):
-        towards += plane[NORMAL + i] * (point[i] - sensor[i])
-        before += plane[NORMAL + i] * (sensor[i] - plane[MEAN + i])
-    return towards < 0 and before > 0
+    nx, ny, nz = planes[s, NORMAL], planes[s, NORMAL + 1], planes[s, NORMAL + 2]
+    x, y, z = sensor[0], sensor[1], sensor[2]
+    towards = nx * (point[0] - x) + ny * (point[1] - y) + nz * (point[2] - z)
+    before = nx * (x - planes[s, MEAN]) + ny * (y - planes[s, MEAN + 1]) + nz * (z - planes[s, MEAN + 2])
+    return bool(towards < 0 and before > 0)
 
 
 @compiled
 def nearest_plane(
-    point: Floats, sensor: Floats, normal: Floats, gate: float, error: float, surfels: Surfels, oldest: float
+    point: Vector, sensor: Vector, normal: Vector, gate: float, error: float, surfels: Surfels, oldest: float
 ) -> int:
     """The plane within `gate` (m) of a point (3,) seen by a sensor at (3,), -1 for none.
 
@@ -81,11 +82,10 @@ def nearest_plane(
         place = place_of(key, keys)
         s = first[place] if keys[place] == key else -1
         while s >= 0:
-            plane = planes[s]
-            alike = unknown or abs(plane[0] * nx + plane[1] * ny + plane[2] * nz) > _ALIKE
-            if alike and seen[s] >= oldest and plane[VALID] > 0 and _seen_from(point, sensor, plane):
-                off, _ = plane_residual(x, y, z, plane)
-                if abs(off) < least and is_within(x, y, z, plane, margin):
+            alike = unknown or abs(planes[s, 0] * nx + planes[s, 1] * ny + planes[s, 2] * nz) > _ALIKE
+            if alike and seen[s] >= oldest and planes[s, VALID] > 0 and _seen_from(point, sensor, planes, s):
+                off, _ = plane_residual(x, y, z, planes, s)
+                if abs(off) < least and is_within(x, y, z, planes, s, margin):
                     best, least = s, abs(off)
             s = other[s]
         if best < 0:
@@ -93,37 +93,36 @@ def nearest_plane(
         if cell >= levels:
             chosen, distance = best, least
             continue
-        _, spread = plane_residual(x, y, z, planes[best])
+        _, spread = plane_residual(x, y, z, planes, best)
         if planes[best, ACROSS] + spread < _FINER * lowest:
             chosen, lowest, distance = best, planes[best, ACROSS] + spread, least
-    if unknown and chosen >= 0 and _may_be_on_another(point, sensor, error, planes[chosen], surfels, oldest):
+    if unknown and chosen >= 0 and _may_be_on_another(point, sensor, error, chosen, surfels, oldest):
         chosen = -1
     return chosen
 
 
 @compiled
 def _may_be_on_another(
-    point: Floats, sensor: Floats, error: float, plane: Floats, surfels: Surfels, oldest: float
-) -> bool:  # fmt: skip
-    """Whether a point (3,) that may be on a plane may as well be on one of another direction, which ends near by.
+    point: Vector, sensor: Vector, error: float, chosen: int, surfels: Surfels, oldest: float
+) -> bool:
+    """Whether a point (3,) on the `chosen` plane may as well be on one of another direction, which ends near by.
 
     A ring of beams that leaves a ceiling goes on along the wall below it, at heights where that was not seen before:
     taken for the ceiling, it would lift the sensor.
     """
     keys, first, other, planes, seen = surfels
     x, y, z = point
-    nx, ny, nz = _BEYOND * plane[0], _BEYOND * plane[1], _BEYOND * plane[2]
+    nx, ny, nz = planes[chosen, 0], planes[chosen, 1], planes[chosen, 2]
     for cell in range(len(SIDES)):
-        key = key_of(x + nx, y + ny, z + nz, cell)
+        key = key_of(x + _BEYOND * nx, y + _BEYOND * ny, z + _BEYOND * nz, cell)
         place = place_of(key, keys)
         s = first[place] if keys[place] == key else -1
         while s >= 0:
-            own = planes[s]
-            alike = abs(plane[0] * own[0] + plane[1] * own[1] + plane[2] * own[2]) > _ALIKE
-            if not alike and seen[s] >= oldest and own[VALID] > 0 and _seen_from(point, sensor, own):
-                off, spread = plane_residual(x, y, z, own)
-                fits = off * off < _FITS**2 * (own[ACROSS] + spread)
-                if fits and is_within(x, y, z, own, error + _BEYOND):
+            alike = abs(nx * planes[s, 0] + ny * planes[s, 1] + nz * planes[s, 2]) > _ALIKE
+            if not alike and seen[s] >= oldest and planes[s, VALID] > 0 and _seen_from(point, sensor, planes, s):
+                off, spread = plane_residual(x, y, z, planes, s)
+                fits = off * off < _FITS**2 * (planes[s, ACROSS] + spread)
+                if fits and is_within(x, y, z, planes, s, error + _BEYOND):
                     return True
             s = other[s]
     return False
@@ -138,13 +137,12 @@ def is_met_between(sensor: Floats, ray: Floats, at: float, end: float, surfels: 
     place = place_of(key, keys)
     s = first[place] if keys[place] == key else -1
     while s >= 0:
-        plane = planes[s]
-        towards = plane[0] * ray[0] + plane[1] * ray[1] + plane[2] * ray[2]
-        if plane[VALID] > 0 and seen[s] >= oldest and towards < -GRAZING:
-            before, _, _ = in_plane(sensor[0], sensor[1], sensor[2], plane)
+        towards = planes[s, 0] * ray[0] + planes[s, 1] * ray[1] + planes[s, 2] * ray[2]
+        if planes[s, VALID] > 0 and seen[s] >= oldest and towards < -GRAZING:
+            before, _, _ = in_plane(sensor[0], sensor[1], sensor[2], planes, s)
             t = -before / towards
             x, y, z = sensor[0] + t * ray[0], sensor[1] + t * ray[1], sensor[2] + t * ray[2]
-            if 0 < t < end and key_of(x, y, z, _FOLLOWED) == key and is_within(x, y, z, plane, 0.0):
+            if 0 < t < end and key_of(x, y, z, _FOLLOWED) == key and is_within(x, y, z, planes, s, 0.0):
                 return True
         s = other[s]
     return False
