@@ -1,7 +1,8 @@
 """Writes every number of the pages from the rows.
 
 A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
-its source, or a short text within a sentence. `STUDY/older-NAME` are tables of older builds whose rows were not kept,
+its source, or a short text within a sentence. `STUDY/commands` are the commands of all rows: a page that has it does
+not repeat them below each table. `STUDY/older-NAME` are tables of older builds whose rows were not kept,
 `STUDY/older-NAME@ROW,COLUMN` is a cell of one, counted from 0.
 """
 
@@ -24,7 +25,7 @@ from evaluation.harness.tables import frame, markdown
 ROOT = Path(__file__).resolve().parents[2]
 PLOTS = ROOT / "docs/benchmarks"
 BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w@,-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
-CLAIMS = "claims"
+CLAIMS, COMMANDS = "claims", "commands"
 _HEAD = ("claim", "value", "cases", "command", "build")
 
 
@@ -40,9 +41,11 @@ class Renderer:
     def page(self, text: str) -> str:
         """The page with today's blocks. Raises UserError for a block that there is not, and for mixed builds."""
 
+        apart = {found.group(2) for found in BLOCK.finditer(text) if found.group(3) == COMMANDS}
+
         def block(found: re.Match[str]) -> str:
             begin, study, name, _, end = found.groups()
-            return begin + self._block(study, name) + end
+            return begin + self._block(study, name, study in apart) + end
 
         return BLOCK.sub(block, text)
 
@@ -69,15 +72,17 @@ class Renderer:
                 lines += [(c.text, table.rows[c.row][c.column], c.cases, *source) for c in table.claims]
         return pd.DataFrame(lines, columns=list(_HEAD))
 
-    def _block(self, study: str, name: str) -> str:
+    def _block(self, study: str, name: str, commands_apart: bool) -> str:
         if study == CLAIMS:
             return f"\n{markdown(self.claims())}\n"
+        if name == COMMANDS:
+            return "\n" + "".join(f"- `{command}`\n" for command in self._made(study, "command"))
         content = self._content(study, name)
         if isinstance(content, str):
             return content
         if isinstance(content, OlderTable):
             return f"\n{content.markdown()}\n"
-        return f"\n{markdown(content)}\n\n{self._source(study)}\n"
+        return f"\n{markdown(content)}\n\n{self._source(study, commands_apart)}\n"
 
     def _content(self, study: str, name: str) -> Any:
         """A table or a text. Raises UserError if the study has none of this name."""
@@ -109,15 +114,18 @@ class Renderer:
             raise UserError(f"{text}; run the study again, or allow it with --mixed")
         return frame(rows)
 
-    def _source(self, study: str) -> str:
-        """The source of a table in one line."""
-        rows = self.rows_of(study)
-        made = {name: list(dict.fromkeys(rows[f"made.{name}"])) for name in ("build", "command", "machine", "date")}
-        builds = ", ".join(f"`{build}`" for build in made["build"])
-        mixed = f"**Rows of {len(made['build'])} builds:** " if len(made["build"]) > 1 else "Build "
-        commands = ", ".join(f"`{command}`" for command in made["command"])
-        days = sorted({date.partition(" ")[0] for date in made["date"]})
-        return f"{mixed}{builds}, {len(rows)} rows, {days[-1]}, {'; '.join(made['machine'])}: {commands}"
+    def _made(self, study: str, name: str) -> list[str]:
+        """The different values of a field of the rows' provenance."""
+        return list(dict.fromkeys(self.rows_of(study)[f"made.{name}"]))
+
+    def _source(self, study: str, commands_apart: bool) -> str:
+        """The source of a table in one line, with the commands unless the page has them apart."""
+        made = self._made(study, "build")
+        builds = ("Build " if len(made) == 1 else f"**Rows of {len(made)} builds:** ") + ", ".join(f"`{b}`" for b in made)
+        last_day = max(self._made(study, "date")).partition(" ")[0]
+        source = f"{builds}, {len(self.rows_of(study))} rows, {last_day}, {'; '.join(self._made(study, 'machine'))}"
+        commands = ", ".join(f"`{command}`" for command in self._made(study, "command"))
+        return f"{source}; its commands are listed below." if commands_apart else f"{source}: {commands}"
 
 
 def pages() -> list[Path]:
@@ -152,6 +160,7 @@ def render_folder(rows: Path, mixed: bool = False) -> list[Path]:
     for name in found:
         tables = renderer.tables(name)
         blocks = "\n".join(f"## {table}\n<!-- rows: {name}/{table} --><!-- /rows -->\n" for table in tables)
+        blocks += f"\n## Commands\n<!-- rows: {name}/{COMMANDS} --><!-- /rows -->\n"
         write_atomically(rows / f"{name}.md", renderer.page(f"# {name}\n\n{blocks}"))
         latex = [table.to_latex(index=False, escape=True) for table in tables.values() if not isinstance(table, str)]
         write_atomically(rows / f"{name}.tex", "\n".join(latex))

@@ -126,13 +126,27 @@ def test_the_tables_tell_each_cell_and_compare_with_the_better_peer(building: Se
 def test_a_part_without_rows_has_no_table_and_a_drive_without_a_pose_no_ratio(building: SequenceSpec) -> None:
     rows = [
         (run(building, "sgslam", "kiss_icp"), tracking(sgslam=errors(None, kidnaps=0), kiss_icp=errors(1.0))),
-        (run(building, "kiss_icp"), tracking(kiss_icp=errors(2.0))),
+        (run(building, "kiss_icp", seed=2), tracking(kiss_icp=errors(2.0))),
     ]
     made = tables(rows_of(rows))
     assert set(made) == {"cells", "carriers", "ratios", "errors"} and made["ratios"].drives.tolist() == ["0"]
     (cell,) = made["carriers"].to_dict("records")
     assert (cell["sgslam: ATE (m)"], cell["KISS-ICP: ATE (m)"], cell["ratio"]) == ("", "1.500 (1.000 to 2.000)", "")
     assert made["errors"].drives.tolist() == ["1", "2"]
+
+
+def test_methods_that_tracked_a_drive_in_rows_of_their_own_are_compared(building: SequenceSpec) -> None:
+    rows = rows_of(
+        [
+            (run(building, "sgslam"), tracking(sgslam=errors(0.06))),
+            (run(building, "sgslam", "kiss_icp"), tracking(sgslam=errors(0.4), kiss_icp=errors(0.2))),
+            (run(building, "small_gicp"), tracking(small_gicp=errors(0.12))),
+        ]
+    )
+    rows.loc[0, "made.date"] = "2026-01-02 00:00"  # our tracker was measured again
+    (cell,) = tables(rows)["carriers"].to_dict("records")
+    assert (cell["drives"], cell["sgslam: ATE (m)"], cell["ratio"]) == ("1", "0.060", "0.50")
+    assert tables(rows)["errors"].drives.tolist() == ["1", "1", "1"]
 
 
 def reliable(good: float, inside_95: float | None, motions: int) -> Reliability:

@@ -150,6 +150,14 @@ def test_blocks_are_rendered_from_rows(tmp_path: Path) -> None:
             renderer.page(f"<!-- rows: {wrong} --><!-- /rows -->")
 
 
+def test_a_page_that_lists_the_commands_does_not_repeat_them(tmp_path: Path) -> None:
+    run(tmp_path, 0, 1)
+    page = "<!-- rows: draws/mean --><!-- /rows -->\n<!-- rows: draws/commands --><!-- /rows -->\n"
+    rendered = Renderer(tmp_path).page(page)
+    assert rendered.count(COMMAND) == 1 and f"\n- `{COMMAND}`\n" in rendered and "listed below" in rendered
+    assert Renderer(tmp_path).page(rendered) == rendered
+
+
 def test_a_table_of_two_builds_is_refused_or_says_so(tmp_path: Path) -> None:
     run(tmp_path, 0, 1)
     path = rows_path(tmp_path, "draws")

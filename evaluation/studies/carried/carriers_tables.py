@@ -19,7 +19,6 @@ RELIABILITY = "reliability."  # of ours
 HEALTH = ("good", "degraded", "lost")
 _DRIVE = [  # what tells one row from another
     "sequence.name", "seed", "carrier", "pace", "backwards", "mount_deg", "sensor", "effects", "times", "seconds",
-    "methods",
 ]  # fmt: skip
 
 
@@ -57,14 +56,17 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 
 
 def _by_drive_and_method(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each drive and method that tracked it: the drive in words, and the errors."""
+    """A line for each drive and method that tracked it: the drive in words, and the errors. Methods may have tracked a
+    drive in rows of their own: it is the same one, since its seed is. The newest row of a method counts."""
     told, lines = named(rows), []
     for method in METHODS:
         before = f"found.{method}."
         if any(name.startswith(before) for name in rows):
             own = {name: name.removeprefix(before) for name in told} | {f"scans_per_s.{method}": "scans_per_s"}
             lines.append(told.rename(columns=own).assign(method=method))
-    return pd.concat(lines, ignore_index=True).dropna(subset="second_m")
+    found = pd.concat(lines, ignore_index=True).dropna(subset="second_m")
+    newest = found.sort_values("made.date", kind="stable").drop_duplicates(["drive", "method"], keep="last")
+    return newest.sort_index()
 
 
 def named(rows: pd.DataFrame) -> pd.DataFrame:
