@@ -121,7 +121,8 @@ class Renderer:
     def _source(self, study: str, commands_apart: bool) -> str:
         """The source of a table in one line, with the commands unless the page has them apart."""
         made = self._made(study, "build")
-        builds = ("Build " if len(made) == 1 else f"**Rows of {len(made)} builds:** ") + ", ".join(f"`{b}`" for b in made)
+        mixed = f"**Rows of {len(made)} builds:** " if len(made) > 1 else "Build "
+        builds = mixed + ", ".join(f"`{build}`" for build in made)
         last_day = max(self._made(study, "date")).partition(" ")[0]
         source = f"{builds}, {len(self.rows_of(study))} rows, {last_day}, {'; '.join(self._made(study, 'machine'))}"
         commands = ", ".join(f"`{command}`" for command in self._made(study, "command"))
