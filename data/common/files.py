@@ -1,7 +1,8 @@
-"""Atomic files: written completely or not at all."""
+"""Atomic files, written completely or not at all, and the order of files by their names."""
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -38,3 +39,9 @@ def write_atomically(path: Path | str, content: str | bytes) -> None:
 def write_json(path: Path | str, value: Any) -> None:
     """Writes strict JSON (no NaN) atomically."""
     write_atomically(path, json.dumps(value, indent=1, allow_nan=False) + "\n")
+
+
+def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sorts `2.pcd` before `10.pcd`: runs of digits compare as numbers, and the rest as text."""
+    parts = re.findall(r"\d+|\D+", name)
+    return tuple((0, int(p), p) if p[0] in "0123456789" else (1, 0, p) for p in parts)

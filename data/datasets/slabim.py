@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from data.common.errors import UserError
-from data.common.files import write_atomically
+from data.common.files import natural_key, write_atomically
 from data.plans.mesh_plan import read_mesh
-from data.scans import natural_key
 from data.scans.formats import READERS
 from data.trajectory import Trajectory
 from data.trajectory.stamps import NS, ns_to_seconds, seconds_to_ns

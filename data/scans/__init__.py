@@ -1,6 +1,6 @@
 """Readers and writers of scans: single files, folders, bags, E57."""
 
-from data.scans.folder import ScanFolder, natural_key
+from data.scans.folder import ScanFolder
 from data.scans.scan import Scan, ScanSource
 
-__all__ = ["Scan", "ScanFolder", "ScanSource", "natural_key"]
+__all__ = ["Scan", "ScanFolder", "ScanSource"]

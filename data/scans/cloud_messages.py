@@ -2,12 +2,12 @@
 
 import struct
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data.bags.messages import BrokenMessageError, decoded, reason
 from data.scans.formats import XYZ
 from data.scans.point_times import time_field
 from data.scans.reading_errors import UnreadableScanError
@@ -43,21 +43,14 @@ def read_cloud(data: bytes, msgtype: str, is_cdr: bool) -> Cloud:
         return _livox(data, is_cdr) if msgtype in LIVOX else _point_cloud(data, is_cdr)
     except UnreadableScanError:
         raise
-    except Exception as error:  # the library raises many kinds on garbage
-        lines = str(error).splitlines() or [""]
-        raise UnreadableScanError(f"a broken message ({type(error).__name__}: {lines[0][:120]})") from None
-
-
-@cache
-def _types(is_cdr: bool) -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE if is_cdr else Stores.ROS1_NOETIC)
+    except BrokenMessageError as error:
+        raise UnreadableScanError(str(error)) from None
+    except Exception as error:  # numpy and struct raise many kinds on garbage
+        raise UnreadableScanError(reason(error)) from None
 
 
 def _point_cloud(data: bytes, is_cdr: bool) -> Cloud:
-    types = _types(is_cdr)
-    message = types.deserialize_cdr(data, POINT_CLOUD) if is_cdr else types.deserialize_ros1(data, POINT_CLOUD)
+    message = decoded(data, POINT_CLOUD, is_cdr)
     order = ">" if message.is_bigendian else "<"
     kinds = {f.name: (f.datatype, f.offset) for f in message.fields if f.count in (0, 1) and f.datatype in _NUMBERS}
     if not all(axis in kinds for axis in XYZ):

@@ -1,6 +1,5 @@
 """Scans in a folder; all cheap checks are done before the first scan is read."""
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.common.files import natural_key
 from data.scans.formats import READERS, read_timed
 from data.scans.scan import WORST_SHARE_SKIPPED, Scan, ScanSource, finished
 from data.scans.stamp_rule import unusable
@@ -54,12 +54,6 @@ class ScanFolder(ScanSource):
         stamp_ns = int(self.stamps_ns[index])
         points, times = read_timed(self.files[index])
         return finished(index, stamp_ns, points, times, self.files[index])
-
-
-def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Sorts `2.pcd` before `10.pcd`: runs of digits compare as numbers, and the rest as text."""
-    parts = re.findall(r"\d+|\D+", name)
-    return tuple((0, int(p), p) if p[0] in "0123456789" else (1, 0, p) for p in parts)
 
 
 def _list_scans(path: Path) -> list[Path]:

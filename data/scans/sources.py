@@ -13,7 +13,8 @@ def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
 
     Raises UserError if there are none, and if a `topic` is given for anything but a bag.
     """
-    from data.scans.bags import BagScans, is_bag
+    from data.bags import is_bag
+    from data.scans.bags import BagScans
 
     path = Path(path)
     if is_bag(path) and not (path.is_dir() and _has_scans(path)):

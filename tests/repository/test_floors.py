@@ -19,8 +19,8 @@ BELOW = {
 }
 HOMES = {"torch": "matching", "ifcopenshell": "data"}
 FLOORS = {  # sub-packages and modules of each package, the lowest first
-    "data": "common geometry scene_graph trajectory imu scans ifc plans datasets generation simulation synthetic_maps "
-    "simulate",
+    "data": "common bags geometry scene_graph trajectory imu scans ifc plans datasets generation simulation "
+    "synthetic_maps simulate",
     "matching": "protocol result arrays search deformation network learned training published combinatorial ambiguity "
     "matcher match train self_test",
     "factors": "noise planes rooms bim",

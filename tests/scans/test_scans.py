@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pypcd4 import Encoding, PointCloud
 
 from data.common.errors import UserError
-from data.scans import ScanFolder, natural_key
+from data.common.files import natural_key
+from data.scans import ScanFolder
 from data.scans.formats import read_points
 from data.scans.reading_errors import UnreadableScanError
 from data.trajectory.stamps import ns_to_seconds, seconds_to_ns

@@ -1,0 +1,120 @@
+"""Bags of messages: ROS 1 (.bag), ROS 2 (a folder with sqlite3 or MCAP files, or one such file), MCAP of any origin."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from data.bags.recovery import Record, Recovery, normal_type
+from data.common.errors import UserError
+from data.common.files import natural_key
+
+BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+_FOREIGN = "Profile is not ros2"  # what rosbags says of an MCAP file that was not recorded by ROS 2: nothing is wrong
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file or a folder is a bag by its name or by the names in it."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file() or bool(_bags_in(path))
+    return path.suffix.lower() in BAG_SUFFIXES or path.name.lower().endswith(".bag.active")
+
+
+def _bags_in(folder: Path) -> list[Path]:
+    files = (p for p in folder.iterdir() if p.is_file() and is_bag(p) and not p.name.startswith("."))
+    return sorted(files, key=lambda p: natural_key(p.name))
+
+
+class Bag:
+    """The messages of some types in a bag: all of its parts, in their order. `counts` are those of each topic."""
+
+    def __init__(self, path: Path | str, types: Collection[str]) -> None:
+        """Raises UserError for a path that does not exist."""
+        self.path = Path(path)
+        if not self.path.exists():
+            raise UserError(f"{self.path}: does not exist; give a bag (.bag, .mcap, .db3, or a ROS 2 bag's folder)")
+        one = not self.path.is_dir() or (self.path / "metadata.yaml").is_file()
+        self._parts = [_Part(p, frozenset(types)) for p in ([self.path] if one else _bags_in(self.path))]
+        self.counts: Counter[str] = Counter()
+        for part in self._parts:
+            self.counts.update(part.counts())
+
+    @property
+    def listed(self) -> str:
+        """The topics with their numbers of messages, for a user."""
+        return ", ".join(f"{name} ({count})" for name, count in sorted(self.counts.items()))
+
+    def named(self, topic: str) -> str | None:
+        """The topic of this name, with or without its leading slash; None if there is none."""
+        return next((name for name in self.counts if name.strip("/") == topic.strip("/")), None)
+
+    def messages(self, topic: str) -> Iterator[Record]:
+        """The topic's messages in the order of time, as far as they can be read."""
+        for part in self._parts:
+            yield from part.messages(topic)
+
+    def damages(self) -> dict[Path, str]:
+        """What could not be read so far, by file."""
+        return {part.path: part.damage for part in self._parts if part.damage}
+
+
+@dataclass
+class _Part:
+    """One file, or a ROS 2 bag's folder: read by rosbags, from where that fails record by record."""
+
+    path: Path
+    types: frozenset[str]
+    damage: str | None = None
+
+    def counts(self) -> Counter[str]:
+        """The number of messages by topic."""
+        try:
+            found: Counter[str] = Counter()
+            with _reader(self.path) as reader:
+                kinds = {(c.topic, normal_type(c.msgtype)): c.msgcount for c in reader.connections}
+                for (topic, msgtype), count in kinds.items():
+                    found[topic] += count if msgtype in self.types else 0
+        except Exception as error:  # rosbags raises many kinds on garbage
+            self._failed(error)
+            found = Counter(r.topic for r in self._recovered() if r.msgtype in self.types)
+        return +found
+
+    def messages(self, topic: str) -> Iterator[Record]:
+        """See `Bag.messages`."""
+        last = None
+        try:
+            with _reader(self.path) as reader:
+                wanted = [c for c in reader.connections if c.topic == topic and normal_type(c.msgtype) in self.types]
+                is_cdr = {c.id: getattr(c.ext, "serialization_format", "ros1") != "ros1" for c in wanted}
+                for connection, log_ns, data in reader.messages(wanted) if wanted else ():
+                    yield Record(topic, normal_type(connection.msgtype), is_cdr[connection.id], log_ns, data)
+                    last = log_ns
+            return
+        except Exception as error:
+            self._failed(error)
+        for record in self._recovered():
+            if record.topic == topic and record.msgtype in self.types and (last is None or record.log_ns > last):
+                yield record
+
+    def _recovered(self) -> Iterator[Record]:
+        for file in _bags_in(self.path) if self.path.is_dir() else [self.path]:
+            recovery = Recovery(file)
+            yield from recovery
+            if recovery.damage:
+                self.damage = recovery.damage
+
+    def _failed(self, error: Exception) -> None:
+        text = (str(error).splitlines() or [""])[0][:120]
+        if not text.startswith(_FOREIGN):
+            self.damage = text or type(error).__name__
+
+
+def _reader(path: Path) -> Any:
+    if path.suffix.lower() in (".bag", ".active"):
+        from rosbags.rosbag1 import Reader as Ros1Reader
+
+        return Ros1Reader(path)
+    from rosbags.rosbag2 import Reader as Ros2Reader
+
+    return Ros2Reader(path)
