@@ -80,8 +80,8 @@ class SceneGraphSlam:
         return self._update(int(stamp_ns))
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
-        """Adds a sample of an IMU, by the scans' clock: rate of turn (3,) in rad/s and specific force (3,) in m/s2, in
-        the IMU's axes (`imu.rotation` turns them into the sensor's). Of several: stamps (N,) and values (N, 3).
+        """Adds a sample of an IMU, by the scans' clock: rate of turn (3,) in rad/s and specific force (3,) in m/s2 or
+        g, in the IMU's axes (`imu.rotation` turns them into the sensor's). Of several: stamps (N,) and values (N, 3).
 
         Add those until a scan's end before the scan: they predict how the sensor turns in it. What comes later, by less
         than a scan, still counts when the next scan is registered together with this one. Samples begin with the scans

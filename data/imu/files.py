@@ -1,4 +1,4 @@
-"""Files of IMU samples in EuRoC's form: `timestamp [ns], w_x, w_y, w_z [rad/s], a_x, a_y, a_z [m/s2]` a line.
+"""Files of IMU samples: bags, and EuRoC's form, `timestamp [ns], w_x, w_y, w_z [rad/s], a_x, a_y, a_z [m/s2]` a line.
 
 Source: the EuRoC MAV dataset (Burri et al., IJRR 2016), `imu0/data.csv`.
 """
@@ -18,16 +18,24 @@ _HEADER = (
 _FORM = "'timestamp [ns], w_x, w_y, w_z, a_x, a_y, a_z'"
 
 
-def read_imu(path: Path | str) -> ImuSamples:
-    """Reads a file in EuRoC's form; comments (#) and blank lines are skipped.
+def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
+    """Reads a bag, of several IMUs that of a `topic`, or a file in EuRoC's form, whose comments (#) and blank lines are
+    skipped.
 
     Raises UserError, with the line's number where it is one, for a file that cannot be read or holds something else,
-    and as `checked_imu` does.
+    for a `topic` of what is no bag, and as `read_imu_bag` and `checked_imu` do.
     """
+    from data.bags import is_bag
+    from data.imu.bags import read_imu_bag
+
+    if is_bag(Path(path)):
+        return read_imu_bag(path, topic)
+    if topic is not None:
+        raise UserError(f"--imu-topic {topic}: {path} is no bag and has no topics")
     try:
         lines = Path(path).read_text().splitlines()
     except (OSError, UnicodeDecodeError):
-        raise UserError(f"{path}: cannot be read; give lines of {_FORM}") from None
+        raise UserError(f"{path}: cannot be read; give a bag, or lines of {_FORM}") from None
     stamps: list[int] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, 1):

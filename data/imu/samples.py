@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from data.trajectory.stamps import ns_to_seconds
 Floats = NDArray[np.float64]
 GRAVITY = 9.80665  # m/s2, the standard one, which is also the unit g
 _LEAST, _MOST = 0.6, 5.0  # times gravity, the median specific force: a carried sensor's is 1.0, a shaken one's more
+_FASTEST = 35.0  # rad/s, 2000 degrees/s: the widest range of the chips that LiDARs carry
 _log = logging.getLogger(__name__)
 
 
@@ -41,12 +43,18 @@ class ImuSamples:
         """The number of samples."""
         return len(self.stamps_ns)
 
+    def digest(self) -> str:
+        """A hash of all samples."""
+        values = (self.stamps_ns, self.gyro, self.accel)
+        return sha256(b"".join(np.ascontiguousarray(own).tobytes() for own in values)).hexdigest()
+
 
 def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: str) -> ImuSamples:
     """Samples of a user's data: stamps (N,) in ns, gyro (N, 3) in rad/s, accel (N, 3) in m/s2 or in g, N >= 1.
 
     Specific forces in g are recognised by their median norm and converted. Raises UserError, naming `where` they come
-    from, for stamps that do not increase, values that are not finite, and forces that are far from gravity.
+    from, for stamps that do not increase, values that are not finite, rates that no chip measures, and forces that are
+    far from gravity.
     """
     stamps, forces = np.asarray(stamps_ns, np.int64), np.asarray(accel, np.float64)
     bad = np.flatnonzero(np.diff(stamps) <= 0)
@@ -57,18 +65,23 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
     bad = np.flatnonzero(~(np.isfinite(rates).all(axis=1) & np.isfinite(forces).all(axis=1)))
     if bad.size:
         raise UserError(f"{where}: a value at {ns_to_seconds(int(stamps[bad[0]]))} s is not finite; leave it out")
-    return ImuSamples(stamps, rates, forces * _unit_of(forces, where))
+    fastest = float(np.abs(rates).max(initial=0.0))
+    if fastest > _FASTEST:
+        raise UserError(f"{where}: the gyroscope shows up to {fastest:.3g}; give rad/s, not degrees a second")
+    unit, usual = unit_of_forces(forces), float(np.median(np.linalg.norm(forces, axis=1)))
+    if unit is None:
+        raise UserError(
+            f"{where}: the accelerometer shows {usual:.3g} in the median, neither 9.8 m/s2 nor 1 g; give the specific "
+            "force, with gravity in it"
+        )
+    if unit != 1.0:
+        _log.info("%s: specific forces of %.2f in the median are taken to be in g", where, usual)
+    return ImuSamples(stamps, rates, forces * unit)
 
 
-def _unit_of(forces: Floats, where: str) -> float:
-    """The unit of specific forces (N, 3), in m/s2."""
+def unit_of_forces(forces: Floats) -> float | None:
+    """The unit of specific forces (N, 3) by their median norm, in m/s2: 1.0, or that of g; None for neither."""
     usual = float(np.median(np.linalg.norm(forces, axis=1)))
     if _LEAST < usual / GRAVITY < _MOST:
         return 1.0
-    if _LEAST < usual < _MOST:
-        _log.info("%s: specific forces of %.2f in the median are taken to be in g", where, usual)
-        return GRAVITY
-    raise UserError(
-        f"{where}: the accelerometer shows {usual:.3g} in the median, neither 9.8 m/s2 nor 1 g; give the specific "
-        "force, with gravity in it"
-    )
+    return GRAVITY if _LEAST < usual < _MOST else None

@@ -8,7 +8,7 @@ from data import UserError
 from sgslam.session.checkpoints import about_run
 
 _PATHS = ("scan_dir", "bim", "ground_truth", "map", "imu")
-_WORDS = ("topic", "start", "storey", "mount", "tolerance", "odometry", "second_pass")
+_WORDS = ("topic", "imu_topic", "start", "storey", "mount", "tolerance", "odometry", "second_pass")
 
 
 def run_arguments(options: argparse.Namespace) -> dict[str, str | bool | None]:

@@ -99,7 +99,7 @@ def read_job(options: argparse.Namespace) -> Job:
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start refer to a building; give --bim too")
     scans = open_scans(options.scan_dir, options.topic)
-    imu = None if options.imu is None else read_imu(options.imu)
+    imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
     if truth is not None and stamps is not None and not len(associate(stamps, truth.stamps_ns)[0]):
@@ -134,7 +134,7 @@ class Run:
         """Raises UserError if the inputs differ from those of the run to be resumed."""
         self._job, self._out, options, resumed = job, out, job.options, job.resumed_from
         self._hints = {"storey": options.storey, "start": job.start}
-        told = {**self._hints, "topic": options.topic, "imu_samples": None if job.imu is None else len(job.imu)}
+        told = {**self._hints, "topic": options.topic, "imu": None if job.imu is None else job.imu.digest()}
         inputs = run_fingerprint(job.scans, job.a_graph, job.config, told, options.map)
         if resumed is not None:
             check_unchanged(out, resumed, inputs)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from data.imu.samples import GRAVITY
+from data.imu.samples import GRAVITY, unit_of_forces
 from sgslam.inertial.buffer import ImuBuffer
 
 Floats = NDArray[np.float64]
@@ -17,16 +17,18 @@ def measured_up(imu: ImuBuffer, stamps_ns: NDArray[np.int64], poses: Floats) -> 
     """(3,) the unit vector upwards in the frame of the poses (N, 4, 4) of the sensor at stamps (N,).
 
     Twice integrated, the specific force is the way from the first place, less that by the first velocity, and by
-    gravity: both are found by least squares. None where samples are missing, or the time is too short.
+    gravity: both are found by least squares. None where samples are missing or far from gravity, in m/s2 as in g, or
+    the time is too short.
     """
     if len(stamps_ns) < 2 or stamps_ns[-1] - stamps_ns[0] < _SHORTEST_NS:
         return None
     samples = imu.around(int(stamps_ns[0]), int(stamps_ns[-1]))
-    if samples is None:
+    unit = None if samples is None else unit_of_forces(samples.accel)
+    if samples is None or unit is None:
         return None
     at, seconds = (samples.stamps_ns - stamps_ns[0]) / 1e9, (stamps_ns - stamps_ns[0]) / 1e9
     attitudes = Slerp(seconds, Rotation.from_matrix(poses[:, :3, :3]))(np.clip(at, 0.0, seconds[-1]))
-    forces = attitudes.apply(samples.accel)
+    forces = attitudes.apply(unit * samples.accel)
     usual = forces.mean(axis=0)
     ways = poses[1:, :3, 3] - poses[0, :3, 3] - _twice_integrated(at, forces, seconds)[1:]
     t = seconds[1:, None]

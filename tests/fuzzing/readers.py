@@ -6,6 +6,7 @@ from functools import cache, partial
 from pathlib import Path
 
 from data.ifc.guard import read_guarded
+from data.imu import read_imu
 from data.plans import load_bim, read_plans
 from data.plans.mesh_plan import read_mesh
 from data.scans.formats import read_timed
@@ -67,6 +68,8 @@ READERS = (
     Reader("scans .e57", ".e57", samples.e57, _scans, mutate_e57, 0.3),
     *(Reader(f"bag {kind}", suffix, partial(samples.bag, kind), _scans, share=0.5)
       for kind, suffix in (("ros1", ".bag"), ("ros1-lz4", ".bag"), ("mcap", ".mcap"), ("sqlite3", ".db3"))),
+    Reader("IMU", ".csv", samples.imu, read_imu),
+    Reader("IMU, bag", ".bag", samples.imu_bag, read_imu, share=0.5),
     Reader("IFC", ".ifc", samples.ifc, partial(read_guarded, seconds=10), share=0.05),
     Reader("IFC, packed", ".ifczip", samples.ifczip, partial(read_guarded, seconds=10), mutate_zip, 0.02),
     Reader("GeoJSON", ".geojson", samples.geojson, load_bim, mutate_json, 0.2),

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import shapely
-from bag_files import lidar_bag
+from bag_files import START, lidar_bag, store, write_bag
+from bag_files import imu as imu_message
 from g2o_files import drawn_graph
 from small_ifc import DOORS, FLOOR, ROOMS, write_small_ifc
 from small_ifc import WALLS as WALL_BOXES
 
+from data.imu import ImuSamples, write_imu
 from data.scans.writers import SCAN_WRITERS
 from matching.self_test import three_rooms, write_small_network
 from sgslam.config import Config
@@ -154,6 +156,21 @@ def graph(folder: Path) -> list[bytes]:
 
 def trajectory(folder: Path) -> list[bytes]:
     return ["".join(f"{1700000000 + k / 10:.9f} 1 2 0.5 0 0 0.6 0.8\n" for k in range(12)).encode()]
+
+
+def imu(folder: Path) -> list[bytes]:
+    """A file in EuRoC's form."""
+    stamps = START + 5_000_000 * np.arange(12)
+    samples = ImuSamples(stamps, np.full((12, 3), 0.01), np.tile([0.0, 0.0, 9.8], (12, 1)))
+    write_imu(samples, folder / "imu.csv")
+    return [(folder / "imu.csv").read_bytes()]
+
+
+def imu_bag(folder: Path) -> list[bytes]:
+    """A bag's file of an IMU's samples."""
+    types = store(ros1=True)
+    made = [(START + k, imu_message(types, START + k, np.zeros(3), np.array([0.0, 0.0, 9.8]))) for k in range(12)]
+    return [write_bag(folder / "a.bag", "ros1", {"/imu": made}).read_bytes()]
 
 
 def times(folder: Path) -> list[bytes]:

@@ -71,6 +71,17 @@ def livox(types: Any, points: NDArray[np.float32], offsets: NDArray[np.uint32], 
     )  # fmt: skip
 
 
+def imu(types: Any, stamp_ns: int, gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> Any:
+    """A sensor_msgs/Imu with rates (3,) and specific forces (3,)."""
+    vector, quaternion = (types.types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Quaternion"))
+    unknown = np.zeros(9)
+    return types.types["sensor_msgs/msg/Imu"](
+        header=header(types, stamp_ns), orientation=quaternion(0.0, 0.0, 0.0, 1.0), orientation_covariance=unknown,
+        angular_velocity=vector(*map(float, gyro)), angular_velocity_covariance=unknown,
+        linear_acceleration=vector(*map(float, accel)), linear_acceleration_covariance=unknown,
+    )  # fmt: skip
+
+
 def write_bag(path: Path, kind: str, topics: dict[str, list[tuple[int, Any]]]) -> Path:
     """`kind`: ros1, ros1-bz2, ros1-lz4, sqlite3, mcap, sqlite3-zstd. `topics`: messages with the times of recording."""
     form, _, compression = kind.partition("-")

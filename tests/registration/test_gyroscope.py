@@ -75,6 +75,16 @@ def test_up_is_known_after_a_second_of_walking_and_not_before() -> None:
     assert measured_up(imu, stamps[:8], in_first[:8]) is None
 
 
+@pytest.mark.parametrize(("unit", "told"), [(9.80665, True), (98.0, False), (0.1, False)])
+def test_up_is_known_by_forces_in_g_and_not_in_another_unit(unit: float, told: bool) -> None:
+    samples = measured(walking, 2.0, ImuModel(), 0)
+    imu, _ = gyroscope(ImuSamples(samples.stamps_ns, samples.gyro, samples.accel / unit))
+    poses, stamps = walking(SECONDS), np.rint(SECONDS * 1e9).astype(np.int64)
+    up = measured_up(imu, stamps, inverse(poses[0]) @ poses)
+    assert (up is not None) == told
+    assert up is None or np.degrees(np.arccos(up @ poses[0, 2, :3])) < 2.0
+
+
 def test_a_gap_of_samples_tells_nothing() -> None:
     samples = measured(walking, 2.0, ImuModel(), 0)
     kept = (samples.stamps_ns < 3 * 10**8) | (samples.stamps_ns > 5 * 10**8)

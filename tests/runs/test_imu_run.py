@@ -1,10 +1,15 @@
-"""An IMU given to a run by library: what is refused, and that its state is saved."""
+"""An IMU given to a run: by library, and in a bag with the scans."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_files import START, cloud, imu, store, write_bag
 from boxes import pose, room, scan, scene_of
+from commands import called, refused
 
 from data.common.errors import UserError
+from data.trajectory import Trajectory
 from sgslam import SceneGraphSlam
 
 UP = np.array([0.0, 0.0, 9.8])
@@ -28,3 +33,18 @@ def test_a_restored_run_has_the_samples() -> None:
     slam.add_scan(0, scan(scene_of(room(-3.0, -2.0, 5.0, 3.0)), pose(0.0, 0.0, 1.3)))
     other.restore(slam.state())
     assert other.newest_imu_ns == stamps[-1]
+
+
+@pytest.mark.slow
+def test_a_bags_imu_tells_that_the_sensor_hangs_upside_down(tmp_path: Path) -> None:
+    types, scene, hangs = store(ros1=True), scene_of(room(-3.0, -2.0, 5.0, 3.0)), np.diag([1.0, -1.0, -1.0, 1.0])
+    stamps = [START + k * 10**8 for k in range(25)]
+    taken = [scan(scene, pose(0.03 * k, 0.0, 1.3) @ hangs, seed=k).astype(np.float32) for k in range(25)]
+    samples = [(s, imu(types, s, STILL, -UP)) for s in range(START, stamps[-1] + 2 * 10**8, 10**7)]
+    clouds = [(s, cloud(types, points, s)) for s, points in zip(stamps, taken, strict=True)]
+    bag = write_bag(tmp_path / "a.bag", "ros1", {"/points": clouds, "/imu": samples})
+    done = called("sgslam.run", "--scan-dir", bag, "--imu", bag, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    up = Trajectory.read_tum(tmp_path / "out/trajectory.tum").poses[-1, 2, :3]  # in the sensor's axes
+    assert up == pytest.approx([0.0, 0.0, -1.0], abs=0.02)
+    assert "no such IMU" in refused("sgslam.run", "--scan-dir", bag, "--imu", bag, "--imu-topic", "/points")

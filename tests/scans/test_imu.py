@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_files import START, cloud, imu, lidar_bag, scan_points, store, write_bag
 
 from data.common.errors import UserError
 from data.imu import ImuSamples, checked_imu, read_imu, write_imu
@@ -50,6 +51,67 @@ def test_stamps_that_do_not_increase_are_refused(step: int) -> None:
         ImuSamples(stamps, GYRO, ACCEL)
 
 
+@pytest.mark.parametrize(("fastest", "refused"), [(34.0, False), (36.0, True)])
+def test_rates_that_no_chip_measures_are_refused(fastest: float, refused: bool) -> None:
+    gyro = GYRO.copy()
+    gyro[2, 1] = -fastest
+    if refused:
+        with pytest.raises(UserError, match="up to 36; give rad/s, not degrees"):
+            checked_imu(STAMPS, gyro, ACCEL, "here")
+    else:
+        assert checked_imu(STAMPS, gyro, ACCEL, "here").gyro[2, 1] == -fastest
+
+
+def imu_bag(path: Path, kind: str, stamps: list[int], *more: str) -> Path:
+    """A bag with a scan and the samples, on `/imu` and on topics of the names in `more`."""
+    types = store(kind.startswith("ros1"))
+    samples = [(START + k, imu(types, s, GYRO[k], ACCEL[k])) for k, s in enumerate(stamps)]
+    scans = [(START, cloud(types, scan_points(0), START))]
+    return write_bag(path, kind, {"/points": scans} | dict.fromkeys(("/imu", *more), samples))
+
+
+@pytest.mark.parametrize(("name", "kind"), [("a.bag", "ros1-lz4"), ("a", "sqlite3"), ("a", "mcap")])
+def test_a_bag_gives_the_samples_between_its_scans(name: str, kind: str, tmp_path: Path) -> None:
+    found = read_imu(imu_bag(tmp_path / name, kind, STAMPS.tolist()))
+    assert found.stamps_ns.tolist() == STAMPS.tolist()
+    assert found.gyro.tolist() == GYRO.tolist() and found.accel.tolist() == ACCEL.tolist()
+
+
+def test_samples_of_a_bag_are_put_in_order_and_repeated_ones_left_out(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    stamps = [*STAMPS[[0, 2, 1, 3]].tolist(), int(STAMPS[3])]
+    with caplog.at_level(logging.INFO):
+        found = read_imu(imu_bag(tmp_path / "a.bag", "ros1", stamps))
+    assert found.stamps_ns.tolist() == STAMPS[:4].tolist()
+    assert found.gyro.tolist() == GYRO[[0, 2, 1, 3]].tolist() and "1 of 5 samples of /imu are left out" in caplog.text
+
+
+def test_without_a_stamp_the_time_of_recording_counts(tmp_path: Path) -> None:
+    found = read_imu(imu_bag(tmp_path / "a", "mcap", [0] * 5))
+    assert found.stamps_ns.tolist() == [START + k for k in range(5)]
+
+
+def test_of_several_imus_one_is_named(tmp_path: Path) -> None:
+    bag = imu_bag(tmp_path / "a.bag", "ros1", STAMPS.tolist(), "/camera/imu")
+    with pytest.raises(UserError, match=r"several IMUs: /camera/imu \(5\), /imu \(5\); say which with --imu-topic"):
+        read_imu(bag)
+    assert len(read_imu(bag, "imu")) == len(read_imu(bag, "/camera/imu")) == 5
+    with pytest.raises(UserError, match=r"--imu-topic /imo: no such IMU .* /imu \(5\)"):
+        read_imu(bag, "/imo")
+    write_imu(read_imu(bag, "imu"), tmp_path / "imu.csv")
+    with pytest.raises(UserError, match="is no bag and has no topics"):
+        read_imu(tmp_path / "imu.csv", "imu")
+
+
+def test_a_bag_without_an_imu_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=r"no samples of an IMU in it \(sensor_msgs/Imu\)"):
+        read_imu(lidar_bag(tmp_path / "a.bag", "ros1"))
+    (tmp_path / "b.bag").write_bytes(b"no bag")
+    with pytest.raises(UserError, match=r"no samples of an IMU in it .*; it does not begin"):
+        read_imu(tmp_path / "b.bag")
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_values_that_are_not_finite_are_refused(bad: float) -> None:
     gyro = GYRO.copy()
@@ -71,5 +133,5 @@ def test_a_line_of_another_form_is_named(text: str, line: int, tmp_path: Path) -
 @pytest.mark.parametrize("content", [b"", b"# nothing\n", b"\xff\xfe\x00"])
 def test_a_file_without_samples_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "imu.csv").write_bytes(content)
-    with pytest.raises(UserError, match=r"imu\.csv: .*; give lines of"):
+    with pytest.raises(UserError, match=r"imu\.csv: .*; give .*lines of"):
         read_imu(tmp_path / "imu.csv")
