@@ -41,6 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--min-rooms", type=int, default=8, metavar="N", help="rooms to enter (default 8; all, where fewer)")
     add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
     add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, moved 10 to 30 cm (default 0)")
+    add("--moved-by", type=float, metavar="M", help="metres by which each of them is moved")
     add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
     add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that stand and no plan shows (default 0)")
     add("--and-back", action="store_true", help="drive the whole way back again")
@@ -85,7 +86,8 @@ def main() -> int:
     run = simulate(
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
         sensor_named(args.sensor, args.azimuths), robot,
-        args.sensor_height, args.format, Changes(args.moved_walls, args.absent_walls, args.unplanned_walls),
+        args.sensor_height, args.format,
+        Changes(args.moved_walls, args.absent_walls, args.unplanned_walls, args.moved_by),
         args.and_back, carrier, args.mount, args.effects, args.seconds, args.imu,
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))

@@ -19,16 +19,20 @@ LEAST, MOST = 0.1, 0.3  # m across, of a moved wall
 
 @dataclass(frozen=True)
 class Changes:
-    """The shares of a storey's walls (IfcWall) that are moved by 10 to 30 cm across, left out, or missing in the
-    plan.
+    """The shares of a storey's walls (IfcWall) that are moved across, left out, or missing in the plan.
+
+    Moved walls are off by `moved_by` metres, or by 10 to 30 cm each.
     """
 
     moved: float = 0.0
     absent: float = 0.0
     unplanned: float = 0.0
+    moved_by: float | None = None
 
     def __post_init__(self) -> None:
-        """Raises UserError for impossible shares."""
+        """Raises UserError for impossible shares and distances."""
+        if self.moved_by is not None and not 0 < self.moved_by <= MOST:
+            raise UserError(f"walls moved by {self.moved_by:g} m: give more than 0, and at most {MOST:g}")
         shares = (self.moved, self.absent, self.unplanned)
         if not (min(shares) >= 0 and sum(shares) <= 1):
             message = f"moved ({self.moved:g}), absent ({self.absent:g}) and unplanned ({self.unplanned:g})"
@@ -57,7 +61,9 @@ def draw_changes(walls: list[IfcProduct], changes: Changes, seed: int) -> tuple[
     chosen = [walls[k] for k in rng.permutation(len(walls))]
     drawn = []
     for wall in chosen[:moved]:
-        x, y = (rng.uniform(LEAST, MOST) * rng.choice([-1.0, 1.0]) * _across(wall)).tolist()
+        by = rng.uniform(LEAST, MOST)
+        by = by if changes.moved_by is None else changes.moved_by
+        x, y = (by * rng.choice([-1.0, 1.0]) * _across(wall)).tolist()
         drawn.append(Change(wall.global_id, "moved", (x, y)))
     drawn += [Change(wall.global_id, "absent") for wall in chosen[moved : moved + absent]]
     drawn += [Change(wall.global_id, "unplanned") for wall in chosen[moved + absent : moved + absent + unplanned]]

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, PositiveFloat
 
 from data.scans import Scan, ScanFolder
+from data.simulation import Change, Changes
 from data.simulation.carriers import Shaken, carrier_named
 from data.simulation.sensors import sensor_named
 from data.trajectory import Trajectory
@@ -50,12 +51,14 @@ class CarriedCase(DriveCase):
 
 @dataclass(frozen=True, eq=False)
 class CarriedDrive:
-    """A simulated drive of `count` scans; `truth` is T_bim_sensor at the scans' stamps, and at some after them."""
+    """A simulated drive of `count` scans; `truth` is T_bim_sensor at the scans' stamps, and at some after them.
+    `changes` are the differences of the building from its plan."""
 
     folder: Path
     truth: Trajectory
     count: int
     times: bool
+    changes: tuple[Change, ...] = ()
 
     @property
     def period_s(self) -> float:
@@ -69,9 +72,12 @@ class CarriedDrive:
 
 
 @contextmanager
-def carried(case: CarriedCase, work: Path, shaken_from: float | None = None) -> Iterator[CarriedDrive]:
+def carried(
+    case: CarriedCase, work: Path, shaken_from: float | None = None, changes: Changes | None = None
+) -> Iterator[CarriedDrive]:
     """Simulates the drive in a folder within `work` that is deleted at the end: all drives of a study take hundreds of
     gigabytes, and to simulate one is quicker than to track it. The sensor is shaken from the second `shaken_from` on.
+    `changes` are made to the building, not to its plan.
 
     Raises UserError as the simulator does.
     """
@@ -84,7 +90,7 @@ def carried(case: CarriedCase, work: Path, shaken_from: float | None = None) -> 
         run = simulate(
             bim, storey, Path(name) / "drive", case.seed, min_rooms=1, min_length=case.seconds * carrier.robot.speed,
             sensor=sensor_named(case.sensor), carrier=carrier, mount_deg=case.mount_deg,
-            effects=("rolling", *case.effects), seconds=case.seconds + ONE_MORE_S,
+            effects=("rolling", *case.effects), seconds=case.seconds + ONE_MORE_S, changes=changes,
         )  # fmt: skip
         count = int(np.searchsorted(run.truth.stamps_ns, round(case.seconds * 1e9)))
-        yield CarriedDrive(Path(name) / "drive/scans", run.truth, count, case.times)
+        yield CarriedDrive(Path(name) / "drive/scans", run.truth, count, case.times, run.changes)

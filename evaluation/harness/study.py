@@ -101,6 +101,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "anchored_carriers": "evaluation.studies.carried.anchored_carriers",
     "as_built": "evaluation.studies.as_built",
     "carriers": "evaluation.studies.carried.carriers",
+    "elements": "evaluation.studies.carried.elements",
     "growth": "evaluation.studies.growth",
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",

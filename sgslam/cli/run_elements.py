@@ -8,7 +8,7 @@ from data.geometry.poses import xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.scene_graph import SceneGraph
 from sgslam.as_built.element_files import CSV, JSON, XLSX, write_elements
-from sgslam.as_built.elements import element_verdicts
+from sgslam.as_built.elements import ElementVerdict, element_verdicts
 from sgslam.as_built.sightings import View
 from sgslam.session import Result
 
@@ -22,11 +22,18 @@ def write_run_elements(result: Result, bim: Path | None, a_graph: SceneGraph | N
         for name in (JSON, CSV, XLSX):
             (out / name).unlink(missing_ok=True)
         return
+    write_elements(out, run_verdicts(result, bim, a_graph), result.config.as_built.tolerance)
+
+
+def run_verdicts(result: Result, bim: Path, a_graph: SceneGraph) -> list[ElementVerdict]:
+    """The verdicts on the elements of an IFC model, of a run that is anchored to it.
+
+    Raises UserError for a model that cannot be read.
+    """
     from data.plans.elements import planned_elements  # loads ifcopenshell
 
     tolerance, shared = result.config.as_built.tolerance, result.config.anchors.sigma_extraction
-    verdicts = element_verdicts(planned_elements(bim), run_views(result), a_graph, tolerance, shared)
-    write_elements(out, verdicts, tolerance)
+    return element_verdicts(planned_elements(bim), run_views(result), a_graph, tolerance, shared)
 
 
 def run_views(result: Result) -> list[View]:

@@ -3,6 +3,7 @@
 from sgslam.config.imu_settings import ImuSettings
 from sgslam.config.models import (
     AnchorSettings,
+    AsBuiltSettings,
     BackendSettings,
     Config,
     KeyframeSettings,
@@ -17,6 +18,7 @@ from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 __all__ = [
     "AnchorSettings",
+    "AsBuiltSettings",
     "BackendSettings",
     "Config",
     "FloorSettings",
