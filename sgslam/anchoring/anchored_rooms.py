@@ -97,11 +97,11 @@ class GradedWalls:
 
 
 def graded_walls(
-    alignment: WallAlignment, scene: Scene, statuses: dict[Key, AnchorStatus], T_local_level: Floats, origin: Floats,
-    doubtful: float,
-) -> GradedWalls:  # fmt: skip
-    """Grades the aligned walls. Those off by less than `doubtful` (m) are pulled like drifted ones; `origin` (3,) is
-    that of the local frame, T_local_level (4, 4) the place of the map in it."""
+    alignment: WallAlignment, scene: Scene, statuses: dict[Key, AnchorStatus], T_local_level: Floats, origin: Floats
+) -> GradedWalls:
+    """Grades the aligned walls; `origin` (3,) is that of the local frame, T_local_level (4, 4) the place of the map in
+    it. A wall that is off alone does not pull the map, however little: the walls around it tell that it was built so.
+    """
     grades = GradedWalls()
     for aligned in alignment.walls:
         wall, plane = scene.wall_of_surface[aligned.surface.id], _local_plane(aligned.planned, origin)
@@ -109,11 +109,11 @@ def graded_walls(
         status = statuses[wall, aligned.planned.id]
         place = transform_points(T_local_level, middle)
         planned = PlannedWall(plane, place, aligned.planned.id, status.by, status.why)
-        pulls = aligned.drifted or abs(aligned.offset) < doubtful
-        grade = grades.tight if aligned.agrees else grades.drifted if pulls else grades.loose
+        grade = grades.tight if aligned.agrees else grades.drifted if aligned.drifted else grades.loose
         grade.setdefault(wall, {})[aligned.planned.id] = planned
-        if (aligned.agrees or pulls) and aligned.surface.room is not None and aligned.planned.room is not None:
-            grades.by_rooms.setdefault((aligned.surface.room, aligned.planned.room), {})[wall] = plane
+        rooms = aligned.surface.room, aligned.planned.room
+        if (aligned.agrees or aligned.drifted) and rooms[0] is not None and rooms[1] is not None:
+            grades.by_rooms.setdefault((rooms[0], rooms[1]), {})[wall] = plane
     return grades
 
 

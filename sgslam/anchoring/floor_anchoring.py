@@ -264,7 +264,7 @@ class FloorAnchoring(Stateful):
         settings, (yaw, x, y), walls = self._config.anchors, alignment.place, floor.walls
         heights = self._heights(floor, alignment)
         T_local_level = se2_to_se3(yaw, x, y, self.height if heights is None else heights.raised)
-        grades = graded_walls(alignment, scene, statuses, T_local_level, self._plan.origin, settings.doubtful)
+        grades = graded_walls(alignment, scene, statuses, T_local_level, self._plan.origin)
         place = self.commitment.place_now(walls, T_map_local)
         valid = T_map_local is not None and not self.commitment.replaced
         moved = differ(alignment.place, place, scene, settings.gate_offset)

@@ -194,8 +194,6 @@ class AnchorSettings(Settings):
     """m, standard deviation of the error that all observations of a wall share"""
     tolerance: float = Field(0.03, gt=0)
     """m, largest offset of a wall that counts as planned"""
-    doubtful: float = Field(0.08, gt=0)
-    """m, offset below which a wall still anchors the map, since the map may be wrong"""
     sigma_room: float = Field(0.03, gt=0)
     """m, standard deviation of a room's position as built"""
     sigma_loose: float = Field(0.2, gt=0)

@@ -76,8 +76,10 @@ class Verdicts(Record):
 
 def cases(options: Choice) -> list[Built]:
     """Each drive with each change."""
-    moved: list[dict[str, Any]] = [{"moved": options.moved, "moved_by_m": by, "absent": 0.0} for by in options.moved_by_m]
-    changes = [*moved, {"moved": 0.0, "moved_by_m": None, "absent": options.absent}]
+    changes: list[dict[str, Any]] = [
+        *({"moved": options.moved, "moved_by_m": by, "absent": 0.0} for by in options.moved_by_m),
+        {"moved": 0.0, "moved_by_m": None, "absent": options.absent},
+    ]
     common = {"seconds": options.seconds, "tolerance_m": options.tolerance_m}
     return [
         Built(sequence=spec, seed=seed, carrier=carrier, sensor=sensor, **change, **common)
