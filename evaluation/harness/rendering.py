@@ -104,13 +104,15 @@ class Renderer:
         return any(read_rows(rows_path(folder, study)) for folder in (self._rows, self._rows / QUICK))
 
     def _read(self, study: str) -> pd.DataFrame:
-        load_study(study)
         rows = read_rows(rows_path(self._rows, study)) or read_rows(rows_path(self._rows / QUICK, study))
         if not rows:
             raise UserError(f"{study}: no rows; make them with python -m evaluation run {study}")
-        builds = list(dict.fromkeys(row.made.build for row in rows))
-        if len(builds) > 1 and not self._mixed:
-            text = f"{study}: its rows are of {len(builds)} builds ({', '.join(builds)})"
+        apart, builds = load_study(study).apart, dict[str, dict[str, None]]()
+        for row in rows:
+            builds.setdefault(str(row.case[apart]) if apart else "", {})[row.made.build] = None
+        most = max(builds.values(), key=len)
+        if len(most) > 1 and not self._mixed:
+            text = f"{study}: its rows are of {len(most)} builds ({', '.join(most)})"
             raise UserError(f"{text}; run the study again, or allow it with --mixed")
         return frame(rows)
 

@@ -71,7 +71,8 @@ class Study:
     page's list of claims; `plots` writes SVG files to a folder.
 
     A case has a process of its own, unless it is `small`: then many share a process of one thread. Where seconds are
-    what is measured, the study is `timed`: nothing runs beside it.
+    what is measured, the study is `timed`: nothing runs beside it. Cases that differ in the field `apart` may be
+    measured on builds of their own, such as peers that our build does not change.
     """
 
     name: str
@@ -87,6 +88,7 @@ class Study:
     plots: Callable[[Any, Path], None] = lambda rows, folder: None
     small: bool = False
     timed: bool = False
+    apart: str | None = None
 
 
 STUDIES = {  # by name, the module whose `STUDY` it is

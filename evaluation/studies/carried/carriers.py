@@ -231,5 +231,5 @@ QUICK = Choice(
 )  # fmt: skip
 STUDY = Study(
     "carriers", "how well each scan is tracked without a plan, for any carrier, mount, sensor and effect",
-    Choice, QUICK, Run, Tracking, cases, measure, tables, claims, small=True,
+    Choice, QUICK, Run, Tracking, cases, measure, tables, claims, small=True, apart="methods",
 )  # fmt: skip
