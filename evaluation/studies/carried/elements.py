@@ -155,7 +155,7 @@ def _offsets(own: pd.DataFrame) -> dict[str, str]:
     errors = (known.offset_m - known.true_m).abs().astype(float)
     inside = errors <= SURE_SIGMAS * known.sigma_m.astype(float)
     return {
-        "walls": str(len(known)), "median error (mm)": f"{1000 * errors.median():.1f}" if len(known) else "",
+        "measured": str(len(known)), "median error (mm)": f"{1000 * errors.median():.1f}" if len(known) else "",
         "95 % (mm)": f"{1000 * errors.quantile(0.95):.1f}" if len(known) else "",
         "within two sigma": of(inside.sum(), len(known)),
     }  # fmt: skip
