@@ -109,15 +109,9 @@ def measure(case: Built, work: Path) -> Verdicts:
 
 
 def _judged(wall: ElementVerdict, change: Change | None) -> Judged:
-    built: State = "as planned"
-    true = 0.0
-    if change is not None and change.kind == "absent":
-        built = "absent"
-    elif change is not None and wall.direction is not None:
-        true = float(np.dot(change.offset_in_bim, wall.direction[:2]))
-        built = "moved"
-    elif change is not None:
-        built = "moved"
+    built: State = "as planned" if change is None else "absent" if change.kind == "absent" else "moved"
+    offset = (0.0, 0.0) if change is None else change.offset_in_bim
+    true = 0.0 if wall.direction is None else float(np.dot(offset, wall.direction[:2]))
     return Judged(
         built=built, true_m=true, verdict=wall.verdict, offset_m=wall.offset_m, sigma_m=wall.sigma_m, seen=wall.seen
     )
