@@ -25,7 +25,8 @@ def judged(
 ) -> tuple[Health, Floats]:
     """The health of a scan with a covariance (6, 6), rotation first, and with a share of points on known surfaces that
     is so many times the usual one; and the unit twists (M, 6) that are not constrained. One that sees through surfaces
-    is lost. A sensor that was lost must fit better: of the many poses that are tried then, some fit by chance."""
+    is lost. A sensor that was lost must fit better, and be constrained in all directions: of the many poses that are
+    tried then, some fit by chance."""
     unlike = relative < (settings.suspicious if was_lost else settings.lost) or solved.agreement < settings.agreement
     if unlike or sees_through or innovation(solved) > settings.innovation:
         return "lost", np.empty((0, 6))
@@ -36,4 +37,6 @@ def judged(
             twist = np.zeros(6)
             twist[part : part + 3] = axis
             weak.append(twist)
-    return ("degraded", np.stack(weak)) if weak else ("good", np.empty((0, 6)))
+    if not weak:
+        return "good", np.empty((0, 6))
+    return ("lost", np.empty((0, 6))) if was_lost else ("degraded", np.stack(weak))

@@ -69,10 +69,14 @@ def covariance(axis: int, sigma: float) -> Array:
 @pytest.mark.parametrize(("axis", "limit"), [(0, 0.03), (2, 0.03), (3, 0.1), (5, 0.1)])
 def test_a_direction_that_is_not_constrained_degrades_a_scan(axis: int, limit: float) -> None:
     settings = TrackingSettings()
-    assert judged(solved(), covariance(axis, 0.99 * limit), 1.0, False, False, settings)[0] == "good"
-    found, weak = judged(solved(), covariance(axis, 1.01 * limit), 1.0, False, False, settings)
+    within, beyond = covariance(axis, 0.99 * limit), covariance(axis, 1.01 * limit)
+    found, weak = judged(solved(), beyond, 1.0, False, False, settings)
     assert found == "degraded"
     assert np.abs(weak) == pytest.approx(np.eye(6)[[axis]])
+    # a sensor that was lost is not found by a pose that may be anywhere along some direction
+    assert [judged(solved(), C, 1.0, False, lost, settings)[0] for C in (within, beyond) for lost in (False, True)] == [
+        "good", "good", "degraded", "lost",
+    ]  # fmt: skip
 
 
 def test_a_direction_as_uncertain_as_is_allowed_is_constrained() -> None:
