@@ -21,7 +21,7 @@ from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.quality import quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
-from sgslam.session.scan_poses import ScanPose, at_stamps, smooth, with_unplaced
+from sgslam.session.scan_poses import ScanPose, at_stamps, odometry_begins, smooth, with_unplaced
 from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty
 from sgslam.session.unit_advice import feet_advice
 
@@ -85,8 +85,8 @@ def assemble_result(
         clouds=final.clouds,
         uncertainty=told,
         quality=quality_of(
-            placed, odometry, _walls_seen(floors, backend), own, tracked["lost"] / len(of_run), T_bim_map, bim,
-            config.quality,
+            placed, odometry, odometry_begins(scans[newest]), _walls_seen(floors, backend), own,
+            tracked["lost"] / len(of_run), T_bim_map, bim, config.quality,
         ),
         tracked=tracked,
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),

@@ -5,6 +5,7 @@ leads through planned walls, though a place in the plan may explain the map.
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,11 +37,12 @@ Quality = dict[str, Signal]
 
 
 def quality_of(
-    in_map: Trajectory, odometry: Trajectory, walls_seen: list[int], uncertainty: ScanUncertainty, lost: float,
-    T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
+    in_map: Trajectory, odometry: Trajectory, begins: list[int], walls_seen: list[int], uncertainty: ScanUncertainty,
+    lost: float, T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
 ) -> Quality:  # fmt: skip
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
-    `lost` is the share of the scans that are lost, of those in parts that were not placed too.
+    The odometry begins anew at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
+    that were not placed too.
 
     - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.
     - `lost_scans`, `keyframes_without_walls`: shares.
@@ -54,7 +56,9 @@ def quality_of(
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
     known = sigma[np.isfinite(sigma) & (uncertainty.anchored if T_bim_map is not None else True)]
     found = {
-        "map_against_odometry": _at_most(_difference(in_map, odometry) / max(way, 1.0), settings.map_against_odometry),
+        "map_against_odometry": _at_most(
+            _difference(in_map, odometry, begins) / max(way, 1.0), settings.map_against_odometry
+        ),
         "lost_scans": _at_most(lost, settings.lost_scans),
         "keyframes_without_walls": _at_most(
             float(np.mean([count == 0 for count in walls_seen])), settings.keyframes_without_walls
@@ -81,12 +85,14 @@ def _at_least(value: float, limit: float) -> Signal:
     return Signal(value, limit, bool(value >= limit))
 
 
-def _difference(in_map: Trajectory, odometry: Trajectory) -> float:
-    """The RMSE (m) of the positions after alignment; 0 where they hardly move."""
-    try:
-        return rmse_aligned(odometry, in_map)
-    except UserError:
-        return 0.0
+def _difference(in_map: Trajectory, odometry: Trajectory, begins: list[int]) -> float:
+    """The RMSE (m) of the positions, each piece of the odometry aligned; a piece that hardly moves has no error."""
+    squares, number = 0.0, np.arange(len(in_map))
+    for begin, end in zip(begins, [*begins[1:], len(in_map)], strict=True):
+        piece = (number >= begin) & (number < end)
+        with suppress(UserError):
+            squares += (end - begin) * rmse_aligned(odometry.only(piece), in_map.only(piece)) ** 2
+    return float(np.sqrt(squares / len(in_map)))
 
 
 def walls_crossed(way: Floats, a_graph: SceneGraph) -> int:

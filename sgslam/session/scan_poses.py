@@ -1,6 +1,7 @@
 """The poses of a run's scans: the live estimates, and smoothed ones after the keyframes have moved."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,17 @@ def at_stamps(scans: list[ScanPose], poses: Floats) -> Trajectory:
     order = np.argsort([s.stamp_ns for s in scans], kind="stable")
     scans, poses = [scans[i] for i in order], poses[order]
     return Trajectory(np.array([s.stamp_ns for s in scans], dtype=np.int64), poses)
+
+
+def odometry_begins(scans: list[ScanPose]) -> list[int]:
+    """The numbers of the scans, in the order of their stamps, at which the odometry begins: its frame is another one
+    after the sensor was carried elsewhere."""
+    order = sorted(scans, key=lambda scan: scan.stamp_ns)
+    return [0] + [
+        number
+        for number, (before, scan) in enumerate(pairwise(order), 1)
+        if scan.keyframe != before.keyframe and scan.T_previous_sensor is None
+    ]
 
 
 def with_unplaced(known: Trajectory, parts: list[tuple[list[ScanPose], Floats]]) -> Trajectory:

@@ -31,15 +31,17 @@ def trajectory(positions: Array) -> Trajectory:
 
 def judged(
     lost: int = 0, sigma: float = 0.1, walls_seen: tuple[int, ...] = (4,) * 10, tilt: float | None = None,
-    plan: SceneGraph | None = None, sure: int = SCANS, bend: float = 0.0,
+    plan: SceneGraph | None = None, sure: int = SCANS, bend: float = 0.0, begins: tuple[int, ...] = (0,),
 ) -> Quality:  # fmt: skip
     """Of a way of 10 m, first along x from the origin, of whose scans `sure` ones are anchored and have a sigma (m).
 
-    The odometry leaves the way by up to `bend` (m).
+    The odometry leaves the way by up to `bend` (m), and is in another frame from each of the scans `begins` on.
     """
     positions = way((0.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 4.0, 0.0), steps=SCANS // 2)[:SCANS]
     odometry = positions.copy()
     odometry[:, :2] += bend * np.sin(np.linspace(0.0, 6 * np.pi, SCANS))[:, None]
+    for begin in begins[1:]:
+        odometry[begin:] = odometry[begin:, [1, 2, 0]] + 3.0
     deviations = np.zeros((SCANS, 6))
     deviations[:, 0] = np.where(np.arange(SCANS) < sure, sigma, 9.0)
     uncertainty = ScanUncertainty(
@@ -51,7 +53,9 @@ def judged(
         c, s = np.cos(np.radians(tilt)), np.sin(np.radians(tilt))
         T_bim_map = np.array([[1.0, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
     maps = trajectory(positions), trajectory(odometry)
-    return quality_of(*maps, list(walls_seen), uncertainty, lost / SCANS, T_bim_map, plan, QualitySettings())
+    return quality_of(
+        *maps, list(begins), list(walls_seen), uncertainty, lost / SCANS, T_bim_map, plan, QualitySettings()
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,6 +67,7 @@ def judged(
         ("position_sigma_m", judged(sigma=0.199), judged(sigma=0.201)),
         ("plan_tilt_deg", judged(tilt=0.99, plan=SceneGraph("bim")), judged(tilt=1.01, plan=SceneGraph("bim"))),
         ("map_against_odometry", judged(bend=0.099), judged(bend=0.101)),
+        ("map_against_odometry", judged(bend=0.09, begins=(0, 30, 60)), judged(bend=0.2, begins=(0, 30, 60))),
     ],
 )  # fmt: skip
 def test_a_signal_is_kept_up_to_its_limit(signal: str, inside: Quality, outside: Quality) -> None:

@@ -277,7 +277,7 @@ def test_every_signal_of_quality_has_a_phrase_and_a_unit() -> None:
         np.ones(500, bool), ("good",) * 500,
     )  # fmt: skip
     found = quality_of(
-        data.trajectory_map, data.trajectory_odometry, [4] * 50, uncertainty, 0.0, data.T_bim_map, data.a_graph,
+        data.trajectory_map, data.trajectory_odometry, [0], [4] * 50, uncertainty, 0.0, data.T_bim_map, data.a_graph,
         QualitySettings(),
     )  # fmt: skip
     assert len(found) == 7
