@@ -161,6 +161,7 @@ def test_what_no_plan_shows_is_taken_from_the_plan(tmp_path: Path) -> None:
     assert {w.source for w in graph.wall_surfaces} - {w.source for w in driven.wall_surfaces} == {change.id}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_entered_rooms_without_a_match_are_reported() -> None:
     drive = small_drive()

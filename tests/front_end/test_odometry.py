@@ -181,6 +181,7 @@ def test_a_run_is_anchored_by_each(method: str) -> None:
     assert drive.rmse(result) < (0.12 if method == "kiss" else 0.02)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", [*METHODS, "given"])
 def test_a_run_by_each_goes_on_bit_by_bit(method: str, tmp_path: Path) -> None:
     """Broken off where the surfaces have not held every scan, and taken up from its file."""

@@ -31,6 +31,7 @@ def test_keyframes_of_an_hours_standing_are_few(places: Array) -> None:
     assert taken[-99:].sum() == pytest.approx(taken[1:100].sum(), abs=1)
 
 
+@pytest.mark.long
 def test_the_graph_stands_still_with_the_robot() -> None:
     drive = small_drive()
     _, seen = drive.scans[0]

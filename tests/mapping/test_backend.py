@@ -150,6 +150,7 @@ def fed_to(backend: Backend, run: Run, count: int) -> tuple[list[SeenWall], list
     return [s for s in run.seen if s.keyframe < count], [s for s in run.levels if s.keyframe < count]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_three_thousand_keyframes_cost_hardly_more_each_than_three_hundred() -> None:
     """What one optimisation takes, shared out over the keyframes that came since the one before it."""

@@ -58,6 +58,7 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(graphs, change, message):
     assert message in refused("matching.match", *(part for pair in given.items() for part in pair))
 
 
+@pytest.mark.long
 def test_a_storey_of_a_map_of_several_is_matched_with_a_storey_of_the_plan(graphs):
     plan, part = (SceneGraph.load(graphs / name) for name in ("a.json", "s.json"))
     upper = a_graph(flat(np.random.default_rng(4)), "upper", "upper")

@@ -60,6 +60,7 @@ def test_real_floors_with_the_noise_of_real_scans(method):
     assert unique >= 0.9 * len(names) and right >= 0.9 * len(names)
 
 
+@pytest.mark.long
 def test_a_storey_among_the_storeys_of_an_office_building_with_equal_offices(method):
     from data.plans import load_bim
 

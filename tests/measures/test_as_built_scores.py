@@ -52,6 +52,7 @@ def test_each_kind_is_scored_by_wall() -> None:
     assert extra.false == ("s2",)
 
 
+@pytest.mark.long
 def test_a_moved_wall_of_a_drive_is_counted(tmp_path: Path) -> None:
     building = write_small_ifc(tmp_path / "small.ifc")
     spec = {"name": "small", "bim": str(building.path), "storey": STOREY, "min_rooms": 3, "min_length": 12.0}

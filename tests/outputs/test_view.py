@@ -94,6 +94,7 @@ def _pose(handle: Any) -> Array:
     return np.asarray(vt.SE3.from_rotation_and_translation(vt.SO3(handle.wxyz), handle.position).as_matrix())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_run_that_is_looked_at_is_the_same(looked: Looked) -> None:
     seen, (_, alone) = looked.result, small_run(with_bim=True)

@@ -289,7 +289,7 @@ def test_zip_json_and_cache_give_the_same_graph(tmp_path: Path, monkeypatch: pyt
     assert subprocess.run([sys.executable, "-c", script, str(ifc)], check=False).returncode == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.skipif(not REAL, reason="../shared/data/ifc is not there")
 @pytest.mark.parametrize("path", REAL, ids=lambda p: p.stem)
 def test_real_models(path: Path, tmp_path: Path) -> None:

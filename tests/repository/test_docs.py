@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from _pytest.mark.structures import ParameterSet
 from drives import small_drive
 from packaging.version import Version
 from small_ifc import write_small_ifc
@@ -26,11 +27,21 @@ from sgslam.config.reference import parameters_page
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 PICTURE_BYTES = 300_000
+WHOLE_DRIVES = ("docs/index.md", "docs/own_sensor.md", "docs/own_building.md")
 INCLUDED = ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md")
 
 
 def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
+
+
+def with_snippets() -> list[ParameterSet]:
+    """The pages that have snippets; those that run whole drives are long."""
+    return [
+        pytest.param(page, id=name(page), marks=[pytest.mark.long] if name(page) in WHOLE_DRIVES else [])
+        for page in PAGES
+        if any(blocks(page))
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +76,7 @@ def place(material: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [p for p in PAGES if any(blocks(p))], ids=name)
+@pytest.mark.parametrize("page", with_snippets())
 def test_every_snippet_of_the_page_runs(page: Path, place: Path) -> None:
     """In order, in one folder; Python knows the names of the blocks before, and `scans`."""
     names = {"__name__": "snippet", "scans": small_drive().scans}

@@ -100,6 +100,7 @@ def test_scans_are_fed_one_by_one_and_the_graph_is_read_between(drive: Drive, tm
     np.testing.assert_allclose([x, y], drive.truth.positions[SCANS - 1][:2], atol=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_reading_the_graph_between_scans_changes_nothing(drive: Drive) -> None:
     quiet = fed(SceneGraphSlam(drive.bim), drive.scans[:SCANS])

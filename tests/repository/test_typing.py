@@ -71,6 +71,7 @@ def strict(folder: Path, text: str, cache: Path) -> subprocess.CompletedProcess[
     return subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder, check=False)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_script_of_a_user_knows_every_type(tmp_path: Path) -> None:
     done = strict(tmp_path, SCRIPT, tmp_path / "cache")

@@ -75,6 +75,7 @@ def test_every_file_of_the_packages_is_in_the_wheel(wheel: Path) -> None:
     assert {"matching/weights/learned.npz", "sgslam/report/report.html", "sgslam/report/report.css", schema} <= held
 
 
+@pytest.mark.long
 def test_the_commands_work_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
     where = called(installed / "python", "-c", "import data, matching; print(data.__file__)", cwd=tmp_path)
     assert str(installed.parent) in where.stdout, where.stderr
@@ -90,6 +91,7 @@ def test_the_commands_work_in_an_empty_folder(installed: Path, tmp_path: Path) -
     assert "the matchers' weights self test" in told and len(set(told)) == len(told)
 
 
+@pytest.mark.long
 def test_a_plan_is_inspected_and_scans_are_run_from_the_wheel(installed: Path, tmp_path: Path) -> None:
     building = write_small_ifc(tmp_path / "small.ifc").path
     looked = called(

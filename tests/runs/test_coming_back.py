@@ -40,6 +40,7 @@ def apart(run: Trajectory, truth: Array, T_truth_run: Array) -> float:
     return float(np.sqrt(np.mean(np.sum((placed - truth) ** 2, axis=1))))
 
 
+@pytest.mark.long
 def test_a_second_run_finds_itself_in_the_map_of_the_first_and_is_joined_to_it(tmp_path: Path) -> None:
     drive, first = small_drive(), first_run(tmp_path, anchored=False)
     result = fed(SceneGraphSlam(prior=PriorMap.load(tmp_path, Config())), back()).finish()
@@ -54,6 +55,7 @@ def test_a_second_run_finds_itself_in_the_map_of_the_first_and_is_joined_to_it(t
     assert result.keyframes == len(result.s_graph.keyframes) and result.metrics()["runs"] == 2
 
 
+@pytest.mark.long
 def test_with_the_building_both_runs_are_in_its_frame(tmp_path: Path) -> None:
     drive, first = small_drive(), first_run(tmp_path, anchored=True)
     known = PriorMap.load(tmp_path, Config())
@@ -113,7 +115,7 @@ def found_again(with_bim: bool) -> Result:
     return fed(SceneGraphSlam(small_drive().bim if with_bim else None), carried_off()[0]).finish()
 
 
-@pytest.mark.parametrize("with_bim", [True, False])
+@pytest.mark.parametrize("with_bim", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_who_is_carried_off_is_found_again(with_bim: bool) -> None:
     (scans, truth), result = carried_off(), found_again(with_bim)
     assert result.relocalisation is not None and result.relocalisation.found
@@ -123,6 +125,7 @@ def test_who_is_carried_off_is_found_again(with_bim: bool) -> None:
     assert np.sqrt(np.mean(np.sum((poses - truth[:, :3, 3]) ** 2, axis=1))) < 0.05
 
 
+@pytest.mark.long
 def test_a_drive_is_not_taken_for_carried_off() -> None:
     assert small_run(with_bim=False)[1].relocalisation is None
 
@@ -149,6 +152,7 @@ def carried_off_without_loops() -> Result:
     return fed(SceneGraphSlam(small_drive().bim, config=config), carried_off()[0]).finish()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scans_after_the_leap", [2, 40])
 def test_a_run_goes_on_bit_by_bit_after_a_leap(scans_after_the_leap: int, tmp_path: Path) -> None:
     """But for loops: the state holds no clouds of keyframes, which they are closed with."""

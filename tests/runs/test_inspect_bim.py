@@ -208,6 +208,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_command_writes_page_and_values(tmp_path: Path, house: Inspection) -> None:
     two_storeys().save(tmp_path / "house.json")

@@ -30,7 +30,7 @@ def whole() -> Result:
     return small_run(with_bim=True)[1]
 
 
-@pytest.mark.parametrize("after", [1, 7, 60, -1])
+@pytest.mark.parametrize("after", [1, 7, pytest.param(60, marks=pytest.mark.long), -1])
 def test_a_run_goes_on_bit_by_bit(after: int, whole: Result, tmp_path: Path) -> None:
     drive = small_drive()
     first = fed(SceneGraphSlam(drive.bim), drive.scans[:after])
@@ -93,6 +93,7 @@ def refused(*arguments: str | Path) -> str:
     return str(told.value)
 
 
+@pytest.mark.long
 def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path) -> None:
     out, whole = tmp_path / "out", tmp_path / "whole"
     told = ("--scan-dir", inputs / "scans", "--bim", inputs / "a_graph.json", "--set", "matching.method=voting")

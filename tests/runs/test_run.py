@@ -166,7 +166,7 @@ def test_strict_is_not_content_with_less_than_all(scans: Path, tmp_path: Path) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("planned", [False, True])
+@pytest.mark.parametrize("planned", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_run_takes_no_torch(scans: Path, building: Path, tmp_path: Path, planned: bool) -> None:
     code = "import sys; from sgslam.run import main; assert main(sys.argv[1:]) == 0 and 'torch' not in sys.modules"
     given = ["--scan-dir", scans, "--out", tmp_path / "out", *(["--bim", building] if planned else [])]

@@ -60,6 +60,7 @@ def result(run: tuple[SceneGraphSlam, Result]) -> Result:
     return run[1]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_robot_climbs_the_stair_and_comes_back(drive: SimulatedRun) -> None:
     height = drive.truth.positions[:, 2]
@@ -73,7 +74,7 @@ def test_the_robot_climbs_the_stair_and_comes_back(drive: SimulatedRun) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("share", "within"), [(0.9, 0.06), (0.7, 0.5)])
+@pytest.mark.parametrize(("share", "within"), [pytest.param(0.9, 0.06, marks=pytest.mark.long), (0.7, 0.5)])
 def test_a_storey_is_anchored_where_the_odometry_slips_on_the_stairs(
     share: float, within: float, drive: SimulatedRun, bim: Bim
 ) -> None:
@@ -92,6 +93,7 @@ def test_a_storey_is_anchored_where_the_odometry_slips_on_the_stairs(
     assert np.median(np.abs(result.trajectory.positions - true)[upstairs, 2]) < within
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_climbed_storey_is_a_floor_of_its_own(drive: SimulatedRun, result: Result) -> None:
     ground, upper = result.s_graph.floors
@@ -116,6 +118,7 @@ def test_coming_back_goes_on_with_the_first_floor(drive: SimulatedRun, result: R
     assert result.s_graph.keyframes[-1].floor == result.s_graph.floors[0].id
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_who_enters_a_known_map_upstairs_is_found_upstairs(
     drive: SimulatedRun, run: tuple[SceneGraphSlam, Result], tmp_path: Path
@@ -174,7 +177,12 @@ def corridor(rise: float, length: float) -> TriangleScene:
     return TriangleScene(np.concatenate([triangles_of(boxes), np.array([[a, b, c], [a, c, d]])]))
 
 
-@pytest.mark.parametrize(("rise", "length"), [(0.15, 0.4), (0.5, 0.4), (0.4, 4.0)])
+@pytest.mark.parametrize(
+    ("rise", "length"),
+    [
+        pytest.param(0.15, 0.4, marks=pytest.mark.long), (0.5, 0.4), pytest.param(0.4, 4.0, marks=pytest.mark.long),
+    ],
+)  # fmt: skip
 def test_a_step_or_a_ramp_within_a_storey_makes_no_floor(rise: float, length: float) -> None:
     scene, slam, truth = corridor(rise, length), SceneGraphSlam(config=LEVEL), []
     for k, x in enumerate(np.arange(3.0, 21.0, 0.1)):

@@ -116,6 +116,7 @@ def test_a_folder_above_the_scans_is_refused_and_theirs_are_named(walk: Path, tm
     assert both in refused("sgslam.run", "--scan-dir", tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_results_that_are_overwritten_are_named(walk: Path, tmp_path: Path) -> None:
     first = called("sgslam.run", "--scan-dir", walk, "--out", tmp_path / "out")
@@ -125,6 +126,7 @@ def test_results_that_are_overwritten_are_named(walk: Path, tmp_path: Path) -> N
     assert [str(tmp_path / "out") in line for line in second.stderr.splitlines() if "overwritten" in line] == [True]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_mount_that_the_surroundings_contradict_is_told(tmp_path: Path) -> None:
     scans = write_walk(tmp_path / "scans", pitch=np.radians(50))
@@ -136,7 +138,10 @@ def test_a_mount_that_the_surroundings_contradict_is_told(tmp_path: Path) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("planned", "said"), [(True, "the plan's walls are 2.7 m high"), (False, "m/s: unless this")])
+@pytest.mark.parametrize(
+    ("planned", "said"),
+    [(True, "the plan's walls are 2.7 m high"), pytest.param(False, "m/s: unless this", marks=pytest.mark.long)],
+)
 def test_feet_are_told(planned: bool, said: str, walk: Path, tmp_path: Path) -> None:
     scans = write_changed(walk, tmp_path / "scans", 1 / FOOT)
     known = ["--bim", write_plan(tmp_path / "plan.json", 2.7)] if planned else []
@@ -148,7 +153,10 @@ def test_feet_are_told(planned: bool, said: str, walk: Path, tmp_path: Path) -> 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("height", "carried", "planned"),
-    [(2.7, 1.4, None), (9.0, 1.4, None), (9.0, 1.4, 2.7), (9.0, 2.4, None), (9.0, 2.4, 9.0)],
+    [
+        pytest.param(2.7, 1.4, None, marks=pytest.mark.long), pytest.param(9.0, 1.4, None, marks=pytest.mark.long),
+        (9.0, 1.4, 2.7), (9.0, 2.4, None), pytest.param(9.0, 2.4, 9.0, marks=pytest.mark.long),
+    ],
 )
 def test_metres_are_not_taken_for_feet_in_a_room_nor_in_a_hall(
     height: float, carried: float, planned: float | None, tmp_path: Path

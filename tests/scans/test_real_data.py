@@ -36,6 +36,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_institute_is_anchored_on_the_right_storey(drive: Path, tmp_path: Path) -> None:
     command("sgslam.run", "--scan-dir", drive / "scans", "--bim", INSTITUTE, "--out", tmp_path,
             "--ground-truth", drive / "truth.tum")  # fmt: skip
@@ -56,6 +57,7 @@ def test_institute_is_anchored_on_the_right_storey(drive: Path, tmp_path: Path) 
         assert polygon is not None and shapely.Polygon(polygon).contains(shapely.Point(place)), (s_id, a_id)
 
 
+@pytest.mark.long
 def test_another_building_is_never_anchored_to(drive: Path, tmp_path: Path) -> None:
     if not OFFICE.is_file():
         pytest.skip("the office's IFC file is not at ../shared")
@@ -73,6 +75,7 @@ def test_another_building_is_never_anchored_to(drive: Path, tmp_path: Path) -> N
     assert len(Trajectory.read_tum(tmp_path / "out" / "trajectory.tum")) == metrics["scans"]
 
 
+@pytest.mark.long
 def test_real_scans_give_walls_and_no_jump(tmp_path: Path) -> None:
     if not VLP16.is_dir():
         pytest.skip("the VLP-16 scans are not at ../shared")

@@ -325,6 +325,7 @@ def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
     assert "not an empty" in refused("data.simulate", *asked, "--out", out)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.skipif(not INSTITUTE.exists(), reason=f"{INSTITUTE} is absent")
 def test_the_institutes_ground_floor_can_be_driven() -> None:

@@ -52,6 +52,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_session_is_laid_out_and_anchored(dataset: Path, tmp_path: Path):
     sequence, out = tmp_path / "sequence", tmp_path / "out"

@@ -81,6 +81,7 @@ def test_what_a_run_refuses_reaches_the_user(own: SequenceSpec, tmp_path: Path) 
         measure(run(own, "graph", Conditions(moved_walls=0.3)), tmp_path)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_weak_front_end_has_an_odometry_of_its_own(
     own: SequenceSpec, measured: dict[str, Scores], tmp_path: Path

@@ -62,6 +62,7 @@ def test_a_run_killed_at_three_moments_has_the_same_rows(tmp_path: Path) -> None
     assert not part.exists()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_cluster_whose_worker_is_killed_has_the_same_rows(tmp_path: Path, scheduler: str) -> None:
     from distributed import Client

@@ -51,6 +51,7 @@ def test_a_storey_that_is_not_there_is_told(bim: Path) -> None:
         pass
 
 
+@pytest.mark.long
 def test_the_parts_of_a_run_add_up(bim: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(drives, "PART", 30)
     (case,) = cases(Choice(bim=str(bim), storey="Ground", scans=60, standing=True))

@@ -39,6 +39,7 @@ def choice(folder: Path, **changes: object) -> Choice:
     return Choice.model_validate({**small, "regimes": ["real", "negative"], "rooms": [2, "all"], **changes})
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_rows_of_a_run_are_tabulated_and_plotted(folder: Path, tmp_path: Path) -> None:
     options = choice(folder, plans=[*choice(folder).plans, folder / "nowhere.json"])

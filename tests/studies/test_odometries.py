@@ -40,6 +40,7 @@ def own_sequence(tmp_path_factory: pytest.TempPathFactory) -> SequenceSpec:
     return SequenceSpec(name="own", bim=str(folder / "plan.json"), scans=str(scans), truth=str(truth))
 
 
+@pytest.mark.long
 def test_an_external_odometry_is_measured(own_sequence: SequenceSpec, tmp_path: Path) -> None:
     case = odometries.Run(sequence=own_sequence, seed=0, odometry="external")
     found = odometries.measure(case, tmp_path)

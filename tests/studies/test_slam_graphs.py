@@ -34,6 +34,7 @@ def drive(spec: SequenceSpec, tmp_path_factory: pytest.TempPathFactory) -> SlamD
     return record(prepare(spec, 0, tmp_path_factory.mktemp("drives")))
 
 
+@pytest.mark.long
 def test_recorded_graphs_lie_where_the_truth_says(drive: SlamDrive) -> None:
     assert [g.whole for g in drive.graphs].count(True) == 1 and drive.graphs[-1].whole
     assert all(a.seconds <= b.seconds for a, b in zip(drive.graphs, drive.graphs[1:], strict=False))
@@ -73,6 +74,7 @@ def test_which_storeys_are_driven(spec: SequenceSpec) -> None:
     assert all(s.bim == spec.bim and s.storey for s in others)
 
 
+@pytest.mark.long
 def test_a_missing_building_is_a_users_mistake(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "evaluation.drives.slam_graphs", "--out", str(tmp_path), "--bims", "nowhere.ifc"]
     done = subprocess.run(command, capture_output=True, text=True)
