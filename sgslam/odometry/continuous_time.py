@@ -197,7 +197,7 @@ class ContinuousTimeOdometry:
         return _Found(knots, covariance, health, solved.share, unconstrained)
 
     def _sees_through(self, scan: TimedPoints, knots: Floats, relative: float) -> bool:
-        """Whether too many rays of a suspicious scan, its knots at (K, 4, 4), pass through surfaces of the map.
+        """Whether the rays of a suspicious scan, its knots at (K, 4, 4), pass through too many surfaces of the map.
 
         A place where the sensor is found again is suspicious until the usual share of points is that of this place.
         """
@@ -207,8 +207,7 @@ class ContinuousTimeOdometry:
             return False
         points = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
         oldest = self._way - settings.local_map
-        through = share_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest)
-        return through > settings.seen_through * (0.5 if is_new else 1.0)
+        return share_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest) > settings.seen_through
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
         """A scan that tells nothing, or does not fit the map: its pose is a prediction."""

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
-from sgslam.surfels.search import Surfels, is_met_between
+from sgslam.surfels.cells import key_of
+from sgslam.surfels.search import FOLLOWED, Surfels, is_met_in
 
 Floats = NDArray[np.float64]
 _EVERY = 8  # of the points, one whose ray is followed
@@ -16,20 +17,26 @@ _BEFORE = 0.5  # m before its end, a ray may meet the surface that it has measur
 
 @compiled
 def share_seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest: float) -> float:
-    """The share of rays from a sensor (3,) to points (N, 3), in `odom`, that pass through a surface of the map.
+    """The share of the surfaces met by rays from a sensor (3,) to points (N, 3), in `odom`, that they pass through.
 
-    Glass, people and doors let some through.
+    A surface is a cell of the map. Rays are not counted: where a person stood whom the sensor now passes, it looks
+    through a single surface with a third of its rays.
     """
-    rays, through, u = 0, 0, np.empty(3)
+    u, rays, passed = np.empty(3), 0, 0
+    ends, through = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
     for p in range(0, len(points), _EVERY):
         u[:] = points[p] - sensor
         length = math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
         u /= length
+        ends[rays] = key_of(points[p, 0], points[p, 1], points[p, 2], FOLLOWED)
         rays += 1
         at = _STEP
         while at < length - _BEFORE:
-            if is_met_between(sensor, u, at, length - _BEFORE, surfels, oldest):
-                through += 1
+            key = key_of(sensor[0] + at * u[0], sensor[1] + at * u[1], sensor[2] + at * u[2], FOLLOWED)
+            if is_met_in(key, sensor, u, length - _BEFORE, surfels, oldest):
+                through[passed] = key
+                passed += 1
                 break
             at += _STEP
-    return through / max(rays, 1)
+    seen_through = len(np.unique(through[:passed]))
+    return seen_through / max(seen_through + len(np.unique(ends[:rays])), 1)

@@ -18,7 +18,7 @@ _FINER = 0.5  # times the variance of a larger cell's plane, that of a smaller o
 _ALIKE = 0.5  # cosine between the normals of a point's surface and of its plane
 _FITS = 2.0  # times the standard deviation: a point farther from its plane may be on one of the next cell
 _BEYOND = 0.25  # m, by which a surface may go on beyond its seen extent in the next cell
-_FOLLOWED = 1  # of the grids, the one in which rays are followed
+FOLLOWED = 1  # of the grids, the one in which rays are followed
 
 
 class Surfels(NamedTuple):
@@ -129,11 +129,10 @@ def _may_be_on_another(
 
 
 @compiled
-def is_met_between(sensor: Floats, ray: Floats, at: float, end: float, surfels: Surfels, oldest: float) -> bool:
-    """Whether the cell `at` so many metres from a sensor (3,) along a unit ray (3,) has a surface, of the side seen,
-    that the ray meets there, before its `end` (m)."""
+def is_met_in(key: int, sensor: Floats, ray: Floats, end: float, surfels: Surfels, oldest: float) -> bool:
+    """Whether the cell with a key has a surface, of the side seen, that a unit ray (3,) from a sensor (3,) meets there,
+    before its `end` (m)."""
     keys, first, other, planes, seen = surfels
-    key = key_of(sensor[0] + at * ray[0], sensor[1] + at * ray[1], sensor[2] + at * ray[2], _FOLLOWED)
     place = place_of(key, keys)
     s = first[place] if keys[place] == key else -1
     while s >= 0:
@@ -142,7 +141,7 @@ def is_met_between(sensor: Floats, ray: Floats, at: float, end: float, surfels: 
             before, _, _ = in_plane(sensor[0], sensor[1], sensor[2], planes, s)
             t = -before / towards
             x, y, z = sensor[0] + t * ray[0], sensor[1] + t * ray[1], sensor[2] + t * ray[2]
-            if 0 < t < end and key_of(x, y, z, _FOLLOWED) == key and is_within(x, y, z, planes, s, 0.0):
+            if 0 < t < end and key_of(x, y, z, FOLLOWED) == key and is_within(x, y, z, planes, s, 0.0):
                 return True
         s = other[s]
     return False
