@@ -16,7 +16,7 @@ from sgslam.odometry.base import Odometry, State
 from sgslam.registration import Health, Motion, Registration
 from sgslam.registration.attempts import best_attempt
 from sgslam.registration.beliefs import Belief, MotionModel
-from sgslam.registration.free_space import share_seen_through
+from sgslam.registration.free_space import shares_seen_through
 from sgslam.registration.health import judged
 from sgslam.registration.motion_prior import moved_on
 from sgslam.registration.relocation import likely_poses
@@ -26,6 +26,7 @@ from sgslam.surfels import SurfelMap
 
 Floats = NDArray[np.float64]
 _BLIND = 50  # points: fewer do not tell where a scan was taken; the sensor is covered
+_MOST_RAYS = 0.5  # share that no person who went away leaves free, since he stood on one side of the sensor
 _TRIED = 8  # of the likely poses of a lost sensor
 _UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
 _KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
@@ -207,7 +208,8 @@ class ContinuousTimeOdometry:
             return False
         points = Motion(scan.knot_seconds, knots).placed(scan.points, scan.seconds)
         oldest = self._way - settings.local_map
-        return share_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest) > settings.seen_through
+        of_rays, of_surfaces = shares_seen_through(points, knots[0, :3, 3].copy(), self._map.arrays, oldest)
+        return of_rays > _MOST_RAYS or of_surfaces > settings.seen_through
 
     def _lose(self, scan: TimedPoints, share: float) -> _Found:
         """A scan that tells nothing, or does not fit the map: its pose is a prediction."""

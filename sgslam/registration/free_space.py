@@ -16,11 +16,11 @@ _BEFORE = 0.5  # m before its end, a ray may meet the surface that it has measur
 
 
 @compiled
-def share_seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest: float) -> float:
-    """The share of the surfaces met by rays from a sensor (3,) to points (N, 3), in `odom`, that they pass through.
+def shares_seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest: float) -> tuple[float, float]:
+    """Of the rays from a sensor (3,) to points (N, 3), in `odom`, the share that passes through surfaces of the map;
+    and of the surfaces, the cells of the map, that they meet, the share that they pass through.
 
-    A surface is a cell of the map. Rays are not counted: where a person stood whom the sensor now passes, it looks
-    through a single surface with a third of its rays.
+    Where a person stood whom the sensor now passes, a third of its rays pass through a single surface.
     """
     u, rays, passed = np.empty(3), 0, 0
     ends, through = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
@@ -39,4 +39,5 @@ def share_seen_through(points: Floats, sensor: Floats, surfels: Surfels, oldest:
                 break
             at += _STEP
     seen_through = len(np.unique(through[:passed]))
-    return seen_through / max(seen_through + len(np.unique(ends[:rays])), 1)
+    met = seen_through + len(np.unique(ends[:rays]))
+    return passed / max(rays, 1), seen_through / max(met, 1)

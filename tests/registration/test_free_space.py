@@ -7,7 +7,7 @@ from boxes import Array, Box, pose, room, scan, scene_of
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import transform_points
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
-from sgslam.registration.free_space import share_seen_through
+from sgslam.registration.free_space import shares_seen_through
 from sgslam.surfels import SurfelMap
 
 SMALL, LARGE = room(-2, -2, 2, 2), room(-4, -4, 4, 4)
@@ -27,7 +27,7 @@ def known(boxes: list[Box]) -> SurfelMap:
 
 def through(boxes: list[Box], T: Array, surfels: SurfelMap) -> float:
     points = transform_points(T, scan(scene_of(boxes), T, seed=9))
-    return share_seen_through(points, T[:3, 3].copy(), surfels.arrays, -1.0)
+    return shares_seen_through(points, T[:3, 3].copy(), surfels.arrays, -1.0)[1]
 
 
 def test_no_ray_passes_the_walls_of_its_own_room() -> None:
@@ -44,7 +44,7 @@ def test_the_far_side_of_a_wall_hides_nothing() -> None:
     """From outside, a room's inner faces are not what a ray meets."""
     surfels, T = known(SMALL), pose(3.0, 0.0, 1.2)
     beyond = np.array([[1.5, 0.0, 1.0], [1.4, 0.3, 1.2]]).repeat(8, axis=0)
-    assert share_seen_through(beyond, T[:3, 3].copy(), surfels.arrays, -1.0) == 0.0
+    assert shares_seen_through(beyond, T[:3, 3].copy(), surfels.arrays, -1.0) == (0.0, 0.0)
 
 
 def test_where_a_person_stood_is_no_wall_though_it_fills_the_view() -> None:
@@ -55,10 +55,10 @@ def test_where_a_person_stood_is_no_wall_though_it_fills_the_view() -> None:
     assert through(SMALL, HERE, surfels) < 0.5 * TrackingSettings().seen_through
 
 
-@pytest.mark.parametrize(("past", "expected"), [(0.4, 0.0), (0.7, 0.5)])
-def test_a_point_just_behind_a_wall_may_be_of_that_wall(past: float, expected: float) -> None:
+@pytest.mark.parametrize(("past", "expected"), [(0.4, (0.0, 0.0)), (0.7, (1.0, 0.5))])
+def test_a_point_just_behind_a_wall_may_be_of_that_wall(past: float, expected: tuple[float, float]) -> None:
     point = np.array([[2.0 + past, 0.0, 1.2]])
-    assert share_seen_through(point, np.array([0.0, 0.0, 1.2]), known(SMALL).arrays, -1.0) == expected
+    assert shares_seen_through(point, np.array([0.0, 0.0, 1.2]), known(SMALL).arrays, -1.0) == expected
 
 
 def opened(width: float) -> list[Box]:
@@ -83,3 +83,13 @@ def test_a_room_whose_walls_stand_behind_the_known_ones_is_another_one() -> None
     assert last_health(larger, seen_through=1.0) != "lost"  # half of its points are where walls were known
     assert last_health(opened(1.2)) != "lost"  # a door
     assert last_health(opened(4.0)) == "lost"
+
+
+def test_a_wall_near_by_through_which_most_rays_pass_is_seen_through_though_it_is_small() -> None:
+    """Of a long corridor, whose surfaces are many."""
+    corridor, panel = room(-20, -1, 20, 1), (0.9, -1.0, 0.0, 1.0, 1.0, 2.6)
+    surfels, T = known([*corridor, panel]), pose(0.3, 0.0, 1.2)
+    ahead = transform_points(T, scan(scene_of(corridor), T, seed=9))
+    ahead = ahead[ahead[:, 0] > 1.6]
+    of_rays, of_surfaces = shares_seen_through(ahead, T[:3, 3].copy(), surfels.arrays, -1.0)
+    assert of_rays > 0.6 and of_surfaces < TrackingSettings().seen_through
