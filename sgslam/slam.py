@@ -107,12 +107,16 @@ class SceneGraphSlam:
         return self._session.imu.newest_ns
 
     def _process(self, raw: RawScan) -> None:
-        """Tracks a scan, and adds it to the map when it is known where it was taken."""
+        """Tracks a scan, and takes those of which it is known where they were taken."""
         with self._stopwatch("odometry"):
             tracked = self._map.tracker.track(raw)  # registered by the odometry; none until gravity is known
-        for scan in tracked:
+        self._take(tracked)
+
+    def _take(self, tracked: list[TrackedScan]) -> None:
+        """Adds tracked scans to the map, or begins a new one with them where the sensor was carried elsewhere."""
+        for number, scan in enumerate(tracked):
             if self._map.tracker.was_carried_elsewhere(scan):
-                return self._begin_elsewhere(scan)
+                return self._begin_elsewhere(tracked[number:])
             if scan.health == "lost":
                 self._lost.append(scan)
             else:
@@ -130,19 +134,23 @@ class SceneGraphSlam:
     def _add_lost(self) -> None:
         """Adds the scans that were lost, at their predicted poses: the sensor is back, or the run ends."""
         if self._lost:
-            first, last = (scan.raw.stamp_ns for scan in (self._lost[0], self._lost[-1]))
-            _log.warning("scans at %d to %d ns are lost: %d poses are predicted", first, last, len(self._lost))
+            first, last = (scan.raw.stamp_ns / 1e9 for scan in (self._lost[0], self._lost[-1]))
+            _log.warning("scans at %.2f to %.2f s are lost: %d poses are predicted", first, last, len(self._lost))
         while self._lost:
             self._add(self._lost.pop(0))
 
-    def _begin_elsewhere(self, newest: TrackedScan) -> None:
-        """Begins a new map with the lost scans, which fit one another but not the map."""
-        lost, self._lost = [*self._lost, newest], []
-        began_ns = lost[0].raw.stamp_ns
-        _log.warning("scan at %d ns: the sensor was carried elsewhere; a new map begins", began_ns)
+    def _begin_elsewhere(self, newest: list[TrackedScan]) -> None:
+        """Begins a new map with the lost scans that fit one another but not the map, and with the `newest` ones, the
+        first of which shows it. Scans that were lost before them, under a cover for instance, stay with the map."""
+        lost, since_ns = [*self._lost, *newest], self._map.tracker.carried_since_ns
+        self._lost = [scan for scan in lost if scan.raw.stamp_ns < since_ns]
+        self._add_lost()
+        told = "the sensor was carried elsewhere, or was lost; a new map begins"
+        _log.warning("scan at %.2f s: %s", since_ns / 1e9, told)
         self._map = self._session.split(self._map)
         for scan in lost:
-            self._process(scan.raw)
+            if scan.raw.stamp_ns >= since_ns:
+                self._process(scan.raw)
 
     def _update(self, stamp_ns: int) -> Update:
         waiting, T_bim_map = self._map.tracker.newest, self.T_bim_map
@@ -159,8 +167,8 @@ class SceneGraphSlam:
 
     def _release(self) -> None:
         """Adds all scans that wait."""
-        for scan in self._map.tracker.release():
-            self._add(scan)
+        while waiting := self._map.tracker.release():
+            self._take(waiting)
         self._add_lost()
 
     def finish(self, scans: Iterable[Scan] | None = None) -> Result:

@@ -142,6 +142,13 @@ class ScanTracker(Stateful):
             self._check.add(raw.stamp_ns, points, T_odom_sensor)
         return TrackedScan(raw, points, T_odom_sensor, found.covariance, found.health)
 
+    @property
+    def carried_since_ns(self) -> int:
+        """The stamp of the first of the lost scans that fit one another; to be asked where the sensor was carried
+        elsewhere."""
+        assert self._lost_since_ns is not None
+        return self._lost_since_ns
+
     def was_carried_elsewhere(self, scan: TrackedScan) -> bool:
         """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map near
         the place where it was lost.

@@ -146,6 +146,24 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     assert len(result.s_graph.rooms) == len(alone.s_graph.rooms)
 
 
+@pytest.mark.parametrize("covered", [0, 8])
+def test_no_scan_is_missing_where_a_sensor_is_carried_off_in_its_first_seconds(covered: int) -> None:
+    """While all scans still wait for gravity. Those under a cover before are lost, and stay with the first map."""
+    here = scene_of([*room(0, 0, 4, 3), (0, 1, 0, 0.5, 2, 2)])
+    there = scene_of([*room(20, 0, 29, 7), (23, 2, 0, 24, 4, 2.6), (26, 5, 0, 27, 7, 2.6)])
+    first = [scan(here, pose(2 + 0.03 * i, 1.5, 1, yaw=0.03 * i), seed=i) for i in range(20)]
+    cap = [0.4 * np.random.default_rng(i).normal(size=(20, 3)) for i in range(covered)]
+    other = [scan(there, pose(25 + 0.03 * i, 2, 1, yaw=1 - 0.03 * i), seed=i) for i in range(30)]
+    slam = SceneGraphSlam()
+    for k, points in enumerate([*first, *cap, *other]):
+        slam.add_scan(10**8 * k, points)
+    told = slam.finish().uncertainty
+    assert slam.kidnaps == 1
+    assert told.stamps_ns.tolist() == [10**8 * k for k in range(50 + covered)]
+    assert told.part.tolist() == [0] * (20 + covered) + [1] * 30
+    assert told.health[20 : 20 + covered] == ("lost",) * covered and set(told.health[20 + covered :]) != {"lost"}
+
+
 @functools.cache
 def carried_off_without_loops() -> Result:
     config = Config(loops=LoopSettings(enabled=False))
