@@ -89,8 +89,8 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
     rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
     if (outcome := metrics["returned"]) is not None:
-        found = f"relocalised after {outcome['found_s']:.1f} s" if outcome["found"] else "not relocalised"
-        rows["prior map"] = f"{found}: {outcome['reason']}"
+        found = f"after {outcome['found_s']:.1f} s" if outcome["found"] else "the last part was not placed"
+        rows["relocalisation"] = f"{found}: {outcome['reason']}"
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
     for name, value in metrics.get("accuracy", {}).items():

@@ -111,10 +111,10 @@ def read_job(options: argparse.Namespace) -> Job:
     seconds = perf_counter() - began
     if bim is not None:
         check_storey(bim.graph, options.storey)
-    if bim is not None or prior is not None:  # after all checks; not counted in the run's time
-        read, spent = perf_counter() - began, process_time() - cpu_began
-        compile_ahead(matcher, config.matching.method)
-        began, cpu_began = perf_counter() - read, process_time() - spent
+    read, spent = perf_counter() - began, process_time() - cpu_began
+    is_matched = bim is not None or prior is not None
+    compile_ahead(matcher, config.matching.method if is_matched else None)  # not counted in the run's time
+    began, cpu_began = perf_counter() - read, process_time() - spent
     if start is not None:
         matcher = _MatcherWithStart(matcher, start)
     return Job(

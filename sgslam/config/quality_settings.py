@@ -12,6 +12,8 @@ class QualitySettings(Settings):
     """difference of the map's and the odometry's trajectories, share of the way; sound maps 0.001, lost ones 0.02"""
     lost_scans: float = Field(0.05, ge=0, le=1)
     """largest share of scans that are lost"""
+    unplaced_scans: float = Field(0.05, ge=0, le=1)
+    """largest share of scans in parts of the map that were not placed, whose poses are in frames of their own"""
     keyframes_without_walls: float = Field(0.3, ge=0, le=1)
     """largest share of keyframes that see no wall; sound maps 0.02, lost ones 0.6 to 0.9"""
     walls_per_keyframe: float = Field(3.0, ge=0)

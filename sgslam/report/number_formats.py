@@ -8,6 +8,7 @@ NOTHING = "\N{EN DASH}"
 SIGNALS = {  # the names in metrics.json: phrase, unit, and which side of the limit is sound
     "map_against_odometry": ("map against odometry, share of the way", " %", "at most"),
     "lost_scans": ("lost scans, share of all", " %", "at most"),
+    "unplaced_scans": ("scans in parts that were not placed, share of all", " %", "at most"),
     "keyframes_without_walls": ("keyframes that see no wall, share of all", " %", "at most"),
     "walls_per_keyframe": ("walls that a keyframe sees, mean", "", "at least"),
     "position_sigma_m": ("standard deviation of 95 % of the positions", " m", "at most"),

@@ -86,7 +86,8 @@ def assemble_result(
         uncertainty=told,
         quality=quality_of(
             placed, odometry, odometry_begins(scans[newest]), _walls_seen(floors, backend), own,
-            tracked["lost"] / len(of_run), T_bim_map, bim, config.quality,
+            tracked["lost"] / len(of_run), sum(len(part.scans) for part in unplaced) / len(of_run), T_bim_map, bim,
+            config.quality,
         ),
         tracked=tracked,
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),

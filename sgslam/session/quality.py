@@ -38,14 +38,14 @@ Quality = dict[str, Signal]
 
 def quality_of(
     in_map: Trajectory, odometry: Trajectory, begins: list[int], walls_seen: list[int], uncertainty: ScanUncertainty,
-    lost: float, T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
+    lost: float, unplaced: float, T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
 ) -> Quality:  # fmt: skip
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
     The odometry begins anew at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
-    that were not placed too.
+    that were not placed too; `unplaced` is the share of the scans in such parts.
 
     - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.
-    - `lost_scans`, `keyframes_without_walls`: shares.
+    - `lost_scans`, `unplaced_scans`, `keyframes_without_walls`: shares.
     - `walls_per_keyframe`: the mean number of walls seen.
     - `position_sigma_m`: below which the standard deviation of 95 % of the positions lies: of the anchored scans, or of
       all where none is.
@@ -60,6 +60,7 @@ def quality_of(
             _difference(in_map, odometry, begins) / max(way, 1.0), settings.map_against_odometry
         ),
         "lost_scans": _at_most(lost, settings.lost_scans),
+        "unplaced_scans": _at_most(unplaced, settings.unplaced_scans),
         "keyframes_without_walls": _at_most(
             float(np.mean([count == 0 for count in walls_seen])), settings.keyframes_without_walls
         ),

@@ -96,7 +96,7 @@ class LevelFrame(Stateful):
                 "the surfaces of the first seconds do not tell where up is: the sensor is taken to be mounted as "
                 "stated; state roll, pitch and yaw in degrees by --mount"
             )
-        elif not self._contradicts_mount(tilt, "its surroundings show") and (
+        elif not self._contradicts_mount(up, tilt, "its surroundings show") and (
             not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45))
         ):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
@@ -112,17 +112,19 @@ class LevelFrame(Stateful):
             if axis @ measured > np.cos(self._up_error):
                 up = axis
         tilt = float(np.arccos(np.clip(up @ self._expected, -1.0, 1.0)))
-        self._contradicts_mount(tilt, "the accelerometer shows")
+        self._contradicts_mount(up, tilt, "the accelerometer shows")
         _log.info("the sensor begins %.0f degrees off its mount, as the accelerometer shows", np.degrees(tilt))
         self.known, self.likely_up, self._chosen = True, up, []
 
-    def _contradicts_mount(self, tilt: float, as_shown: str) -> bool:
-        """Whether up is so far (rad) off the stated mount that this is wrong; then it is advised to correct it."""
+    def _contradicts_mount(self, up: Floats, tilt: float, as_shown: str) -> bool:
+        """Whether up, (3,) in the sensor's frame at its first pose, is so far (rad) off the stated mount that this is
+        wrong; then it is advised to correct it."""
         if self._settings.mount is None or tilt <= self._settings.mount_error:
             return False
+        roll, pitch = np.degrees([np.arctan2(up[1], up[2]), np.arctan2(-up[0], np.hypot(up[1], up[2]))])
         self.advice = (
-            f"the sensor hangs {np.degrees(tilt):.0f} degrees off the stated mount, as {as_shown}; "
-            "correct --mount, or leave it out"
+            f"the sensor is turned {np.degrees(tilt):.0f} degrees from the stated mount, as {as_shown}: its roll is "
+            f"{roll:.0f} and its pitch {pitch:.0f} degrees, or near; correct --mount, or leave it out"
         )
         _log.warning("%s", self.advice)
         return True

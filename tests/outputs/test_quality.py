@@ -32,6 +32,7 @@ def trajectory(positions: Array) -> Trajectory:
 def judged(
     lost: int = 0, sigma: float = 0.1, walls_seen: tuple[int, ...] = (4,) * 10, tilt: float | None = None,
     plan: SceneGraph | None = None, sure: int = SCANS, bend: float = 0.0, begins: tuple[int, ...] = (0,),
+    unplaced: int = 0,
 ) -> Quality:  # fmt: skip
     """Of a way of 10 m, first along x from the origin, of whose scans `sure` ones are anchored and have a sigma (m).
 
@@ -54,7 +55,8 @@ def judged(
         T_bim_map = np.array([[1.0, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]])
     maps = trajectory(positions), trajectory(odometry)
     return quality_of(
-        *maps, list(begins), list(walls_seen), uncertainty, lost / SCANS, T_bim_map, plan, QualitySettings()
+        *maps, list(begins), list(walls_seen), uncertainty, lost / SCANS, unplaced / SCANS, T_bim_map, plan,
+        QualitySettings(),
     )
 
 
@@ -62,6 +64,7 @@ def judged(
     ("signal", "inside", "outside"),
     [
         ("lost_scans", judged(lost=5), judged(lost=6)),
+        ("unplaced_scans", judged(unplaced=5), judged(unplaced=6)),
         ("keyframes_without_walls", judged(walls_seen=(0,) * 3 + (9,) * 7), judged(walls_seen=(0,) * 4 + (9,) * 6)),
         ("walls_per_keyframe", judged(walls_seen=(3,)), judged(walls_seen=(3, 2))),
         ("position_sigma_m", judged(sigma=0.199), judged(sigma=0.201)),

@@ -277,10 +277,10 @@ def test_every_signal_of_quality_has_a_phrase_and_a_unit() -> None:
         np.ones(500, bool), ("good",) * 500,
     )  # fmt: skip
     found = quality_of(
-        data.trajectory_map, data.trajectory_odometry, [0], [4] * 50, uncertainty, 0.0, data.T_bim_map, data.a_graph,
-        QualitySettings(),
+        data.trajectory_map, data.trajectory_odometry, [0], [4] * 50, uncertainty, 0.0, 0.0, data.T_bim_map,
+        data.a_graph, QualitySettings(),
     )  # fmt: skip
-    assert len(found) == 7
+    assert len(found) == 8
     told = {name: signal_texts(name, dataclasses.asdict(signal)) for name, signal in found.items()}
     assert not any("_" in text for texts in told.values() for text in texts)
     assert told["map_against_odometry"][0] == "map against odometry, share of the way"
