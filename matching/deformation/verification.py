@@ -15,7 +15,6 @@ from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict
 
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
 DOUBT = 0.6  # nats more for each unexplained wall: at another place as much may differ from the plan
-MARGIN_SHARE = 0.12  # and of the evidence: of equal offices the wrong one may fit better by what was built a little off
 OFFSET, SCORE, MARGIN, MISSED, PLACES = 5.68, 0.254, 0.147, -1.736, -0.656  # of the log odds, see `odds`
 LEAST_ODDS = 4.5
 MOST_MISSED = 10  # unexplained walls that count, at most: large maps have many cupboards and partitions
@@ -33,7 +32,7 @@ def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
     fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
     log_odds = odds(found, fraction)
     missed = (1 - fraction) * len(s)
-    margin = LEAST_MARGIN + DOUBT * missed + MARGIN_SHARE * max(float(found.score[0]), 0.0)
+    margin = LEAST_MARGIN + DOUBT * missed
     behind = (found.score - found.score[0]) * LEAST_MARGIN / margin
     probability = float(1 / (np.exp(behind).sum() + np.exp(min(-log_odds, 50.0))))
     if fraction < LEAST_FRACTION:

@@ -130,7 +130,7 @@ class FloorAnchoring(Stateful):
         if self._plan.partial and not self._conflicts(scene, walls, T_map_local):
             return True
         assert self.match is not None
-        self._withdraw(scene, self.match.reason)
+        self._withdraw(scene, self.matching.rejection or self.match.reason)
         return False
 
     def follow(self, storey: str, scene: Scene, walls: WallMap, T_map_local: Floats, confidence: float) -> bool:

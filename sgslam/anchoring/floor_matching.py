@@ -13,6 +13,7 @@ from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.anchoring.place_verification import (
     CONFLICT_REASON,
     Plan,
+    candidate_places,
     evidence,
     is_clear,
     is_overwhelming,
@@ -33,6 +34,8 @@ MIRRORED_REASON = (
     "the mirror image of the map fits the plan better: are the scans mirrored? A sensor that hangs upside down needs "
     "--mount 180,0,0, and one that does not must not have it"
 )
+_NEARLY = 0.88  # of the best place's evidence, that of another place, from which on they are nearly equal
+NEARLY_REASON = "another place explains the map nearly as well: what was built a little off decides between them"
 _SEVERAL = 8  # matched wall surfaces, about two rooms', for an answer to confirm a later one
 
 
@@ -121,12 +124,26 @@ class FloorMatching(Stateful):
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), match.status, match.reason)
         place = self._verified_place(match, scene, walls) if match.status == "unique" else None
-        if place is not None and relocalise and self.reject_mirrored(scene):
+        if place is not None and (self._reject_nearly_equal(scene) or (relocalise and self.reject_mirrored(scene))):
             place = None
         if place is None:
             self._last_unique = None if self._plan.partial else self._last_unique
             return None
         return PlacedMatch(match, place, by_room is not None)
+
+    def _reject_nearly_equal(self, scene: Scene) -> bool:
+        """Rejects the newest answer if another place has nearly its evidence; returns whether one has.
+
+        Two equal offices differ by the scatter of many walls as they are built. A matcher that takes the walls for
+        independent trusts that too much: a wrong office had 17 nats more than the true one, of 122.
+        """
+        places = [] if self._plan.partial or self.match is None else candidate_places(self.match)
+        near = [p for p in places if p.score > _NEARLY * places[0].score]
+        if all(p.floor == near[0].floor and not differ(p.T_a_s, near[0].T_a_s, scene) for p in near[1:]):
+            return False
+        self.rejection = NEARLY_REASON
+        _log.info("match %d is rejected: %s", self.count, self.rejection)
+        return True
 
     def reject_mirrored(self, scene: Scene) -> bool:
         """Rejects the newest answer if the mirror image of the map fits the plan better; returns whether it does."""

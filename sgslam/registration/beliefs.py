@@ -18,7 +18,7 @@ _LEVEL_START = 0.25  # share of the vertical speeds that stairs need
 class Belief:
     """At `seconds`: the pose `T` (4, 4) in `odom`, the velocity (6,), and the covariances (6, 6) of both.
 
-    Rotation first, in axes of `odom`.
+    Rotation first, in axes of `odom`. While nothing is observed, `observed` is the last belief that was.
     """
 
     seconds: float
@@ -26,6 +26,7 @@ class Belief:
     covariance: Floats
     velocity: Floats
     velocity_covariance: Floats
+    observed: "Belief | None" = None
 
     @staticmethod
     def of(solved: Solved) -> "Belief":
@@ -94,11 +95,13 @@ class MotionModel:
         return Belief(seconds, T, np.eye(6) * 0.25, velocity, self._along((self.prior.spread / 3) ** 2))
 
     def unobserved(self, belief: Belief, seconds: float) -> Belief:
-        """What remains of a belief at a later time: the pose stays, with a growing covariance."""
-        after, memory = seconds - belief.seconds, self.prior.memory
+        """What remains of a belief at a later time: the pose stays, with a growing covariance. It grows from the last
+        observed one on: who walks away unseen walks on, and does not choose a new way at each scan."""
+        last = belief.observed or belief
+        after, memory = seconds - last.seconds, self.prior.memory
         moved = self.prior.spread**2 * 2 * memory * (after - memory * (1 - np.exp(-after / memory)))
-        covariance = belief.covariance + self._along(moved) + np.diag((belief.velocity * after) ** 2)
-        return Belief(seconds, belief.T, covariance, np.zeros(6), self._along(self.prior.spread**2))
+        covariance = last.covariance + self._along(moved) + np.diag((last.velocity * after) ** 2)
+        return Belief(seconds, belief.T, covariance, np.zeros(6), self._along(self.prior.spread**2), last)
 
     def expected(self, belief: Belief, seconds: Floats, height: float) -> Prior:
         """The prior of a window whose knots have these times (K,); the belief is about the first one, the usual height
