@@ -124,14 +124,14 @@ class FloorMatching(Stateful):
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), match.status, match.reason)
         place = self._verified_place(match, scene, walls) if match.status == "unique" else None
-        if place is not None and (self._reject_nearly_equal(scene) or (relocalise and self.reject_mirrored(scene))):
+        if place is not None and (self.reject_nearly_equal(scene) or (relocalise and self.reject_mirrored(scene))):
             place = None
         if place is None:
             self._last_unique = None if self._plan.partial else self._last_unique
             return None
         return PlacedMatch(match, place, by_room is not None)
 
-    def _reject_nearly_equal(self, scene: Scene) -> bool:
+    def reject_nearly_equal(self, scene: Scene) -> bool:
         """Rejects the newest answer if another place has nearly its evidence; returns whether one has.
 
         Two equal offices differ by the scatter of many walls as they are built. A matcher that takes the walls for

@@ -7,6 +7,7 @@ import pytest
 
 from data import Keyframe, Room, SceneGraph, WallSurface
 from matching import MatchResult
+from matching.result import Hypothesis
 from sgslam.anchoring.floor_matching import FloorMatching, PlacedMatch
 from sgslam.anchoring.match_history import Commitment, MapSize, UniqueMatch
 from sgslam.anchoring.place_verification import Plan
@@ -101,6 +102,31 @@ def answered(pairs: int = 8, place: tuple[float, float, float] = (0.0, 0.0, 0.0)
 def matching(partial: bool = False, planned: int = 10) -> FloorMatching:
     plan = Plan(SceneGraph("bim", (), tuple(replace(WALL, id=f"a{k}") for k in range(planned))), partial)
     return FloorMatching(plan, None, AnchorSettings())  # type: ignore[arg-type]  # nothing is asked of it
+
+
+@pytest.mark.parametrize(
+    ("score", "place", "floor", "partial", "rejected"),
+    [
+        (88.1, (0.0, 3.0, 0.0), "eg", False, True), (87.9, (0.0, 3.0, 0.0), "eg", False, False),
+        (99.0, (0.0, 0.99, 0.0), "eg", False, False), (99.0, (0.0, 1.01, 0.0), "eg", False, True),  # the same place
+        (99.0, (0.0, 0.0, 0.0), "og", False, True),  # on another storey
+        (99.0, (0.0, 3.0, 0.0), "eg", True, False),  # a partial plan has rules of its own
+    ],
+)  # fmt: skip
+def test_an_answer_is_rejected_where_another_place_has_nearly_its_evidence(
+    score: float, place: tuple[float, float, float], floor: str, partial: bool, rejected: bool
+) -> None:
+    asked = matching(partial)
+    hypotheses = (Hypothesis(100.0, (0.0, 0.0, 0.0), "eg", ()), Hypothesis(score, place, floor, ()))
+    asked.match = MatchResult("unique", "", T_a_s=(0.0, 0.0, 0.0), floor="eg", hypotheses=hypotheses)
+    assert asked.reject_nearly_equal(SCENE) is rejected
+    assert bool(asked.rejection) is rejected
+
+
+def test_an_answer_without_hypotheses_has_no_rival() -> None:
+    asked = matching()
+    asked.match = answered().match
+    assert not asked.reject_nearly_equal(SCENE)
 
 
 @pytest.mark.parametrize(
