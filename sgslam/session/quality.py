@@ -41,7 +41,7 @@ def quality_of(
     lost: float, unplaced: float, T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
 ) -> Quality:  # fmt: skip
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
-    The odometry begins anew at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
+    The odometry begins again at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
     that were not placed too; `unplaced` is the share of the scans in such parts.
 
     - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.

@@ -8,11 +8,11 @@ import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from _pytest.mark.structures import ParameterSet
 from drives import small_drive
 from packaging.version import Version
 from small_ifc import write_small_ifc
@@ -35,7 +35,7 @@ def name(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-def with_snippets() -> list[ParameterSet]:
+def with_snippets() -> list[Any]:
     """The pages that have snippets; those that run whole drives are long."""
     return [
         pytest.param(page, id=name(page), marks=[pytest.mark.long] if name(page) in WHOLE_DRIVES else [])

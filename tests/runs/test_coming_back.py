@@ -120,7 +120,7 @@ def test_who_is_carried_off_is_found_again(with_bim: bool) -> None:
     (scans, truth), result = carried_off(), found_again(with_bim)
     assert result.relocalisation is not None and result.relocalisation.found
     assert len(result.trajectory) == len(scans) and not result.earlier and result.anchored == with_bim
-    assert result.quality["map_against_odometry"].ok  # though the odometry began anew
+    assert result.quality["map_against_odometry"].ok  # though the odometry began again
     poses = result.trajectory.transformed(np.eye(4) if with_bim else truth[0]).positions
     assert np.sqrt(np.mean(np.sum((poses - truth[:, :3, 3]) ** 2, axis=1))) < 0.05
 
