@@ -151,7 +151,8 @@ class SceneGraph:
         if len(set(ids)) != len(ids):
             twice = next(i for i in ids if ids.count(i) > 1)
             raise UserError(f"scene graph: the id '{twice}' is given twice; ids must be unique")
-        points = [(r.id, "centroid", r.centroid) for r in (*self.rooms, *self.wall_surfaces, *self.doors)]
+        nodes: tuple[Room | WallSurface | Door, ...] = (*self.rooms, *self.wall_surfaces, *self.doors)
+        points = [(node.id, "centroid", node.centroid) for node in nodes]
         for name, what, value in (*points, *((w.id, "normal", w.normal) for w in self.wall_surfaces)):
             if len(value) != 2:
                 raise UserError(f"scene graph: the {what} of '{name}' has {len(value)} numbers; give x and y only")
