@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import gtsam
 import numpy as np
@@ -11,6 +12,8 @@ from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
 from data.generation.buildings import generate_plan
+from data.geometry.poses import poses_to_xyzquat
+from data.scans.ply import write_ply
 from factors import plane_from_wall
 
 Array = NDArray[np.float64]
@@ -76,6 +79,48 @@ def _sighting(
     plane[3] += rng.normal(0, 0.01)
     middle = np.asarray(pose.transformTo(np.array([*centroid, HEIGHT])))
     return Sighting(name, plane, middle, float(wall.length or 0.0))
+
+
+def write_local_maps(results: Path) -> tuple[SceneGraph, list[gtsam.Pose3]]:
+    """Writes local maps as KISS-SLAM does, with a vertex every third pose; returns the plan and the true T_bim_vertex.
+
+    As KISS-SLAM's, the last vertex has no cloud.
+    """
+    walk, rng = walk_through_a_flat(), np.random.default_rng(0)
+    chosen = [i for i, seen in enumerate(walk.seen) if seen][::3]  # in a room, not within a wall
+    poses = [gtsam.Pose3()]
+    for step in walk.steps:
+        poses.append(poses[-1].compose(step))
+    lines = ["FIX 0"]
+    (results / "local_maps/plys").mkdir(parents=True)
+    for n, i in enumerate(chosen):
+        lines.append(f"VERTEX_SE3:QUAT {n} {_words(poses[i])}")
+        if n:
+            measured = poses[chosen[n - 1]].between(poses[i])
+            lines.append(f"EDGE_SE3:QUAT {n - 1} {n} {_words(measured)} 1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1")
+        if i != chosen[-1]:
+            T_map_bim = poses[i].compose(walk.truth[i].inverse())
+            cloud = T_map_bim.transformFrom(_cloud(walk.plan, walk.truth[i], rng).T).T
+            write_ply(results / f"local_maps/plys/{n:06d}.ply", cloud)
+    (results / "local_maps/local_map_graph.g2o").write_text("\n".join(lines) + "\n")
+    return walk.plan, [walk.truth[i] for i in chosen]
+
+
+def _words(pose: gtsam.Pose3) -> str:
+    return " ".join(f"{value:.9f}" for value in poses_to_xyzquat(np.asarray(pose.matrix())))
+
+
+def _cloud(plan: SceneGraph, pose: gtsam.Pose3, rng: np.random.Generator) -> Array:
+    """(N, 3) points of all walls within 8 m, as of a map that was carried on: of the walls behind others too."""
+    parts = []
+    for wall in plan.wall_surfaces:
+        left, right = np.array(wall.ends())
+        along = np.linspace(left, right, int(np.ceil(20 * np.linalg.norm(right - left))))
+        along = along[np.hypot(*(along - [pose.x(), pose.y()]).T) < 8.0]
+        heights = np.arange(0.05, 2.6, 0.1)
+        parts.append(np.column_stack([np.repeat(along, len(heights), axis=0), np.tile(heights, len(along))]))
+    cloud = np.concatenate(parts)
+    return cloud + rng.normal(0, 0.01, cloud.shape)
 
 
 def wall_in_map(seen: Sighting, T_map_pose: gtsam.Pose3) -> WallSurface:
