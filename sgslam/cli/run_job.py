@@ -237,13 +237,14 @@ def _matcher(method: str) -> Any:
 
 
 class _MatcherWithStart:
-    """A matcher with a rough initial pose of the map."""
+    """A matcher with a rough initial pose of the map: x, y, yaw, in the order of `--start`."""
 
     def __init__(self, matcher: Any, start: tuple[float, float, float]) -> None:
         self._matcher, self._start = matcher, start
 
     def match(self, s: SceneGraph, a: SceneGraph) -> Any:
-        return self._matcher.match(s, a, start=self._start)
+        x, y, yaw = self._start
+        return self._matcher.match(s, a, start=(yaw, x, y))
 
 
 def _accuracy(result: Result, truth: Trajectory) -> dict[str, Any]:
