@@ -74,13 +74,11 @@ def simulate(
     Raises UserError for an unreadable IFC file, an unknown storey, one on which the robot cannot move, storeys without
     stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
     """
-    from data.geometry.raycast import TriangleScene
-    from data.simulation.building import legs_over, storeys_as_built
+    from data.simulation.building import storeys_as_built, way_through
     from data.simulation.effects.furnishing import IN_SCENE, Driven, furnished
-    from data.simulation.effects.platforms import RISE, platforms
+    from data.simulation.effects.platforms import RISE
     from data.simulation.effects.returns import noisy
     from data.simulation.effects.world import World
-    from data.simulation.occupancy import build_grid
     from data.simulation.route import curve_length
 
     chosen = checked(effects)
@@ -88,36 +86,28 @@ def simulate(
     scan_format = scan_format or ("ply" if timing == "rolling" else "bin")
     robot, height = robot or carrier.robot, carrier.height if sensor_height is None else sensor_height
     sensor = noisy(sensor) if "returns" in chosen else sensor
-    out = Path(out_dir)
+    out, top = Path(out_dir), max(carrier.top, height + SENSOR_TOP)
     _check(out, scan_format, height, seed, timing, seconds)
     models = storeys_as_built(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed, chosen)
-    scene = TriangleScene(np.concatenate([m.solid for m in dict.fromkeys(models)]))
-    grids = {m: build_grid(m, scene, max(carrier.top, height + SENSOR_TOP)) for m in dict.fromkeys(models)}
-    rng = np.random.default_rng(seed)
-    start_yaw = float(rng.uniform(-np.pi, np.pi))
-    legs = legs_over(models, grids, scene, robot.radius, min_rooms, min_length, rng)
-    if and_back:
-        legs = (*legs, *(leg[::-1] for leg in reversed(legs)))
-    raised = platforms(models, legs, scene, seed) if "steps" in chosen else None
-    if raised is not None:
-        legs = tuple(raised.over(leg, models[0].level) for leg in legs)
-    motion = carrier.motion(plan_drive(legs, start_yaw, robot), models[0].level, height, seed)
+    way = way_through(models, top, robot, min_rooms, min_length, and_back, "steps" in chosen, seed)
+    motion = carrier.motion(plan_drive(way.legs, way.start_yaw, robot), models[0].level, height, seed)
     taken = Taken(sensor, motion, mount_deg, timing, unit)
     truth = taken.truth(seconds)
     stamps = truth.stamps_ns / 1e9
-    way = motion.ground(stamps)
-    length = sum(map(curve_length, legs)) if seconds is None else curve_length(way[:, :2])
-    visited = _visited(grids, stamps, way, ON_FLOOR if raised is None else ON_FLOOR + RISE)
+    ground = motion.ground(stamps)
+    length = sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2])
+    visited = _visited(way.grids, stamps, ground, ON_FLOOR if way.raised is None else ON_FLOOR + RISE)
     run = SimulatedRun(
-        out, models[0].name, seed, length, start_yaw, visited, truth,
+        out, models[0].name, seed, length, way.start_yaw, visited, truth,
         models[0].changes, tuple(model.name for model in models),
     )  # fmt: skip
     settings: Settings = {"bim": Path(ifc).name, "sensor": described(sensor), "robot": asdict(robot)}
     settings |= {"sensor_height_m": height, "rolling": timing != "snapshots", "times_told": timing == "rolling"}
     settings |= {"carrier": carrier.name, "mount_deg": list(mount_deg), "effects": sorted(chosen)}
     settings |= {} if imu is None else {"imu": imu}
-    drive = Driven(grids, legs, motion, tuple(room.id for room in visited), float(stamps[-1]), robot.radius)
-    world = furnished(chosen, drive, raised, sensor.beams, seed) if chosen & IN_SCENE else World(scene)
+    rooms = tuple(room.id for room in visited)
+    drive = Driven(way.grids, way.legs, motion, rooms, float(stamps[-1]), robot.radius)
+    world = furnished(chosen, drive, way.raised, sensor.beams, seed) if chosen & IN_SCENE else World(way.scene)
     write_run(run, taken, world, scan_format, settings, ifc)
     return run
 
