@@ -28,7 +28,7 @@ class GivenPoses:
     have recovered, or it slipped and goes on from there: the closer one is taken. So the frame never jumps.
     """
 
-    _STATE = ("_pose", "_velocity", "_stamp_ns", "_interval_ns", "_shift", "_before", "_outlier_ns", "_warned", "_told")
+    _STATE = ("_pose", "_velocity", "_stamp_ns", "_interval_ns", "_shift", "_before", "_outlier_ns", "_warned")
 
     def __init__(self, settings: OdometrySettings) -> None:
         self._settings = settings
@@ -38,16 +38,9 @@ class GivenPoses:
         self._shift, self._before = np.eye(4), np.eye(4)  # T_odom_given now, and before the last outliers
         self._outlier_ns = 0  # for how long steps have been outliers
         self._warned = False
-        self._told = np.zeros((6, 6))  # the sum of the covariances that were told
 
-    def register(
-        self, stamp_ns: int, T_given_sensor: Floats, point_times: Floats | None = None,
-        step_covariance: Floats | None = None,
-    ) -> Registration:  # fmt: skip
-        """The registration of a scan at a given pose (4, 4), points measured `point_times` (N,) seconds after it.
-
-        `step_covariance` (6, 6) is that of the motion since the scan before, in the sensor's axes; the poses' grows by
-        it."""
+    def register(self, stamp_ns: int, T_given_sensor: Floats, point_times: Floats | None = None) -> Registration:
+        """The registration of a scan at a given pose (4, 4), points measured `point_times` (N,) seconds after it."""
         if self._pose is None:
             self._pose, self._stamp_ns = T_given_sensor.copy(), stamp_ns
             motion = steady_motion(self._pose, self._velocity, 0.0, point_times)
@@ -62,12 +55,9 @@ class GivenPoses:
             self._warn(outlier, stamp_ns)
             self._outlier_ns += interval_ns
             self._shift = squared_up(pose @ inverse(T_given_sensor))
-        motion = steady_motion(pose, self._velocity, 0.0, point_times)
-        if step_covariance is not None:
-            turned = self._turned_on(pose)
-            self._told = turned @ self._told @ turned.T + step_covariance
         self._pose, self._stamp_ns, self._interval_ns = pose, stamp_ns, interval_ns
-        covariance = self._told + self._covariance(interval_ns / 1e9, outlier is not None)
+        motion = steady_motion(pose, self._velocity, 0.0, point_times)
+        covariance = self._covariance(interval_ns / 1e9, outlier is not None)
         if outlier is None:
             return Registration(pose, covariance, "good", 1.0, motion, point_times)
         return Registration(pose, covariance, "lost", 0.0, motion, point_times)
@@ -105,11 +95,6 @@ class GivenPoses:
         turn = _OUTLIER_TURN if is_outlier else settings.external_turn_error
         speed = _OUTLIER_SPEED if is_outlier else settings.external_speed_error
         return np.diag(np.repeat([turn * seconds, speed * seconds], 3) ** 2)
-
-    def _turned_on(self, pose: Floats) -> Floats:
-        """(6, 6) from the axes of the pose before to those of a pose (4, 4)."""
-        assert self._pose is not None
-        return np.asarray(np.kron(np.eye(2), pose[:3, :3].T @ self._pose[:3, :3]), np.float64)
 
     def _warn(self, outlier: tuple[float, float], stamp_ns: int) -> None:
         """Warns of the first outlier."""

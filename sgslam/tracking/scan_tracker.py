@@ -70,7 +70,7 @@ class ScanTracker(Stateful):
         if raw.T_odom_sensor is None:
             found = self._odometry.register(raw.stamp_ns, raw.points, times)
         else:
-            found = self._given.register(raw.stamp_ns, raw.T_odom_sensor, times, raw.step_covariance)
+            found = self._given.register(raw.stamp_ns, raw.T_odom_sensor, times)
         if self._level.known:
             return [self._tracked(raw, found)]
         self._waiting.append(raw)
