@@ -18,7 +18,8 @@ def read_graph_poses(path: Path) -> PoseList:
 
     The file's information matrices give the proportions of the covariances. Their common factor is estimated from what
     is left of the edges at the poses of the file (a posteriori variance of unit weight), where edges close loops;
-    otherwise it is one. Raises UserError for a file that is no graph of poses.
+    otherwise it is one. Where every matrix is the identity, they tell nothing. Raises UserError for a file that is no
+    graph of poses.
     """
     graph = read_g2o(path, poses_only=True)
     ids = sorted(graph.keyframes)
@@ -34,6 +35,8 @@ def read_graph_poses(path: Path) -> PoseList:
             turn = np.kron(np.eye(2), graph.keyframes[high][:3, :3].T @ graph.keyframes[low][:3, :3])
             own = turn @ own @ turn.T
         covariances[high] = (own + own.T) / 2
+    if all(np.array_equal(step.information, np.eye(6)) for step in graph.steps):
+        covariances = {}
     poses = np.stack([graph.keyframes[i] for i in ids])
     return PoseList(poses, None, [covariances.get(i) for i in ids])
 

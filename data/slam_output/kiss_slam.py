@@ -27,7 +27,7 @@ def find_kiss_slam(folder: Path) -> Path | None:
 
 
 def read_kiss_poses(folder: Path) -> PoseList:
-    """The poses T_map_sensor of all scans; without stamps where the data had none. Raises UserError."""
+    """The poses T_map_sensor of all scans. Where the data had no stamps, they are 0, 1, 2, ... s. Raises UserError."""
     texts = sorted(folder.glob("*_poses_kitti.txt"))
     if len(texts) != 1:
         raise UserError(f"{folder}: {len(texts)} files *_poses_kitti.txt; give a folder with the results of one run")
@@ -72,7 +72,7 @@ def _read_npy(path: Path) -> NDArray[np.float64]:
 
 
 def _stamps(path: Path, count: int) -> NDArray[np.int64] | None:
-    """(count,) the stamps in the first column of a file; None where there are none, or numbers of scans instead."""
+    """(count,) the stamps in the first column of a file; None where there are none."""
     if not path.is_file():
         return None
     try:
@@ -80,5 +80,4 @@ def _stamps(path: Path, count: int) -> NDArray[np.int64] | None:
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: no stamps in seconds in its first column ({error})") from None
     found = np.array(stamps, np.int64)
-    is_number = np.array_equal(found, 10**9 * np.arange(len(found)))
-    return None if len(found) != count or is_number or np.any(found[1:] <= found[:-1]) else found
+    return None if len(found) != count or np.any(found[1:] <= found[:-1]) else found

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 _BIN = np.deg2rad(2.0)  # of direction, in which near points hide those behind them
-_BEHIND = 0.25  # m, by which a point may lie behind the nearest one of its direction and yet be seen
+_BEHIND = 0.1  # m, less than a wall is thick, by which a point may lie behind the nearest one of its direction and yet be seen
 
 
 def viewpoints(poses: Floats, distance: float, angle: float) -> NDArray[np.intp]:
@@ -24,7 +24,7 @@ def owners(points: Floats, places: Floats, reach: float) -> NDArray[np.intp]:
     """(N,) for each point (N, 3) of a map the index of one of the places (V, 3) that could see it; -1 for none.
 
     A place could see a point within `reach` (m) that nothing hides: of all points in its direction, to two degrees, it
-    is among the nearest, to a quarter of a metre. Among several places chance decides, the same way each time. So each
+    is among the nearest, to a tenth of a metre. Among several places chance decides, the same way each time. So each
     point counts once, and yet every place sees what is far; given to the nearest places, points would show each of them
     only the walls beside it.
     """

@@ -34,6 +34,7 @@ class PosedScans(ScanSource):
         """`name` is what holds the poses, for messages. Raises UserError where scans and poses do not belong
         together."""
         super().__init__()
+        poses = _without_numbers(scans, poses)
         self._scans, self._name_of_poses, self._steps = scans, name, poses.step_covariances
         self.path = scans.path
         self._in_order = _is_one_each(scans, poses)
@@ -122,6 +123,15 @@ def walking_stamps(poses: Floats) -> NDArray[np.int64]:
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     spans = np.maximum(np.rint(steps / _SPEED * NS).astype(np.int64), SCAN_PERIOD_NS)
     return np.concatenate([np.zeros(1, np.int64), np.cumsum(spans)])
+
+
+def _without_numbers(scans: ScanSource, poses: PoseList) -> PoseList:
+    """The poses, without stamps that only count them (0, 1, 2, ... s) where as many scans have others."""
+    own, other = poses.stamps_ns, scans.stamps_ns
+    if own is None or other is None or len(other) != len(own) or scans.note == NOTE_INDICES:
+        return poses
+    counts = np.array_equal(own, NS * np.arange(len(own))) and np.abs(other - own).max() > _SAME_NS
+    return replace(poses, stamps_ns=None) if counts else poses
 
 
 def _is_one_each(scans: ScanSource, poses: PoseList) -> bool:

@@ -72,8 +72,11 @@ class SlamOutput:
             points.astype("<f4").tofile(submap / "points_compact.bin")
         return folder
 
-    def write_g2o(self, path: Path, information: str = "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1") -> Path:
-        """A graph of the keyframes alone, held at the first, with the motion from each to the next."""
+    def write_g2o(self, path: Path, sigma: float = 0.02, angle: float = 0.01) -> Path:
+        """A graph of the keyframes alone, held at the first, with the motion from each to the next, which is known to
+        `sigma` (m) and `angle` (rad)."""
+        a, b = f"{sigma**-2:g}", f"{(angle / 2) ** -2:g}"
+        information = f"{a} 0 0 0 0 0 {a} 0 0 0 0 {a} 0 0 0 {b} 0 0 {b} 0 {b}"
         poses = self.keyframes.poses
         lines = [f"VERTEX_SE3:QUAT {k} {_words(poses_to_xyzquat(T))}" for k, T in enumerate(poses)]
         steps = np.linalg.inv(poses[:-1]) @ poses[1:]

@@ -127,14 +127,15 @@ def test_a_mistake_is_told_in_a_line_that_says_what_to_do(building: Path, tmp_pa
     (poses,) = write_poses(output.keyframes, tmp_path, "tum")
     clouds = output.write_clouds(tmp_path / "clouds")
     (clouds / "000000.npy").unlink()
+    kitti = write_poses(output.keyframes, tmp_path, "kitti")[0]
+    (tmp_path / "times.txt").unlink()
     folder, end = tmp_path / "empty", ["--bim", building, "--out", tmp_path / "out"]
     folder.mkdir()
     assert "give --scans" in refused(COMMAND, poses, *end)
     assert "neither KISS-SLAM's" in refused(COMMAND, folder, *end)
     assert "--bim is missing" in refused(COMMAND, poses)
     assert "no such file" in refused(COMMAND, tmp_path / "none.tum", *end)
-    write_poses(output.keyframes, tmp_path, "kitti")
-    said = refused(COMMAND, tmp_path / "poses.kitti", "--scans", clouds, *end)
+    said = refused(COMMAND, kitti, "--scans", clouds, *end)
     assert f"{len(output.keyframes)} poses for the {len(output.keyframes) - 1} scans" in said
     graph, plan = drawn_graph().write(tmp_path)
     assert "of no use" in refused(COMMAND, graph, "--bim", plan, "--mount", "0,0,0")
