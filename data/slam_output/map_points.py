@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 _BIN = np.deg2rad(2.0)  # of direction, in which near points hide those behind them
-_BEHIND = 0.1  # m, less than a wall is thick, by which a point may lie behind the nearest one of its direction and yet be seen
+_BEHIND = 0.1  # m, by which a point that is seen may lie behind the nearest one of its direction: less than a wall
 
 
 def viewpoints(poses: Floats, distance: float, angle: float) -> NDArray[np.intp]:

@@ -70,7 +70,7 @@ def test_as_many_clouds_as_poses_belong_together_in_order(tmp_path: Path) -> Non
     scans = PosedScans(clouds(tmp_path / "clouds", 8), PoseList(WAY, STAMPS), "poses")
     found = list(scans)
     assert [scan.stamp_ns for scan in found] == STAMPS.tolist() and scans.note is None
-    np.testing.assert_array_equal(np.stack([scan.T_odom_sensor for scan in found]), WAY)
+    np.testing.assert_array_equal(np.stack([np.asarray(scan.T_odom_sensor) for scan in found]), WAY)
     unstamped = PosedScans(ScanFolder(tmp_path / "clouds"), PoseList(WAY, None), "poses")
     assert unstamped.note is not None and "1 m/s" in unstamped.note
     assert unstamped.stamps_ns is not None and unstamped.stamps_ns.tolist() == walking_stamps(WAY).tolist()
@@ -86,7 +86,7 @@ def test_scans_are_joined_to_poses_by_stamps_and_those_without_are_left_out(tmp_
     assert half.T_odom_sensor is not None
     np.testing.assert_allclose(half.T_odom_sensor[:3, 3], (WAY[0] + WAY[1])[:3, 3] / 2, atol=1e-6)
     assert scans.remarks == ["1 of 8 scans have no pose in poses and were left out"]
-    with pytest.raises(UserError, match="covers 5.000000123 to .* give poses by their clock"):
+    with pytest.raises(UserError, match=r"covers 5\.000000123 to .* give poses by their clock"):
         PosedScans(clouds(tmp_path / "later", 5, times[:5] + 100 * NS), PoseList(WAY, STAMPS), "poses")
 
 
@@ -95,8 +95,9 @@ def test_a_point_of_a_map_goes_to_one_place_that_could_see_it() -> None:
     back = front[np.abs(front[:, 1]) < 1.0] + [0.15, 0.0, 0.0]  # of a wall as thin as they are
     places = np.array([[0.0, 0.0, 1.0], [1.0, 0.5, 1.0], [6.0, 0.0, 1.0], [100.0, 0.0, 1.0]])
     owner = owners(np.vstack([front, back]), places, 20.0)
-    assert set(owner[: len(front)].tolist()) == {0, 1} and set(owner[len(front) :].tolist()) == {2}
-    shares = np.bincount(owner[: len(front)]) / len(front)
+    middle = owner[: len(front)][np.abs(front[:, 1]) < 0.8]  # beyond, the place behind sees past the back
+    assert set(middle.tolist()) == {0, 1} and set(owner[len(front) :].tolist()) == {2}
+    shares = np.bincount(middle) / len(middle)
     assert np.abs(shares - 0.5).max() < 0.1  # neither of two that see all of it has it all
     assert owners(front, places[3:], 20.0).tolist() == [-1] * len(front)
 
@@ -117,12 +118,12 @@ def test_a_graph_tells_how_uncertain_its_motions_are(tmp_path: Path) -> None:
     found = read_graph_poses(path)
     assert found.step_covariances is not None and found.step_covariances[0] is None
     for step in found.step_covariances[1:]:
-        np.testing.assert_allclose(np.sqrt(np.diag(step)), [0.01, 0.01, 0.02, 0.1, 0.05, 0.2])
+        np.testing.assert_allclose(np.sqrt(np.diag(np.asarray(step))), [0.01, 0.01, 0.02, 0.1, 0.05, 0.2])
     loop = "EDGE_SE3:QUAT 0 2 2.3 0 0 0 0 0 1 " + information  # 0.3 m off, three sigmas
     path.write_text("\n".join([*lines, loop]))
     scaled = read_graph_poses(path).step_covariances
     assert scaled is not None
-    np.testing.assert_allclose(scaled[1][3, 3], 0.1**2 * 9 / 6)  # 9 of 6 degrees of freedom
+    np.testing.assert_allclose(np.asarray(scaled[1])[3, 3], 0.1**2 * 9 / 6)  # 9 of 6 degrees of freedom
     path.write_text("\n".join(lines).replace(information, "1 0 0 0 0 0 1 0 0 0 0 1 0 0 0 1 0 0 1 0 1"))
     assert read_graph_poses(path).step_covariances == [None, None, None]
 
