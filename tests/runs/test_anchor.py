@@ -13,6 +13,7 @@ from small_ifc import write_small_ifc
 
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory import Trajectory
+from sgslam.cli.scan_loop import Interruption
 
 pytestmark = pytest.mark.slow
 COMMAND = "sgslam.other_slam.anchor"
@@ -102,6 +103,23 @@ def test_a_graph_of_poses_with_clouds_is_anchored(building: Path, tmp_path: Path
     (clouds / "times.txt").write_text("".join(f"{stamp / 1e9:.9f}\n" for stamp in output.keyframes.stamps_ns))
     anchored(building, tmp_path / "out", graph, "--scans", clouds)
     assert rmse(tmp_path / "out/trajectory.tum") < 0.02
+
+
+def test_what_was_interrupted_is_continued_to_the_same_end(
+    building: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = slam_output()
+    told = [output.write_kiss_slam(tmp_path / "kiss"), "--scans", output.write_clouds(tmp_path / "clouds")]
+    anchored(building, tmp_path / "whole", *told)
+    with monkeypatch.context() as patch:
+        asked = iter([False] * 30)  # once a scan
+        patch.setattr(Interruption, "__bool__", lambda self: next(asked, True))
+        done = called(COMMAND, *told, "--bim", building, "--out", tmp_path / "out")
+    assert done.returncode == 2 and "interrupted after" in done.stderr, done.stderr
+    done = called("sgslam.run", "--resume", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    for name in ("trajectory.tum", "trajectory_all.tum"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 def test_a_graph_of_s_graphs_is_anchored_by_its_planes(tmp_path: Path) -> None:
