@@ -55,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
     add("--imu", metavar="NAME", help=f"writes scans/imu.csv of an IMU in the sensor: {', '.join(IMUS)} (default none)")
     add("--azimuths", type=int, metavar="N", help="of a spinning sensor, a turn (default: the sensor's)")
-    add("--effects", type=_names, default=[], metavar="LIST", help="names with commas between, see below")
+    add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="names with commas between, see below")
     add("--speed", type=float, help="metres a second (default: the carrier's; wheeled 0.8, on foot 1.1)")
     add("--sensor-height", type=float, help="metres above the floor (default: the carrier's; wheeled 0.8)")
     add("--format", choices=SCAN_WRITERS, help="of the scans (default bin; ply for points with times)")
@@ -83,12 +83,13 @@ def main() -> int:
     args = _parser().parse_args()
     carrier = carrier_named(args.carrier, args.pace, args.reversed)
     robot = None if args.speed is None else replace(carrier.robot, speed=args.speed)
+    effects = [name for names in args.effects for name in names]
     run = simulate(
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
         sensor_named(args.sensor, args.azimuths), robot,
         args.sensor_height, args.format,
         Changes(args.moved_walls, args.absent_walls, args.unplanned_walls, args.moved_by),
-        args.and_back, carrier, args.mount, args.effects, args.seconds, args.imu,
+        args.and_back, carrier, args.mount, effects, args.seconds, args.imu,
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"

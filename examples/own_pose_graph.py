@@ -1,39 +1,68 @@
-"""Anchors your own pose graph to a plan with the package `factors`: observed wall planes tied to planned walls.
+"""Matches your own pose graph with planes to a plan, and anchors it there: from S-graph to optimum.
 
     python examples/own_pose_graph.py
 """
 
 import gtsam
-import numpy as np
-from gtsam.symbol_shorthand import B, O, P, X
+from gtsam.symbol_shorthand import B, O, P, W, X
+from made_input import HEIGHT, Walk, error, walk_through_a_flat, wall_in_map
 
 import factors
+from data import SceneGraph
+from matching import Matcher
 
-WALLS = np.array([[1, 0, 0, 0], [-1, 0, 0, 8], [0, 1, 0, 0], [0, -1, 0, 6]], dtype=float)  # of the plan: n.x + d = 0
-T_BIM_START = gtsam.Pose3(gtsam.Rot3.Yaw(0.4), [1.0, 2.0, 1.0])  # the robot's start, unknown to the graph
-STEP = gtsam.Pose3(gtsam.Rot3.Yaw(0.05), [0.3, 0.0, 0.0])
-SLIP = gtsam.Pose3(gtsam.Rot3.Yaw(0.01), [0.02, 0.0, 0.0])  # odometry error of each step
+STEP, OWN = factors.noise_of_pose(0.01, 0.06), factors.noise_of_plane(0.005, 0.01, None)
+AGAIN, FIXED = factors.noise_of_plane(0.005, 0.01, 1.345), factors.noise_of_pose(1e-4, 1e-4)
+Keys = dict[str, factors.PlaneKeys]
 
-graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-tight, loose = factors.noise_of_pose(1e-4, 1e-4), factors.noise_of_pose(1.0, 100.0)
-seen, as_built = factors.noise_of_plane(0.005, 0.01, 1.345), factors.noise_of_plane(0.01, 0.02, 1.345)
-for key in (O(0), X(0)):  # your graph: the first pose and the odometry
-    graph.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(), tight))
-    values.insert(key, gtsam.Pose3())
-truth = [T_BIM_START]
-for i in range(1, 12):
-    truth.append(truth[-1].compose(STEP))
-    graph.add(gtsam.BetweenFactorPose3(X(i - 1), X(i), STEP.compose(SLIP), factors.noise_of_pose(0.02, 0.05)))
-    values.insert(X(i), values.atPose3(X(i - 1)).compose(STEP.compose(SLIP)))
-for j, wall in enumerate(WALLS):  # each wall as the keyframes observe it; its variable is in the first one's frame
-    own = truth[0].matrix().T @ wall
-    graph.add(factors.observe_own_plane(own, O(0), P(j), factors.noise_of_plane(0.005, 0.01, None)))
-    values.insert(P(j), gtsam.OrientedPlane3(own))
-    for i in range(1, 12):
-        graph.add(factors.observe_plane(truth[i].matrix().T @ wall, X(i), X(0), P(j), seen))
-    graph.add(factors.anchor_plane(wall, B(0), X(0), P(j), as_built))  # the planned wall, once it is matched
-values.insert(B(0), gtsam.Pose3(gtsam.Rot3.Yaw(-0.3), [-1.5, -1.5, -1.0]))  # T_map_bim: a rough guess suffices
-graph.add(gtsam.PriorFactorPose3(B(0), values.atPose3(B(0)), loose))  # walls do not constrain the height
-result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-T_bim_last = result.atPose3(B(0)).inverse().compose(result.atPose3(X(11)))
-print(f"error of the last keyframe: {np.hypot(*(T_bim_last.translation() - truth[-1].translation())[:2]):.4f} m")
+
+def own_factors(walk: Walk, i: int, pose: gtsam.Pose3, keys: Keys) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Your graph: odometry to pose i, and the planes seen there; a plane is kept in the frame of the pose that saw it
+    first."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(X(i), pose)
+    if i:
+        graph.add(gtsam.BetweenFactorPose3(X(i - 1), X(i), walk.steps[i - 1], STEP))
+    else:
+        values.insert(O(0), gtsam.Pose3())
+        for key in (O(0), X(0)):
+            graph.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(), FIXED))
+    for seen in walk.seen[i]:
+        if seen.wall in keys:
+            graph.add(factors.observe_plane(seen.plane, X(i), keys[seen.wall].anchor, keys[seen.wall].plane, AGAIN))
+            continue
+        keys[seen.wall] = factors.PlaneKeys(P(len(keys)), X(i), W(len(keys)))
+        graph.add(factors.observe_own_plane(seen.plane, O(0), keys[seen.wall].plane, OWN))
+        values.insert(keys[seen.wall].plane, gtsam.OrientedPlane3(seen.plane))
+    return graph, values
+
+
+def s_graph(walk: Walk, keys: Keys, values: gtsam.Values) -> SceneGraph:
+    """Your map as a matcher takes it: all walls seen so far, in the map frame; rooms are not needed."""
+    first = {s.wall: s for sightings in reversed(walk.seen) for s in sightings}
+    return SceneGraph("map", (), tuple(wall_in_map(first[w], values.atPose3(own.anchor)) for w, own in keys.items()))
+
+
+def main() -> None:
+    """Prints the error of the poses by the match alone, and anchored."""
+    walk, keys, pose = walk_through_a_flat(), Keys(), gtsam.Pose3()
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for i in range(len(walk.truth)):
+        pose = pose.compose(walk.steps[i - 1]) if i else pose
+        more, start = own_factors(walk, i, pose, keys)
+        graph.push_back(more)
+        values.insert(start)
+    values = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    match = Matcher.load().match(s_graph(walk, keys, values), walk.plan)
+    print(f"{match.status}: {match.reason}")
+    anchors = factors.anchors_of(match, walk.plan, keys, values, B(0), height=HEIGHT)
+    graph.push_back(anchors.graph())
+    values.insert(anchors.start)
+    anchored = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    for name, found in (("matched", values), ("anchored", anchored)):
+        poses = [found.atPose3(B(0)).inverse().compose(found.atPose3(X(i))) for i in range(len(walk.truth))]
+        print(f"error of the poses, {name}: {error(poses, walk.truth):.3f} m")
+
+
+if __name__ == "__main__":
+    main()

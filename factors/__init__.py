@@ -4,14 +4,18 @@ The package imports only gtsam and numpy, so it can be used in any factor graph.
 n.x + d = 0; `T_a_b` maps coordinates in frame b to frame a; lengths are in metres, angles in radians.
 """
 
+from factors.anchors import Anchors, PlaneKeys, anchors_of
 from factors.bim import anchor_plane, anchor_room, frame_at, plane_from, storey_plane
 from factors.noise import noise_of_covariance, noise_of_plane, noise_of_pose, redescending_noise_of_plane
 from factors.planes import observe_own_plane, observe_plane, plane_from_wall
 from factors.rooms import fit_room, wall_of_room
 
 __all__ = [
+    "Anchors",
+    "PlaneKeys",
     "anchor_plane",
     "anchor_room",
+    "anchors_of",
     "fit_room",
     "frame_at",
     "noise_of_covariance",

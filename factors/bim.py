@@ -34,14 +34,16 @@ def anchor_plane(
     return observe_plane(plane_in_bim, bim, anchor, plane, noise)
 
 
-def frame_at(place_in_bim: ArrayLike, bim: int, frame: int) -> gtsam.NoiseModelFactor:
+def frame_at(place_in_bim: ArrayLike, bim: int, frame: int, sigma: float = 1e-5) -> gtsam.NoiseModelFactor:
     """Returns a factor that ties a pose variable `frame` rigidly to `bim`, at `place_in_bim` (3,) and without rotation.
 
     Both variables are poses in the map. Residual (6): logarithm of the pose difference, rotation (rad) first, then
-    translation (m). Source: BetweenFactor of GTSAM. Raises ValueError for a place that is not finite.
+    translation (m); all have the standard deviation `sigma`. With 1e-5 Levenberg-Marquardt may need tens of steps where
+    the start is decimetres off, with 1e-4 a few. Source: BetweenFactor of GTSAM. Raises ValueError for a place that is
+    not finite.
     """
     T_bim_frame = gtsam.Pose3(gtsam.Rot3(), _checked_place(place_in_bim))
-    return gtsam.BetweenFactorPose3(bim, frame, T_bim_frame, gtsam.noiseModel.Isotropic.Sigma(6, 1e-5))
+    return gtsam.BetweenFactorPose3(bim, frame, T_bim_frame, gtsam.noiseModel.Isotropic.Sigma(6, sigma))
 
 
 def plane_from(place_in_bim: ArrayLike, plane_in_bim: ArrayLike) -> NDArray[np.float64]:

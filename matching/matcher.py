@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from data.common.errors import UserError
-from data.scene_graph import SceneGraph
+from data.scene_graph import SceneGraph, implausible
 from matching.arrays import Walls, arrays, storeys
 from matching.combinatorial import DEVELOP, GRID, CombinatorialMatcher
 from matching.result import Hypothesis, MatchResult
@@ -103,13 +103,17 @@ class Matcher:
             s: The S-graph of one storey, in the map frame (metres, z up).
             a: The A-graph of any number of storeys, in the BIM frame (metres).
             floor: The id of the only A floor to search; None searches all.
-            start: A rough pose (x, y, yaw) of the map's origin in the BIM frame, in metres and radians. Placements
-                more than 3 m or 60 degrees away from it are dropped. Note that yaw comes last here, unlike in `T_a_s`.
+            start: A rough pose (yaw, x, y) of the map's origin in the BIM frame, in radians and metres, in the order
+                of `T_a_s`. Placements more than 3 m or 60 degrees away from it are dropped.
 
         Returns:
             The match. `T_a_s` is (yaw, x, y) in radians and metres: p_a = R(yaw) p_s + (x, y). Rely on it only if the
-            status is `unique`. Graphs without wall surfaces give the status `none` rather than an error.
+            status is `unique`. Graphs without wall surfaces, and graphs that cannot be in metres or whose normals point
+            out of their rooms (see `data.scene_graph.implausible`), give the status `none` and the reason, no error.
         """
+        for what, graph in (("S-graph", s), ("A-graph", a)):
+            if (wrong := implausible(graph)) is not None:
+                return MatchResult("none", f"{what}: {wrong}")
         return self._method.match(s, a, floor=floor, start=start)
 
 

@@ -3,6 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Literal, NotRequired, TypedDict
 
+import numpy as np
+from numpy.typing import NDArray
+
+from data.geometry import se2
+
 Status = Literal["unique", "ambiguous", "none"]
 Pair = tuple[str, str, float]  # S id, A id, confidence in [0, 1]
 
@@ -50,6 +55,11 @@ class Hypothesis:
     floor: str | None
     rooms: tuple[tuple[str, str], ...] = ()
 
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """(4, 4) `T_a_s` as a motion of space in metres, with z, roll and pitch 0: p_a = matrix @ (x, y, z, 1)."""
+        return se2.to_se3(np.array(self.T_a_s))
+
     def to_dict(self) -> HypothesisEntry:
         """Returns the hypothesis as in `matches.json`."""
         rooms = [list(pair) for pair in self.rooms]
@@ -86,6 +96,14 @@ class MatchResult:
     floor: str | None = None
     hypotheses: tuple[Hypothesis, ...] = ()
     seconds: float = field(default=0.0, compare=False)
+
+    @property
+    def matrix(self) -> NDArray[np.float64] | None:
+        """(4, 4) `T_a_s` as a motion of space in metres, with z, roll and pitch 0; None if `T_a_s` is.
+
+        `gtsam.Pose3(result.matrix)` is T_bim_map.
+        """
+        return None if self.T_a_s is None else se2.to_se3(np.array(self.T_a_s))
 
     def to_dict(self) -> MatchesFile:
         """Returns the result as in `matches.json`."""

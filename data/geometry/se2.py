@@ -32,6 +32,14 @@ def compose(T_a_b: Array, T_b_c: Array) -> Array:
     return np.concatenate((yaw[..., None], apply(T_a_b, T_b_c[..., 1:])), axis=-1)
 
 
+def to_se3(T_a_b: Array, z: float = 0.0) -> Array:
+    """(4, 4) the motion (3,) of the plane as one of space, raised by z (m)."""
+    T = np.eye(4)
+    T[:2, :2] = rotate(float(T_a_b[0]), np.eye(2)).T
+    T[:3, 3] = (T_a_b[1], T_a_b[2], z)
+    return T
+
+
 def inverse(T_a_b: Array) -> Array:
     """T_b_a."""
     return np.concatenate((-T_a_b[..., :1], rotate(-T_a_b[..., 0], -T_a_b[..., 1:])), axis=-1)

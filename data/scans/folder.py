@@ -17,6 +17,7 @@ from data.scans.stamp_units import check_interval
 from data.trajectory.stamps import NOTE_INDICES, SCAN_PERIOD_NS, check_increasing, read_times, stamps_from_names
 
 _INSIDE = (*READERS, ".bag", ".mcap", ".db3")  # what a folder may hold to be given instead of the one above it
+_PACKETS = (".pcap", ".pcapng", ".lvx", ".lvx2")  # of the drivers of spinning sensors and of Livox
 _NAMED = 5  # folders in a message
 
 
@@ -57,6 +58,8 @@ class ScanFolder(ScanSource):
 
 
 def _list_scans(path: Path) -> list[Path]:
+    if path.suffix.lower() in _PACKETS:
+        raise UserError(f"{path}: raw packets are not read; let the sensor's driver write a bag of point clouds")
     if not path.is_dir():
         what = "is a file" if path.exists() else "does not exist"
         raise UserError(f"{path}: {what}; give a folder of scans ({', '.join(READERS)})")

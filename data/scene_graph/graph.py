@@ -131,8 +131,8 @@ class SceneGraph:
         rooms, wall_surfaces, doors, floors, keyframes: The nodes of the graph.
 
     Raises:
-        UserError: An id is used twice, a surface refers to a missing room, a normal is not a unit vector, a length is
-            not positive, or a number is not finite.
+        UserError: An id is used twice, a surface refers to a missing room, a centroid or a normal is not (x, y), a
+            normal is not a unit vector, a length is not positive, or a number is not finite.
     """
 
     frame: str
@@ -151,6 +151,11 @@ class SceneGraph:
         if len(set(ids)) != len(ids):
             twice = next(i for i in ids if ids.count(i) > 1)
             raise UserError(f"scene graph: the id '{twice}' is given twice; ids must be unique")
+        nodes: tuple[Room | WallSurface | Door, ...] = (*self.rooms, *self.wall_surfaces, *self.doors)
+        points = [(node.id, "centroid", node.centroid) for node in nodes]
+        for name, what, value in (*points, *((w.id, "normal", w.normal) for w in self.wall_surfaces)):
+            if len(value) != 2:
+                raise UserError(f"scene graph: the {what} of '{name}' has {len(value)} numbers; give x and y only")
         for surface in self.wall_surfaces:
             if surface.room is not None and surface.room not in self.room_by_id:
                 raise UserError(f"scene graph: wall surface '{surface.id}' names no room '{surface.room}'")

@@ -128,7 +128,10 @@ def _check(
     if scan_format not in SCAN_WRITERS:
         raise UserError(f"scan format '{scan_format}' is not known; take one of {', '.join(SCAN_WRITERS)}")
     if timing == "rolling" and scan_format not in WITH_TIMES:
-        raise UserError(f"rolling scans need a format with points' times: {' or '.join(WITH_TIMES)}, not {scan_format}")
+        raise UserError(
+            f"the sensor moves during a scan, and {scan_format} files hold no times of points; write "
+            f"{' or '.join(WITH_TIMES)}, or leave them out by the effect 'untimed'"
+        )
     if not 0 < sensor_height < 10:
         raise UserError(f"a sensor height of {sensor_height} m cannot be; give metres above the floor")
     if seconds is not None and not seconds > 0:

@@ -88,7 +88,7 @@ def read_job(options: argparse.Namespace) -> Job:
         config = Config.model_validate(resumed["config"])
     config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
     if options.mount is not None:
-        mount = three_numbers("--mount", options.mount, "R,P,Y", "180,0,0")
+        mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
         config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
     if options.tolerance is not None:
         as_built = config.as_built.model_copy(update={"tolerance": parse_length(options.tolerance)})
@@ -250,13 +250,14 @@ def _matcher(method: str) -> Any:
 
 
 class _MatcherWithStart:
-    """A matcher with a rough initial pose of the map."""
+    """A matcher with a rough initial pose of the map: x, y, yaw, in the order of `--start`."""
 
     def __init__(self, matcher: Any, start: tuple[float, float, float]) -> None:
         self._matcher, self._start = matcher, start
 
     def match(self, s: SceneGraph, a: SceneGraph) -> Any:
-        return self._matcher.match(s, a, start=self._start)
+        x, y, yaw = self._start
+        return self._matcher.match(s, a, start=(yaw, x, y))
 
 
 def _accuracy(result: Result, truth: Trajectory) -> dict[str, Any]:

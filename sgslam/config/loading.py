@@ -10,6 +10,11 @@ from pydantic import BaseModel, ValidationError
 from data import UserError
 from sgslam.config.models import Config
 
+_PLAIN = {  # in the words of a settings file, where pydantic speaks of Python
+    "tuple_type": "a list is expected, e.g. [0, 0, 0]",
+    "bool_parsing": "true or false is expected",
+    "none_required": "null is expected",
+}
 
 def load_config(path: Path | None, pairs: list[str]) -> Config:
     """The defaults, overridden by a YAML file and then by pairs such as `odometry.voxel_size=0.4`.
@@ -34,7 +39,8 @@ def load_config(path: Path | None, pairs: list[str]) -> Config:
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise UserError(f"setting {where}: {first['msg']} (given: {first['input']!r})") from None
+        what = _PLAIN.get(first["type"], first["msg"])
+        raise UserError(f"setting {where}: {what} (given: {first['input']!r})") from None
 
 
 def save_config(config: Config) -> str:

@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from data.geometry import se2
+
 Floats = NDArray[np.float64]
 
 
@@ -68,10 +70,7 @@ def transform_points(T_a_b: Floats, points_in_b: NDArray[np.floating]) -> Floats
 
 def se2_to_se3(yaw: float, x: float, y: float, z: float = 0.0) -> Floats:
     """(4, 4) the motion of the plane as one of space."""
-    T = np.eye(4)
-    T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    T[:3, 3] = (x, y, z)
-    return T
+    return se2.to_se3(np.array([yaw, x, y]), z)
 
 
 def level_map(floor_in_map: Floats | None, height: float) -> Floats:

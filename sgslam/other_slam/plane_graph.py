@@ -51,7 +51,8 @@ def anchor_file(options: argparse.Namespace) -> int:
     check_storey(plan, options.storey)
     floor = None if options.storey is None else floor_named(plan, options.storey).id
     out, s_graph = out_folder(options), graph.scene_graph()
-    match = Matcher.load(method).match(s_graph, plan, floor=floor, start=start)
+    placed = None if start is None else (start[2], start[0], start[1])  # the yaw first
+    match = Matcher.load(method).match(s_graph, plan, floor=floor, start=placed)
     anchored = anchor_matched(graph, plan, match)
     _write(out, s_graph, plan, match, anchored)
     for line in graph.refused:

@@ -39,8 +39,8 @@ def disturbed(types: Any) -> list[tuple[int, Any]]:
     return messages
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("cut", [False, pytest.param(True, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("cut", [False, True])
 def test_all_disturbances_are_reported_and_survived(cut: bool, tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "drive.bag", "ros1", {"/points": disturbed(store(True))})
     if cut:

@@ -12,6 +12,7 @@ import pytest
 from gtsam.symbol_shorthand import B, F, O, P, R, X
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from snippets import blocks
 
 import factors
 
@@ -363,10 +364,12 @@ print(factors.__file__)
 
 @pytest.mark.slow
 def test_the_factors_work_alone_beside_gtsam_and_numpy(tmp_path: Path) -> None:
-    """Taken out of the project, with every other package blocked, they carry the example."""
+    """Taken out of the project, with every other package blocked, they carry the example of their page."""
     root = Path(__file__).parents[2]
     shutil.copytree(root / "factors", tmp_path / "factors", ignore=shutil.ignore_patterns("__pycache__"))
-    command = [sys.executable, "-c", ALONE, str(tmp_path), str(root / "examples/own_pose_graph.py")]
+    example = tmp_path / "example.py"
+    example.write_text(next(block.text for block in blocks(root / "docs/factors.md") if block.language == "python"))
+    command = [sys.executable, "-c", ALONE, str(tmp_path), str(example)]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == str(tmp_path / "factors/__init__.py")

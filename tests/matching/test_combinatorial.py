@@ -138,7 +138,7 @@ def test_storeys_lie_apart_for_the_released_one_and_floor_and_start_choose():
     assert tied(RELEASED.match(s, plan)) == 2
     chosen = RELEASED.match(s, plan, floor="f1")
     assert chosen.status == "unique" and chosen.floor == "f1"
-    near, far = RELEASED.match(s, PLAN, start=(0.0, 0.0, 0.0)), RELEASED.match(s, PLAN, start=(9.0, 0.0, 0.0))
+    near, far = RELEASED.match(s, PLAN, start=(0.0, 0.0, 0.0)), RELEASED.match(s, PLAN, start=(0.0, 9.0, 0.0))
     assert near.status == "unique" and far.status == "none"
 
 

@@ -110,9 +110,9 @@ def test_a_rough_start_decides_between_equal_places(method):
     truth = draw(row, "real", np.random.default_rng(2), 4)
     assert matcher(method).match(truth.s_graph, row).status == "ambiguous"
     yaw, x, y = truth.T_a_s
-    result = matcher(method).match(truth.s_graph, row, start=(x + 0.7, y - 0.5, yaw + 0.3))
+    result = matcher(method).match(truth.s_graph, row, start=(yaw + 0.3, x + 0.7, y - 0.5))
     assert result.status == "unique" and misplaced(result, truth)[0] < 0.3
-    assert matcher(method).match(truth.s_graph, row, start=(x + 500, y, yaw)).status == "none"
+    assert matcher(method).match(truth.s_graph, row, start=(yaw, x + 500, y)).status == "none"
 
 
 def test_one_room_is_not_enough(method):

@@ -23,7 +23,7 @@ FLOORS = {  # sub-packages and modules of each package, the lowest first
     "simulation synthetic_maps simulate",
     "matching": "protocol result arrays search deformation network learned training published combinatorial ambiguity "
     "matcher match train self_test",
-    "factors": "noise planes rooms bim",
+    "factors": "noise planes rooms bim protocols match_checks anchors",
     "sgslam": "own_packages config geometry serialization perception inertial surfels registration odometry mapping "
     "backend loops tracking anchoring as_built report session slam inspection viewer export cli run "
     "other_slam",

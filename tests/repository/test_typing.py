@@ -73,6 +73,16 @@ def strict(folder: Path, text: str, cache: Path) -> subprocess.CompletedProcess[
 
 @pytest.mark.long
 @pytest.mark.slow
+def test_the_examples_know_every_type(tmp_path: Path) -> None:
+    examples = sorted(map(str, (ROOT / "examples").glob("*.py")))
+    options = ["--strict", "--follow-imports=silent", f"--cache-dir={tmp_path}"]
+    command = [sys.executable, "-m", "mypy", *options, *examples]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
+    assert examples and done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.long
+@pytest.mark.slow
 def test_a_script_of_a_user_knows_every_type(tmp_path: Path) -> None:
     done = strict(tmp_path, SCRIPT, tmp_path / "cache")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -130,6 +130,7 @@ def test_a_drive_is_not_taken_for_carried_off() -> None:
     assert small_run(with_bim=False)[1].relocalisation is None
 
 
+@pytest.mark.long
 def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     drive, (_, alone) = small_drive(), small_run(with_bim=True)
     walls, last = scene_of(room(0, 0, 9, 4)), drive.scans[-1][0]
@@ -146,7 +147,7 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     assert len(result.s_graph.rooms) == len(alone.s_graph.rooms)
 
 
-@pytest.mark.parametrize("covered", [0, 8])
+@pytest.mark.parametrize("covered", [pytest.param(0, marks=pytest.mark.long), 8])
 def test_no_scan_is_missing_where_a_sensor_is_carried_off_in_its_first_seconds(covered: int) -> None:
     """While all scans still wait for gravity. Those under a cover before are lost, and stay with the first map."""
     here = scene_of([*room(0, 0, 4, 3), (0, 1, 0, 0.5, 2, 2)])

@@ -336,6 +336,8 @@ def test_no_folder_at_all(tmp_path: Path) -> None:
     write_bins(tmp_path, ["1.bin"])
     with pytest.raises(UserError, match="is a file"):
         ScanFolder(tmp_path / "1.bin")
+    with pytest.raises(UserError, match="write a bag"):
+        ScanFolder(tmp_path / "recording.pcap")
 
 
 @given(st.integers(-(2**63), 2**63 - 1))

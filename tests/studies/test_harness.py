@@ -36,7 +36,7 @@ def run(rows: Path, *seeds: int, **options: object) -> dict[str, tuple[object, .
     return values(rows_path(rows, "draws"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_killed_at_three_moments_has_the_same_rows(tmp_path: Path) -> None:
     whole = run(tmp_path / "whole")
     place = tmp_path / "killed"

@@ -78,7 +78,7 @@ def small(path: Path, trouble: Trouble) -> Troubled:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_under_a_cover_calls_it_lost(tmp_path: Path) -> None:
     path = write_small_ifc(tmp_path / "small.ifc").path
     (tmp_path / "work").mkdir()

@@ -1,0 +1,37 @@
+"""What is wrong with a scene graph that has the right form: lengths in another unit, normals that point outwards."""
+
+import numpy as np
+
+from data.scene_graph.graph import SceneGraph, WallSurface
+
+_LONGEST_MEDIAN = 50.0  # m; drawn and real graphs have 1 to 10, in centimetres 80 and more
+_FEWEST = 4  # walls; fewer tell nothing about all
+
+
+def implausible(graph: SceneGraph) -> str | None:
+    """Returns in one line what seems to be wrong with a graph, None if nothing does.
+
+    Lengths are taken for millimetres or centimetres if half of the walls are longer than 50 m; where no length is
+    known, if half of them are farther than that from their room's centroid. Normals are taken for flipped if, of four
+    or more walls whose room is known, more than half turn away from its centroid, and the sum over all walls of length
+    times distance before the centroid is negative: around a room it is twice the floor area (divergence theorem),
+    whatever the room's shape.
+    """
+    walls = [w for w in graph.wall_surfaces if w.room is not None]
+    inwards = np.array([_towards_centroid(graph, wall) for wall in walls])
+    lengths = [w.length for w in graph.wall_surfaces if w.length is not None]
+    sizes = lengths or np.abs(inwards).tolist()
+    if sizes and (median := float(np.median(sizes))) > _LONGEST_MEDIAN:
+        what = "the median wall is" if lengths else "the median wall is, from its room's centroid,"
+        return f"{what} {median:.0f} m; its lengths seem to be in millimetres or centimetres, give metres"
+    outwards = int(np.count_nonzero(inwards < 0))
+    area = float(inwards @ [w.length or 1.0 for w in walls]) / 2 if walls else 0.0
+    if len(walls) >= _FEWEST and 2 * outwards > len(walls) and area < 0:
+        return f"the normals of {outwards} of {len(walls)} walls point out of the room they bound; turn them round"
+    return None
+
+
+def _towards_centroid(graph: SceneGraph, wall: WallSurface) -> float:
+    """How far (m) the centroid of the wall's room is before the wall; negative behind it."""
+    (x, y), (cx, cy), (nx, ny) = wall.centroid, graph.room_by_id[wall.room or ""].centroid, wall.normal
+    return (cx - x) * nx + (cy - y) * ny
