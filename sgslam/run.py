@@ -18,6 +18,11 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     if options.resume is None and options.scan_dir is None and not options.demo:
         raise UserError("--scan-dir is missing; give the folder that holds the scans, or --demo")
+    return execute(options)
+
+
+def execute(options: argparse.Namespace) -> int:
+    """The run that the options tell; returns as `main` does. Raises UserError."""
     # imported only now, so that --help and a missing argument respond at once
     from threadpoolctl import threadpool_limits
 
@@ -52,6 +57,21 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m sgslam.run", description=about)
     add = parser.add_argument
     add("--scan-dir", type=Path, metavar="DIR", help="folder of scans, or a bag; formats: docs/formats.md")
+    add_options(parser)
+    add("--odometry", metavar="NAME|FILE", help="continuous_time (default), kiss, small_gicp, or a TUM file of poses")
+    add("--imu", type=Path, metavar="FILE", help="samples of an IMU beside the LiDAR: a bag, or CSV in EuRoC's form")
+    add("--imu-topic", metavar="NAME", help="which topic of --imu's bag, if it has several IMUs")
+    add("--resume", type=Path, metavar="DIR", help="resume the interrupted run in this --out folder")
+    add("--demo", action="store_true", help="generate a building, simulate a drive through it and run on that")
+    add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive")
+    add("--second-pass", action="store_true", default=None, help="register all scans again once the map is known")
+    parser.set_defaults(slam_output=None, cloud=None, times=None)  # see sgslam.other_slam.anchor
+    return parser
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of all commands that run on a building."""
+    add = parser.add_argument
     add("--topic", metavar="NAME", help="topic of the scans, if the bag has several")
     add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
     add("--layer", action="append", default=[], metavar="NAME", help="wall layer of a .dxf file (repeatable)")
@@ -62,19 +82,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--storey", metavar="NAME", help="storey on which the run begins, if known")
     add("--mount", metavar="R,P,Y", help="roll, pitch, yaw of the sensor, degrees (default: found out); 180,0,0: hangs")
     add("--tolerance", metavar="LENGTH", help="offset up to which an element is as planned, e.g. 15mm (default: 30mm)")
-    add("--odometry", metavar="NAME|FILE", help="continuous_time (default), kiss, small_gicp, or a TUM file of poses")
-    add("--imu", type=Path, metavar="FILE", help="samples of an IMU beside the LiDAR: a bag, or CSV in EuRoC's form")
-    add("--imu-topic", metavar="NAME", help="which topic of --imu's bag, if it has several IMUs")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
-    add("--resume", type=Path, metavar="DIR", help="resume the interrupted run in this --out folder")
-    add("--demo", action="store_true", help="generate a building, simulate a drive through it and run on that")
-    add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive")
     add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser until Ctrl-C")
-    add("--second-pass", action="store_true", default=None, help="register all scans again once the map is known")
     add("--strict", action="store_true", help="exit code 3 unless every scan is anchored and the map is sound")
     add("--verbose", action="store_true", help="print log messages")
-    return parser
 
 
 def _print_summary(metrics: dict[str, Any], out: Path) -> None:

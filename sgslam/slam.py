@@ -18,6 +18,7 @@ from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
 from sgslam.perception import RawScan, checked_scan
+from sgslam.perception.scan_checks import checked_covariance
 from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
@@ -61,13 +62,16 @@ class SceneGraphSlam:
         points: NDArray[np.floating[Any]],
         point_times: Floats | None = None,
         T_odom_sensor: Floats | None = None,
+        step_covariance: Floats | None = None,
     ) -> Update:
         """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
-        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan. Raises
-        UserError for stamps that do not increase, points or times that are not finite, and a `T_odom_sensor` that is
-        not a rigid motion; the run goes on without that scan.
+        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan;
+        `step_covariance` (6, 6) is that of its motion since the scan before, rotation (rad) first, in the sensor's
+        axes (default: that of the settings). Raises UserError for stamps that do not increase, points or times that are
+        not finite, a `T_odom_sensor` that is not a rigid motion, and a `step_covariance` that is none; the run goes on
+        without that scan.
 
         In the first seconds scans wait until the direction of gravity is known; the pose that is returned until then
         is provisional. Lost scans wait until a scan fits the map again. If they fit one another for some time, but not
@@ -75,8 +79,9 @@ class SceneGraphSlam:
         building.
         """
         checked = checked_scan(stamp_ns, points, T_odom_sensor, self._newest_ns)
+        step = None if step_covariance is None else checked_covariance(step_covariance, int(stamp_ns))
         self._newest_ns = int(stamp_ns)
-        self._process(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor))
+        self._process(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor, step))
         return self._update(int(stamp_ns))
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:

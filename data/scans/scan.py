@@ -16,6 +16,7 @@ from data.common.errors import UserError
 from data.scans.point_times import seconds_after
 from data.scans.reading_errors import EndOfScansError, UnreadableScanError
 from data.scans.stamp_rule import LOOK_AHEAD, StampRule
+from data.trajectory import Trajectory
 
 WORST_SHARE_SKIPPED = 0.2
 
@@ -30,7 +31,8 @@ class Scan:
 
     `index` counts the source's scans, skipped ones too; `dropped` is how many NaN, infinite and zero returns
     were taken out. `point_times` (N,) are seconds after the stamp, None where they are not known. `T_odom_sensor`
-    (4, 4) is the pose that the file gives, None where it gives none.
+    (4, 4) is the pose that the file gives, None where it gives none; `step_covariance` (6, 6) is that of the motion
+    since the scan before, rotation (rad) first, in the sensor's axes, None where it is not known.
     """
 
     index: int
@@ -40,6 +42,7 @@ class Scan:
     path: Path = Path()
     point_times: NDArray[np.float64] | None = None
     T_odom_sensor: NDArray[np.float64] | None = None
+    step_covariance: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -56,13 +59,15 @@ class ScanSource(ABC):
     """Scans in order; iterating reads them one by one, a few ahead.
 
     Attributes: `path`, `note` (one line for the user where something is a guess, else None), `stamps_ns` ((N,) int64;
-    None where they are known only while reading), and, filled while iterating, `skipped` and `remarks` (one line each
-    on what the user should know of the data).
+    None where they are known only while reading), `given` (all poses T_odom_sensor that another SLAM
+    system found, None where there are none), and, filled while iterating, `skipped` and `remarks` (one line each on
+    what the user should know of the data).
     """
 
     path: Path
     note: str | None = None
     stamps_ns: NDArray[np.int64] | None = None
+    given: Trajectory | None = None
 
     def __init__(self) -> None:
         self.skipped: list[SkippedScan] = []

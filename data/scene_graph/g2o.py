@@ -100,8 +100,10 @@ class PlaneGraph:
         return WallSurface(f"w{plane}@r{room}", f"r{room}", _xy(middle), _xy(own), high - low)
 
 
-def read_g2o(path: Path | str) -> PlaneGraph:
+def read_g2o(path: Path | str, poses_only: bool = False) -> PlaneGraph:
     """Reads all vertices and edges that are not fixed; those of other kinds are skipped.
+
+    `poses_only`: keyframes and steps are read alone, the fixed ones too: a graph of poses is held at one of them.
 
     Raises UserError, naming the line, for a file that cannot be read, a line that breaks off or holds a word in place
     of a number, a vertex whose numbers were never set, an edge to nothing, and where no keyframe or no plane is left.
@@ -113,7 +115,7 @@ def read_g2o(path: Path | str) -> PlaneGraph:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give a .g2o file") from None
     except UnicodeDecodeError:
         raise UserError(f"{path}: not text; give a .g2o file") from None
-    return _Reader(path).read(lines)
+    return _Reader(path, poses_only).read(lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,15 +127,18 @@ class _Row:
 
 
 class _Reader:
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, path: Path, poses_only: bool) -> None:
+        self._path, self._poses_only = path, poses_only
         self._refused: list[str] = []
 
     def read(self, lines: list[str]) -> PlaneGraph:
         """Returns the graph of a file's lines, without what is fixed or not set. Raises UserError, naming the line."""
         words = [(number, line.split()) for number, line in enumerate(lines, 1) if line.strip()]
         fixed = {self._id(number, name) for number, (tag, *names) in words if tag == "FIX" for name in names}
-        rows = [self._row(number, tag, rest) for number, (tag, *rest) in words if tag in _FIELDS]
+        tags = set(_FIELDS)
+        if self._poses_only:
+            fixed, tags = set(), {"VERTEX_SE3:QUAT", "EDGE_SE3:QUAT"}
+        rows = [self._row(number, tag, rest) for number, (tag, *rest) in words if tag in tags]
         rows = [row for row in rows if not fixed.intersection(row.ids) and self._is_set(row)]
         kinds: dict[int, str] = {}
         for row in rows:
@@ -147,7 +152,7 @@ class _Reader:
         planes = {i: self._plane(number, v) for number, (i,), v in self._of(rows, "VERTEX_PLANE")}
         rooms = {i: v for _, (i,), v in self._of(rows, "VERTEX_ROOM")}
         for kind, found in (("keyframe", poses), ("plane", planes)):
-            if not found:
+            if not found and not (self._poses_only and kind == "plane"):
                 raise UserError(f"{self._path}: no {kind} that is not fixed; a .g2o file of S-Graphs is needed")
         steps = [
             Step(i, j, self._pose(n, v[:7]), _symmetric(v[7:], 6)) for n, (i, j), v in self._of(rows, "EDGE_SE3:QUAT")

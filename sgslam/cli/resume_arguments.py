@@ -7,7 +7,7 @@ from typing import Any
 from data import UserError
 from sgslam.session.checkpoints import about_run
 
-_PATHS = ("scan_dir", "bim", "ground_truth", "map", "imu")
+_PATHS = ("scan_dir", "bim", "ground_truth", "map", "imu", "slam_output", "cloud", "times")
 _WORDS = ("topic", "imu_topic", "start", "storey", "mount", "tolerance", "odometry", "second_pass")
 
 

@@ -18,6 +18,7 @@ from data.scans import ScanSource
 from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
+from data.trajectory.correction import moved_with
 from sgslam.anchoring import check_storey
 from sgslam.as_built import write_topics
 from sgslam.as_built.tolerance_classes import parse_length
@@ -43,6 +44,7 @@ from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
 Start = tuple[float, float, float]
+ALL_POSES = "trajectory_all.tum"
 _TURN = 360.0  # degrees
 
 
@@ -86,19 +88,19 @@ def read_job(options: argparse.Namespace) -> Job:
         config = Config.model_validate(resumed["config"])
     config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
     if options.mount is not None:
-        mount = _three("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
+        mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
         config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
     if options.tolerance is not None:
         as_built = config.as_built.model_copy(update={"tolerance": parse_length(options.tolerance)})
         config = config.model_copy(update={"as_built": as_built})
-    start = None if options.start is None else _three("--start", options.start, "X,Y,YAW", "3.5,-1.2,1.57")
+    start = None if options.start is None else three_numbers("--start", options.start, "X,Y,YAW", "3.5,-1.2,1.57")
     matcher = _matcher(config.matching.method)
     if options.demo:
         _make_demo(options)
     prior = None if options.map is None else _prior_map(options, config)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start refer to a building; give --bim too")
-    scans = open_scans(options.scan_dir, options.topic)
+    scans = _open_scans(options)
     imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
@@ -188,11 +190,21 @@ class Run:
                 result.config.as_built.tolerance,
             )  # fmt: skip
         write_run_elements(result, job.options.bim, job.a_graph, out)
+        if job.scans.given is not None and len(result.trajectory):
+            moved_with(job.scans.given, result.trajectory).write_tum(out / ALL_POSES)
         if stopped is not None:
             hint = f"; 'python -m sgslam.run --resume {out}' continues" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
         self.checkpoints.write(self.slam, self.progress.to_dict(), finished=True)
         return metrics
+
+
+def _open_scans(options: argparse.Namespace) -> ScanSource:
+    if options.slam_output is None:
+        return open_scans(options.scan_dir, options.topic)
+    from data.slam_output import open_slam_output
+
+    return open_slam_output(options.slam_output, options.scan_dir, options.topic, options.cloud, options.times)
 
 
 def _prior_map(options: argparse.Namespace, config: Config) -> PriorMap:
@@ -213,7 +225,8 @@ def _make_demo(options: argparse.Namespace) -> None:
     make_demo(options, out_folder(options))
 
 
-def _three(option: str, text: str, form: str, example: str) -> tuple[float, float, float]:
+def three_numbers(option: str, text: str, form: str, example: str) -> tuple[float, float, float]:
+    """The numbers of an option such as `--start X,Y,YAW`. Raises UserError."""
     try:
         a, b, c = (float(part) for part in text.split(","))
     except ValueError:

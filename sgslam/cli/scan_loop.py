@@ -99,7 +99,8 @@ def run_scans(
                     return f"interrupted after {progress.fed} of {len(scans)} scans"
                 _add_imu(slam, imu, scan.stamp_ns)
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
-                update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
+                step = scan.step_covariance if odometry is None else None
+                update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
                 if on_scan is not None:
                     on_scan(slam, update, scan.points)
                 progress.index, progress.fed = scan.index, progress.fed + 1

@@ -16,12 +16,13 @@ LONGEST_SCAN = 2.0  # s, of a scan; sensors in motion take 0.05 to 0.2
 @dataclass(frozen=True, eq=False)
 class RawScan:
     """An unprocessed scan: points (N, 3) in the sensor frame, with optional times (N,), in seconds after the stamp, and
-    T_odom_sensor (4, 4) of an external odometry."""
+    T_odom_sensor (4, 4) of an external odometry, with the covariance (6, 6) of its motion since the scan before."""
 
     stamp_ns: int
     points: Floats
     point_times: Floats | None
     T_odom_sensor: Floats | None
+    step_covariance: Floats | None = None
 
 
 def checked_scan(
@@ -64,3 +65,15 @@ def checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:
             f"{seconds.max():g}: are they milliseconds, nanoseconds, or a time of day?"
         )
     return seconds
+
+
+def checked_covariance(covariance: ArrayLike, stamp_ns: int) -> Floats:
+    """(6, 6) the covariance of a step; raises UserError where it is not symmetric or has a negative variance."""
+    try:
+        found = np.asarray(covariance, dtype=np.float64)
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    is_one = found.shape == (6, 6) and np.isfinite(found.sum()) and np.allclose(found, found.T, rtol=1e-6)
+    if not is_one or np.linalg.eigvalsh(found)[0] < -1e-9 * np.abs(found).max():
+        raise UserError(f"scan at {stamp_ns} ns: step_covariance must be a covariance (6, 6), rotation first")
+    return found

@@ -109,6 +109,9 @@ class ActiveMap:
             )
         )  # fmt: skip
         self._covariance, self.is_external = scan.covariance, scan.raw.T_odom_sensor is not None
+        if scan.raw.step_covariance is not None and len(self.scans) > 1:
+            R_sensor_before = scan.T_odom_sensor[:3, :3].T @ self.scans[-2].T_odom_sensor[:3, :3]
+            self._steps.tell(scan.raw.step_covariance, R_sensor_before)
         if scan.health == "lost" and keyframes:
             return False
         with self.stopwatch("surfaces"):

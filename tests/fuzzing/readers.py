@@ -14,6 +14,7 @@ from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import read_g2o
 from data.trajectory import Trajectory
+from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
 from fuzzing import samples
 from fuzzing.mutations import Mutate, mutate, mutate_e57, mutate_json, mutate_zip
@@ -78,6 +79,8 @@ READERS = (
     *(Reader(f"mesh {s}", s, partial(samples.mesh, s), read_mesh, share=0.05) for s in (".stl", ".obj")),
     Reader("scene graph", ".json", samples.graph, SceneGraph.load, mutate_json),
     Reader("trajectory", ".tum", samples.trajectory, Trajectory.read_tum),
+    *(Reader(f"poses, {form}", ".txt", partial(samples.poses, form), read_poses, share=0.5)
+      for form in ("kitti", "euroc")),
     Reader("times", ".txt", samples.times, read_times),
     Reader("g2o", ".g2o", samples.g2o, lambda path: read_g2o(path).scene_graph()),
     Reader("settings", ".yaml", samples.settings, lambda path: load_config(path, []), share=0.3),

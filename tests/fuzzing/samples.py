@@ -158,6 +158,12 @@ def trajectory(folder: Path) -> list[bytes]:
     return ["".join(f"{1700000000 + k / 10:.9f} 1 2 0.5 0 0 0.6 0.8\n" for k in range(12)).encode()]
 
 
+def poses(form: str, folder: Path) -> list[bytes]:
+    """As KITTI or EuRoC has them."""
+    rows = {"kitti": "1 0 0 {k} 0 0 -1 2 0 1 0 0.5\n", "euroc": "170000000{k}000000000,1,2,{k}.5,0.8,0,0,0.6\n"}
+    return ["".join(rows[form].format(k=k) for k in range(10)).encode()]
+
+
 def imu(folder: Path) -> list[bytes]:
     """A file in EuRoC's form."""
     stamps = START + 5_000_000 * np.arange(12)

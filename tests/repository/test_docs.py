@@ -27,7 +27,7 @@ from sgslam.config.reference import parameters_page
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 PICTURE_BYTES = 300_000
-WHOLE_DRIVES = ("docs/index.md", "docs/own_sensor.md", "docs/own_building.md")
+WHOLE_DRIVES = ("docs/index.md", "docs/own_sensor.md", "docs/own_building.md", "docs/other_slam.md")
 INCLUDED = ("ARCHITECTURE.md", "CHANGELOG.md", "CONTRIBUTING.md")
 
 

@@ -1,0 +1,1 @@
+"""Anchors what other SLAM systems left behind to a plan."""

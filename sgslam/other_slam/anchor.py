@@ -1,0 +1,58 @@
+"""`python -m sgslam.other_slam.anchor OUTPUT --bim FILE`: another SLAM's finished output in, anchored poses out.
+
+OUTPUT is a file of poses (TUM, KITTI's poses, EuRoC's CSV), KISS-SLAM's folder of results, GLIM's dump, or a factor
+graph of S-Graphs (`.g2o`).
+"""
+
+import argparse
+from pathlib import Path
+
+from data.common.cli import Parser, run_command
+from data.common.errors import UserError
+
+_GRAPH = ".g2o"
+# a finished trajectory is taken as it is, also where its poses are metres apart
+_POSES_AS_GIVEN = (
+    "odometry.outlier_distance=1e6", "odometry.outlier_angle=7", "odometry.max_step=1e6", "odometry.max_turn=7",
+)  # fmt: skip
+_EACH_A_KEYFRAME = "keyframes.scans=1"  # each scan made of a map shows a part of it that no other shows
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """The command; returns 0 when done, even if nothing could be anchored, and 3 if that is not enough for `--strict`.
+    Raises UserError."""
+    options = _parser().parse_args(arguments)
+    if not options.slam_output.exists():
+        raise UserError(f"{options.slam_output}: no such file or folder; give the output of a SLAM system")
+    if options.bim is None:
+        raise UserError("--bim is missing; give the building's model that the poses are to be anchored to")
+    if options.slam_output.suffix.lower() == _GRAPH and options.scan_dir is None:
+        from sgslam.other_slam.plane_graph import anchor_file
+
+        return anchor_file(options)
+    from sgslam.run import execute
+
+    settings = list(_POSES_AS_GIVEN)
+    if options.scan_dir is None:
+        settings.append(_EACH_A_KEYFRAME)
+    options.set = [*settings, *options.set]
+    return execute(options)
+
+
+def _parser() -> argparse.ArgumentParser:
+    from sgslam.run import add_options
+
+    about = "Anchor the finished output of another SLAM system to a building's plan."
+    parser = Parser(prog="python -m sgslam.other_slam.anchor", description=about)
+    add = parser.add_argument
+    add("slam_output", type=Path, metavar="OUTPUT", help="poses (TUM, KITTI, EuRoC), KISS-SLAM, GLIM, or a .g2o file")
+    add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="the scans, or a cloud a pose: a folder or a bag")
+    add("--cloud", type=Path, metavar="FILE", help="the map instead, in the frame of the poses: .ply, .pcd, .las, ...")
+    add("--times", type=Path, metavar="FILE", help="stamps of KITTI's poses, a line of seconds for each")
+    add_options(parser)
+    parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0, second_pass=None)
+    return parser
+
+
+if __name__ == "__main__":
+    run_command(main)
