@@ -123,15 +123,19 @@ def test_the_tables_tell_each_cell_and_compare_with_the_better_peer(building: Se
     assert relative.value.startswith(f"{(5 * 0.06 + 0.36) / (6 * 0.12):.2f} [") and kidnapped.value.startswith("5 of 6")
 
 
-def test_a_part_without_rows_has_no_table_and_a_drive_without_a_pose_no_ratio(building: SequenceSpec) -> None:
+def test_a_part_without_rows_has_no_table_and_a_lost_drive_is_worse_than_any(building: SequenceSpec) -> None:
     rows = [
         (run(building, "sgslam", "kiss_icp"), tracking(sgslam=errors(None, kidnaps=0), kiss_icp=errors(1.0))),
         (run(building, "kiss_icp", seed=2), tracking(kiss_icp=errors(2.0))),
     ]
     made = tables(rows_of(rows))
-    assert set(made) == {"cells", "carriers", "ratios", "errors"} and made["ratios"].drives.tolist() == ["0"]
+    assert set(made) == {"cells", "carriers", "ratios", "errors"}
+    (compared,) = made["ratios"].to_dict("records")
+    assert (compared["no worse"], compared["worse by 2 cm"], compared["tracked"]) == ("0/1", "1/1", "0/1")
     (cell,) = made["carriers"].to_dict("records")
-    assert (cell["sgslam: ATE (m)"], cell["KISS-ICP: ATE (m)"], cell["ratio"]) == ("", "1.500 (1.000 to 2.000)", "")
+    assert (cell["sgslam: ATE (m)"], cell["ratio"]) == ("inf", "inf")
+    assert cell["KISS-ICP: ATE (m)"] == "1.500 (1.000 to 2.000)"
+    assert claims(rows_of(rows))[0].cases.endswith("1 that were lost are left out")
     assert made["errors"].drives.tolist() == ["1", "2"]
 
 

@@ -4,6 +4,7 @@ says of itself."""
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from evaluation.harness import Claim
@@ -44,7 +45,10 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     """How the error without a plan compares with that of the better odometry, and false kidnappings."""
     rows = _by_drive_and_method(rows)
     both = _by_method(rows).dropna()
+    lost = int(np.isinf(both[OURS]).sum())
+    both = both[np.isfinite(both[OURS])]
     drives = f"{len(both)} drives, {rows.building.nunique()} buildings"
+    drives += f"; {lost} that were lost are left out" if lost else ""
     relative = ratio(both[OURS], both.peer, both.index.get_level_values("building").tolist())
     ours = rows[rows.method == OURS]
     return [
@@ -65,6 +69,7 @@ def _by_drive_and_method(rows: pd.DataFrame) -> pd.DataFrame:
             own = {name: name.removeprefix(before) for name in told} | {f"scans_per_s.{method}": "scans_per_s"}
             lines.append(told.rename(columns=own).assign(method=method))
     found = pd.concat(lines, ignore_index=True).dropna(subset="second_m")
+    found = found.assign(ate_m=found.ate_m.astype(float).fillna(np.inf))  # lost: hardly a motion was found to align
     newest = found.sort_values("made.date", kind="stable").drop_duplicates(["drive", "method"], keep="last")
     return newest.sort_index()
 
