@@ -1,4 +1,4 @@
-"""What is wrong with a graph of one's own is told, and what is only unusual is matched."""
+"""A wrong graph of one's own is refused with the reason; one that is only unusual is matched."""
 
 from dataclasses import replace
 from typing import Any
@@ -40,7 +40,7 @@ def scaled(graph: SceneGraph, by: float, lengths: bool = True) -> SceneGraph:
 
 @pytest.mark.parametrize("lengths", [True, False])
 def test_other_units_are_told(lengths: bool) -> None:
-    assert implausible(scaled(PLAN, 1 / 0.3048, lengths)) is None  # feet: nobody can tell them from a large building
+    assert implausible(scaled(PLAN, 1 / 0.3048, lengths)) is None  # feet look like a large building
     for unit in (100.0, 1000.0):
         assert "millimetres" in (implausible(scaled(PLAN, unit, lengths)) or "")
 
