@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from data.common.errors import UserError
+
 
 @contextmanager
 def atomic_file(path: Path | str) -> Iterator[BinaryIO]:
@@ -45,3 +47,13 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     """Sorts `2.pcd` before `10.pcd`: runs of digits compare as numbers, and the rest as text."""
     parts = re.findall(r"\d+|\D+", name)
     return tuple((0, int(p), p) if p[0] in "0123456789" else (1, 0, p) for p in parts)
+
+
+def text_lines(path: Path, wanted: str) -> list[str]:
+    """The lines of a text file. Raises UserError, which asks for what is `wanted`, where it cannot be read."""
+    try:
+        return path.read_text().splitlines()
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror}); give {wanted}") from None
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: not text; give {wanted}") from None

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.common.files import text_lines
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph.graph import Room, SceneGraph, WallSurface
 
@@ -109,13 +110,7 @@ def read_g2o(path: Path | str, poses_only: bool = False) -> PlaneGraph:
     of a number, a vertex whose numbers were never set, an edge to nothing, and where no keyframe or no plane is left.
     """
     path = Path(path)
-    try:
-        lines = path.read_text().splitlines()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); give a .g2o file") from None
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: not text; give a .g2o file") from None
-    return _Reader(path, poses_only).read(lines)
+    return _Reader(path, poses_only).read(text_lines(path, "a .g2o file"))
 
 
 @dataclass(frozen=True, eq=False)

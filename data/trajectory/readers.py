@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.errors import UserError
+from data.common.files import text_lines
 from data.geometry.poses import xyzquat_to_poses
 from data.trajectory.stamps import read_times
 from data.trajectory.trajectory import Trajectory
@@ -121,12 +122,7 @@ def _first_line(path: Path) -> str:
 
 def _lines(path: Path) -> list[tuple[int, str]]:
     """Number and text of each line, without comments and blank lines. Raises UserError."""
-    try:
-        lines = path.read_text().splitlines()
-    except OSError as error:
-        raise UserError(f"{path}: cannot be read ({error.strerror}); give a file of poses") from None
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: not a text file; give a file of poses") from None
+    lines = text_lines(path, "a file of poses")
     kept = ((number, line.partition("#")[0].strip()) for number, line in enumerate(lines, 1))
     return [(number, text) for number, text in kept if text]
 
