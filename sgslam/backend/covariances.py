@@ -8,29 +8,25 @@ import numpy as np
 from gtsam.symbol_shorthand import B, P, X
 from numpy.typing import NDArray
 
+from sgslam.backend.noise_shown import noise_shown
 from sgslam.geometry.frames import transform_planes
 
 Floats = NDArray[np.float64]
 _BIM = B(0)
 _PLANES = ("p", "f")  # symbols of plane variables, which have three dimensions; all others are poses
-_KINDS = "xpforbwl"  # symbols of all variables
-_LEAST_ROWS = 30  # of a kind of measurement to estimate its noise from the residuals
-_SCALES = 0.15, 3.0  # limits of the estimated noise relative to the assumed one
 _STEP = 1e-5  # of numeric derivatives, rad and m
 
 
 class Uncertainty:
     """Marginals of a graph at its optimum `values`; robust losses enter with their weights there.
 
-    The noise of each kind of measurement (walls, floors, plan, ...) is estimated from its residuals (variance
-    components; Foerstner 1979). Unconstrained steps keep their assumed noise, because their residuals are always small.
-    The information matrix is factored once; each query costs one sparse solution for each of its rows. `anchor_of`
-    gives the keyframe in whose frame a wall is estimated. Raises RuntimeError where a variable is free.
+    The noise of each kind of measurement (walls, floors, plan, ...) is the one that its residuals show. The information
+    matrix is factored for them and again for the queries, each of which costs one sparse solution for each of its rows.
+    `anchor_of` gives the keyframe in whose frame a wall is estimated. Raises RuntimeError where a variable is free.
     """
 
     def __init__(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, anchor_of: dict[int, int]) -> None:
-        from scipy.sparse import csc_matrix
-        from scipy.sparse.linalg import splu
+        from scipy.sparse import csc_matrix, diags
 
         self._values, self._anchor_of = values, anchor_of
         keys = list(values.keys())  # sorted, as the columns are
@@ -40,16 +36,10 @@ class Uncertainty:
         self._size = int(starts[-1])
         rows, columns, entries = graph.linearize(values).sparseJacobian_()
         rows, columns = rows.astype(np.int64) - 1, columns.astype(np.int64) - 1  # they count from one
-        residual = np.zeros(int(rows.max()) + 1)
-        last = columns == self._size
-        residual[rows[last]] = entries[last]
-        rows, columns, entries = rows[~last], columns[~last], entries[~last]
-        kind = np.repeat([1 << _KINDS.index(chr(gtsam.symbolChr(key))) for key in keys], sizes)
-        scale = _noise_shown(residual, rows, kind[columns], self._size, _unconstrained(graph, len(residual)))
-        jacobian = csc_matrix((entries / scale[rows], (rows, columns)), shape=(len(residual), self._size))
-        self._solve: Callable[[Floats], Floats] = splu(
-            (jacobian.T @ jacobian).tocsc(), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True}
-        ).solve  # fmt: skip
+        shape, of_jacobian = (int(rows.max()) + 1, self._size), columns < self._size  # the last column is the residual
+        jacobian = csc_matrix((entries[of_jacobian], (rows[of_jacobian], columns[of_jacobian])), shape=shape)
+        scale = noise_shown(graph, values, jacobian.tocsr(), _solver(jacobian))
+        self._solve = _solver(diags(1 / scale) @ jacobian)
 
     @property
     def anchored(self) -> bool:
@@ -102,33 +92,11 @@ class Uncertainty:
         return value, float(J @ self._solve(J))
 
 
-def _unconstrained(graph: gtsam.NonlinearFactorGraph, count: int) -> NDArray[np.bool_]:
-    """(count,) flags of the residuals of steps with an excess covariance."""
-    unconstrained, row = np.zeros(count, dtype=bool), 0
-    for i in range(graph.size()):
-        factor = graph.at(i)
-        if isinstance(factor, gtsam.BetweenFactorPose3):
-            noise = factor.noiseModel()  # neither the diagonal one of all steps nor the robust one of loops
-            full = isinstance(noise, gtsam.noiseModel.Gaussian) and not isinstance(noise, gtsam.noiseModel.Diagonal)
-            unconstrained[row : row + factor.dim()] = full
-        row += factor.dim()
-    return unconstrained
+def _solver(jacobian: Any) -> Callable[[Floats], Floats]:
+    """Solves the normal equations of a sparse Jacobian. Raises RuntimeError where they are singular."""
+    from scipy.sparse.linalg import splu
 
-
-def _noise_shown(
-    residual: Floats, rows: NDArray[np.int64], kinds: NDArray[np.int64], size: int, apart: NDArray[np.bool_]
-) -> Floats:
-    """(M,) the standard deviation of the whitened residuals (M,) of each one's kind; 1 for those `apart` (M,).
-
-    `rows` and `kinds` are those of the Jacobian's entries: measurements of the same kinds of variables form one kind.
-    `size` variables were fitted to all residuals.
-    """
-    kind = np.zeros(len(residual), dtype=np.int64)
-    np.bitwise_or.at(kind, rows, kinds)
-    scale = np.ones(len(residual))
-    free = max(1 - size / len(residual), 0.1)
-    for one in np.unique(kind):
-        mine = (kind == one) & ~apart
-        if mine.sum() >= _LEAST_ROWS:
-            scale[mine] = np.clip(np.sqrt(np.mean(residual[mine] ** 2) / free), *_SCALES)
-    return scale
+    solve: Callable[[Floats], Floats] = splu(
+        (jacobian.T @ jacobian).tocsc(), "MMD_AT_PLUS_A", 0.0, options={"SymmetricMode": True}
+    ).solve  # fmt: skip
+    return solve

@@ -186,8 +186,8 @@ class AnchorSettings(Settings):
     """anchor matched walls"""
     rooms: bool = True
     """anchor matched rooms"""
-    sigma_offset: float = Field(0.006, gt=0)
-    """m, standard deviation of a wall's offset as built"""
+    sigma_offset: float = Field(0.015, gt=0)
+    """m, standard deviation of a wall's offset as built; DIN 18202 allows 12 to 24 mm over 3 to 15 m"""
     sigma_normal: float = Field(0.004, gt=0)
     """rad, standard deviation of a wall's normal as built"""
     sigma_extraction: float = Field(0.004, gt=0)
