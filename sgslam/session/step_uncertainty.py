@@ -51,10 +51,11 @@ class StepUncertainty(Stateful):
         rises = np.zeros(6) if external else np.append(np.zeros(3), up) * self._rise(covariance, up, way)
         variances, axes = np.linalg.eigh((covariance - before + told) / np.outer(self._other, self._other))
         root = self._other[:, None] * axes * np.sqrt(np.abs(variances))
-        return np.asarray(np.diag(base**2) + root @ root.T + np.outer(rises, rises)), bool(np.abs(variances).max() > _DOUBLED)
+        found = np.diag(base**2) + root @ root.T + np.outer(rises, rises)
+        return np.asarray(found), bool(np.abs(variances).max() > _DOUBLED)
 
     def _rise(self, covariance: Floats, up: Floats, way: float) -> float:
-        """The standard deviation (m) of what the ground may rise or fall unseen: all where the height is known no better
-        than a hand sways, less where surfaces show it."""
+        """The standard deviation (m) by which the ground may rise unseen: the whole one where the height is known no
+        better than a hand sways, less where surfaces show it."""
         unseen = min(float(up @ covariance[3:, 3:] @ up) / self._sway**2, 1.0)
         return self._ground * float(np.sqrt(way * unseen))
