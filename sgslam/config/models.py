@@ -61,8 +61,6 @@ class OdometrySettings(Settings):
     """rad, standard deviation of the rotation between two keyframes, by our own odometry"""
     sigma_translation: float = Field(0.004, gt=0)
     """m, standard deviation of the translation between two keyframes, by our own odometry"""
-    uneven_ground: float = Field(0.1, ge=0)
-    """m, standard deviation by which the ground rises or falls over a metre of way: a step of 0.3 m each ten metres"""
     other_sigma_rotation: float = Field(0.004, gt=0)
     """rad, standard deviation of the rotation between two keyframes, by KISS-ICP, small_gicp and external odometries"""
     other_sigma_translation: float = Field(0.015, gt=0)
@@ -188,8 +186,8 @@ class AnchorSettings(Settings):
     """anchor matched walls"""
     rooms: bool = True
     """anchor matched rooms"""
-    sigma_offset: float = Field(0.015, gt=0)
-    """m, standard deviation of a wall's offset as built; DIN 18202 allows 12 to 24 mm over 3 to 15 m"""
+    sigma_offset: float = Field(0.012, gt=0)
+    """m, standard deviation of a wall's offset as built; DIN 18202 allows 12 to 24 mm at most over 3 to 15 m"""
     sigma_normal: float = Field(0.004, gt=0)
     """rad, standard deviation of a wall's normal as built"""
     sigma_extraction: float = Field(0.004, gt=0)

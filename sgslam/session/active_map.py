@@ -52,7 +52,7 @@ class ActiveMap:
         self.scans: list[ScanPose] = []
         self.begins = [0]
         self.first_anchor_ns: int | None = None
-        self._steps, self._covariance = StepUncertainty(config), np.zeros((6, 6))
+        self._steps, self._covariance = StepUncertainty(config.odometry), np.zeros((6, 6))
         self.is_external = False  # the newest scan's pose is an external odometry's
 
     @property
@@ -142,10 +142,7 @@ class ActiveMap:
         tracked = before @ scan.T_keyframe_sensor  # unlike the map, this does not jump when the graph is optimised
         storey = None if self.transition.active else self.floors.current.number
         keyframe = KeyframeNode(len(self.scans) - 1, scan.stamp_ns, tracked, scan.T_map_sensor, storey=storey)
-        way = float(np.linalg.norm(scan.T_keyframe_sensor[:3, 3]))
-        keyframe.step_covariance, keyframe.weak_step = self._steps.leave(
-            self._covariance, scan.T_map_sensor[2, :3], way, self.is_external
-        )
+        keyframe.step_covariance, keyframe.weak_step = self._steps.leave(self._covariance, self.is_external)
         if points is not None:
             with self.stopwatch("surfaces"):
                 if storey is None:
