@@ -27,6 +27,7 @@ EXTRAS = {
     "scans": "LAS, LAZ and E57 scans",
     "mesh": "COLLADA meshes of buildings",
     "view": "runs shown in the browser",
+    "evalio": "evalio's data sets, and our tracking beside its odometries",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data on several machines",
     "docs": "the documentation site",
