@@ -28,6 +28,7 @@ EXTRAS = {
     "mesh": "COLLADA meshes of buildings",
     "view": "runs shown in the browser",
     "evalio": "evalio's data sets, and our tracking beside its odometries",
+    "foxglove": "finished runs as MCAP for Foxglove",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data on several machines",
     "docs": "the documentation site",
