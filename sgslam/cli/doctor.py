@@ -29,6 +29,7 @@ EXTRAS = {
     "view": "runs shown in the browser",
     "evalio": "evalio's data sets, and our tracking beside its odometries",
     "foxglove": "finished runs as MCAP for Foxglove",
+    "rerun": "runs as recordings for the Rerun viewer",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data on several machines",
     "docs": "the documentation site",
