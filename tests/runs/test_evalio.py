@@ -118,5 +118,9 @@ def test_what_is_missing_is_told_in_one_line(known: Path, tmp_path: Path, monkey
     assert f"did you mean '{NAME}'" in refused(*words, "evalio:simulated_drive/smal")
     assert "evalio dl simulated_drive/long" in refused(*words, "evalio:simulated_drive/long")
     assert "no topics" in refused(*words, f"evalio:{NAME}", "--topic", "/points")
+    for part in ("scans", "truth.tum", "scans/imu.csv"):
+        (tmp_path / "simulated_drive/long" / part).mkdir(parents=True)
+    monkeypatch.setattr("evalio.datasets.base._DATA_DIR", tmp_path)
+    assert "cannot be read: UserError" in refused(*words, "evalio:simulated_drive/long")
     monkeypatch.setitem(sys.modules, "evalio", None)
     assert "pip install 'sgslam[evalio]'" in refused(*words, f"evalio:{NAME}")
