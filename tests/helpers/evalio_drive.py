@@ -60,8 +60,9 @@ class SimulatedDrive(Dataset):
         return ImuParams(gravity=np.array([0.0, 0.0, -9.80665]))
 
     def lidar_params(self) -> LidarParams:
-        """Those of a VLP-16 with a coarse turn."""
-        return LidarParams(num_rows=16, num_columns=450, min_range=0.3, max_range=60.0, rate=5.0)
+        """Those of a VLP-16 with a coarse turn; the short drive of the tests has a slow one."""
+        rate = 5.0 if self == SimulatedDrive.small else 10.0
+        return LidarParams(num_rows=16, num_columns=450, min_range=0.3, max_range=60.0, rate=rate)
 
     def files(self) -> Sequence[str | Path]:
         """What a simulated drive leaves."""
