@@ -29,18 +29,24 @@ def execute(options: argparse.Namespace) -> int:
     from sgslam.cli.run_job import Run, out_folder, read_job
     from sgslam.cli.scan_loop import run_scans
     from sgslam.viewer.live import LiveView, open_page
+    from sgslam.viewer.rerun_log import recorded
 
     threadpool_limits(1, user_api="blas")  # a scan is small: more threads would only wait for each other
     sys.setswitchinterval(1e-4)  # with the default interval the reading thread slows the run down
     page = None if options.view is None else open_page(options.view)
     job = read_job(options)
     out = out_folder(options)
-    run = Run(job, out)
-    gc.freeze()  # the modules stay loaded: the garbage collector need not scan them
-    view = None if page is None else LiveView(page, job.a_graph, job.truth)
-    on_scan = None if view is None else view.add_scan
-    stopped = run_scans(run.slam, job.scans, run.progress, run.checkpoints, job.external_odometry, on_scan, job.imu)
-    metrics = run.finish(stopped)
+    with recorded(options.rerun, job.a_graph) as log:
+        run = Run(job, out)
+        gc.freeze()  # the modules stay loaded: the garbage collector need not scan them
+        view = None if page is None else LiveView(page, job.a_graph, job.truth)
+        watchers = [watcher.add_scan for watcher in (view, log) if watcher is not None]
+        stopped = run_scans(
+            run.slam, job.scans, run.progress, run.checkpoints, job.external_odometry, watchers, job.imu
+        )
+        metrics = run.finish(stopped)
+        if log is not None:
+            log.add_map(run.slam)
     _print_summary(metrics, out)
     if view is not None:
         view.show_finished(out)
@@ -85,6 +91,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
     add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser until Ctrl-C")
+    add("--rerun", type=Path, metavar="FILE", help="write a recording (.rrd) for the Rerun viewer")
     add("--strict", action="store_true", help="exit code 3 unless every scan is anchored and the map is sound")
     add("--verbose", action="store_true", help="print log messages")
 

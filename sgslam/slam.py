@@ -11,6 +11,7 @@ from data import SceneGraph, UserError
 from data.imu import ImuSamples
 from data.plans import Bim
 from data.scans import Scan
+from data.trajectory import Trajectory
 from matching.protocol import AnyMatcher
 from sgslam.anchoring import AnchorRecord
 from sgslam.config import Config
@@ -22,6 +23,7 @@ from sgslam.perception.scan_checks import checked_covariance
 from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
+from sgslam.session.scan_poses import at_stamps
 from sgslam.session.scan_uncertainty import live_sigma
 from sgslam.session.second_pass import second_pass
 from sgslam.session.snapshot import take_snapshot
@@ -207,6 +209,12 @@ class SceneGraphSlam:
     def T_bim_map(self) -> Floats | None:  # noqa: N802
         """(4, 4) the current pose of the map in the BIM frame; None while it is not anchored."""
         return self._map.T_bim_map
+
+    def live_poses(self, since_ns: int) -> Trajectory:
+        """T_map_sensor of the active map's scans from a stamp on, as estimated when each was added. It has no scans
+        that wait or are lost."""
+        scans = [scan for scan in self._map.scans if scan.stamp_ns >= since_ns]
+        return at_stamps(scans, np.array([scan.T_map_sensor for scan in scans]).reshape(-1, 4, 4))
 
     def sigma(self) -> Floats:
         """(6,) the standard deviations of the newest pose: along x, y, z (m) and about them (rad), in the BIM frame if

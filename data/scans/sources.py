@@ -1,15 +1,17 @@
-"""Opens scans in any form: a folder of scans, a bag, an E57 file."""
+"""Opens scans in any form: a folder of scans, a bag, an E57 file, a sequence of evalio's."""
 
 from pathlib import Path
 
 from data.common.errors import UserError
+from data.scans.evalio import EvalioScans, is_evalio
 from data.scans.folder import ScanFolder
 from data.scans.formats import READERS
 from data.scans.scan import ScanSource
 
 
 def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
-    """Opens the scans of a folder, a bag, or an E57 file; of a bag those of one `topic`, chosen automatically if None.
+    """Opens the scans of a folder, a bag, an E57 file, or of `evalio:DATASET/SEQUENCE`; of a bag those of one `topic`,
+    chosen automatically if None.
 
     Raises UserError if there are none, and if a `topic` is given for anything but a bag.
     """
@@ -21,6 +23,8 @@ def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
         return BagScans(path, topic)
     if topic is not None:
         raise UserError(f"--topic {topic}: {path} is no bag and has no topics")
+    if is_evalio(path):
+        return EvalioScans(path)
     if path.suffix.lower() == ".e57":
         from data.scans.e57 import E57Scans
 

@@ -7,6 +7,7 @@ its walls (property set `AsBuilt`, and colours); `deviations.bcf` has a topic fo
 
 import argparse
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,9 @@ from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from data.trajectory import Trajectory
     from sgslam.report import RunFolder
 
@@ -32,11 +36,17 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
 
     run = RunFolder.read(out)
     if "all" in formats:
-        has_model = bim is not None and run.T_bim_map is not None
-        formats = [name for name in FORMATS if has_model or name not in _NEED_MODEL]
+        formats = _possible(bim is not None and run.T_bim_map is not None)
     if bim is None and (lacking := _NEED_MODEL.intersection(formats)):
         raise UserError(f"--format {' '.join(sorted(lacking))}: needs the building's model; give --bim too")
     return [line for name in formats for line in FORMATS[name](run, bim, voxel)]
+
+
+def _possible(has_model: bool) -> list[str]:
+    """The formats that need neither a model that is not there nor an extra that is not installed."""
+    lacking = set() if has_model else set(_NEED_MODEL)
+    lacking |= {name for name, package in _NEED_PACKAGE.items() if find_spec(package) is None}
+    return [name for name in FORMATS if name not in lacking]
 
 
 def _trajectory(run: "RunFolder") -> "Trajectory":
@@ -63,17 +73,32 @@ def _euroc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]
 
 def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.scans.ply import write_ply
+
+    voxel = voxel or run.config.clouds.map_voxel
+    points, keyframes = _map_points(run, voxel)
+    write_ply(run.path / PLY, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
+    return [f"{run.path / PLY}: {len(points)} points of {keyframes} keyframes, voxels of {voxel:g} m"]
+
+
+def _map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], int]":
+    """The point cloud map (N, 3) in the run's frame, and the number of keyframes that it is made of."""
     from sgslam.export.cloud_map import cloud_map
     from sgslam.mapping import KeyframeClouds
     from sgslam.mapping.keyframe_clouds import FILE
 
-    voxel = voxel or run.config.clouds.map_voxel
     clouds = KeyframeClouds.open(run.path / FILE)
     named = zip(run.s_graph.keyframes, run.keyframe_poses, strict=True)
     poses = {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
-    points = cloud_map(clouds, poses, voxel)
-    write_ply(run.path / PLY, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
-    return [f"{run.path / PLY}: {len(points)} points of {len(clouds)} keyframes, voxels of {voxel:g} m"]
+    return cloud_map(clouds, poses, voxel), len(clouds)
+
+
+def _mcap(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from sgslam.export.foxglove import FILE, write_mcap
+
+    points, _ = _map_points(run, voxel or run.config.clouds.map_voxel)
+    trajectory = _trajectory(run)
+    count = write_mcap(run.path / FILE, run, trajectory, points)
+    return [f"{run.path / FILE}: {count} messages, {len(trajectory)} poses, {len(points)} points"]
 
 
 def _dsg(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -131,10 +156,11 @@ def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 
 FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {
-    "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "ifc": _ifc,
-    "bcf": _bcf,
+    "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "mcap": _mcap,
+    "ifc": _ifc, "bcf": _bcf,
 }  # fmt: skip
 _NEED_MODEL = {"ifc", "bcf"}
+_NEED_PACKAGE = {"mcap": "mcap"}
 
 
 def _parser() -> argparse.ArgumentParser:

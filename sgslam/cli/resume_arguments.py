@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from data import UserError
+from data.scans.evalio import is_evalio
 from sgslam.session.checkpoints import about_run
 
 _PATHS = ("scan_dir", "bim", "ground_truth", "map", "imu", "slam_output", "cloud", "times")
@@ -14,11 +15,16 @@ _WORDS = ("topic", "imu_topic", "start", "storey", "mount", "tolerance", "odomet
 def run_arguments(options: argparse.Namespace) -> dict[str, str | bool | None]:
     """The arguments that `--resume` restores, in JSON form."""
     paths = {name: getattr(options, name) for name in _PATHS}
-    stored = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
+    stored = {name: None if path is None else _lasting(path) for name, path in paths.items()}
     words: dict[str, str | bool | None] = {name: getattr(options, name) for name in _WORDS}
     if options.odometry is not None and Path(options.odometry).is_file():
         words["odometry"] = str(Path(options.odometry).resolve())
     return stored | words
+
+
+def _lasting(path: Path) -> str:
+    """The path from any folder; a data set's sequence is no path."""
+    return str(path if is_evalio(path) else path.resolve())
 
 
 def restore_arguments(options: argparse.Namespace) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from time import perf_counter
@@ -73,12 +73,12 @@ def interruptible() -> Iterator[Interruption]:
 
 def run_scans(
     slam: SceneGraphSlam, scans: ScanSource, progress: Progress, checkpoints: Checkpoints,
-    odometry: ExternalOdometry | None = None, on_scan: ScanCallback | None = None,
+    odometry: ExternalOdometry | None = None, on_scan: Sequence[ScanCallback] = (),
     imu: ImuSamples | None = None,
 ) -> str | None:  # fmt: skip
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
-    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` is called after each scan. Raises
+    `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` are called after each scan. Raises
     UserError if not even one scan could be added or the first ones are in another unit or frame, and KeyboardInterrupt
     at the second interrupt.
     """
@@ -101,8 +101,8 @@ def run_scans(
                 T_odom_sensor = scan.T_odom_sensor if odometry is None else odometry.at(scan.stamp_ns)
                 step = scan.step_covariance if odometry is None else None
                 update = slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor, step)
-                if on_scan is not None:
-                    on_scan(slam, update, scan.points)
+                for watcher in on_scan:
+                    watcher(slam, update, scan.points)
                 progress.index, progress.fed = scan.index, progress.fed + 1
                 bar.update(task, completed=scan.index + 1)
                 began = perf_counter()

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import evo.tools.file_interface as evo
@@ -31,8 +32,8 @@ from sgslam.report import RunFolder
 from sgslam.slam import SceneGraphSlam
 
 NAMES = [
-    "map.ply", "scene_graph.graphml", "scene_graph_dsg.json", "trajectory.kitti", "trajectory_euroc.csv",
-    "trajectory_times.txt",
+    "map.ply", *(["run.mcap"] if find_spec("mcap") else []), "scene_graph.graphml", "scene_graph_dsg.json",
+    "trajectory.kitti", "trajectory_euroc.csv", "trajectory_times.txt",
 ]  # fmt: skip
 
 
