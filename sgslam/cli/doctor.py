@@ -27,6 +27,8 @@ EXTRAS = {
     "scans": "LAS, LAZ and E57 scans",
     "mesh": "COLLADA meshes of buildings",
     "view": "runs shown in the browser",
+    "rko_lio": "the LiDAR-inertial odometry RKO-LIO",
+    "genz_lio": "the LiDAR-inertial odometry GenZ-LIO (GPL-2)",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data on several machines",
     "docs": "the documentation site",
