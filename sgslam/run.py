@@ -64,7 +64,8 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--scan-dir", type=Path, metavar="DIR", help="folder of scans, or a bag; formats: docs/formats.md")
     add_options(parser)
-    add("--odometry", metavar="NAME|FILE", help="continuous_time (default), kiss, small_gicp, or a TUM file of poses")
+    names = "continuous_time (default), kiss, small_gicp, rko_lio or genz_lio (both with --imu)"
+    add("--odometry", metavar="NAME|FILE", help=f"{names}, or a TUM file of poses")
     add("--imu", type=Path, metavar="FILE", help="samples of an IMU beside the LiDAR: a bag, or CSV in EuRoC's form")
     add("--imu-topic", metavar="NAME", help="which topic of --imu's bag, if it has several IMUs")
     add("--resume", type=Path, metavar="DIR", help="resume the interrupted run in this --out folder")

@@ -10,9 +10,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from pydantic import Field, PositiveFloat
 
+from data.imu import ImuSamples, read_imu
 from data.scans import Scan, ScanFolder
 from data.simulation import Change, Changes
 from data.simulation.carriers import Shaken, carrier_named
+from data.simulation.run import IMU
 from data.simulation.sensors import sensor_named
 from data.trajectory import Trajectory
 from evaluation.drives.sequences import DriveCase, building_of
@@ -65,6 +67,11 @@ class CarriedDrive:
         """Seconds from scan to scan, which is how long each takes."""
         return float(np.median(np.diff(self.truth.stamps_ns)) / 1e9)
 
+    @property
+    def samples(self) -> ImuSamples:
+        """Those of the IMU, in the sensor's axes. Raises UserError if the sensor has none."""
+        return read_imu(self.folder / IMU)
+
     def scans(self, count: int | None = None) -> Iterator[Scan]:
         """Reads the scans, or the first `count`, one by one; with their points' times only if these are given."""
         for scan in islice(ScanFolder(self.folder), self.count if count is None else count):
@@ -73,11 +80,12 @@ class CarriedDrive:
 
 @contextmanager
 def carried(
-    case: CarriedCase, work: Path, shaken_from: float | None = None, changes: Changes | None = None
+    case: CarriedCase, work: Path, shaken_from: float | None = None, changes: Changes | None = None,
+    imu: str | None = None,
 ) -> Iterator[CarriedDrive]:
     """Simulates the drive in a folder within `work` that is deleted at the end: all drives of a study take hundreds of
     gigabytes, and to simulate one is quicker than to track it. The sensor is shaken from the second `shaken_from` on.
-    `changes` are made to the building, not to its plan.
+    `changes` are made to the building, not to its plan. `imu` names a class of IMU in the sensor.
 
     Raises UserError as the simulator does.
     """
@@ -90,7 +98,7 @@ def carried(
         run = simulate(
             bim, storey, Path(name) / "drive", case.seed, min_rooms=1, min_length=case.seconds * carrier.robot.speed,
             sensor=sensor_named(case.sensor), carrier=carrier, mount_deg=case.mount_deg,
-            effects=("rolling", *case.effects), seconds=case.seconds + ONE_MORE_S, changes=changes,
+            effects=("rolling", *case.effects), seconds=case.seconds + ONE_MORE_S, changes=changes, imu=imu,
         )  # fmt: skip
         count = int(np.searchsorted(run.truth.stamps_ns, round(case.seconds * 1e9)))
         yield CarriedDrive(Path(name) / "drive/scans", run.truth, count, case.times, run.changes)

@@ -2,14 +2,20 @@
 
 from collections.abc import Iterable, Iterator
 
+import numpy as np
+
+from data.imu import ImuSamples
 from data.scans import Scan
 from sgslam.config import Config
+from sgslam.inertial import ImuBuffer
 from sgslam.odometry import make_odometry
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.perception import RawScan, checked_scan
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.tracking import ScanTracker, TrackedScan
+
+_SCAN_NS = 200_000_000  # as long as a scan lasts at most
 
 
 def run_through(slam: SceneGraphSlam, scans: Iterable[Scan], odometry: ExternalOdometry | None = None) -> Result:
@@ -32,6 +38,17 @@ def tracked_through(tracker: ScanTracker, scans: Iterable[Scan]) -> Iterator[Tra
     yield from tracker.release()
 
 
-def tracker_of_run(config: Config) -> ScanTracker:
-    """The tracker of a run with these settings, odometry included."""
-    return ScanTracker(config, make_odometry(config.odometry, config.tracking))
+def tracker_of_run(config: Config, imu: ImuBuffer | None = None) -> ScanTracker:
+    """The tracker of a run with these settings, odometry included; `imu` gets samples as `with_samples` adds them."""
+    return ScanTracker(config, make_odometry(config.odometry, config.tracking, imu), imu)
+
+
+def with_samples(scans: Iterable[Scan], samples: ImuSamples, imu: ImuBuffer) -> Iterator[Scan]:
+    """The scans; before each of them the samples until its end, as a run adds them."""
+    first = 0
+    for scan in scans:
+        last = int(np.searchsorted(samples.stamps_ns, scan.stamp_ns + _SCAN_NS, side="right"))
+        if last > first:
+            imu.add(ImuSamples(samples.stamps_ns[first:last], samples.gyro[first:last], samples.accel[first:last]))
+            first = last
+        yield scan

@@ -105,6 +105,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "carriers": "evaluation.studies.carried.carriers",
     "elements": "evaluation.studies.carried.elements",
     "growth": "evaluation.studies.growth",
+    "inertial": "evaluation.studies.carried.inertial",
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",
     "odometries": "evaluation.studies.odometries",

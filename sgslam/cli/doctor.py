@@ -30,6 +30,8 @@ EXTRAS = {
     "evalio": "evalio's data sets, and our tracking beside its odometries",
     "foxglove": "finished runs as MCAP for Foxglove",
     "rerun": "runs as recordings for the Rerun viewer",
+    "rko_lio": "the LiDAR-inertial odometry RKO-LIO",
+    "genz_lio": "the LiDAR-inertial odometry GenZ-LIO (GPL-2)",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data on several machines",
     "docs": "the documentation site",

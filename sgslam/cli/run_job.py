@@ -32,7 +32,7 @@ from sgslam.config import Config
 from sgslam.config.loading import load_config
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.odometry.choice import choose
+from sgslam.odometry.choice import check_inertial, choose
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.report import associate
 from sgslam.report.accuracy import accuracy
@@ -102,6 +102,8 @@ def read_job(options: argparse.Namespace) -> Job:
         raise UserError("--storey and --start refer to a building; give --bim too")
     scans = _open_scans(options)
     imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
+    if external is None and scans.given is None:
+        check_inertial(config.odometry.method, imu is not None)
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
     if truth is not None and stamps is not None and not len(associate(stamps, truth.stamps_ns)[0]):

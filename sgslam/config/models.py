@@ -15,20 +15,21 @@ from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 
 class OdometrySettings(Settings):
-    """The odometry: our own in continuous time (see tracking), KISS-ICP or small_gicp, with settings for indoors."""
+    """The odometry: our own in continuous time (see tracking), KISS-ICP or small_gicp, or, with an IMU, RKO-LIO or
+    GenZ-LIO, with settings for indoors."""
 
-    method: Literal["continuous_time", "kiss", "small_gicp"] = "continuous_time"
-    """odometry that registers each scan to the previous ones"""
+    method: Literal["continuous_time", "kiss", "small_gicp", "rko_lio", "genz_lio"] = "continuous_time"
+    """odometry that registers each scan to the previous ones; rko_lio and genz_lio need an IMU and an extra each"""
     voxel_size: float = Field(0.3, gt=0)
     """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
     voxel_points: int = Field(1, ge=1)
     """largest number of points in a voxel of KISS-ICP's local map"""
     max_range: float = Field(60.0, gt=0)
-    """m, longest range of the points used by KISS-ICP and small_gicp"""
+    """m, longest range of the points, by any odometry but our own"""
     min_range: float = Field(0.3, ge=0)
-    """m, shortest range of the points used by KISS-ICP and small_gicp"""
+    """m, shortest range of the points, by any odometry but our own"""
     iterations: int = Field(100, ge=1)
-    """largest number of iterations of KISS-ICP and small_gicp"""
+    """largest number of iterations of KISS-ICP, small_gicp and RKO-LIO"""
     convergence: float = Field(1e-4, gt=0)
     """m and rad, update below which KISS-ICP stops"""
     max_step: float = Field(1.5, gt=0)
@@ -42,9 +43,14 @@ class OdometrySettings(Settings):
     gicp_reach: float = Field(0.3, gt=0)
     """m, largest distance between points that small_gicp matches"""
     gicp_spacing: float = Field(0.3, gt=0)
-    """m or rad, least motion between the scans of small_gicp's local map"""
+    """m or rad, least motion between the scans of small_gicp's local map, and between those that a LiDAR-inertial
+    odometry is checked by"""
     gicp_scans: int = Field(15, ge=1)
-    """largest number of scans in small_gicp's local map"""
+    """largest number of these scans"""
+    rko_voxel_size: float = Field(0.7, gt=0)
+    """m, voxel size of RKO-LIO's scans and local map"""
+    rko_reach: float = Field(0.3, gt=0)
+    """m, largest distance between points that RKO-LIO matches"""
     outlier_distance: float = Field(0.4, gt=0)
     """m, largest change between two steps of an external odometry; beyond it, it is rejected"""
     outlier_angle: float = Field(0.5, gt=0)
@@ -62,7 +68,7 @@ class OdometrySettings(Settings):
     sigma_translation: float = Field(0.004, gt=0)
     """m, standard deviation of the translation between two keyframes, by our own odometry"""
     other_sigma_rotation: float = Field(0.004, gt=0)
-    """rad, standard deviation of the rotation between two keyframes, by KISS-ICP, small_gicp and external odometries"""
+    """rad, standard deviation of the rotation between two keyframes, by any odometry but our own"""
     other_sigma_translation: float = Field(0.015, gt=0)
     """m, standard deviation of the translation between two keyframes, by these"""
 

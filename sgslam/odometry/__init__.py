@@ -1,4 +1,4 @@
-"""Odometry: our own in continuous time, KISS-ICP and small_gicp behind one interface, or given poses."""
+"""Odometry: our own in continuous time and those of other projects behind one interface, or given poses."""
 
 from sgslam.odometry.base import Odometry
 from sgslam.odometry.factory import METHODS, make_odometry

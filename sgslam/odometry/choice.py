@@ -6,7 +6,8 @@ from pathlib import Path
 from data.common.errors import UserError
 from sgslam.config import Config
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.odometry.factory import METHODS
+from sgslam.odometry.factory import INERTIAL, METHODS
+from sgslam.odometry.lidar_inertial.library import imported
 
 
 def choose(value: str, config: Config) -> tuple[Config, ExternalOdometry | None]:
@@ -22,3 +23,12 @@ def choose(value: str, config: Config) -> tuple[Config, ExternalOdometry | None]
     near = difflib.get_close_matches(value, METHODS, 1, 0.5)
     hint = f"did you mean {near[0]}?" if near else f"give {', '.join(METHODS)}, or a TUM file"
     raise UserError(f"--odometry {value}: no such file, and no such method; {hint}")
+
+
+def check_inertial(method: str, has_imu: bool) -> None:
+    """Raises UserError if a method needs an IMU that is not there, or a library."""
+    if method not in INERTIAL:
+        return
+    imported(method)
+    if not has_imu:
+        raise UserError(f"--odometry {method}: needs an IMU; give its samples with --imu FILE, or another odometry")

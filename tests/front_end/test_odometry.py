@@ -1,5 +1,6 @@
 """The odometries against their contract, and what is each one's own."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
@@ -9,15 +10,21 @@ from boxes import Array, pose
 from commands import called
 from drives import small_drive
 from odometry_contract import SCAN_NS, OdometryContract, RegistrationContract, bow, from_file, off, way
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from data import UserError
+from data.imu import ImuSamples
+from data.simulation.imu import ImuModel, measured
 from data.trajectory import Trajectory
-from sgslam.config import Config, OdometrySettings, TrackingSettings
+from sgslam.config import Config, ImuSettings, OdometrySettings, TrackingSettings
 from sgslam.geometry.frames import inverse, is_rigid
+from sgslam.inertial import ImuBuffer
 from sgslam.odometry import METHODS, Odometry, make_odometry
 from sgslam.odometry.choice import choose
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.external import ExternalOdometry
+from sgslam.odometry.factory import INERTIAL
 from sgslam.odometry.given import GivenPoses
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.registration import Registration
@@ -26,10 +33,15 @@ from sgslam.session.checkpoints import load
 from sgslam.slam import SceneGraphSlam
 
 NS = 1_000_000_000
+has_rko_lio = pytest.mark.skipif(find_spec("rko_lio") is None, reason="needs the extra rko_lio")
+has_genz_lio = pytest.mark.skipif(find_spec("genz_lio") is None, reason="needs the extra genz_lio, Python below 3.13")
+BOUNDS = {"kiss": 0.12, "rko_lio": 0.2, "genz_lio": 0.05}  # m, RMSE of a run
+EACH = ["continuous_time", "kiss", "small_gicp", pytest.param("rko_lio", marks=has_rko_lio),
+        pytest.param("genz_lio", marks=has_genz_lio)]  # fmt: skip
 
 
 class TestContinuousTime(RegistrationContract):
-    def make(self) -> Odometry:
+    def make(self, truth: list[Array]) -> Odometry:
         return made("continuous_time")
 
 
@@ -37,13 +49,34 @@ class TestKiss(RegistrationContract):
     step_error, end_turn = 0.02, 2.0
     rolling_end = 0.1  # m; 0.05 to 0.07 on different CPUs
 
-    def make(self) -> Odometry:
+    def make(self, truth: list[Array]) -> Odometry:
         return made("kiss")
 
 
 class TestSmallGicp(RegistrationContract):
-    def make(self) -> Odometry:
+    def make(self, truth: list[Array]) -> Odometry:
         return made("small_gicp")
+
+
+@has_rko_lio
+class TestRkoLio(RegistrationContract):
+    """It takes cells of 0.7 m for points: measured 0.025 m a step, and 0.31 to 0.43 m where it slipped along a wall."""
+
+    step_error, end_turn, last_step = 0.04, 2.0, 0.08
+    rolling_end, covered = 0.1, 0.7
+
+    def make(self, truth: list[Array]) -> Odometry:
+        return with_imu("rko_lio", truth)
+
+
+@has_genz_lio
+class TestGenzLio(RegistrationContract):
+    """Its planes need a second of scans: until then it turns by a degree."""
+
+    step_error, end_turn, rolling_end = 0.02, 2.5, 0.1
+
+    def make(self, truth: list[Array]) -> Odometry:
+        return with_imu("genz_lio", truth)
 
 
 class TestGiven(OdometryContract):
@@ -60,6 +93,37 @@ class TestGiven(OdometryContract):
 
 def made(method: str) -> Odometry:
     return make_odometry(OdometrySettings(method=method), TrackingSettings())  # type: ignore[arg-type]
+
+
+def with_imu(method: str, truth: list[Array]) -> Odometry:
+    """An odometry with the samples of an IMU in the sensor, which is moved smoothly from pose to pose."""
+    imu = ImuBuffer(ImuSettings())
+    imu.add(felt(truth, SCAN_NS))
+    return make_odometry(OdometrySettings(method=method), TrackingSettings(), imu)  # type: ignore[arg-type]
+
+
+def felt(truth: list[Array], interval_ns: int) -> ImuSamples:
+    """What an IMU without errors measures on the way through the poses, and as it goes on at their ends."""
+    begins, ends = inverse(truth[1]) @ truth[0], inverse(truth[-2]) @ truth[-1]
+    poses = np.stack([truth[0] @ begins, *truth, truth[-1] @ ends, truth[-1] @ ends @ ends])
+    at = (np.arange(len(poses)) - 1) * interval_ns / 1e9
+    places, turns = CubicSpline(at, poses[:, :3, 3]), RotationSpline(at, Rotation.from_matrix(poses[:, :3, :3]))
+
+    def moved(seconds: Array) -> Array:
+        T = np.tile(np.eye(4), (len(seconds), 1, 1))
+        T[:, :3, :3], T[:, :3, 3] = turns(seconds).as_matrix(), places(seconds)
+        return T
+
+    return measured(moved, at[-1] - 0.01, ImuModel(), 0)
+
+
+def add_imu(slam: SceneGraphSlam, samples: ImuSamples | None, stamp_ns: int) -> None:
+    """Adds the samples until the end of a scan that were not added yet."""
+    if samples is None:
+        return
+    newest = -NS if slam.newest_imu_ns is None else slam.newest_imu_ns
+    new = (samples.stamps_ns > newest) & (samples.stamps_ns <= stamp_ns + NS // 5)
+    slam.add_imu(samples.stamps_ns[new], samples.gyro[new], samples.accel[new])
 
 
 def followed(given: list[Array]) -> list[Registration]:
@@ -169,29 +233,34 @@ def test_a_leap_of_the_scans_is_searched_and_found(method: str, mount: Array) ->
     assert metres < 0.3 and radians == pytest.approx(1.75, abs=0.1)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", EACH)
 def test_a_run_is_anchored_by_each(method: str) -> None:
     drive = small_drive()
     slam = SceneGraphSlam(drive.bim, config=Config(odometry=OdometrySettings(method=method)))  # type: ignore[arg-type]
+    samples = felt(list(drive.truth.poses), drive.scans[1][0]) if method in INERTIAL else None
     for stamp_ns, points in drive.scans:
+        add_imu(slam, samples, stamp_ns)
         slam.add_scan(stamp_ns, points)
     result = slam.finish()
     assert result.anchored, result.reason
-    # measured 0.004, 0.005 and, as KISS-ICP sways by a degree, 0.060, most of it in height
-    assert drive.rmse(result) < (0.12 if method == "kiss" else 0.02)
+    # measured 0.004, 0.005, with GenZ-LIO 0.014, with RKO-LIO 0.079, and, as KISS-ICP sways by a degree, 0.060, most of
+    # it in height
+    assert drive.rmse(result) < BOUNDS.get(method, 0.02)
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("method", [*METHODS, "given"])
+@pytest.mark.parametrize("method", [*EACH, "given"])
 def test_a_run_by_each_goes_on_bit_by_bit(method: str, tmp_path: Path) -> None:
     """Broken off where the surfaces have not held every scan, and taken up from its file."""
     drive, given = small_drive(), method == "given"
     snapshots = TrackingSettings(point_times="snapshot")  # with what is found out, a test of its own
     config = Config(tracking=snapshots, odometry=OdometrySettings(method="kiss" if given else method))  # type: ignore[arg-type]
     scans = [(stamp, points if i % 9 else points[:40]) for i, (stamp, points) in enumerate(drive.scans[:48])]
+    samples = felt(list(drive.truth.poses), drive.scans[1][0]) if method in INERTIAL else None
 
     def go(slam: SceneGraphSlam, first: int, last: int) -> SceneGraphSlam:
         for i in range(first, last):
+            add_imu(slam, samples, scans[i][0])
             slam.add_scan(*scans[i], T_odom_sensor=drive.truth.poses[i] if given else None)
         return slam
 
@@ -201,6 +270,10 @@ def test_a_run_by_each_goes_on_bit_by_bit(method: str, tmp_path: Path) -> None:
     again = SceneGraphSlam(config=config, clouds=broken.clouds)
     load(tmp_path, again)
     result = go(again, 33, 48).finish()
+    if method in INERTIAL:  # its state cannot be read: it began anew from the scans of the last five seconds
+        # measured 0.14 and below 0.1
+        np.testing.assert_allclose(result.trajectory.positions, whole.trajectory.positions, atol=0.3)
+        return
     assert result.trajectory.poses.tobytes() == whole.trajectory.poses.tobytes()
     assert result.trajectory_odometry.poses.tobytes() == whole.trajectory_odometry.poses.tobytes()
 
@@ -238,3 +311,27 @@ def test_snapshots_are_found_out() -> None:
     for i, points in enumerate(back_and_forth):
         odometry.register(i * SCAN_NS, points)
     assert odometry.kind == "snapshot"
+
+
+def test_a_lidar_inertial_odometry_asks_for_an_imu() -> None:
+    for method in INERTIAL:
+        if find_spec(method) is not None:
+            with pytest.raises(UserError, match=f"{method}: needs an IMU"):
+                made(method)
+            slam = SceneGraphSlam(config=Config(odometry=OdometrySettings(method=method)))  # type: ignore[arg-type]
+            with pytest.raises(UserError, match=r"no sample of an IMU before the scan at 0.000000000 s.*add_imu"):
+                slam.add_scan(0, bow()[0][0])
+
+
+@has_genz_lio
+def test_scans_without_samples_are_lost_and_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    """The samples of half a second are missing; the odometry begins anew and goes on from a prediction."""
+    scans, truth = bow()
+    samples = felt(truth, SCAN_NS)
+    kept = (samples.stamps_ns < 10 * SCAN_NS) | (samples.stamps_ns > 15 * SCAN_NS)
+    imu = ImuBuffer(ImuSettings())
+    imu.add(ImuSamples(samples.stamps_ns[kept], samples.gyro[kept], samples.accel[kept]))
+    odometry = make_odometry(OdometrySettings(method="genz_lio"), TrackingSettings(point_times="snapshot"), imu)
+    healths = [odometry.register(i * SCAN_NS, points).health for i, points in enumerate(scans)]
+    assert "lost" not in healths[:10] and set(healths[11:15]) == {"lost"} and healths[-1] == "good"
+    assert caplog.text.count("no samples of the IMU around the scan at 1.") == 1

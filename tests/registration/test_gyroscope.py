@@ -43,6 +43,15 @@ def test_turns_between_knots_are_the_true_ones() -> None:
     assert (turns.information > 0).all()
 
 
+def test_samples_within_times_that_follow_one_another_are_each_given_once() -> None:
+    samples = measured(walking, 1.0, ImuModel(), 0)
+    imu, _ = gyroscope(samples)
+    parts = [imu.within(begin, begin + 10**8) for begin in range(-1, 8 * 10**8, 10**8)]
+    stamps = np.concatenate([part.stamps_ns for part in parts if part is not None])
+    assert np.array_equal(stamps, samples.stamps_ns[samples.stamps_ns < 9 * 10**8])
+    assert imu.within(9 * 10**8, 12 * 10**8) is None
+
+
 def test_without_samples_nothing_is_told() -> None:
     gyro = Gyroscope(ImuBuffer(ImuSettings()))
     assert gyro.between(SECONDS) is NO_TURNS

@@ -1,5 +1,7 @@
 """An IMU given to a run: by library, and in a bag with the scans."""
 
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +9,10 @@ import pytest
 from bag_files import START, cloud, imu, store, write_bag
 from boxes import pose, room, scan, scene_of
 from commands import called, refused
+from test_run import process
 
 from data.common.errors import UserError
+from data.imu import ImuSamples, write_imu
 from data.trajectory import Trajectory
 from sgslam import SceneGraphSlam
 
@@ -48,3 +52,40 @@ def test_a_bags_imu_tells_that_the_sensor_hangs_upside_down(tmp_path: Path) -> N
     up = Trajectory.read_tum(tmp_path / "out/trajectory.tum").poses[-1, 2, :3]  # in the sensor's axes
     assert up == pytest.approx([0.0, 0.0, -1.0], abs=0.02)
     assert "no such IMU" in refused("sgslam.run", "--scan-dir", bag, "--imu", bag, "--imu-topic", "/points")
+
+
+def write_standing(folder: Path) -> Path:
+    """Half a second of scans of a standing sensor, and `imu.csv`."""
+    scene = scene_of(room(-3.0, -2.0, 5.0, 3.0))
+    folder.mkdir()
+    for k in range(6):
+        np.save(folder / f"{k}.npy", scan(scene, pose(0.0, 0.0, 1.3), seed=k))
+    stamps = np.arange(0, 8 * 10**8, 5_000_000)
+    write_imu(ImuSamples(stamps, np.zeros((len(stamps), 3)), np.tile(UP, (len(stamps), 1))), folder / "imu.csv")
+    return folder
+
+
+def test_a_lidar_inertial_odometry_without_its_library_or_an_imu_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans = write_standing(tmp_path / "scans")
+    for method in ("rko_lio", "genz_lio"):
+        told = ("sgslam.run", "--scan-dir", scans, "--odometry", method, "--out", tmp_path / "out")
+        if find_spec(method) is not None:
+            assert f"--odometry {method}: needs an IMU; give its samples with --imu FILE" in refused(*told)
+        monkeypatch.setitem(sys.modules, method, None)  # as if it were not installed
+        said = refused(*told, "--imu", scans / "imu.csv")
+        assert f"odometry {method}: the library is not there; pip install 'sgslam[{method}]'" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["rko_lio", "genz_lio"])
+def test_what_a_library_prints_is_not_on_standard_output(method: str, tmp_path: Path) -> None:
+    if find_spec(method) is None:
+        pytest.skip(f"needs the extra {method}")
+    scans = write_standing(tmp_path / "scans")
+    done = process("--scan-dir", scans, "--imu", scans / "imu.csv", "--odometry", method, "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert "IMU" not in done.stdout and "Profiling" not in done.stdout
+    moved = Trajectory.read_tum(tmp_path / "out/trajectory.tum").positions
+    assert len(moved) == 6 and np.linalg.norm(moved - moved[0], axis=1).max() < 0.05
