@@ -209,6 +209,21 @@ class SceneGraphSlam:
         return live_sigma(current.scans, T_map_sensor, covariance, current.backend, R, settings)
 
     @property
+    def T_map_odom(self) -> Floats:  # noqa: N802
+        """(4, 4) what the map, the plan and loops correct of the tracker's poses, by the newest keyframe."""
+        return self._map.T_map_odom
+
+    @property
+    def T_map_sensor(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the pose of the newest scan in the map; None before the first, and while the first ones wait."""
+        return self._map.last_pose
+
+    @property
+    def newest_mapped_ns(self) -> int | None:
+        """The stamp of the newest scan in the map; None before the first."""
+        return self._map.scans[-1].stamp_ns if self._map.scans else None
+
+    @property
     def T_prior_map(self) -> Floats | None:  # noqa: N802
         """(4, 4) the current pose of the map in the prior map's frame; None while it is not relocalised there."""
         return self._session.T_prior_map(self._map)
