@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 from data.common.errors import UserError
@@ -47,6 +48,10 @@ class GrowingFolder(ScanStream):
         self._index = 0
 
     def _arrivals(self) -> Iterator[Arrival]:
+        with closing(self._closed):
+            yield from self._until_stopped()
+
+    def _until_stopped(self) -> Iterator[Arrival]:
         while not self.stop.is_set():
             blocked = False
             for file in sorted((self.path / name for name in self._pending), key=_order):
