@@ -78,9 +78,7 @@ class Job:
         return None if self.bim is None else self.bim.graph
 
 
-def read_job(
-    options: argparse.Namespace, scans: ScanSource | None = None, config: Config | None = None
-) -> Job:
+def read_job(options: argparse.Namespace, scans: ScanSource | None = None, config: Config | None = None) -> Job:
     """Reads all inputs that the options name; missing options are taken from the resumed run, the prior map or the
     demo. `scans` and `config`, where given, replace those that the options name. Raises UserError."""
     resumed = None if options.resume is None else restore_arguments(options)

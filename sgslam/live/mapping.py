@@ -6,6 +6,7 @@ import pickle
 import signal
 from argparse import Namespace
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -62,23 +63,25 @@ def map_scans(receiver: Connection, sender: Connection, inputs: LiveInputs) -> N
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to both processes; the other one says what follows
     os.nice(_NICENESS)
     threadpool_limits(1, user_api="blas")
-    try:
-        mapping = _Mapping(inputs)
-        sender.send(None)  # ready
-        finished = _follow(mapping, receiver, sender)
-        sender.send(mapping.finish(finished))
-    except UserError as error:
-        sender.send(error)
-    except BrokenPipeError:  # the other process is gone
-        mapping.finish(FinishMessage(0.0, (), ("the process that tracked was ended",)))
+    with suppress(BrokenPipeError):  # the other process is gone
+        try:
+            mapping = _Mapping(inputs)
+            sender.send(None)  # ready
+            sender.send(mapping.finish(_follow(mapping, receiver, sender)))
+        except UserError as error:
+            sender.send(error)
 
 
 def _follow(mapping: "_Mapping", receiver: Connection, sender: Connection) -> FinishMessage:
+    try:
+        return _until_finish(mapping, receiver, sender)
+    except (EOFError, BrokenPipeError):
+        return FinishMessage(0.0, (), ("the process that tracked was ended",))
+
+
+def _until_finish(mapping: "_Mapping", receiver: Connection, sender: Connection) -> FinishMessage:
     while True:
-        try:
-            message = pickle.loads(receiver.recv_bytes())
-        except EOFError:
-            raise BrokenPipeError from None
+        message = pickle.loads(_received(receiver))
         if isinstance(message, FinishMessage):
             return message
         if isinstance(message, TrackedMessage):
@@ -87,6 +90,14 @@ def _follow(mapping: "_Mapping", receiver: Connection, sender: Connection) -> Fi
             mapping.set_start(message.pose)
         elif isinstance(message, LogMessage):
             logging.getLogger(message.name).log(message.level, "%s", message.text)
+
+
+def _received(receiver: Connection) -> bytes:
+    """The next message. Raises EOFError where the other process is gone, also in the middle of a message."""
+    try:
+        return receiver.recv_bytes()
+    except OSError as error:
+        raise EOFError from error
 
 
 class _Mapping:

@@ -33,6 +33,7 @@ class MappingProcess:
         their_receiver.close()
         their_sender.close()
         self.state, self._put, self._most = MapState(), 0, most_waiting
+        self._was_full = False
         self._outcome: dict[str, Any] | UserError | None = None  # what the process ended with
         self._changed = threading.Condition()
         self._messages: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
@@ -86,8 +87,10 @@ class MappingProcess:
         self._process.join()
 
     def _wait_for_room(self) -> None:
-        if self.waiting >= self._most and self._outcome is None:
+        is_full = self.waiting >= self._most
+        if is_full and not self._was_full:
             _log.warning("%d scans wait for the map: from now on tracking waits for it", self.waiting)
+        self._was_full = is_full
         with self._changed:
             self._changed.wait_for(lambda: self.waiting < self._most or self._outcome is not None)
 

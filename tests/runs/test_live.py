@@ -135,6 +135,24 @@ def test_the_command_answers_in_lines_and_ctrl_c_ends_it_with_the_results(buildi
 
 
 @pytest.mark.slow
+def test_where_the_process_that_tracks_is_killed_the_other_one_writes_what_it_has(tmp_path: Path) -> None:
+    (tmp_path / "scans").mkdir()
+    written(tmp_path / "scans", 60)
+    process = begun(tmp_path / "scans", "--out", tmp_path / "out")
+    assert process.stdout is not None
+    lines = [json.loads(process.stdout.readline()) for _ in range(60)]
+    assert lines[-1]["health"] == "good"
+    process.kill()
+    process.communicate()
+    for _ in range(600):
+        if (tmp_path / "out" / "metrics.json").is_file():
+            break
+        sleep(0.1)
+    assert 0 < len(Trajectory.read_tum(tmp_path / "out" / "trajectory.tum")) <= 60
+    assert "the process that tracked was ended" in (tmp_path / "out" / "run.log").read_text()
+
+
+@pytest.mark.slow
 def test_where_the_process_that_maps_is_ended_that_is_told(tmp_path: Path) -> None:
     live = LiveSlam(tmp_path / "out")
     os.kill(live._map._process.pid or 0, signal.SIGKILL)
