@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 from urllib.parse import quote
 
 LARGEST_CHUNK = 1 << 30  # bytes: writers make chunks of some MB
+_PIECE = 1 << 20  # bytes read from a pipe at once
 _MAGIC_1, _MAGIC_MCAP = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n"
 
 
@@ -186,13 +187,17 @@ class _Forward:
         self._pipe, self._at = pipe, 0
 
     def read(self, size: int) -> bytes:
-        data = self._pipe.read(size)
-        self._at += len(data)
-        return data
+        """Piece by piece: a damaged size takes no more memory than what there is."""
+        pieces = []
+        while size > 0 and (piece := self._pipe.read(min(size, _PIECE))):
+            pieces.append(piece)
+            size -= len(piece)
+            self._at += len(piece)
+        return b"".join(pieces)
 
     def seek(self, size: int, whence: int) -> None:
         assert whence == 1
-        while size > 0 and (skipped := self.read(min(size, 1 << 20))):
+        while size > 0 and (skipped := self.read(min(size, _PIECE))):
             size -= len(skipped)
 
     def tell(self) -> int:
