@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from data.scene_graph import SceneGraph
     from matching.matcher import Matcher
     from sgslam.config import Config
+    from sgslam.live.live_slam import LiveSlam
     from sgslam.odometry.kiss import KissOdometry
     from sgslam.session import Result, Update
     from sgslam.slam import SceneGraphSlam
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _MODULES = {
     "Config": "sgslam.config",
     "KissOdometry": "sgslam.odometry.kiss",
+    "LiveSlam": "sgslam.live.live_slam",
     "Matcher": "matching.matcher",
     "Result": "sgslam.session.result",
     "SceneGraph": "data.scene_graph",
@@ -39,6 +41,7 @@ _MODULES = {
 __all__ = [
     "Config",
     "KissOdometry",
+    "LiveSlam",
     "Matcher",
     "Result",
     "SceneGraph",

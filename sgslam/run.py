@@ -76,8 +76,13 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the options of all commands that run on a building."""
+def default_options() -> argparse.Namespace:
+    """The options of a run of which none was given."""
+    return _parser().parse_args([])
+
+
+def add_options(parser: argparse.ArgumentParser, live: bool = False) -> None:
+    """Adds the options of all commands that run on a building; of a `live` run those that it takes."""
     add = parser.add_argument
     add("--topic", metavar="NAME", help="topic of the scans, if the bag has several")
     add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
@@ -91,10 +96,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add("--tolerance", metavar="LENGTH", help="offset up to which an element is as planned, e.g. 15mm (default: 30mm)")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
+    add("--verbose", action="store_true", help="print log messages")
+    if live:
+        return
     add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser until Ctrl-C")
     add("--rerun", type=Path, metavar="FILE", help="write a recording (.rrd) for the Rerun viewer")
     add("--strict", action="store_true", help="exit code 3 unless every scan is anchored and the map is sound")
-    add("--verbose", action="store_true", help="print log messages")
 
 
 def _print_summary(metrics: dict[str, Any], out: Path) -> None:

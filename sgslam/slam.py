@@ -1,14 +1,13 @@
 """The algorithm: from scans to an S-graph, matched with and anchored to a plan, and a trajectory in the BIM frame."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, UserError
-from data.imu import ImuSamples
 from data.plans import Bim
 from data.scans import Scan
 from data.trajectory import Trajectory
@@ -18,8 +17,6 @@ from sgslam.config import Config
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
-from sgslam.perception import RawScan, checked_scan
-from sgslam.perception.scan_checks import checked_covariance
 from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
@@ -27,7 +24,7 @@ from sgslam.session.scan_poses import at_stamps
 from sgslam.session.scan_uncertainty import live_sigma
 from sgslam.session.second_pass import second_pass
 from sgslam.session.snapshot import take_snapshot
-from sgslam.tracking import TrackedScan
+from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
@@ -53,10 +50,11 @@ class SceneGraphSlam:
         a_graph = bim.graph if isinstance(bim, Bim) else bim
         clouds = KeyframeClouds(None, config.clouds.keyframe_voxel) if clouds is None else clouds
         self._config, self._stopwatch = config, stopwatch or Stopwatch()
-        self._session = Session(config, a_graph, matcher, odometry, prior, storey)
+        self._tracking = RunTracker(config, odometry)
+        self._session = Session(config, a_graph, matcher, prior, storey)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._lost: list[TrackedScan] = []  # the newest scans, while they do not fit the map
-        self._newest_ns: int | None = None
+        self._advice: list[str] = []  # of a tracker elsewhere
 
     def add_scan(
         self,
@@ -80,11 +78,17 @@ class SceneGraphSlam:
         the map, the sensor was carried elsewhere: a new map begins, until it is relocalised in the old map or in the
         building.
         """
-        checked = checked_scan(stamp_ns, points, T_odom_sensor, self._newest_ns)
-        step = None if step_covariance is None else checked_covariance(step_covariance, int(stamp_ns))
-        self._newest_ns = int(stamp_ns)
-        self._process(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor, step))
+        with self._stopwatch("odometry"):  # no step until gravity is known
+            steps = self._tracking.track(stamp_ns, points, point_times, T_odom_sensor, step_covariance)
+        for step in steps:
+            self._take(step)
         return self._update(int(stamp_ns))
+
+    def add_tracked(self, step: TrackingStep, advice: Sequence[str] = ()) -> None:
+        """Adds a scan that a `RunTracker` elsewhere has tracked, instead of `add_scan`: all of a run's steps, in their
+        order, give the same map. `advice` is the tracker's so far; a scan's raw points are not used."""
+        self._advice = list(advice)
+        self._take(step)
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
         """Adds a sample of an IMU, by the scans' clock: rate of turn (3,) in rad/s and specific force (3,) in m/s2 or
@@ -95,40 +99,22 @@ class SceneGraphSlam:
         or they do not tell where up is. Raises UserError for stamps that do not increase and values that are not
         finite; the run goes on without these samples.
         """
-        stamps = np.atleast_1d(np.asarray(stamp_ns, np.int64))
-        newest = self._session.imu.newest_ns
-        try:
-            samples = ImuSamples(
-                stamps, np.atleast_2d(np.asarray(gyro, float)), np.atleast_2d(np.asarray(accel, float))
-            )
-        except ValueError as error:
-            raise UserError(f"{error}; give (3,) of each in rad/s and m/s2, in the order of their stamps") from None
-        if newest is not None and len(stamps) and stamps[0] <= newest:
-            raise UserError(f"IMU at {stamps[0]} ns: stamps must increase; the last was {newest} ns")
-        if len(stamps):
-            self._session.imu.add(samples)
+        self._tracking.add_imu(stamp_ns, gyro, accel)
 
     @property
     def newest_imu_ns(self) -> int | None:
         """The stamp of the newest sample of an IMU; None before the first."""
-        return self._session.imu.newest_ns
+        return self._tracking.imu.newest_ns
 
-    def _process(self, raw: RawScan) -> None:
-        """Tracks a scan, and takes those of which it is known where they were taken."""
-        with self._stopwatch("odometry"):
-            tracked = self._map.tracker.track(raw)  # registered by the odometry; none until gravity is known
-        self._take(tracked)
-
-    def _take(self, tracked: list[TrackedScan]) -> None:
-        """Adds tracked scans to the map, or begins a new one with them where the sensor was carried elsewhere."""
-        for number, scan in enumerate(tracked):
-            if self._map.tracker.was_carried_elsewhere(scan):
-                return self._begin_elsewhere(tracked[number:])
-            if scan.health == "lost":
-                self._lost.append(scan)
-            else:
-                self._add_lost()
-                self._add(scan)
+    def _take(self, step: TrackingStep) -> None:
+        """Adds a tracked scan to the map, or begins a new map where the sensor was carried elsewhere."""
+        if isinstance(step, CarriedElsewhere):
+            self._begin_elsewhere(step.since_ns)
+        elif step.health == "lost":
+            self._lost.append(step)
+        else:
+            self._add_lost()
+            self._add(step)
 
     def _add(self, scan: TrackedScan) -> None:
         """Adds a tracked scan to the map."""
@@ -146,21 +132,17 @@ class SceneGraphSlam:
         while self._lost:
             self._add(self._lost.pop(0))
 
-    def _begin_elsewhere(self, newest: list[TrackedScan]) -> None:
-        """Begins a new map with the lost scans that fit one another but not the map, and with the `newest` ones, the
-        first of which shows it. Scans that were lost before them, under a cover for instance, stay with the map."""
-        lost, since_ns = [*self._lost, *newest], self._map.tracker.carried_since_ns
-        self._lost = [scan for scan in lost if scan.raw.stamp_ns < since_ns]
+    def _begin_elsewhere(self, since_ns: int) -> None:
+        """Begins a new map with the lost scans that fit one another but not the map. Scans that were lost before them,
+        under a cover for instance, stay with the map."""
+        self._lost = [scan for scan in self._lost if scan.raw.stamp_ns < since_ns]
         self._add_lost()
         told = "the sensor was carried elsewhere, or was lost; a new map begins"
         _log.warning("scan at %.2f s: %s", since_ns / 1e9, told)
         self._map = self._session.split(self._map)
-        for scan in lost:
-            if scan.raw.stamp_ns >= since_ns:
-                self._process(scan.raw)
 
     def _update(self, stamp_ns: int) -> Update:
-        waiting, T_bim_map = self._map.tracker.newest, self.T_bim_map
+        waiting, T_bim_map = self._tracking.waiting, self.T_bim_map
         health: Health | None = None
         if self._lost:
             T_map_sensor, health = self._map.T_map_odom @ self._lost[-1].T_odom_sensor, "lost"
@@ -174,8 +156,8 @@ class SceneGraphSlam:
 
     def _release(self) -> None:
         """Adds all scans that wait."""
-        while waiting := self._map.tracker.release():
-            self._take(waiting)
+        for step in self._tracking.release():
+            self._take(step)
         self._add_lost()
 
     def finish(self, scans: Iterable[Scan] | None = None) -> Result:
@@ -189,10 +171,11 @@ class SceneGraphSlam:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
         session = self._session
-        again = scans is not None and self._can_pass_again and second_pass(self._map, scans, self._config.tracking)
-        return assemble_result(
-            self._map, session.bim, session.unplaced, relocalisation, self._config, session.advice, again
-        )
+        again = False
+        if scans is not None and self._can_pass_again:
+            again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
+        advice = [*self._advice, *self._tracking.advice]
+        return assemble_result(self._map, session.bim, session.unplaced, relocalisation, self._config, advice, again)
 
     @property
     def _can_pass_again(self) -> bool:
@@ -223,7 +206,7 @@ class SceneGraphSlam:
         It takes as long as an optimisation, some milliseconds to tens of them, and does not affect the run.
         """
         current, settings = self._map, self._config.odometry
-        if not current.scans or current.tracker.newest is not None:
+        if not current.scans or self._tracking.waiting is not None:
             return np.full(6, np.nan)
         newest, T_bim_map = current.scans[-1], self.T_bim_map
         T_map_sensor, covariance = newest.T_map_sensor, newest.covariance
@@ -232,6 +215,21 @@ class SceneGraphSlam:
             covariance = self._lost[-1].covariance
         R = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
         return live_sigma(current.scans, T_map_sensor, covariance, current.backend, R, settings)
+
+    @property
+    def T_map_odom(self) -> Floats:  # noqa: N802
+        """(4, 4) what the map, the plan and loops correct of the tracker's poses, by the newest keyframe."""
+        return self._map.T_map_odom
+
+    @property
+    def T_map_sensor(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the pose of the newest scan in the map; None before the first, and while the first ones wait."""
+        return self._map.last_pose
+
+    @property
+    def newest_mapped_ns(self) -> int | None:
+        """The stamp of the newest scan in the map; None before the first."""
+        return self._map.scans[-1].stamp_ns if self._map.scans else None
 
     @property
     def T_prior_map(self) -> Floats | None:  # noqa: N802
@@ -275,7 +273,7 @@ class SceneGraphSlam:
         Rooms, wall surfaces and doors are segmented for it, which takes some tens of milliseconds; it does not affect
         the run. Empty while the first scans wait. Raises UserError before the first scan.
         """
-        if self._newest_ns is None:
+        if self._tracking.newest_ns is None and not self._map.scans:
             raise UserError("no scan was added, so there is no graph yet; call add_scan first")
         return self._map.s_graph()
 
@@ -289,7 +287,7 @@ class SceneGraphSlam:
         It is not a copy: write it before the next scan is added.
         """
         return {
-            "newest_ns": self._newest_ns, "lost": self._lost, "seconds": self.seconds,
+            "tracking": self._tracking.state(), "lost": self._lost, "seconds": self.seconds,
             "session": self._session.state(), "map": self._map.state(),
         }  # fmt: skip
 
@@ -299,5 +297,6 @@ class SceneGraphSlam:
         clouds = self._session.restore(state["session"], self.clouds)
         self._map = self._session.begin(clouds, self._stopwatch)
         self._map.restore(state["map"])
-        self._newest_ns, self._lost = state["newest_ns"], state["lost"]
+        self._tracking.restore(state["tracking"])
+        self._lost = state["lost"]
         self._stopwatch.seconds = state["seconds"]

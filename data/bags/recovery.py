@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, NamedTuple
 from urllib.parse import quote
 
 LARGEST_CHUNK = 1 << 30  # bytes: writers make chunks of some MB
+_PIECE = 1 << 20  # bytes read from a pipe at once
 _MAGIC_1, _MAGIC_MCAP = b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n"
 
 
@@ -56,6 +57,18 @@ class Recovery:
             self.damage = f"it is damaged ({type(error).__name__}: {error})"
         except sqlite3.Error as error:
             self.damage = f"it is damaged ({error})"
+
+    def piped(self, file: BinaryIO) -> Iterator[Record]:
+        """The messages of an MCAP file that is read from a pipe, each as soon as it is there; `damage` as above."""
+        self.damage = None
+        self._kinds, self._schemas = {}, {}
+        try:
+            if not file.read(len(_MAGIC_MCAP)).startswith(_MAGIC_MCAP):
+                self.damage = "it does not begin as MCAP does"
+                return
+            yield from self._mcap(_Forward(file), sys.maxsize)
+        except (struct.error, UnicodeDecodeError, LookupError, ValueError) as error:
+            self.damage = f"it is damaged or was cut off ({type(error).__name__}: {error})"
 
     def _ros1(self, file: BinaryIO, end: int) -> Iterator[Record]:
         while file.tell() < end:
@@ -100,7 +113,7 @@ class Recovery:
             sec, nsec = struct.unpack("<II", head["time"])
             yield Record(*self._kinds[number], sec * 1_000_000_000 + nsec, data)
 
-    def _mcap(self, file: BinaryIO, end: int) -> Iterator[Record]:
+    def _mcap(self, file: "BinaryIO | _Forward", end: int) -> Iterator[Record]:
         while True:
             head = file.read(9)
             if len(head) < 9:
@@ -165,6 +178,30 @@ class Recovery:
                     yield Record(*kinds[number], log_ns, _plain(data))
         finally:
             connection.close()
+
+
+class _Forward:
+    """A pipe as a file that is only read onwards."""
+
+    def __init__(self, pipe: BinaryIO) -> None:
+        self._pipe, self._at = pipe, 0
+
+    def read(self, size: int) -> bytes:
+        """Piece by piece: a damaged size takes no more memory than what there is."""
+        pieces = []
+        while size > 0 and (piece := self._pipe.read(min(size, _PIECE))):
+            pieces.append(piece)
+            size -= len(piece)
+            self._at += len(piece)
+        return b"".join(pieces)
+
+    def seek(self, size: int, whence: int) -> None:
+        assert whence == 1
+        while size > 0 and (skipped := self.read(min(size, _PIECE))):
+            size -= len(skipped)
+
+    def tell(self) -> int:
+        return self._at
 
 
 def normal_type(name: str) -> str:

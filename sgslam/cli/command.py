@@ -23,6 +23,7 @@ class Command:
 
 COMMANDS = {
     "run": Command("sgslam.run", "estimate a trajectory in building coordinates from scans and a plan"),
+    "live": Command("sgslam.live.__main__", "answer scans as they come with pose, health and anchors"),
     "anchor": Command("sgslam.other_slam.anchor", "anchor another SLAM system's finished output to a plan"),
     "view": Command("sgslam.cli.view", "show finished runs in the browser"),
     "match": Command("matching.match", "match an S-graph with a plan's A-graph"),

@@ -39,6 +39,8 @@ def restore_arguments(options: argparse.Namespace) -> dict[str, Any]:
     if about.get("finished"):
         raise UserError(f"--resume {folder}: that run is finished; its results are in the folder")
     stored = about.get("arguments", {})
+    if stored and stored.get("scan_dir") is None and stored.get("slam_output") is None:
+        raise UserError(f"--resume {folder}: that run was live, and cannot continue; start a new one")
     for name in (*_PATHS, *_WORDS):
         if getattr(options, name) is None and stored.get(name) is not None:
             setattr(options, name, Path(stored[name]) if name in _PATHS else stored[name])

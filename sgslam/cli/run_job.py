@@ -62,7 +62,7 @@ class Job:
     config: Config
     external_odometry: ExternalOdometry | None
     start: Start | None
-    matcher: Any
+    matcher: "MatcherWithStart"
     prior_map: PriorMap | None
     scans: ScanSource
     truth: Trajectory | None
@@ -78,29 +78,21 @@ class Job:
         return None if self.bim is None else self.bim.graph
 
 
-def read_job(options: argparse.Namespace) -> Job:
+def read_job(options: argparse.Namespace, scans: ScanSource | None = None, config: Config | None = None) -> Job:
     """Reads all inputs that the options name; missing options are taken from the resumed run, the prior map or the
-    demo. Raises UserError."""
+    demo. `scans` and `config`, where given, replace those that the options name. Raises UserError."""
     resumed = None if options.resume is None else restore_arguments(options)
-    if resumed is None or options.config is not None or options.set:
-        config = load_config(options.config, options.set)
-    else:
-        config = Config.model_validate(resumed["config"])
-    config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
-    if options.mount is not None:
-        mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
-        config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
-    if options.tolerance is not None:
-        as_built = config.as_built.model_copy(update={"tolerance": parse_length(options.tolerance)})
-        config = config.model_copy(update={"as_built": as_built})
-    start = None if options.start is None else three_numbers("--start", options.start, "X,Y,YAW", "3.5,-1.2,1.57")
+    external = None
+    if config is None:
+        config, external = read_config(options, resumed)
+    start = None if options.start is None else read_start(options.start)
     matcher = _matcher(config.matching.method)
     if options.demo:
         _make_demo(options)
     prior = None if options.map is None else _prior_map(options, config)
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start refer to a building; give --bim too")
-    scans = _open_scans(options)
+    scans = _open_scans(options) if scans is None else scans
     imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
     if external is None and scans.given is None:
         check_inertial(config.odometry.method, imu is not None)
@@ -119,11 +111,34 @@ def read_job(options: argparse.Namespace) -> Job:
     is_matched = bim is not None or prior is not None
     compile_ahead(matcher, config.matching.method if is_matched else None)  # not counted in the run's time
     began, cpu_began = perf_counter() - read, process_time() - spent
-    if start is not None:
-        matcher = _MatcherWithStart(matcher, start)
     return Job(
-        options, resumed, config, external, start, matcher, prior, scans, truth, bim, imu, began, cpu_began, seconds
+        options, resumed, config, external, start, MatcherWithStart(matcher, start), prior, scans, truth, bim, imu,
+        began, cpu_began, seconds,
     )  # fmt: skip
+
+
+def read_config(
+    options: argparse.Namespace, resumed: dict[str, Any] | None = None
+) -> tuple[Config, ExternalOdometry | None]:
+    """The settings that the options tell, else those of the run to be resumed, and the external odometry if there is
+    one. Raises UserError."""
+    if resumed is None or options.config is not None or options.set:
+        config = load_config(options.config, options.set)
+    else:
+        config = Config.model_validate(resumed["config"])
+    config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
+    if options.mount is not None:
+        mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
+        config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
+    if options.tolerance is not None:
+        as_built = config.as_built.model_copy(update={"tolerance": parse_length(options.tolerance)})
+        config = config.model_copy(update={"as_built": as_built})
+    return config, external
+
+
+def read_start(text: str) -> Start:
+    """The pose that `--start` tells. Raises UserError."""
+    return three_numbers("--start", text, "X,Y,YAW", "3.5,-1.2,1.57")
 
 
 def out_folder(options: argparse.Namespace) -> Path:
@@ -162,9 +177,9 @@ class Run:
             self.checkpoints.write(self.slam, self.progress.to_dict())
         _log.info("%d scans in %s; building: %s", len(job.scans), job.scans.path, options.bim or "none")
 
-    def finish(self, stopped: str | None) -> dict[str, Any]:
-        """Writes the results to the folder; returns the content of metrics.json. Raises UserError, after writing, if
-        the run stopped early, for the reason `stopped`."""
+    def finish(self, stopped: str | None, measured: dict[str, Any] | None = None) -> dict[str, Any]:
+        """Writes the results to the folder; returns the content of metrics.json, to which `measured` is added. Raises
+        UserError, after writing, if the run stopped early, for the reason `stopped`."""
         job, out = self._job, self._out
         for skipped in job.scans.skipped:
             _log.warning("%s: skipped, %s", skipped.name, skipped.reason)
@@ -182,6 +197,7 @@ class Run:
         more: dict[str, Any] = {"scans_skipped": skipped_scans, "seconds": seconds}
         more["cpu_seconds"] = cpu_seconds  # of all threads
         more["told"] = {**self._hints, "mount": job.config.tracking.mount}
+        more |= measured or {}
         if job.truth is not None:
             more["accuracy"] = _accuracy(result, job.truth)
         metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more)
@@ -251,14 +267,16 @@ def _matcher(method: str) -> Any:
         raise UserError(f"setting matching.method: {error}") from None
 
 
-class _MatcherWithStart:
-    """A matcher with a rough initial pose of the map: x, y, yaw, in the order of `--start`."""
+class MatcherWithStart:
+    """A matcher with a rough initial pose of the map, `start`: x, y, yaw, in the order of `--start`; None: unknown."""
 
-    def __init__(self, matcher: Any, start: tuple[float, float, float]) -> None:
-        self._matcher, self._start = matcher, start
+    def __init__(self, matcher: Any, start: Start | None) -> None:
+        self._matcher, self.start = matcher, start
 
     def match(self, s: SceneGraph, a: SceneGraph) -> Any:
-        x, y, yaw = self._start
+        if self.start is None:
+            return self._matcher.match(s, a)
+        x, y, yaw = self.start
         return self._matcher.match(s, a, start=(yaw, x, y))
 
 

@@ -13,14 +13,12 @@ from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, level_map, raised, squared_up
-from sgslam.inertial import ImuBuffer
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
-from sgslam.odometry import Odometry
 from sgslam.session.scan_poses import ScanPose
 from sgslam.session.step_uncertainty import StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
-from sgslam.tracking import FloorTransition, FrontEnd, ScanTracker, TrackedScan
+from sgslam.tracking import FloorTransition, FrontEnd, TrackedScan
 from sgslam.tracking.front_end import level_to_sensor
 
 Floats = NDArray[np.float64]
@@ -38,13 +36,12 @@ class ActiveMap:
     """
 
     def __init__(
-        self, config: Config, odometry: Odometry, anchoring: BuildingAnchoring | None, clouds: KeyframeClouds,
-        stopwatch: Stopwatch, imu: ImuBuffer | None = None,
-    ) -> None:  # fmt: skip
+        self, config: Config, anchoring: BuildingAnchoring | None, clouds: KeyframeClouds, stopwatch: Stopwatch
+    ) -> None:
         self._config = config
         self.anchoring, self.clouds, self.stopwatch = anchoring, clouds, stopwatch
         self.floors = Floors(config)
-        self.tracker, self.front_end = ScanTracker(config, odometry, imu), FrontEnd(config)
+        self.front_end = FrontEnd(config)
         self.transition = FloorTransition(config.floors)
         self._keyframe_rule = KeyframeRule(config.keyframes)
         self.backend = Backend(config)
@@ -282,7 +279,7 @@ class ActiveMap:
     def _parts(self) -> dict[str, Any]:
         parts = {
             "rule": self._keyframe_rule, "floors": self.floors, "backend": self.backend, "loops": self.loops,
-            "tracker": self.tracker, "front_end": self.front_end, "transition": self.transition, "steps": self._steps,
+            "front_end": self.front_end, "transition": self.transition, "steps": self._steps,
         }  # fmt: skip
         return parts if self.anchoring is None else {**parts, "anchoring": self.anchoring}
 

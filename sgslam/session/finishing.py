@@ -37,7 +37,7 @@ def assemble_result(
     final: ActiveMap, bim: SceneGraph | None, unplaced: list[PriorMap], relocalisation: Relocalisation | None,
     config: Config, advice: list[str], passed_again: bool,
 ) -> Result:  # fmt: skip
-    """The result of a run whose map is `final`; `advice` are lines on the maps before. `passed_again`: all scans were
+    """The result of a run whose map is `final`; `advice` are lines of the tracker. `passed_again`: all scans were
     registered a second time.
 
     `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor, in the
@@ -93,7 +93,7 @@ def assemble_result(
         earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
         relocalisation=relocalisation,
         trajectory_live=_live(scans[newest], told, T_bim_map) if passed_again else None,
-        advice=tuple(dict.fromkeys(line for line in (*advice, final.tracker.advice, unit) if line is not None)),
+        advice=tuple(dict.fromkeys(line for line in (*advice, unit) if line is not None)),
     )
 
 

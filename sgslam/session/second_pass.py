@@ -1,8 +1,9 @@
 """The second pass of a run: once the map is known, all scans are registered again, and the graph is solved again."""
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +17,20 @@ from sgslam.session.active_map import ActiveMap
 from sgslam.session.scan_poses import smooth
 
 Floats = NDArray[np.float64]
+TimesOf: TypeAlias = Callable[[Floats, Floats | None], Floats | None]
 _log = logging.getLogger(__name__)
 _LEAST = 3  # scans that a smoothing needs
 
 
-def second_pass(final: ActiveMap, scans: Iterable[Scan], settings: TrackingSettings) -> bool:
+def second_pass(final: ActiveMap, scans: Iterable[Scan], times_of: TimesOf, settings: TrackingSettings) -> bool:
     """Registers all scans of a map again, and estimates the map with the motion found; returns whether it did.
 
     `scans` are those of the run, in the same order; more of them do no harm. Where one of the map's scans is not among
-    them, nothing happens but a warning.
+    them, nothing happens but a warning. `times_of` is that of the run's tracker.
     """
     with final.stopwatch("smoothing"):
         stamps = np.array([scan.stamp_ns for scan in final.scans])
-        again = _thinned(final, scans, stamps, settings)
+        again = _thinned(scans, stamps, times_of, settings)
         if len(again) != len(stamps) or len(stamps) < _LEAST:
             _log.warning("no second pass: %d of %d scans can be read again", len(again), len(stamps))
             return False
@@ -42,13 +44,13 @@ def second_pass(final: ActiveMap, scans: Iterable[Scan], settings: TrackingSetti
 
 
 def _thinned(
-    final: ActiveMap, scans: Iterable[Scan], stamps: NDArray[np.int64], settings: TrackingSettings
+    scans: Iterable[Scan], stamps: NDArray[np.int64], times_of: TimesOf, settings: TrackingSettings
 ) -> list[TimedPoints]:
     """The points of the map's scans that are used, with times in seconds since the first scan."""
     wanted, side, found = set(stamps.tolist()), 0.0, list[TimedPoints]()
     for scan in scans:
         if scan.stamp_ns in wanted:
-            times = final.tracker.times_of(scan.points, scan.point_times)
+            times = times_of(scan.points, scan.point_times)
             own, side = thinned(scan.points, times, (scan.stamp_ns - stamps[0]) / 1e9, side, settings)
             found.append(replace(own, points=own.points.astype(np.float32)))  # all stay in memory: 70 kB each
     return found

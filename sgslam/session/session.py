@@ -11,10 +11,8 @@ from matching.protocol import AnyMatcher
 from sgslam.anchoring import BuildingAnchoring, floor_named
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
-from sgslam.inertial import ImuBuffer
 from sgslam.loops import LoopCloser
 from sgslam.mapping import KeyframeClouds
-from sgslam.odometry import Odometry, make_odometry
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap, plan_of
 from sgslam.session.result import Relocalisation
@@ -27,35 +25,28 @@ class Session:
     """Begins maps and merges them into the `prior` map.
 
     `kidnaps` counts how often the sensor was carried elsewhere. If there is no prior map, the map up to the first
-    kidnap becomes it. `unplaced` are submaps of the run that are not relocalised. `advice` are the trackers' lines on
-    the maps before the active one. `imu` holds the newest samples of an IMU, none without one. `storey` is the
-    name or id of the floor on which the run begins. Raises UserError for a storey that the plan does not have.
+    kidnap becomes it. `unplaced` are submaps of the run that are not relocalised. `storey` is the name or id of the
+    floor on which the run begins. Raises UserError for a storey that the plan does not have.
     """
 
     def __init__(
-        self, config: Config, bim: SceneGraph | None, matcher: AnyMatcher | None, odometry: Odometry | None,
-        prior: PriorMap | None, storey: str | None,
+        self, config: Config, bim: SceneGraph | None, matcher: AnyMatcher | None, prior: PriorMap | None,
+        storey: str | None,
     ) -> None:  # fmt: skip
         self._config, self.bim, self._matcher = config, bim, matcher
-        self._given_odometry = odometry
-        self.imu = ImuBuffer(config.imu)
         self._start = None if storey is None or bim is None else floor_named(bim, storey).id
         self.prior = prior
         self.kidnaps = 0
         self.unplaced: list[PriorMap] = []
-        self.advice: list[str] = []
 
     def begin(self, clouds: KeyframeClouds, stopwatch: Stopwatch) -> ActiveMap:
-        """A new map, to be relocalised in the prior map or anchored to the building. The built-in odometry restarts; an
-        odometry that the caller passed is kept."""
+        """A new map, to be relocalised in the prior map or anchored to the building."""
         plan, is_prior = (self.bim, False) if self.prior is None else plan_of(self.prior, self.bim)
-        odometry = self._given_odometry or make_odometry(self._config.odometry, self._config.tracking, self.imu)
-        return ActiveMap(self._config, odometry, self._anchored_in(plan, is_prior), clouds, stopwatch, self.imu)
+        return ActiveMap(self._config, self._anchored_in(plan, is_prior), clouds, stopwatch)
 
     def split(self, ended: ActiveMap) -> ActiveMap:
         """Begins a new map after the sensor was carried elsewhere; the ended map becomes or joins the prior map."""
         ended.complete()
-        self.advice += [ended.tracker.advice] if ended.tracker.advice else []
         T_prior_map, own = self.T_prior_map(ended), _as_prior(ended)
         if self.prior is None:
             self.prior = own
@@ -122,8 +113,7 @@ class Session:
         """The complete state as a tree (see `state_tree`), without a prior map that the user gave."""
         return {
             "kidnaps": self.kidnaps, "unplaced": [part.state() for part in self.unplaced],
-            "prior": self.prior.state() if self.prior is not None and self.kidnaps else None, "advice": self.advice,
-            "imu": self.imu.state(),
+            "prior": self.prior.state() if self.prior is not None and self.kidnaps else None,
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any], clouds: KeyframeClouds) -> KeyframeClouds:
@@ -134,8 +124,7 @@ class Session:
         if state["prior"] is not None:
             self.prior, clouds = PriorMap.from_state(state["prior"], self._config, clouds), _no_clouds(clouds)
         self.unplaced = [PriorMap.from_state(part, self._config, _no_clouds(clouds)) for part in state["unplaced"]]
-        self.kidnaps, self.advice = state["kidnaps"], state["advice"]
-        self.imu.restore(state["imu"])
+        self.kidnaps = state["kidnaps"]
         return clouds
 
 

@@ -13,6 +13,7 @@ from data.scans.formats import read_timed
 from data.scans.sources import open_scans
 from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import read_g2o
+from data.streams import McapPipe
 from data.trajectory import Trajectory
 from data.trajectory.readers import read_poses
 from data.trajectory.stamps import read_times
@@ -42,6 +43,11 @@ def _scans(path: Path) -> object:
     return [len(scan.points) for scan in open_scans(path)]
 
 
+def _piped(path: Path) -> object:
+    with path.open("rb") as file:
+        return [len(arrival.scan.points) for arrival in McapPipe(file)]
+
+
 def _clouds(path: Path) -> object:
     clouds = KeyframeClouds.open(path)
     return [clouds[k] for k in clouds]
@@ -69,6 +75,7 @@ READERS = (
     Reader("scans .e57", ".e57", samples.e57, _scans, mutate_e57, 0.3),
     *(Reader(f"bag {kind}", suffix, partial(samples.bag, kind), _scans, share=0.5)
       for kind, suffix in (("ros1", ".bag"), ("ros1-lz4", ".bag"), ("mcap", ".mcap"), ("sqlite3", ".db3"))),
+    Reader("MCAP through a pipe", ".mcap", partial(samples.bag, "mcap"), _piped, share=0.5),
     Reader("IMU", ".csv", samples.imu, read_imu),
     Reader("IMU, bag", ".bag", samples.imu_bag, read_imu, share=0.5),
     Reader("IFC", ".ifc", samples.ifc, partial(read_guarded, seconds=10), share=0.05),

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,8 @@ def run(name: str, *arguments: Path | str) -> subprocess.CompletedProcess[str]:
 def test_all_examples_are_run_here() -> None:
     imported = {"made_input.py", "walls_in_cloud.py"}
     assert {path.name for path in EXAMPLES.iterdir() if path.suffix == ".py"} - imported == {
-        "own_pose_graph.py", "isam2_anchors.py", "kiss_slam_graph.py", "anchor_s_graphs.py", "scan_by_scan.py"
+        "own_pose_graph.py", "isam2_anchors.py", "kiss_slam_graph.py", "anchor_s_graphs.py", "scan_by_scan.py",
+        "ros2_live.py",
     }  # fmt: skip
 
 
@@ -113,6 +115,13 @@ def test_a_graph_without_a_place_and_files_that_are_none_are_told_in_a_line(tmp_
         done = run("anchor_s_graphs.py", *arguments)
         assert done.returncode == 2 and done.stderr.splitlines()[-1].startswith("error: ")
         assert told in done.stderr and "Traceback" not in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("rclpy") is not None, reason="there is a ROS here")
+def test_where_there_is_no_ros_the_node_says_so() -> None:
+    done = run("ros2_live.py")
+    assert done.returncode == 2 and "ROS 2 is not there" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 @pytest.fixture(scope="module")

@@ -19,14 +19,14 @@ BELOW = {
 }
 HOMES = {"torch": "matching", "ifcopenshell": "data"}
 FLOORS = {  # sub-packages and modules of each package, the lowest first
-    "data": "common bags geometry scene_graph trajectory imu scans slam_output ifc plans datasets generation "
+    "data": "common bags geometry scene_graph trajectory imu scans streams slam_output ifc plans datasets generation "
     "simulation synthetic_maps simulate",
     "matching": "protocol result arrays search deformation network learned training published combinatorial ambiguity "
     "matcher match train self_test",
     "factors": "noise planes rooms bim protocols match_checks anchors",
     "sgslam": "own_packages config geometry serialization perception inertial surfels registration odometry mapping "
     "backend loops tracking anchoring as_built report session slam evalio_pipeline inspection viewer export cli run "
-    "other_slam",
+    "live other_slam",
     "evaluation": "metrics harness drives slam_ablation matching_benchmark published studies",
 }
 MOST_MODULES = 15  # in a folder, so that its list is taken in at a glance

@@ -1,0 +1,60 @@
+"""Scans of an MCAP file that comes through a pipe, record by record."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from data.bags.recovery import Record, Recovery
+from data.common.errors import UserError
+from data.scans.cloud_messages import CLOUDS, read_cloud
+from data.scans.reading_errors import UnreadableScanError
+from data.scans.scan import finished
+from data.streams.arrivals import Arrival, ScanStream
+
+
+class McapPipe(ScanStream):
+    """The scans of one topic: of `topic`, else of the first one whose points are a LiDAR's by their fields.
+
+    A writer that collects records in chunks delays the scans by as much.
+    """
+
+    def __init__(self, file: BinaryIO, topic: str | None = None, name: str = "standard input") -> None:
+        super().__init__(Path(name))
+        self._file, self._topic = file, topic
+
+    def _arrivals(self) -> Iterator[Arrival]:
+        """Raises UserError if the pipe ends without a scan."""
+        index, others = 0, set[str]()
+        records = Recovery(self.path)
+        for record in records.piped(self._file):
+            came_s = time.perf_counter()
+            if self.stop.is_set():
+                return
+            if record.msgtype not in CLOUDS or self._topic not in (None, record.topic):
+                others.add(record.topic)
+                continue
+            if self._topic is None and not _is_lidar(record):
+                others.add(record.topic)
+                continue
+            self._topic, index = record.topic, index + 1
+            try:
+                cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
+                scan = finished(index - 1, cloud.stamp_ns or record.log_ns, cloud.points, cloud.times, self.path)
+            except UnreadableScanError as error:
+                self._skip(index - 1, self.path, str(error))
+                continue
+            yield Arrival(scan, came_s)
+        if records.damage is not None:
+            self.remarks.append(f"{self.path}: {records.damage}")
+        if not index:
+            held = f"; it holds {', '.join(sorted(others))}" if others else ""
+            why = f" ({records.damage})" if records.damage else ""
+            raise UserError(f"{self.path}: no scans came{why}{held}; give MCAP records of point clouds")
+
+
+def _is_lidar(record: Record) -> bool:
+    try:
+        return read_cloud(record.data, record.msgtype, record.is_cdr).is_lidar
+    except UnreadableScanError:
+        return False

@@ -1,0 +1,80 @@
+"""The answer to a scan: where the sensor is, how well it is tracked, and what ties the map to the building."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.geometry.poses import poses_to_xyzquat
+from sgslam.registration import Health
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HeldAnchor:
+    """An anchor that holds: the wall `wall` of the S-graph, the surface `a_id` of the plan, and how tightly."""
+
+    wall: str
+    a_id: str
+    state: Literal["tight", "loose"]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What is known right after a scan at `stamp_ns`.
+
+    `T_odom_sensor` (4, 4), metres, is the tracker's pose. It never jumps, apart from the first seconds: until it is
+    known where up is, `health` is None and the pose is provisional. `health` is good, degraded or lost; a lost pose is
+    predicted. Where the sensor was carried elsewhere while it was lost, `odom` and `map` begin anew, and `part` counts.
+
+    `T_map_odom` (4, 4) is what the map, the plan and loops correct. It may jump. `T_bim_map` (4, 4) is the map in the
+    BIM frame, and `T_bim_sensor` (4, 4) the sensor; None while the map is not anchored. `anchors` are those that hold.
+    These are of the map as it was at `map_stamp_ns`, the stamp of the newest scan in it, None before the first.
+
+    `keyframes` counts them in the map. `waiting` is the number of scans that are tracked and wait for the map, this one
+    included. `seconds` is the time from the call to the answer.
+    """
+
+    stamp_ns: int
+    T_odom_sensor: Floats
+    T_map_odom: Floats
+    T_bim_map: Floats | None
+    health: Health | None
+    anchors: tuple[HeldAnchor, ...]
+    map_stamp_ns: int | None
+    part: int
+    keyframes: int
+    waiting: int
+    seconds: float
+
+    @property
+    def T_map_sensor(self) -> Floats:  # noqa: N802
+        """(4, 4) the sensor's pose in the map."""
+        return np.asarray(self.T_map_odom @ self.T_odom_sensor)
+
+    @property
+    def T_bim_sensor(self) -> Floats | None:  # noqa: N802
+        """(4, 4) the sensor's pose in the BIM frame; None while the map is not anchored."""
+        return None if self.T_bim_map is None else np.asarray(self.T_bim_map @ self.T_map_sensor)
+
+    @property
+    def anchored(self) -> bool:
+        """Whether the map is anchored to the building."""
+        return self.T_bim_map is not None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, without the list of anchors; poses as x, y, z, qx, qy, qz, qw."""
+        states = [anchor.state for anchor in self.anchors]
+        return {
+            "stamp_ns": self.stamp_ns, "health": self.health, "anchored": self.anchored,
+            "T_odom_sensor": _pose(self.T_odom_sensor), "T_map_odom": _pose(self.T_map_odom),
+            "T_bim_sensor": _pose(self.T_bim_sensor), "tight": states.count("tight"), "loose": states.count("loose"),
+            "keyframes": self.keyframes, "part": self.part, "waiting": self.waiting, "map_stamp_ns": self.map_stamp_ns,
+            "seconds": round(self.seconds, 4),
+        }  # fmt: skip
+
+
+def _pose(T: Floats | None) -> list[float] | None:
+    return None if T is None else [round(float(value), 6) for value in poses_to_xyzquat(T[None])[0]]

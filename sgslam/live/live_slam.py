@@ -1,0 +1,165 @@
+"""Live use from Python: `LiveSlam`."""
+
+import atexit
+import gc
+import logging
+from contextlib import suppress
+from pathlib import Path
+from time import perf_counter
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.common.errors import UserError
+from data.scans.scan import SkippedScan
+from sgslam.config import Config
+from sgslam.live.answer import Answer
+from sgslam.live.latencies import Latencies
+from sgslam.live.mapping_process import MappingProcess
+from sgslam.live.messages import FinishMessage, LiveInputs, LogMessage, MapState, StartMessage, TrackedMessage
+from sgslam.live.warm_up import warm_up
+from sgslam.registration import Health
+from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
+
+Floats = NDArray[np.float64]
+MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
+
+
+class LiveSlam:
+    """Tracks scans in this process, and builds the map and anchors it in another one, which takes the same scans in the
+    same order, only later: its results are those of `sgslam run` on these scans.
+
+    `out` is the folder for the results, `bim` the file of the building. `start` is x, y (m), yaw (rad) of the sensor in
+    the BIM frame, roughly, where it is known. `map` is the folder of an earlier run, whose map this one extends. At
+    most `most_waiting` scans wait for the map; then `add_scan` waits too, and nothing is dropped.
+
+    A program that uses it must be a module that can be imported: begin under `if __name__ == "__main__":`.
+    """
+
+    def __init__(
+        self, out: Path | str, bim: Path | str | None = None, *, config: Config | None = None,
+        storey: str | None = None, start: tuple[float, float, float] | None = None, map: Path | str | None = None,
+        most_waiting: int = MOST_WAITING,
+    ) -> None:  # fmt: skip
+        """Returns once both processes are ready; after an installation they compile for a minute. Raises UserError for
+        unusable input."""
+        bim, map = None if bim is None else Path(bim), None if map is None else Path(map)
+        inputs = LiveInputs(Path(out), config or Config(), bim, map=map, storey=storey, start=start)
+        self._begin(inputs, most_waiting)
+
+    @classmethod
+    def of(cls, inputs: LiveInputs, most_waiting: int = MOST_WAITING) -> "LiveSlam":
+        """With all inputs in one. Raises UserError."""
+        live = cls.__new__(cls)
+        live._begin(inputs, most_waiting)
+        return live
+
+    def _begin(self, inputs: LiveInputs, most_waiting: int) -> None:
+        self._tracking, self._part = RunTracker(inputs.config), 0
+        self._T_odom_sensor: Floats = np.eye(4)
+        self._health: Health | None = None
+        self._seconds, self._latencies = 0.0, Latencies()
+        self._map = MappingProcess(inputs, most_waiting)
+        try:
+            warm_up(inputs.config, with_map=False)  # while that process reads the building
+            self._map.wait_until_ready()
+        except BaseException:
+            self._map.kill()
+            raise
+        gc.freeze()  # what is loaded stays: the garbage collector need not scan it
+        self._is_open = True
+        atexit.register(self._map.end)  # whoever forgets to finish still gets the results
+        self._lines = _LogLines(self._map)
+        logging.getLogger("sgslam").addHandler(self._lines)
+
+    def add_scan(self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None) -> Answer:
+        """Tracks a scan and answers: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame.
+
+        `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
+        `tracking.point_times` counts. Raises UserError as `SceneGraphSlam.add_scan` does, and if the other process has
+        ended.
+        """
+        began = perf_counter()
+        steps = self._tracking.track(stamp_ns, points, point_times)
+        self._seconds += perf_counter() - began
+        self._hand_over(steps)
+        self._T_odom_sensor, self._health = self._newest(steps)
+        answer = self._answer(int(stamp_ns), self._map.state, perf_counter() - began)
+        self._latencies.add(answer.seconds, answer.waiting)
+        return answer
+
+    def set_start(self, x: float, y: float, yaw: float) -> None:
+        """Says where the sensor is now, roughly: x, y (m) and heading (rad) in the BIM frame.
+
+        It decides between places that fit the map equally well. A map that is anchored stays where it is.
+        """
+        self._map.put(StartMessage((x, y, yaw)))
+
+    def finish(
+        self, skipped: list[SkippedScan] | None = None, remarks: list[str] | None = None,
+        measured: dict[str, Any] | None = None,
+    ) -> dict[str, Any]:  # fmt: skip
+        """Completes the map and writes the results to the folder, as a run does; returns the content of metrics.json.
+
+        `skipped` and `remarks` are what the source says of its scans, `measured` is added to metrics.json. Waits for
+        all scans. Raises UserError if no scan was added, or if the other process has ended.
+        """
+        self._is_open = False
+        logging.getLogger("sgslam").removeHandler(self._lines)
+        self._hand_over(self._tracking.release())
+        live = {"live": {**self._latencies.to_dict(), **(measured or {})}}
+        told = FinishMessage(self._seconds, tuple(skipped or ()), tuple(remarks or ()), live)
+        try:
+            return self._map.finish(told)
+        finally:
+            atexit.unregister(self._map.end)
+
+    def __enter__(self) -> "LiveSlam":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Finishes, whatever happened, unless that is done."""
+        if self._is_open:
+            self.finish()
+
+    @property
+    def waiting(self) -> int:
+        """How many scans are tracked and wait for the map."""
+        return self._map.waiting
+
+    def _hand_over(self, steps: list[TrackingStep]) -> None:
+        for step in steps:
+            self._part += isinstance(step, CarriedElsewhere)
+            self._map.put(TrackedMessage.of(step, self._tracking.advice))
+
+    def _newest(self, steps: list[TrackingStep]) -> tuple[Floats, Health | None]:
+        """(4, 4) T_odom_sensor of the newest scan and its health, None while it waits."""
+        waiting = self._tracking.waiting
+        if waiting is not None:
+            return waiting, None
+        newest = steps[-1]
+        assert isinstance(newest, TrackedScan)  # a scan that does not wait is tracked
+        return newest.T_odom_sensor, newest.health
+
+    def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
+        is_this = known.part == self._part  # else the map is that of the frame `odom` before
+        return Answer(
+            stamp_ns, self._T_odom_sensor, known.T_map_odom if is_this else np.eye(4),
+            known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
+            known.map_stamp_ns, self._part, known.keyframes, self._map.waiting, seconds,
+        )  # fmt: skip
+
+
+class _LogLines(logging.Handler):
+    """Sends log lines to the process that keeps the log of the run."""
+
+    def __init__(self, to: MappingProcess) -> None:
+        super().__init__(logging.INFO)
+        self._to = to
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Sends one."""
+        with suppress(UserError):  # the other process has ended
+            self._to.put(LogMessage(record.name, record.levelno, record.getMessage()))

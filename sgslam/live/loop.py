@@ -1,0 +1,104 @@
+"""The loop of `sgslam live`: takes scans as they come and writes a line for each."""
+
+import contextlib
+import json
+import os
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from time import perf_counter
+from typing import Any, TextIO
+
+from data.common.errors import UserError
+from data.scans import Scan
+from data.streams import Arrival, ScanStream
+from sgslam.live.answer import Answer, HeldAnchor
+from sgslam.live.commands import PoseLines
+from sgslam.live.latencies import Latencies
+from sgslam.live.live_slam import LiveSlam
+from sgslam.perception.first_scans import in_metres_and_sensor_frame
+
+_AHEAD = 8  # scans read ahead where they come faster than they are tracked
+_LOOK = 0.1  # s between two looks whether the end was asked for
+
+
+class LiveLoop:
+    """Adds the scans of a stream until it ends, none has come for `idle` seconds, or `is_over` says so.
+
+    `latencies` are those from a scan's arrival to its line.
+    """
+
+    def __init__(
+        self, live: LiveSlam, stream: ScanStream, out: TextIO, poses: PoseLines | None, idle: float | None,
+        is_over: Callable[[], bool],
+    ) -> None:  # fmt: skip
+        self._live, self._stream, self._out, self._poses = live, stream, out, poses
+        self._idle, self._is_over = idle, is_over
+        self._anchors: tuple[HeldAnchor, ...] = ()
+        self._told_skipped = 0
+        self._came_s = 0.0
+        self.latencies = Latencies()
+
+    def run(self) -> str | None:
+        """Returns the reason if the source ended it by a fault, after some scans. Raises UserError before the first."""
+        try:
+            for scan in in_metres_and_sensor_frame(self._scans()):
+                self._add(scan)
+        except BrokenPipeError:  # nobody reads the lines any more
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._out.fileno())  # else Python complains at its end
+        except UserError as error:
+            if not self.latencies.answers:
+                raise
+            return str(error)
+        finally:
+            self._stream.stop.set()
+        return None
+
+    def _add(self, scan: Scan) -> None:
+        pose = None if self._poses is None else self._poses.newest()
+        if pose is not None:
+            self._live.set_start(*pose)
+        answer = self._live.add_scan(scan.stamp_ns, scan.points, scan.point_times)
+        line = self._line(scan, answer)
+        self.latencies.add(perf_counter() - self._came_s, answer.waiting)
+        print(json.dumps(line), file=self._out, flush=True)
+
+    def _line(self, scan: Scan, answer: Answer) -> dict[str, Any]:
+        """With the anchors where they have changed, and scans that were skipped."""
+        line: dict[str, Any] = {"scan": scan.index, **answer.to_dict()}
+        line["since_arrival"] = round(perf_counter() - self._came_s, 4)
+        if answer.anchors != self._anchors:
+            self._anchors = answer.anchors
+            line["anchors"] = [{"wall": a.wall, "a_id": a.a_id, "state": a.state} for a in answer.anchors]
+        if new := self._stream.skipped[self._told_skipped :]:
+            self._told_skipped += len(new)
+            line["skipped"] = [{"scan": skipped.name, "reason": skipped.reason} for skipped in new]
+        return line
+
+    def _scans(self) -> Iterator[Scan]:
+        """The scans, read by another thread."""
+        arrivals: queue.Queue[Arrival | Exception | None] = queue.Queue(_AHEAD)
+        threading.Thread(target=_read, args=(self._stream, arrivals), daemon=True).start()
+        last_s = perf_counter()
+        while not self._is_over():
+            with contextlib.suppress(queue.Empty):
+                arrival = arrivals.get(timeout=_LOOK)
+                if arrival is None:
+                    return
+                if isinstance(arrival, Exception):
+                    raise arrival
+                self._came_s = arrival.came_s
+                yield arrival.scan
+                last_s = perf_counter()
+                continue
+            if self._idle is not None and perf_counter() - last_s > self._idle:
+                return
+
+
+def _read(stream: ScanStream, arrivals: "queue.Queue[Arrival | Exception | None]") -> None:
+    try:
+        for arrival in stream:
+            arrivals.put(arrival)
+        arrivals.put(None)
+    except Exception as error:  # the main thread raises it
+        arrivals.put(error)

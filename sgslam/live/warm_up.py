@@ -1,0 +1,60 @@
+"""A short drive through a room, so that every inner loop is loaded before the first scan of a live run comes."""
+
+import logging
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import Config
+from sgslam.slam import SceneGraphSlam
+from sgslam.tracking import RunTracker
+
+Floats = NDArray[np.float64]
+_ROOM = np.array([3.0, 4.0, 1.5])  # m, from the middle to the walls and the ceiling
+_OTHER = np.array([5.0, 2.0, 1.5])
+_SCANS, _LOST = 50, 12  # in the room, and in the other one, in which the sensor is lost
+_PERIOD_NS = 100_000_000
+_SPEED = 0.5  # m/s
+_SPAN = 0.09  # s, of a scan
+
+
+def warm_up(config: Config, with_map: bool) -> None:
+    """Tracks the drive as a run with these settings, and builds its map if `with_map`."""
+    log = logging.getLogger("sgslam")
+    level = log.level
+    log.setLevel(logging.CRITICAL)  # what is said of this room is of no interest
+    try:
+        _run(config, with_map)
+    finally:
+        log.setLevel(level)
+
+
+def _run(config: Config, with_map: bool) -> None:
+    scans = _drive()
+    if not with_map:
+        tracker = RunTracker(config)
+        for stamp_ns, points, seconds in scans:
+            tracker.track(stamp_ns, points, seconds)
+        return
+    slam = SceneGraphSlam(config=config)
+    for stamp_ns, points, seconds in scans:
+        slam.add_scan(stamp_ns, points, seconds)
+    slam.finish()
+
+
+def _drive() -> Iterator[tuple[int, Floats, Floats]]:
+    """The stamp, points (N, 3) and times (N,) of each scan."""
+    for number in range(_SCANS + _LOST):
+        place = np.array([_SPEED * _PERIOD_NS / 1e9 * (number % (_SCANS // 2)) - 1.0, 0.3, 0.0])
+        points = _seen(place, _ROOM if number < _SCANS else _OTHER)
+        yield number * _PERIOD_NS, points, np.linspace(0.0, _SPAN, len(points))
+
+
+def _seen(place: Floats, room: Floats) -> Floats:
+    """(N, 3) where the rays of a spinning sensor with 16 beams meet the room, from a place in it."""
+    turn, up = np.meshgrid(np.radians(np.arange(0, 360, 0.8)), np.radians(np.arange(-60, 61, 8)), indexing="ij")
+    rays = np.stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)], axis=-1).reshape(-1, 3)
+    rays[np.abs(rays) < 1e-9] = 1e-9
+    ahead = (np.sign(rays) * room - place) / rays
+    return np.asarray(rays * ahead.min(axis=1, keepdims=True))

@@ -1,0 +1,139 @@
+"""Tracks all scans of a run, and begins anew where the sensor was carried elsewhere. It knows nothing of the map."""
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data import UserError
+from data.imu import ImuSamples
+from sgslam.config import Config
+from sgslam.inertial import ImuBuffer
+from sgslam.odometry import Odometry, make_odometry
+from sgslam.perception import RawScan, checked_scan
+from sgslam.perception.scan_checks import checked_covariance
+from sgslam.tracking.scan_tracker import ScanTracker, TrackedScan
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CarriedElsewhere:
+    """The sensor was carried elsewhere: with the scan at `since_ns` another frame `odom` begins, and another map."""
+
+    since_ns: int
+
+
+TrackingStep: TypeAlias = TrackedScan | CarriedElsewhere
+
+
+class RunTracker:
+    """The tracker of a run: raw scans in, steps for the map out.
+
+    The map may be elsewhere, in another process for instance: nothing comes back from it. `odometry` is that of the
+    settings by default. `imu` holds the newest samples of an IMU, none without one. `newest_ns` is the stamp of the
+    newest scan, None before the first.
+    """
+
+    def __init__(self, config: Config, odometry: Odometry | None = None) -> None:
+        self._config, self._given_odometry = config, odometry
+        self.imu = ImuBuffer(config.imu)
+        self.newest_ns: int | None = None
+        self._tracker = self._begin()
+        self._lost: list[TrackedScan] = []  # the newest scans, while they do not fit
+        self._advice: list[str] = []  # of the trackers before
+
+    def track(
+        self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None,
+        T_odom_sensor: Floats | None = None, step_covariance: Floats | None = None,
+    ) -> list[TrackingStep]:  # fmt: skip
+        """The steps that a scan settles: none in the first seconds, until it is known where up is, then all at once.
+
+        The arguments and what is raised are those of `SceneGraphSlam.add_scan`.
+        """
+        checked = checked_scan(stamp_ns, points, T_odom_sensor, self.newest_ns)
+        step = None if step_covariance is None else checked_covariance(step_covariance, int(stamp_ns))
+        self.newest_ns = int(stamp_ns)
+        return self._tracked(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor, step))
+
+    def release(self) -> list[TrackingStep]:
+        """The steps of all scans that wait."""
+        steps: list[TrackingStep] = []
+        while self.newest_ns is not None and (waiting := self._tracker.release()):
+            steps += self._judged(waiting)
+        return steps
+
+    def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
+        """See `SceneGraphSlam.add_imu`."""
+        stamps = np.atleast_1d(np.asarray(stamp_ns, np.int64))
+        newest = self.imu.newest_ns
+        try:
+            samples = ImuSamples(
+                stamps, np.atleast_2d(np.asarray(gyro, float)), np.atleast_2d(np.asarray(accel, float))
+            )
+        except ValueError as error:
+            raise UserError(f"{error}; give (3,) of each in rad/s and m/s2, in the order of their stamps") from None
+        if newest is not None and len(stamps) and stamps[0] <= newest:
+            raise UserError(f"IMU at {stamps[0]} ns: stamps must increase; the last was {newest} ns")
+        if len(stamps):
+            self.imu.add(samples)
+
+    @property
+    def waiting(self) -> Floats | None:
+        """(4, 4) T_odom_sensor of the newest scan that waits until it is known where up is, as far as known; None if
+        none does."""
+        return self._tracker.newest
+
+    @property
+    def advice(self) -> list[str]:
+        """Lines where the stated mount proves wrong."""
+        newest = self._tracker.advice
+        return [*self._advice, *([newest] if newest else [])]
+
+    def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
+        """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
+        return self._tracker.times_of(points, point_times)
+
+    def _begin(self) -> ScanTracker:
+        """A new tracker. The built-in odometry restarts; an odometry that the caller passed is kept."""
+        odometry = self._given_odometry or make_odometry(self._config.odometry, self._config.tracking, self.imu)
+        return ScanTracker(self._config, odometry, self.imu)
+
+    def _tracked(self, raw: RawScan) -> list[TrackingStep]:
+        return self._judged(self._tracker.track(raw))
+
+    def _judged(self, tracked: list[TrackedScan]) -> list[TrackingStep]:
+        """Tracked scans as steps, up to the one that shows that the sensor was carried elsewhere."""
+        steps: list[TrackingStep] = []
+        for number, scan in enumerate(tracked):
+            if self._tracker.was_carried_elsewhere(scan):
+                return [*steps, *self._begin_elsewhere(tracked[number:])]
+            self._lost = [*self._lost, scan] if scan.health == "lost" else []
+            steps.append(scan)
+        return steps
+
+    def _begin_elsewhere(self, newest: list[TrackedScan]) -> list[TrackingStep]:
+        """Tracks the lost scans that fit one another but not the map, and the `newest` ones, from the beginning."""
+        since_ns = self._tracker.carried_since_ns
+        again = [scan.raw for scan in (*self._lost, *newest) if scan.raw.stamp_ns >= since_ns]
+        self._advice = self.advice
+        self._tracker, self._lost = self._begin(), []
+        steps: list[TrackingStep] = [CarriedElsewhere(since_ns)]
+        for raw in again:
+            steps += self._tracked(raw)
+        return steps
+
+    def state(self) -> dict[str, Any]:
+        """The complete state as a tree (see `state_tree`); not a copy."""
+        return {
+            "newest_ns": self.newest_ns, "lost": self._lost, "advice": self._advice, "imu": self.imu.state(),
+            "tracker": self._tracker.state(),
+        }  # fmt: skip
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
+        self.imu.restore(state["imu"])
+        self._tracker = self._begin()
+        self._tracker.restore(state["tracker"])
+        self.newest_ns, self._lost, self._advice = state["newest_ns"], state["lost"], state["advice"]
