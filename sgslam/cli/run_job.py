@@ -127,6 +127,11 @@ def read_config(
     else:
         config = Config.model_validate(resumed["config"])
     config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
+    if options.second_pass and (config.odometry.method != "continuous_time" or options.map is not None):
+        raise UserError(
+            "--second-pass needs our own odometry and a run without --map: it registers all scans again; leave out "
+            f"{'--map' if options.map is not None else '--odometry and odometry.method'}, or --second-pass"
+        )
     if options.mount is not None:
         mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
         config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
@@ -189,6 +194,8 @@ class Run:
         if stopped is None and job.options.second_pass:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
         result = self.slam.finish(job.scans if stopped is None and job.options.second_pass else None)
+        if job.options.second_pass and result.trajectory_live is None:
+            _log.warning("there was no second pass: it needs poses of our own odometry, and a run in one part")
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         _log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
         for kind, count in result.factors.counts().items():

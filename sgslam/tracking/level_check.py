@@ -1,4 +1,4 @@
-"""Looks once more, after half a minute, whether the frame `odom` is level and the right way up."""
+"""Looks once more, after half a minute, whether the frame `odom` is level."""
 
 import logging
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sgslam.config import TrackingSettings
 from sgslam.serialization import Stateful
 from sgslam.surfels import SurfelMap
-from sgslam.tracking.gravity import SIGN_SURE, estimate_gravity
+from sgslam.tracking.gravity import estimate_gravity
 from sgslam.tracking.level_frame import SIDE, add_scan
 
 Floats = NDArray[np.float64]
@@ -23,7 +23,8 @@ _OFF = np.radians(10.0)  # right frames are level to a degree; farther off, anot
 class LevelCheck(Stateful):
     """Collects the surfaces of the first half minute, and warns if they contradict the level frame.
 
-    Nothing is changed then: the map is built in that frame.
+    Nothing is changed then: the map is built in that frame. Which end is up is not doubted here: hanging sensors are
+    rare, and surfaces that look upside down are not.
     """
 
     _STATE = ("_began_ns", "_next_ns", "_places", "_is_done")
@@ -54,17 +55,11 @@ class LevelCheck(Stateful):
         if found is None or not found.axis_sure:
             return
         off = float(np.degrees(np.arccos(np.clip(abs(found.up_in_odom[2]), -1.0, 1.0))))
-        seen = found.sign_seen if found.up_in_odom[2] > 0 else -found.sign_seen
         if np.radians(off) > _OFF:
             _log.warning(
                 "the map is not level: its surroundings show up %.0f degrees off what was found in the first seconds; "
                 "state roll, pitch and yaw of the sensor by --mount", off,
             )  # fmt: skip
-        elif seen < -SIGN_SURE and self._settings.mount is None:
-            _log.warning(
-                "the map may be upside down, as its surroundings show; if the sensor hangs upside down, state it by "
-                "--mount 180,0,0"
-            )
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the surfaces."""
