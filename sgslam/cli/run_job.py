@@ -85,6 +85,11 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     external = None
     if config is None:
         config, external = read_config(options, resumed)
+    if options.second_pass and (config.odometry.method != "continuous_time" or options.map is not None):
+        raise UserError(
+            "--second-pass needs our own odometry and a run without --map: it registers all scans again; leave out "
+            f"{'--map' if options.map is not None else '--odometry and odometry.method'}, or --second-pass"
+        )
     start = None if options.start is None else read_start(options.start)
     matcher = _matcher(config.matching.method)
     if options.demo:
@@ -127,11 +132,6 @@ def read_config(
     else:
         config = Config.model_validate(resumed["config"])
     config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
-    if options.second_pass and (config.odometry.method != "continuous_time" or options.map is not None):
-        raise UserError(
-            "--second-pass needs our own odometry and a run without --map: it registers all scans again; leave out "
-            f"{'--map' if options.map is not None else '--odometry and odometry.method'}, or --second-pass"
-        )
     if options.mount is not None:
         mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
         config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})

@@ -12,7 +12,7 @@ from data.generation.buildings import KINDS, generate_plan
 from data.scene_graph import implausible
 from data.synthetic_maps.noise_models import NOISE_MODELS, draw
 from matching import Hypothesis, Matcher, MatchResult
-from sgslam.cli.run_job import _MatcherWithStart
+from sgslam.cli.run_job import MatcherWithStart
 
 PLAN = a_graph(flat(np.random.default_rng(3)))
 ROOM = Room("r", (1.0, 1.0))
@@ -137,4 +137,4 @@ def test_a_start_is_in_the_order_of_the_motion_and_the_commands_in_its_own() -> 
     for given, placed in (((yaw, x, y), True), ((x, y, yaw), False)):
         assert (matcher.match(s, row, start=given).status == "unique") == placed
     for given, placed in (((x, y, yaw), True), ((yaw, x, y), False)):
-        assert (_MatcherWithStart(matcher, given).match(s, row).status == "unique") == placed
+        assert (MatcherWithStart(matcher, given).match(s, row).status == "unique") == placed
