@@ -96,7 +96,7 @@ def main() -> None:
     try:
         rclpy.spin(node)
     except KeyboardInterrupt:
-        pass
+        pass  # Ctrl-C ends the node; the results are written below
     finally:
         node.live.finish()
 

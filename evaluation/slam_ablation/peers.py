@@ -123,6 +123,7 @@ def _lidar_inertial(
     library, T, fed_ns = None, np.eye(4), -1
 
     def register(scan: Scan) -> Array:
+        """(4, 4) the pose at the end of the scan; the one before where the library has none."""
         nonlocal library, T, fed_ns
         times = np.zeros(len(scan.points)) if scan.point_times is None else scan.point_times
         end_ns = scan.stamp_ns + round(float(times.max()) * 1e9)

@@ -44,7 +44,7 @@ class LiveLoop:
         try:
             for scan in in_metres_and_sensor_frame(self._scans()):
                 self._add(scan)
-        except BrokenPipeError:  # nobody reads the lines any more
+        except BrokenPipeError:  # no one reads the lines any more
             os.dup2(os.open(os.devnull, os.O_WRONLY), self._out.fileno())  # else Python complains at its end
         except UserError as error:
             if not self.latencies.answers:

@@ -1,4 +1,4 @@
-"""Tracks all scans of a run, and begins anew where the sensor was carried elsewhere. It knows nothing of the map."""
+"""Tracks all scans of a run, and starts again where the sensor was carried elsewhere. It knows nothing of the map."""
 
 from dataclasses import dataclass
 from typing import Any, TypeAlias

@@ -325,7 +325,7 @@ def test_a_lidar_inertial_odometry_asks_for_an_imu() -> None:
 
 @has_genz_lio
 def test_scans_without_samples_are_lost_and_told_once(caplog: pytest.LogCaptureFixture) -> None:
-    """The samples of half a second are missing; the odometry begins anew and goes on from a prediction."""
+    """The samples of half a second are missing; the odometry starts again and goes on from a prediction."""
     scans, truth = bow()
     samples = felt(truth, SCAN_NS)
     kept = (samples.stamps_ns < 10 * SCAN_NS) | (samples.stamps_ns > 15 * SCAN_NS)

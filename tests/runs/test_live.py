@@ -33,7 +33,7 @@ FILES = ("trajectory.tum", "trajectory_map.tum", "trajectory_odometry.tum", "s_g
 
 
 def carried_off() -> list[tuple[int, Array]]:
-    """A room, a cover over the sensor, and another room, in which it begins anew."""
+    """A room, a cover over the sensor, and another room, in which it starts again."""
     here = scene_of([*room(0, 0, 4, 3), (0, 1, 0, 0.5, 2, 2)])
     there = scene_of([*room(20, 0, 29, 7), (23, 2, 0, 24, 4, 2.6), (26, 5, 0, 27, 7, 2.6)])
     first = [scan(here, pose(2 + 0.03 * i, 1.5, 1, yaw=0.03 * i), seed=i) for i in range(20)]

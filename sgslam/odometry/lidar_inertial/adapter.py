@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LEAST = 20  # points that a registration needs
 _SUSPICIOUS = 0.5  # of the usual share of points near recent ones; in eight drives on a hand at least 0.68 of it
-_PATIENCE = 5  # consecutive scans without a registration before the library begins anew
+_PATIENCE = 5  # consecutive scans without a registration before the library starts again
 _KEPT_NS = 5_000_000_000  # of the newest scans, from which a restored odometry begins
 
 
@@ -35,7 +35,7 @@ class LidarInertialOdometry(RigidOdometry):
 
     The library tells neither how much of a scan it explains nor a covariance of its steps: scans are compared with the
     recent ones, and the covariance is that of `odometry.other_sigma_*`. After several scans that do not fit the library
-    begins anew. Its state cannot be read: one that is restored begins anew from the scans of the last five seconds. It
+    starts again. Its state cannot be read: one that is restored restarts from the scans of the last five seconds. It
     goes on bit by bit only if these are all scans; else its poses differ a little, without the older part of its map.
     """
 
@@ -63,7 +63,7 @@ class LidarInertialOdometry(RigidOdometry):
         self._warned = False
 
     def level(self, up_in_odom: Floats) -> None:
-        """See `Odometry.level`: told to the library where it begins anew."""
+        """See `Odometry.level`: told to the library where it starts again."""
         self._up = up_in_odom
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
@@ -154,7 +154,7 @@ class LidarInertialOdometry(RigidOdometry):
             self._is_whole = False
 
     def _give_up(self) -> None:
-        """Has the library begin anew at the next scan."""
+        """Has the library start again at the next scan."""
         _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
         self._library, self._rest, self._T_odom_library = None, None, None
         self._kept, self._is_whole, self._misfits = [], True, 0
