@@ -52,7 +52,7 @@ class ContinuousTimeOdometry:
 
     _STATE = (
         "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs",
-        "residual", "_up", "_early", "_lost_at",
+        "residual", "_up", "_early", "_lost_at", "_held_at",
     )  # fmt: skip
 
     def __init__(self, settings: TrackingSettings, gyro: Gyroscope | None = None) -> None:
@@ -61,6 +61,7 @@ class ContinuousTimeOdometry:
         self._map, self._side = SurfelMap(), 0.0
         self._first_ns: int | None = None
         self._scans, self._lost, self._lost_at = 0, False, -np.inf  # the latter: seconds, of the last lost scan
+        self._held_at = -np.inf  # s, of the last scan that was good or degraded
         self._up: Floats | None = None  # in `odom`, once it is known
         self._way, self._usual = 0.0, 0.0  # m; share of a scan's points on known surfaces
         self._height = 0.0  # m, the usual one along `up`
@@ -174,28 +175,43 @@ class ContinuousTimeOdometry:
         return solved.share >= usual and solved.agreement >= self._settings.agreement
 
     def _judged(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> _Found:
-        """Adds the older scan to the map and remembers the newest one, unless it is lost."""
+        """Adds the older scan to the map and remembers the newest one, unless it is lost.
+
+        People who went away leave surfaces: a scan that sees through some where the sensor was followed is in doubt. It
+        is called lost and not added, but the sensor is lost only if its scans stay in doubt.
+        """
         covariance = solved.covariance_in_sensor(firsts[-1], len(scan.knot_seconds) == 1)
         relative = solved.share / max(self._usual, 1e-9) if self._scans > 2 else 1.0
-        sees_through = self._sees_through(scan, solved.knots[firsts[-1] :], relative)
-        health, unconstrained = judged(solved, covariance, relative, sees_through, self._lost, self._settings)
-        interval = float(scan.knot_seconds[-1]) - self._beliefs[-1].seconds
+        health, unconstrained = judged(solved, covariance, relative, self._lost, self._settings)
         if health == "lost":
+            return self._lose(scan, solved.share)
+        knots, ends = solved.knots[firsts[-1] :], float(scan.knot_seconds[-1])
+        in_doubt = self._sees_through(scan, knots, relative)
+        if in_doubt and (self._lost or ends - self._held_at > self._settings.kidnapped):
             return self._lose(scan, solved.share)
         if self._older is not None:
             self._add(self._older, solved.knots[firsts[0] :][: len(self._older_knots)])
-        self._lost, knots = False, solved.knots[firsts[-1] :]
+        if in_doubt:
+            self._beliefs, self._older = [Belief.of(solved)], None
+            return _Found(knots, covariance, "lost", solved.share)
+        self._remember(scan, solved, firsts)
+        return _Found(knots, covariance, health, solved.share, unconstrained)
+
+    def _remember(self, scan: TimedPoints, solved: Solved, firsts: list[int]) -> None:
+        """Goes on from a scan that fits the map."""
+        knots, ends = solved.knots[firsts[-1] :], float(scan.knot_seconds[-1])
+        interval = ends - self._beliefs[-1].seconds
+        self._lost, self._held_at = False, ends
         self._way += float(np.linalg.norm(knots[-1, :3, 3] - self._beliefs[-1].T[:3, 3]))
         before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
         self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
         self._older, self._older_knots, self.residual = scan, knots, solved.residual
         if self._gyro is not None:
-            self._gyro.follow(float(scan.knot_seconds[-1]), knots[-1, :3, :3])
+            self._gyro.follow(ends, knots[-1, :3, :3])
         follow = 1 - np.exp(-interval / self._settings.sway_memory)
         self._height += follow * (float(self._model.up @ knots[-1, :3, 3]) - self._height)
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
         self._usual += weight * (solved.share - self._usual)
-        return _Found(knots, covariance, health, solved.share, unconstrained)
 
     def _sees_through(self, scan: TimedPoints, knots: Floats, relative: float) -> bool:
         """Whether the rays of a suspicious scan, its knots at (K, 4, 4), pass through too many surfaces of the map.

@@ -21,14 +21,13 @@ def innovation(solved: Solved) -> float:
 
 
 def judged(
-    solved: Solved, covariance: Floats, relative: float, sees_through: bool, was_lost: bool, settings: TrackingSettings
+    solved: Solved, covariance: Floats, relative: float, was_lost: bool, settings: TrackingSettings
 ) -> tuple[Health, Floats]:
     """The health of a scan with a covariance (6, 6), rotation first, and with a share of points on known surfaces that
-    is so many times the usual one; and the unit twists (M, 6) that are not constrained. One that sees through surfaces
-    is lost. A sensor that was lost must fit better, and be constrained in all directions: of the many poses that are
-    tried then, some fit by chance."""
+    is so many times the usual one; and the unit twists (M, 6) that are not constrained. A sensor that was lost must fit
+    better, and be constrained in all directions: of the many poses that are tried then, some fit by chance."""
     unlike = relative < (settings.suspicious if was_lost else settings.lost) or solved.agreement < settings.agreement
-    if unlike or sees_through or innovation(solved) > settings.innovation:
+    if unlike or innovation(solved) > settings.innovation:
         return "lost", np.empty((0, 6))
     weak = []
     for part, most in ((0, settings.degraded_rotation), (3, settings.degraded_translation)):

@@ -85,6 +85,23 @@ def test_a_room_whose_walls_stand_behind_the_known_ones_is_another_one() -> None
     assert last_health(opened(4.0)) == "lost"
 
 
+@pytest.mark.parametrize(("scans", "is_lost"), [(3, False), (8, True)])
+def test_a_sensor_that_sees_through_walls_is_followed_for_half_a_second(scans: int, is_lost: bool) -> None:
+    """They may have been people who went away; if not, they stay seen through."""
+    odometry = ContinuousTimeOdometry(TrackingSettings())
+    small, larger = scene_of(SMALL), scene_of(room(-2, -2, 3.5, 3.5))
+    lost, off = [], []
+    for k in range(8 + scans + 1):
+        T = pose(0.05 * k, 0.2, 1.2)
+        found = odometry.register(k * 100_000_000, scan(larger if 8 <= k < 8 + scans else small, T, seed=k))
+        lost.append(found.health == "lost")
+        off.append(abs(found.T_odom_sensor[0, 3] - T[0, 3]))
+    assert not any(lost[:8]) and all(lost[8 : 8 + scans])
+    assert max(off[:11]) < 0.03
+    assert lost[-1] is is_lost
+    assert (off[-1] > 0.15) if is_lost else (off[-1] < 0.03)
+
+
 def test_a_wall_near_by_through_which_most_rays_pass_is_seen_through_though_it_is_small() -> None:
     """Of a long corridor, whose surfaces are many."""
     corridor, panel = room(-20, -1, 20, 1), (0.9, -1.0, 0.0, 1.0, 1.0, 2.6)
