@@ -18,6 +18,10 @@ class QualitySettings(Settings):
     """largest share of keyframes that see no wall; sound maps 0.02, lost ones 0.6 to 0.9"""
     walls_per_keyframe: float = Field(3.0, ge=0)
     """least mean number of walls that a keyframe sees; sound maps 5 to 13, lost ones 0.3 to 2"""
+    anchored_position: float = Field(0.5, gt=0)
+    """m, along each axis of the building, the error below which 95 % of an anchored scan's lie: in the right room"""
+    anchored_attitude: float = Field(5.0, gt=0)
+    """degrees, about each axis, the same of its attitude"""
     position_sigma: float = Field(0.2, gt=0)
     """m, largest standard deviation that 95 % of the positions have at most"""
     plan_tilt: float = Field(1.0, gt=0)

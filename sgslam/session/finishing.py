@@ -22,7 +22,7 @@ from sgslam.session.prior_map import PriorMap
 from sgslam.session.quality import quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import ScanPose, at_stamps, odometry_begins, smooth, with_unplaced
-from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty
+from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty, why_none_is_anchored
 from sgslam.session.unit_advice import feet_advice
 
 if TYPE_CHECKING:
@@ -50,13 +50,16 @@ def assemble_result(
     *earlier, placed = [at_stamps(scans[run], poses[run]) for run in runs]
     trajectory_map = with_unplaced(placed, [(part.scans, part.backend.poses) for part in unplaced])
     of_run = sorted([*scans[newest], *(s for part in unplaced for s in part.scans)], key=lambda s: s.stamp_ns)
-    anchored = anchoring is not None and backend.T_map_bim is not None
-    T_bim_map = anchoring.bim_from_map(backend.T_map_bim) if anchored else None  # type: ignore[union-attr, arg-type]
+    T_bim_map = None
+    if anchoring is not None and backend.T_map_bim is not None:
+        T_bim_map = anchoring.bim_from_map(backend.T_map_bim)
+    own = _own(final, newest, T_bim_map, config)
+    reason = NO_PLAN if anchoring is None else anchoring.reason
+    if T_bim_map is not None and not own.anchored.any():
+        T_bim_map, reason = None, why_none_is_anchored(own, config.quality)
+        own = _own(final, newest, None, config)
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
-    known = backend.uncertainty()
-    uncertainty = known if T_bim_map is not None else None
-    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
-    own = scan_uncertainty(scans, newest, backend, known, R_frame_map, config.odometry, 0, anchored)
+    uncertainty = backend.uncertainty() if T_bim_map is not None else None
     told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
     tracked = {health: sum(scan.health == health for scan in of_run) for health in get_args(Health)}
     odometry = at_stamps(scans[newest], np.stack([s.T_odom_sensor for s in scans[newest]]))
@@ -65,8 +68,8 @@ def assemble_result(
         _log.warning("%s", unit)
     first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
     return Result(
-        anchored=anchored,
-        reason=NO_PLAN if anchoring is None else anchoring.reason,
+        anchored=T_bim_map is not None,
+        reason=reason,
         trajectory=trajectory_map if T_bim_map is None else trajectory_map.only(told.anchored).transformed(T_bim_map),
         trajectory_map=trajectory_map,
         trajectory_odometry=at_stamps(of_run, np.stack([s.T_odom_sensor for s in of_run])),
@@ -78,7 +81,7 @@ def assemble_result(
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
         pose_covariances=_covariances(backend, uncertainty, T_bim_map, placed, newest.start),
-        first_anchor_s=(first_ns - begin_ns) / 1e9 if anchored and first_ns is not None else None,
+        first_anchor_s=(first_ns - begin_ns) / 1e9 if T_bim_map is not None and first_ns is not None else None,
         keyframes=len(backend.keyframes),
         seconds=dict(final.stopwatch.seconds),
         config=config,
@@ -103,14 +106,18 @@ def _live(scans: list[ScanPose], told: ScanUncertainty, T_bim_map: Floats | None
     return live if T_bim_map is None else live.only(told.anchored).transformed(T_bim_map)
 
 
+def _own(final: ActiveMap, run: slice, T_bim_map: Floats | None, config: Config) -> ScanUncertainty:
+    """The lines of the map's own scans, in the frame of the building where T_bim_map (4, 4) is known."""
+    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
+    return scan_uncertainty(final.scans, run, final.backend, R_frame_map, config, 0, T_bim_map is not None)
+
+
 def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
     """The scans of the submaps that were not relocalised, each in its own frame."""
     return [
-        scan_uncertainty(
-            part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config.odometry, number, False
-        )
+        scan_uncertainty(part.scans, slice(None), part.backend, np.eye(3), config, number, False)
         for number, part in enumerate(unplaced, 1)
-    ]  # fmt: skip
+    ]
 
 
 def _walls_seen(floors: Floors, backend: Backend) -> list[int]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from data.common.files import write_atomically
 from data.trajectory.stamps import ns_to_seconds
 from sgslam.backend import Backend, Uncertainty
-from sgslam.config import OdometrySettings
+from sgslam.config import Config, OdometrySettings, QualitySettings
 from sgslam.registration import Health
 from sgslam.report.scan_states import ScanStates
 from sgslam.session.scan_poses import ScanPose
@@ -17,6 +17,7 @@ from sgslam.session.scan_poses import ScanPose
 Floats = NDArray[np.float64]
 FILE = "trajectory_sigma.csv"
 _OWN = (1.5 / 6.0) ** 2  # share of a tracked pose's variance that is its own: of 6 median residuals, noise explains 1.5
+_NORMAL_95 = 1.96  # standard deviations within which 95 % of a normal distribution's values lie
 _MOST = 100  # keyframes whose covariance is computed; between them it is interpolated
 _HEADER = (
     "stamp_s,sigma_x_m,sigma_y_m,sigma_z_m,sigma_roll_deg,sigma_pitch_deg,sigma_yaw_deg,part,floor,anchored,health"
@@ -30,7 +31,7 @@ class ScanUncertainty:
     `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) of the frame of the trajectory; NaN
     where they are unknown. `part` (N,): 0 for the map, then a number for each submap that was not relocalised: its
     sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two floors. `anchored` (N,):
-    whether the pose is one in the building; lost scans have none.
+    whether the pose is one in the building: neither of lost scans, nor where it is not known well enough.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -69,25 +70,49 @@ class ScanUncertainty:
 
 
 def scan_uncertainty(
-    scans: list[ScanPose], run: slice, backend: Backend, uncertainty: Uncertainty | None, R_frame_map: Floats,
-    settings: OdometrySettings, part: int, anchored: bool,
-) -> ScanUncertainty:  # fmt: skip
-    """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3).
+    scans: list[ScanPose], run: slice, backend: Backend, R_frame_map: Floats, config: Config, part: int, placed: bool
+) -> ScanUncertainty:
+    """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3); of a map that is
+    `placed` in the building, some are anchored.
 
     A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
     what a step between the two errs on the way: a Brownian bridge.
     """
-    own, keyframes = scans[run], backend.keyframes
+    own, keyframes, uncertainty = scans[run], backend.keyframes, backend.uncertainty()
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
     floors = [keyframes[scan.keyframe].storey for scan in own]
-    found = ScanUncertainty(
-        stamps, np.full((len(own), 6), np.nan), np.full(len(own), part),
-        tuple("" if floor is None else f"floor-{floor}" for floor in floors),
-        np.array([anchored and scan.health != "lost" for scan in own]), tuple(scan.health for scan in own),
-    )  # fmt: skip
+    sigma = np.full((len(own), 6), np.nan)
     if uncertainty is not None:
-        found.sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, settings))
-    return found
+        sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, config.odometry))
+    is_lost = np.array([scan.health == "lost" for scan in own])
+    return ScanUncertainty(
+        stamps, sigma, np.full(len(own), part), tuple("" if floor is None else f"floor-{floor}" for floor in floors),
+        placed & ~is_lost & np.all(_NORMAL_95 * sigma <= _limits(config.quality), axis=1),
+        tuple(scan.health for scan in own),
+    )  # fmt: skip
+
+
+def _limits(settings: QualitySettings) -> Floats:
+    """(6,) the errors (m, rad) that anchored poses have at most, with 95 %."""
+    return np.repeat([settings.anchored_position, np.radians(settings.anchored_attitude)], 3)
+
+
+def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings) -> str:
+    """One line, of a map that fits the plan at one place."""
+    known = own.sigma[[health != "lost" for health in own.health]]
+    if not len(known):
+        return "the map fits the plan, but every scan is lost"
+    sigma = np.quantile(known, 0.95, axis=0)
+    if np.isnan(sigma).any():
+        return "the map fits the plan, but how well its poses are known cannot be computed"
+    worst = int(np.argmax(sigma / _limits(settings)))
+    what = ("position along x", "position along y", "height", "roll", "pitch", "heading")[worst]
+    name, unit = ("anchored_position", "m") if worst < 3 else ("anchored_attitude", "degrees")
+    value = sigma[worst] if worst < 3 else np.degrees(sigma[worst])
+    return (
+        f"the map fits the plan, but its {what} is not known: the standard deviation is {value:.2f} {unit}; "
+        f"--set quality.{name}={np.ceil(20 * value) / 10} accepts that"
+    )
 
 
 def _variances(
