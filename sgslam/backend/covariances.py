@@ -13,7 +13,7 @@ from sgslam.geometry.frames import transform_planes
 
 Floats = NDArray[np.float64]
 _BIM = B(0)
-_PLANES = ("p", "f")  # symbols of plane variables, which have three dimensions; all others are poses
+_PLANES = ("p", "f", "u")  # symbols of plane variables, which have three dimensions; all others are poses
 _STEP = 1e-5  # of numeric derivatives, rad and m
 
 

@@ -10,7 +10,7 @@ from functools import partial
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, F, L, O, P, R, W, X
+from gtsam.symbol_shorthand import B, F, L, O, P, R, U, W, X
 from numpy.typing import NDArray
 
 import factors
@@ -21,7 +21,7 @@ from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 Floats = NDArray[np.float64]
-BIM, LEVEL, IDENTITY = B(0), L(0), O(0)
+BIM, LEVEL, IDENTITY, GROUND = B(0), L(0), O(0), U(0)
 _PARALLEL = 0.003  # rad between two floors or ceilings of a building
 
 
@@ -132,8 +132,7 @@ class GraphBuilder:
                 build = partial(self._observation, s, F(s.level), anchor_of[s.level], sigmas)
                 why = f"keyframe {s.keyframe} saw level {s.level}"
                 entries |= self._entry("level", key, "level extraction", why, build)
-        if len(anchor_of) > 1:
-            entries |= self._parallel_levels(anchor_of)
+        entries |= self._parallel_levels(anchor_of) | self._verticals(before)
         gone = "it belongs to another level, or that one is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "level", entries, gone)
         return anchor_of
@@ -150,6 +149,23 @@ class GraphBuilder:
             build = partial(factors.observe_plane, up, LEVEL, X(anchor), F(level), noise)
             entries |= {key: before[key]} if key in before else self._entry(
                 "level", key, "level extraction", "floors and ceilings of a building are parallel", build
+            )  # fmt: skip
+        return entries
+
+    def _verticals(self, before: dict[Key, Entry]) -> dict[Key, Entry]:
+        """The vertical that the surfaces show at each keyframe: the normal of the ground of the level frame."""
+        entries, ground, free = dict[Key, Entry](), [0.0, 0.0, 1.0, 0.0], 1000.0
+        key: Key = ("ground",)
+        held = partial(factors.observe_own_plane, ground, IDENTITY, GROUND, factors.noise_of_plane(1e-4, 1e-3, None))
+        entries |= {key: before[key]} if key in before else self._entry("level", key, "front end", "level", held)
+        for i, keyframe in enumerate(self._keyframes):
+            if not np.isfinite(keyframe.sigma_up):
+                continue
+            noise = factors.noise_of_plane(keyframe.sigma_up, free, self._config.backend.huber)
+            build = partial(factors.observe_plane, [*keyframe.up, 0.0], X(i), LEVEL, GROUND, noise)
+            key = ("up", i)
+            entries |= {key: before[key]} if key in before else self._entry(
+                "level", key, "front end", "surfaces are upright or level", build
             )  # fmt: skip
         return entries
 
@@ -279,6 +295,7 @@ def start_values(
     Variables with neither are left out.
     """
     found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3(), LEVEL: gtsam.Pose3()}
+    found[GROUND] = gtsam.OrientedPlane3(0.0, 0.0, 1.0, 0.0)
     found |= {X(i): gtsam.Pose3(keyframe.T_map_sensor) for i, keyframe in enumerate(keyframes)}
     for level in inputs.levels:
         anchor = inputs.anchor_of_level[level.level]

@@ -158,6 +158,7 @@ class ActiveMap:
         R_level_sensor = level_to_sensor(keyframe.T_map_sensor, T_level_map[2, :3])
         seen = self.front_end.look(points, T_odom_sensor, R_level_sensor, float(T_level_sensor[2, 3]))
         keyframe.outline, keyframe.lintels = seen.contour, seen.lintels
+        keyframe.up, keyframe.sigma_up = seen.up, seen.sigma_up
         number = len(self.backend.keyframes)
         floor.levels.add(number, keyframe.T_map_sensor, seen.levels)
         floor.walls.add(number, keyframe.T_map_sensor, seen.walls)

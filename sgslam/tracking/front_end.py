@@ -19,21 +19,27 @@ from sgslam.perception import (
 from sgslam.perception.column_scan import contour
 from sgslam.serialization import Stateful
 from sgslam.surfels import SurfelMap
+from sgslam.tracking.gravity import refined_up
 from sgslam.tracking.level_frame import add_scan
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
+Surfels = tuple[Floats, Floats, Floats]  # means (N, 3), normals (N, 3) and numbers of points (N,)
+_TRACKED = np.radians(1.0)  # rad, standard deviation of the tracked vertical: among people a hand-held one tilts by 3
 _SPACING = 0.15  # m between the points of a scan in which level surfaces are looked for
 
 
 @dataclass(frozen=True)
 class KeyframeScan:
-    """What is seen from a keyframe. Planes (4,) and points (.., 3) are in the sensor frame."""
+    """What is seen from a keyframe, in the sensor frame: planes (4,), points (.., 3), and the vertical `up` (3,) with a
+    standard deviation `sigma_up` (rad), infinite where the surfaces do not show it."""
 
     walls: list[tuple[WallObservation, Floats, Floats]]  # the observation, its plane, its ends (2, 3)
     levels: list[LevelObservation]
     contour: Floats32  # (M, 3) one upright point of the high band for each column
     lintels: Floats32  # (L, 3) upright points at the height of lintels
+    up: Floats
+    sigma_up: float
 
 
 def level_to_sensor(T_map_sensor: Floats, up_in_map: Floats) -> Floats:
@@ -62,10 +68,14 @@ class FrontEnd(Stateful):
     def look(self, points: Floats, T_odom_sensor: Floats, R_level_sensor: Floats, height: float) -> KeyframeScan:
         """Extracts walls from a keyframe's scan (N, 3), and level surfaces from all scans since the last keyframe.
 
-        `height` (m) is the sensor's above the ground.
+        `R_level_sensor` (3, 3) is the tracked attitude, which the surfaces correct, and `height` (m) the sensor's above
+        the ground.
         """
-        levels = extract_levels(*self._surfels.surfels(), T_odom_sensor)
+        surfels = self._surfels.surfels()
         self._surfels.clear()
+        up, sigma_up = self._upright(surfels, T_odom_sensor, R_level_sensor)
+        R_level_sensor = levelling(_mean(R_level_sensor[2], _TRACKED, up, sigma_up))
+        levels = _levels(surfels, T_odom_sensor, R_level_sensor)
         settings = self._config.surfaces
         scan = sort_into_columns(points @ R_level_sensor.T, settings.columns)
         T_sensor_level = np.eye(4)
@@ -81,7 +91,14 @@ class FrontEnd(Stateful):
         low, high = self._config.rooms.lintel_band
         z = above.points[:, 2]
         lintels = (scan.points[above.upright & (z > low) & (z < high)] @ R_level_sensor).astype(np.float32)
-        return KeyframeScan(walls, levels, outline, lintels)
+        return KeyframeScan(walls, levels, outline, lintels, up, sigma_up)
+
+    @staticmethod
+    def _upright(surfels: Surfels, T_odom_sensor: Floats, R_level_sensor: Floats) -> tuple[Floats, float]:
+        """The vertical (3,) in the sensor frame and its standard deviation (rad), as the surfels show them."""
+        R_odom_sensor, tracked = T_odom_sensor[:3, :3], R_level_sensor[2]
+        found = refined_up(R_odom_sensor @ tracked, *surfels[1:])
+        return (tracked, np.inf) if found is None else (R_odom_sensor.T @ found[0], found[1])
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the surfaces since the last keyframe."""
@@ -91,6 +108,21 @@ class FrontEnd(Stateful):
         """See `Stateful`."""
         super().restore(state)
         self._surfels.restore(state["surfels"])
+
+
+def _levels(surfels: Surfels, T_odom_sensor: Floats, R_level_sensor: Floats) -> list[LevelObservation]:
+    """The level surfaces among surfels in `odom`, in the sensor frame."""
+    means, normals, counts = surfels
+    T_level_odom = np.eye(4)
+    T_level_odom[:3, :3] = R_level_sensor @ T_odom_sensor[:3, :3].T
+    R = T_level_odom[:3, :3]
+    return extract_levels(means @ R.T, normals @ R.T, counts, T_level_odom @ T_odom_sensor)
+
+
+def _mean(a: Floats, sigma_a: float, b: Floats, sigma_b: float) -> Floats:
+    """(3,) the mean of two unit vectors with standard deviations (rad), a unit vector."""
+    mean = a / sigma_a**2 + b / sigma_b**2
+    return np.asarray(mean / np.linalg.norm(mean))
 
 
 def _in_frame(T_a_b: Floats, found: list[WallObservation]) -> list[tuple[WallObservation, Floats, Floats]]:

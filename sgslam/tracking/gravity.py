@@ -106,6 +106,19 @@ def estimate_gravity(
     return Gravity(up, _sigma(up, normals, capped), axis_odds, sign_odds, sign_seen)
 
 
+def refined_up(up: Floats, normals: Floats, counts: Floats) -> tuple[Floats, float] | None:
+    """The vertical (3,) near `up` (3,) that surfels with unit normals (N, 3) and numbers of points (N,) show, and its
+    standard deviation (rad); None where they are few, or too few of them are upright or level."""
+    if len(normals) < FEWEST:
+        return None
+    weights = np.minimum(counts, np.median(counts))
+    weights = weights / weights.max()
+    _, found = _refined(up, normals, weights)
+    if _fitting(found, normals, weights) < LEAST_FITTING:
+        return None
+    return found, _sigma(found, normals, weights)
+
+
 def _axes(normals: Floats, weights: Floats) -> list[Floats]:
     """Candidates (3,), either end up: the commonest directions of surfaces and those square to two of them, refined."""
     left, directions = weights.copy(), list[Floats]()

@@ -182,3 +182,20 @@ def test_optimisations_grow_rarer_with_the_graph() -> None:
             times.append(i)
             backend._optimised_at = i + 1
     assert times[0] < 20 and np.diff(times)[-1] > 2 * np.diff(times)[0]
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_map_that_tilted_is_righted_by_the_vertical_that_its_keyframes_show(told: bool) -> None:
+    """The odometry rolls by 6 degrees over three of twelve steps, and there are no walls."""
+    backend, up = Backend(Config()), np.array([0.0, 0.0, 1.0])
+    truth = [pose(0.5 * i, 0.0, 1.2, yaw=0.05 * i) for i in range(12)]
+    for i, T in enumerate(truth):
+        T_odom = pose(0.0, 0.0, 0.0, roll=np.radians(2.0) * np.clip(i - 3, 0, 3)) @ T
+        keyframe = KeyframeNode(i, 10**9 * i, T_odom, T_odom.copy(), step_covariance=np.eye(6) * 0.01**2)
+        if told:
+            keyframe.up, keyframe.sigma_up = T[:3, :3].T @ up, np.radians(0.5)
+        backend.add_keyframe(keyframe)
+    backend.optimise([], [], [], None, steps=20)
+    cosines = [(R @ T[:3, :3].T @ up) @ up for R, T in zip(backend.poses[:, :3, :3], truth, strict=True)]
+    worst = float(np.degrees(np.arccos(min(cosines))))
+    assert worst < 1.0 if told else worst == pytest.approx(6.0, abs=0.1)
