@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 _FLOOR = 0.8, 0.19 / 2.0, 0.01 / 1.0
 _CEILING = 0.5, 0.45 / 1.5, 0.05
 _CARRIED = 1.2, 0.6  # m above the floor, mean and standard deviation, of sensors: robots' 0.4, hands' 1.4, poles' 2
-_SURE = 0.9  # probability of a height that is not doubted
+_SURE, _NORMAL = 0.95, 1.96  # probability of a height that is not doubted; sigmas of a normal distribution that hold it
 _AREA = 10.0  # m2, times keyframes, of a level surface that counts for half
 
 
@@ -27,8 +27,8 @@ _AREA = 10.0  # m2, times keyframes, of a level surface that counts for half
 class HeightAlignment:
     """The planned heights (m, local frame) of level surfaces by their numbers.
 
-    `raised` (m) is that of the levelled map's z = 0, and `sigma` (m) the standard deviation of what they have in
-    common: 0 where no other height is likely.
+    `raised` (m) is that of the levelled map's z = 0. `sigma` (m) is the standard deviation of what they have in common,
+    such that 95 % regions hold 95 % of the probability: 0 where no other height is likely.
     """
 
     planned: dict[int, float]
@@ -56,11 +56,21 @@ def align_heights(
     best, apart = int(np.argmax(odds)), np.abs(candidates - candidates[np.argmax(odds)])
     others = np.where(apart > settings.tolerance, likely, 0.0)  # nearer ones are the same height
     probability = 1.0 / (1.0 + others.sum())
-    sigma = 0.0 if probability > _SURE else float(np.sqrt(probability * others @ apart**2))
+    sigma = height_sigma(apart, probability * others)
     planned = _planned(levels, float(candidates[best]), floor, ceilings, settings.tolerance)
     row = {int(level): k for k, level in enumerate(levels.ids)}
     off = [z - levels.height[row[level]] for level, z in planned.items()]
     return HeightAlignment(planned, float(np.mean(off)), sigma)
+
+
+def height_sigma(apart: Floats, probability: Floats) -> float:
+    """The standard deviation (m) of a height, where others that are so far `apart` (N,) have a probability (N,)."""
+    if probability.sum() <= 1 - _SURE:
+        return 0.0
+    farthest = np.argsort(-apart)
+    beyond = np.cumsum(probability[farthest])
+    quantile = float(apart[farthest[np.argmax(beyond > 1 - _SURE)]])
+    return max(quantile / _NORMAL, float(np.sqrt(probability @ apart**2)))
 
 
 def _log_odds(levels: Levels, raised: float, floor: float, ceilings: Floats, tolerance: float) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data import WallSurface
-from sgslam.anchoring.height_alignment import HeightAlignment, align_heights
+from sgslam.anchoring.height_alignment import HeightAlignment, align_heights, height_sigma
 from sgslam.anchoring.wall_alignment import AlignedWall
 from sgslam.config import AnchorSettings
 from sgslam.mapping.level_map import Levels
@@ -66,3 +66,19 @@ def test_nothing_seen_tells_nothing() -> None:
     nothing = Levels(np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 2)), np.empty(0), np.empty(0, dtype=bool))
     assert align_heights(nothing, [], 3.0, 0.0, 1.4, SETTINGS) is None
     assert aligned([(2.4, 300, CEILING)], tops=()) is None
+
+
+@pytest.mark.parametrize(
+    ("apart", "probability", "expected"),
+    [
+        ([0.3], [0.049], 0.0), ([0.3], [0.051], 0.3 / 1.96),  # one in twenty may be elsewhere
+        ([0.6, 0.3], [0.04, 0.1], 0.3 / 1.96), ([0.3, 0.6], [0.1, 0.06], 0.6 / 1.96),
+        ([0.6, 0.6], [0.03, 0.03], 0.6 / 1.96),
+        ([0.3], [0.4], 0.3 * 0.4**0.5),  # the second moment, where that is larger
+        ([], [], 0.0),
+    ],
+)  # fmt: skip
+def test_a_region_of_95_percent_holds_95_percent_of_the_likely_heights(
+    apart: list[float], probability: list[float], expected: float
+) -> None:
+    assert height_sigma(np.array(apart), np.array(probability)) == pytest.approx(expected)
