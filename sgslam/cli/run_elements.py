@@ -7,9 +7,9 @@ import numpy as np
 from data.geometry.poses import xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.scene_graph import SceneGraph
-from sgslam.as_built.element_files import CSV, JSON, XLSX, write_elements
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
-from sgslam.as_built.sightings import View
+from sgslam.as_built.elements.files import CSV, JSON, XLSX, write_elements
+from sgslam.as_built.elements.sightings import View
 from sgslam.session import Result
 
 
@@ -44,8 +44,9 @@ def run_views(result: Result) -> list[View]:
     told = result.uncertainty
     nearest = np.clip(np.searchsorted(told.stamps_ns, [k.stamp_ns for k in keyframes]), 0, len(told.stamps_ns) - 1)
     sigma = np.nan_to_num(told.sigma[nearest, :2].max(axis=1), nan=np.inf)
+    heading = np.nan_to_num(told.sigma[nearest, 5], nan=np.inf)
     return [
-        View(points, T, float(own))
-        for keyframe, T, own in zip(keyframes, poses, sigma, strict=True)
+        View(points, T, float(own), float(turn))
+        for keyframe, T, own, turn in zip(keyframes, poses, sigma, heading, strict=True)
         for points in [result.clouds[int(keyframe.id[1:])]] if len(points) and np.isfinite(own)
     ]  # fmt: skip

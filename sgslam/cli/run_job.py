@@ -21,9 +21,8 @@ from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
 from sgslam.anchoring import check_storey
 from sgslam.as_built import write_topics
-from sgslam.as_built.tolerance_classes import parse_length
+from sgslam.as_built.elements.tolerance_classes import parse_length
 from sgslam.cli.compile_ahead import compile_ahead
-from sgslam.cli.export import BCF
 from sgslam.cli.resume_arguments import restore_arguments, run_arguments
 from sgslam.cli.run_elements import write_run_elements
 from sgslam.cli.run_fingerprint import check_unchanged, run_fingerprint
@@ -211,7 +210,7 @@ class Run:
         if job.bim is not None and result.T_bim_map is not None:
             model = Model(job.options.bim.name)
             write_topics(
-                out / BCF, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model,
+                out, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model,
                 result.config.as_built.tolerance,
             )  # fmt: skip
         write_run_elements(result, job.options.bim, job.a_graph, out)
