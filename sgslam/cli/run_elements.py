@@ -1,4 +1,4 @@
-"""The verdicts of all elements of a finished run, written to its folder."""
+"""The verdicts on all elements of a finished run."""
 
 from pathlib import Path
 
@@ -8,21 +8,18 @@ from data.geometry.poses import xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
-from sgslam.as_built.elements.files import CSV, JSON, XLSX, write_elements
 from sgslam.as_built.elements.sightings import View
 from sgslam.session import Result
 
 
-def write_run_elements(result: Result, bim: Path | None, a_graph: SceneGraph | None, out: Path) -> None:
-    """Writes the elements' files; where the run is not anchored to an IFC model, those of an earlier run are deleted.
+def verdicts_of(result: Result, bim: Path | None, a_graph: SceneGraph | None) -> list[ElementVerdict] | None:
+    """The verdicts; None where the run is not anchored to an IFC model.
 
     Raises UserError for a model that cannot be read.
     """
     if bim is None or a_graph is None or result.T_bim_map is None or bim.suffix.lower() not in IFC_SUFFIXES:
-        for name in (JSON, CSV, XLSX):
-            (out / name).unlink(missing_ok=True)
-        return
-    write_elements(out, run_verdicts(result, bim, a_graph), result.config.as_built.tolerance)
+        return None
+    return run_verdicts(result, bim, a_graph)
 
 
 def run_verdicts(result: Result, bim: Path, a_graph: SceneGraph) -> list[ElementVerdict]:

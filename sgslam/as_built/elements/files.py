@@ -39,6 +39,12 @@ def write_elements(out: Path, verdicts: Sequence[ElementVerdict], tolerance: flo
     write_atomically(out / XLSX, _workbook(rows))
 
 
+def remove_elements(out: Path) -> None:
+    """Deletes the files that an earlier run left in the folder `out`."""
+    for name in (JSON, CSV, XLSX):
+        (out / name).unlink(missing_ok=True)
+
+
 def _row(v: ElementVerdict) -> list[Cell]:
     texts = [_text(text) for text in (v.name, v.global_id, v.ifc_class, v.storey, ", ".join(v.rooms))]
     sure = "yes" if v.conclusive else "no"
