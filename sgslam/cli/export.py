@@ -93,6 +93,13 @@ def _map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], i
     return cloud_map(clouds, poses, voxel), len(clouds)
 
 
+def _pdf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from sgslam.report.pdf import FILE, report_data, write_pdf
+
+    count = write_pdf(report_data(run), run.path / FILE)
+    return [f"{run.path / FILE}: {count} pages"]
+
+
 def _mcap(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from sgslam.export.foxglove import FILE, write_mcap
 
@@ -158,7 +165,7 @@ def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {
     "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "mcap": _mcap,
-    "ifc": _ifc, "bcf": _bcf,
+    "pdf": _pdf, "ifc": _ifc, "bcf": _bcf,
 }  # fmt: skip
 _NEED_MODEL = {"ifc", "bcf"}
 _NEED_PACKAGE = {"mcap": "mcap"}
