@@ -112,6 +112,12 @@ def write_topics(
     return len(topics)
 
 
+def remove_topics(out: Path) -> None:
+    """Deletes the topics that an earlier run left in the folder `out`."""
+    for name in BCF.values():
+        (out / name).unlink(missing_ok=True)
+
+
 def _topic(
     title: str, description: str, kind: str, ids: tuple[str, ...], segment: tuple[Any, Any],
     towards: tuple[float, float],

@@ -21,8 +21,8 @@ from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
 from sgslam.anchoring import check_storey
-from sgslam.as_built import write_topics
 from sgslam.as_built.elements.tolerance_classes import parse_length
+from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.cli.compile_ahead import compile_ahead
 from sgslam.cli.resume_arguments import restore_arguments, run_arguments
 from sgslam.cli.run_elements import verdicts_of
@@ -213,7 +213,9 @@ class Run:
             result, out, a_graph=job.a_graph, truth=job.truth, more=more,
             elements=lambda: verdicts_of(result, job.options.bim, job.a_graph),
         )  # fmt: skip
-        if job.bim is not None and result.T_bim_map is not None:
+        if job.bim is None or result.T_bim_map is None:
+            remove_topics(out)
+        else:
             model = Model(job.options.bim.name)
             write_topics(
                 out, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model,
