@@ -13,8 +13,8 @@ from typing import Any
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
-from sgslam.as_built.element_files import JSON
 from sgslam.as_built.elements import SURE_SIGMAS
+from sgslam.as_built.elements.files import JSON
 
 COMPARE_JSON, COMPARE_CSV = "compare.json", "compare.csv"
 Entry = dict[str, Any]

@@ -24,7 +24,7 @@ def band_labels() -> dict[str, str]:
     texts = (f"over {far}", f"{middle} to {far}", f"{near} to {middle}")
     back = [f"{text} mm back" for text in texts]
     into = [f"{text} mm into the room" for text in reversed(texts)]
-    return dict(zip(BANDS, [*back, f"as planned (under {near} mm)", *into], strict=True))
+    return dict(zip(BANDS, [*back, f"under {near} mm off", *into], strict=True))
 
 
 def signed_mm(offset_m: float | None) -> str:

@@ -48,8 +48,13 @@ def run_deviation_tests(
 
 
 def as_planned(piece: Piece, config: Config) -> bool:
-    """Whether a piece's offset is within the building's tolerance or three sigma."""
-    return abs(piece.offset) <= max(config.anchors.tolerance, 3 * piece.sigma)
+    """Whether a piece's offset is within the user's tolerance or three sigma."""
+    return abs(piece.offset) <= max(config.as_built.tolerance, 3 * piece.sigma)
+
+
+def in_place(piece: Piece, config: Config) -> bool:
+    """Whether a piece can only be the planned wall, moved or not: a fine tolerance makes no wall missing."""
+    return as_planned(piece, config) or abs(piece.offset) <= config.anchors.tolerance
 
 
 def moved_walls(pieces: list[Piece], results: list[DeviationTest]) -> list[MovedDeviation]:
@@ -98,7 +103,7 @@ def _tested(
 
 def _insignificant(piece: Piece, config: Config, against: str) -> DeviationTest:
     if as_planned(piece, config):
-        near = abs(piece.offset) <= config.anchors.tolerance
+        near = abs(piece.offset) <= config.as_built.tolerance
         return DeviationTest(False, "as planned" if near else "within three sigma of its place")
     return DeviationTest(False, "short and skew: badly seen" if piece.doubtful else against)
 

@@ -35,7 +35,7 @@ def filled_openings(
     covered = walls.coverage(STEP)
     found: list[ExtraDeviation] = []
     for aligned in alignment.walls:
-        if not aligned.planned.parts or abs(aligned.offset) > config.anchors.tolerance:
+        if not aligned.planned.parts or abs(aligned.offset) > max(config.anchors.tolerance, config.as_built.tolerance):
             continue
         wall = scene.wall_of_surface[aligned.surface.id]
         middle = np.subtract(aligned.planned.centroid, origin)

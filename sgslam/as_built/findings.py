@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.ifc.bcf import Model, Topic, write_bcf
+from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph, WallSurface
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Deviation = Mapping[str, Any]  # an entry of deviations.json
+BCF: dict[Version, str] = {"2.1": "deviations.bcf", "3.0": "deviations_3.0.bcf"}  # most viewers read the first only
 _COLORS = {"moved": "FFD65E00", "absent": "FF56B4E9", "extra": "FFCC79A7"}
 _HEIGHT = 2.5  # m of a wall whose height is not known
 
@@ -85,10 +86,11 @@ def unplanned_walls(
 
 
 def write_topics(
-    path: Path, deviations: Sequence[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
+    out: Path, deviations: Sequence[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
     model: Model, tolerance: float,
 ) -> int:  # fmt: skip
-    """Writes a BCF topic for each moved or missing wall and each extra surface; returns the number of topics."""
+    """Writes a BCF topic for each moved or missing wall and each extra surface to the folder `out`, as BCF 2.1 and 3.0;
+    returns the number of topics."""
     topics = []
     for source, entries in by_wall(deviations).items():
         status, d = wall_status(entries, tolerance)
@@ -104,8 +106,16 @@ def write_topics(
         nx, ny = (T_bim_map[:2, :2] @ surface.normal).tolist()
         ends = _in_bim(surface, s_graph, T_bim_map)
         topics.append(_topic("Wall is not in the plan", _description(d), "extra", (), ends, (nx, ny)))
-    write_bcf(path, topics, model, datetime.now(UTC))
+    now = datetime.now(UTC)
+    for version, name in BCF.items():
+        write_bcf(out / name, topics, model, now, version)
     return len(topics)
+
+
+def remove_topics(out: Path) -> None:
+    """Deletes the topics that an earlier run left in the folder `out`."""
+    for name in BCF.values():
+        (out / name).unlink(missing_ok=True)
 
 
 def _topic(

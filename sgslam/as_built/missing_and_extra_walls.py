@@ -7,7 +7,7 @@ from data import SceneGraph
 from sgslam.anchoring import WallAlignment
 from sgslam.anchoring.wall_association import WallArrays
 from sgslam.as_built.deviation_entries import AbsentDeviation, ExtraDeviation
-from sgslam.as_built.deviation_tests import OPENING, DeviationTest, as_planned, longest_opening
+from sgslam.as_built.deviation_tests import OPENING, DeviationTest, in_place, longest_opening
 from sgslam.as_built.deviations import Piece
 from sgslam.as_built.visibility import MIN_KEYFRAMES, STEP, Visibility
 from sgslam.as_built.wall_solids import Key, Side, WallSolid
@@ -16,8 +16,8 @@ from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 _LEAST_OPEN = 1.2, 0.6  # m and share of a surface's length that must be seen through
-_MIN_AS_PLANNED = 0.45  # m as planned; a side of which so much stands is there
-_STANDING = 0.25  # of the open length; a wall of which more stands as planned is there
+_MIN_IN_PLACE = 0.45  # m in place; a side of which so much stands is there
+_STANDING = 0.25  # of the open length; a wall of which more stands in its place is there
 _MIN_OPEN = 0.3  # m of a surface of a missing wall that are seen through, for the surface to be listed
 _LEAST_EXTRA = 1.2  # m
 _NO_FURNITURE = 2.0  # m above the floor; cupboards end below
@@ -37,10 +37,10 @@ def missing_walls(
     """The entries of deviations.json of the sides of missing walls of a storey.
 
     A side is missing where most of its length was seen through. A whole wall is missing where hardly any of it stands
-    as planned on either side, none of it was moved, and a stretch of it was seen through: furniture may hide the rest.
+    in place on either side, none of it was moved, and a stretch of it was seen through: furniture may hide the rest.
     """
     gone = {key for key, s in visibility.items() if s.open >= max(_LEAST_OPEN[0], _LEAST_OPEN[1] * s.length)}
-    gone -= {p.key for p in pieces if as_planned(p, config) and p.length >= _MIN_AS_PLANNED}
+    gone -= {p.key for p in pieces if in_place(p, config) and p.length >= _MIN_IN_PLACE}
     gone -= {(h.planned.id, h.planned.source) for h in alignment.walls if h.drifted}
     for solid in solids:
         own = [(p, v) for p, v in zip(pieces, results, strict=True) if p.key in solid.facing]
@@ -66,7 +66,7 @@ def _is_gone(
         return False
     asked = [key for key in solid.facing if key in visibility]
     open_ = sum(visibility[key].open for key in asked)
-    standing = sum(p.length for p in own if as_planned(p, config))
+    standing = sum(p.length for p in own if in_place(p, config))
     ids = {a_id for a_id, _ in solid.facing}
     standing += sum(h.surface.length or 0.0 for h in alignment.walls if h.drifted and h.planned.id in ids)
     at = sum(_unexplained(visibility[key], [p for p in own if p.key == key]) for key in asked)

@@ -2,7 +2,8 @@
 
 All files are written to the run's folder, in the frame of its `trajectory.tum`. The default formats are `ifc` and
 `bcf`, which need the building's model (`--bim`): `as_built.ifc` is a copy of the model with the measured deviations of
-its walls (property set `AsBuilt`, and colours); `deviations.bcf` has a topic for each wall that deviates from the plan.
+its walls (property set `AsBuilt`, and colours); `deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for
+each wall that deviates from the plan.
 """
 
 import argparse
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from data.trajectory import Trajectory
     from sgslam.report import RunFolder
 
-IFC, BCF = "as_built.ifc", "deviations.bcf"
+IFC = "as_built.ifc"
 KITTI, KITTI_TIMES, EUROC, PLY = "trajectory.kitti", "trajectory_times.txt", "trajectory_euroc.csv", "map.ply"
 
 
@@ -92,6 +93,13 @@ def _map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], i
     return cloud_map(clouds, poses, voxel), len(clouds)
 
 
+def _pdf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from sgslam.report.pdf import FILE, report_data, write_pdf
+
+    count = write_pdf(report_data(run), run.path / FILE)
+    return [f"{run.path / FILE}: {count} pages"]
+
+
 def _mcap(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from sgslam.export.foxglove import FILE, write_mcap
 
@@ -145,19 +153,19 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.bcf import Model
     from data.ifc.deviations import project_of
-    from sgslam.as_built import write_topics
+    from sgslam.as_built.findings import BCF, write_topics
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
     model = Model(bim.name, project_of(bim))
     tolerance = run.config.as_built.tolerance
-    count = write_topics(run.path / BCF, run.deviations, a_graph, run.s_graph, T_bim_map, model, tolerance)
-    return [f"{run.path / BCF}: {count} topics"]
+    count = write_topics(run.path, run.deviations, a_graph, run.s_graph, T_bim_map, model, tolerance)
+    return [f"{run.path / name}: {count} topics, BCF {version}" for version, name in BCF.items()]
 
 
 FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {
     "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "mcap": _mcap,
-    "ifc": _ifc, "bcf": _bcf,
+    "pdf": _pdf, "ifc": _ifc, "bcf": _bcf,
 }  # fmt: skip
 _NEED_MODEL = {"ifc", "bcf"}
 _NEED_PACKAGE = {"mcap": "mcap"}

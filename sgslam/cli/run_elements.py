@@ -1,4 +1,4 @@
-"""The verdicts of all elements of a finished run, written to its folder."""
+"""The verdicts on all elements of a finished run."""
 
 from pathlib import Path
 
@@ -7,22 +7,19 @@ import numpy as np
 from data.geometry.poses import xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.scene_graph import SceneGraph
-from sgslam.as_built.element_files import CSV, JSON, XLSX, write_elements
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
-from sgslam.as_built.sightings import View
+from sgslam.as_built.elements.sightings import View
 from sgslam.session import Result
 
 
-def write_run_elements(result: Result, bim: Path | None, a_graph: SceneGraph | None, out: Path) -> None:
-    """Writes the elements' files; where the run is not anchored to an IFC model, those of an earlier run are deleted.
+def verdicts_of(result: Result, bim: Path | None, a_graph: SceneGraph | None) -> list[ElementVerdict] | None:
+    """The verdicts; None where the run is not anchored to an IFC model.
 
     Raises UserError for a model that cannot be read.
     """
     if bim is None or a_graph is None or result.T_bim_map is None or bim.suffix.lower() not in IFC_SUFFIXES:
-        for name in (JSON, CSV, XLSX):
-            (out / name).unlink(missing_ok=True)
-        return
-    write_elements(out, run_verdicts(result, bim, a_graph), result.config.as_built.tolerance)
+        return None
+    return run_verdicts(result, bim, a_graph)
 
 
 def run_verdicts(result: Result, bim: Path, a_graph: SceneGraph) -> list[ElementVerdict]:
@@ -44,8 +41,9 @@ def run_views(result: Result) -> list[View]:
     told = result.uncertainty
     nearest = np.clip(np.searchsorted(told.stamps_ns, [k.stamp_ns for k in keyframes]), 0, len(told.stamps_ns) - 1)
     sigma = np.nan_to_num(told.sigma[nearest, :2].max(axis=1), nan=np.inf)
+    heading = np.nan_to_num(told.sigma[nearest, 5], nan=np.inf)
     return [
-        View(points, T, float(own))
-        for keyframe, T, own in zip(keyframes, poses, sigma, strict=True)
+        View(points, T, float(own), float(turn))
+        for keyframe, T, own, turn in zip(keyframes, poses, sigma, heading, strict=True)
         for points in [result.clouds[int(keyframe.id[1:])]] if len(points) and np.isfinite(own)
     ]  # fmt: skip

@@ -5,7 +5,8 @@ import logging
 import math
 import sys
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
@@ -20,12 +21,11 @@ from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
 from sgslam.anchoring import check_storey
-from sgslam.as_built import write_topics
-from sgslam.as_built.tolerance_classes import parse_length
+from sgslam.as_built.elements.tolerance_classes import parse_length
+from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.cli.compile_ahead import compile_ahead
-from sgslam.cli.export import BCF
 from sgslam.cli.resume_arguments import restore_arguments, run_arguments
-from sgslam.cli.run_elements import write_run_elements
+from sgslam.cli.run_elements import verdicts_of
 from sgslam.cli.run_fingerprint import check_unchanged, run_fingerprint
 from sgslam.cli.scan_loop import Progress
 from sgslam.config import Config
@@ -46,6 +46,7 @@ _log = logging.getLogger("sgslam")
 Start = tuple[float, float, float]
 ALL_POSES = "trajectory_all.tum"
 _TURN = 360.0  # degrees
+_DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,14 +208,19 @@ class Run:
         more |= measured or {}
         if job.truth is not None:
             more["accuracy"] = _accuracy(result, job.truth)
-        metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more)
-        if job.bim is not None and result.T_bim_map is not None:
+        more["about"] = _about(job, result)
+        metrics = save_result(
+            result, out, a_graph=job.a_graph, truth=job.truth, more=more,
+            elements=lambda: verdicts_of(result, job.options.bim, job.a_graph),
+        )  # fmt: skip
+        if job.bim is None or result.T_bim_map is None:
+            remove_topics(out)
+        else:
             model = Model(job.options.bim.name)
             write_topics(
-                out / BCF, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model,
+                out, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model,
                 result.config.as_built.tolerance,
             )  # fmt: skip
-        write_run_elements(result, job.options.bim, job.a_graph, out)
         if job.scans.given is not None and len(result.trajectory):
             moved_with(job.scans.given, result.trajectory).write_tum(out / ALL_POSES)
         if stopped is not None:
@@ -222,6 +228,18 @@ class Run:
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
         self.checkpoints.write(self.slam, self.progress.to_dict(), finished=True)
         return metrics
+
+
+def _about(job: Job, result: Result) -> dict[str, str]:
+    """What the report's head says of the run, in its order."""
+    first = int(result.trajectory_map.stamps_ns[0]) if len(result.trajectory_map) else 0
+    about = {"Building": job.options.bim.name if job.bim is not None else "", "Scans": job.scans.path.name}
+    if first >= _DATED:  # else the clock of the scans counts from another instant
+        about["Measured"] = datetime.fromtimestamp(first / 1e9, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    about["Tolerance"] = f"{1000 * result.config.as_built.tolerance:g} mm" if result.anchored else ""
+    about["Odometry"] = job.config.odometry.method
+    about["Version"] = f"sgslam {version('sgslam')}"
+    return {name: text for name, text in about.items() if text}
 
 
 def _open_scans(options: argparse.Namespace) -> ScanSource:

@@ -199,7 +199,7 @@ class AnchorSettings(Settings):
     sigma_extraction: float = Field(0.004, gt=0)
     """m, standard deviation of the error that all observations of a wall share"""
     tolerance: float = Field(0.03, gt=0)
-    """m, largest offset of a wall that counts as planned"""
+    """m, largest offset in height that counts as planned, and of a wall that is not missing"""
     sigma_room: float = Field(0.03, gt=0)
     """m, standard deviation of a room's position as built"""
     sigma_loose: float = Field(0.2, gt=0)

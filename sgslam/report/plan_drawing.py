@@ -16,6 +16,7 @@ from sgslam.as_built.deviation_bands import band_of, deviation_text
 from sgslam.geometry.frames import transform_points
 from sgslam.report.contents import ReportData, current_storey, placement
 from sgslam.report.drawn_paths import DrawnPath, PathKind, drawn_paths, subsample, uncertainty_band
+from sgslam.report.elements import DrawnElement, drawn_elements, element_name
 
 Array = NDArray[np.float64]
 MAX_KEYFRAMES = 1000
@@ -27,6 +28,7 @@ STRAY = 0.3  # of the building's longer side, by which paths at unknown places m
 
 LABELS = {
     "bim-walls": "wall of the BIM",
+    "elements": "planned element, by its verdict",
     "walls-matched": "mapped wall, matched",
     "walls-unmatched": "mapped wall, not matched",
     "anchors-withdrawn": "planned wall whose anchor was withdrawn",
@@ -87,7 +89,7 @@ class PlanDrawing:
     `match_lines` is (M, 2, 2): from each matched S surface's mid point to its A surface's. `keyframes` is (K, 3),
     `floor_z` the floor's height. `labels` names the layers in the legends. `T_plan_map` (4, 4) places the map in the
     plan. `withdrawn` are the planned walls whose anchors were withdrawn. `band` holds the outlines (K, 2) of the
-    trajectory's uncertainty.
+    trajectory's uncertainty. `elements` are the planned elements with a verdict.
     """
 
     heading: str
@@ -103,6 +105,7 @@ class PlanDrawing:
     T_plan_map: Array = field(default_factory=lambda: np.eye(4))
     withdrawn: tuple[DrawnWall, ...] = ()
     band: Sequence[Array] = ()
+    elements: tuple[DrawnElement, ...] = ()
 
     def bounds(self) -> tuple[Array, Array]:
         """The lower left and upper right corners (2,) of the view; paths that stray far away are cut off: the
@@ -163,6 +166,7 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
         T_plan_map,
         _withdrawn(data, bim_walls),
         uncertainty_band(data, T_plan_map),
+        drawn_elements(data.elements, floor) if data.placed else (),
     )  # fmt: skip
 
 
@@ -175,10 +179,14 @@ def planned_walls(data: ReportData, floor: Floor | None, floor_z: float) -> tupl
     """The BIM's wall surfaces on a storey (all where it is None), in the BIM frame."""
     walls = [w for w in (data.a_graph.wall_surfaces if data.a_graph else ()) if _on(w, floor)]
     absent = {d["a_id"] for d in data.deviations if d["kind"] == "absent"}
+    names = {entry["global_id"]: element_name(entry) for entry in data.elements}
     return tuple(
-        _wall(w, np.eye(4), floor_z, False, f"{w.id} {w.source}{': not found' if w.id in absent else ''}")
+        _wall(
+            w, np.eye(4), floor_z, False,
+            f"{w.id} {names.get(w.source, w.source)}{': not found' if w.id in absent else ''}",
+        )
         for w in walls
-    )
+    )  # fmt: skip
 
 
 def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[DrawnWall, ...]:

@@ -45,8 +45,8 @@ def write_plan_png(data: ReportData, path: Path | str) -> None:
     known: dict[str, Any] = {}  # legend entries by label
     for k, drawing in enumerate(drawings):
         axes = figure.add_subplot(len(drawings), 1, k + 1)
-        _draw(axes, drawing)
-        _names(axes, drawing, points_per_metre=72 * scale)
+        draw_plan(axes, drawing)
+        draw_names(axes, drawing, points_per_metre=72 * scale)
         axes.set_xlim(low[0] - margin, high[0] + margin)
         axes.set_ylim(low[1] - margin, high[1] + margin)
         _axes(axes, drawing.heading, frame)
@@ -67,7 +67,8 @@ def _axes(axes: Any, heading: str, frame: str) -> None:
     axes.spines[:].set_color("#c4c9cf")
 
 
-def _draw(axes: Any, drawing: PlanDrawing) -> None:
+def draw_plan(axes: Any, drawing: PlanDrawing) -> None:
+    """Draws walls, rooms and paths."""
     from matplotlib.collections import LineCollection, PolyCollection
 
     fills: dict[str, tuple[list[Any], dict[str, Any]]] = {
@@ -120,7 +121,8 @@ def _lines(axes: Any, walls: list[DrawnWall], color: str, widths: float | list[f
         axes.add_collection(LineCollection(ends, colors=color, linewidths=widths, label=label))
 
 
-def _names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None:
+def draw_names(axes: Any, drawing: PlanDrawing, points_per_metre: float) -> None:
+    """Writes the names of the rooms, as large as they fit at this scale."""
     for rooms, color, of_map in ((drawing.bim_rooms, "#6b7280", False), (drawing.map_rooms, MATCHED, True)):
         for room in rooms:
             size = min(room.text_size() * points_per_metre, LARGEST_TEXT)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.deviation_bands import BANDS, LIMITS_MM, MINUS, band_labels
+from sgslam.report.elements import VERDICTS, DrawnElement, slug
 from sgslam.report.plan_drawing import DrawnRoom, DrawnWall, PlanDrawing
 
 Array = NDArray[np.float64]
@@ -43,6 +44,14 @@ class Pen:
     def polygon(self, outline: Array, title: str = "") -> str:
         """A closed outline (K, 2)."""
         return f'<polygon points="{self.points(outline)}">{_title(title)}</polygon>'
+
+    def element(self, element: DrawnElement) -> str:
+        """A planned element in its verdict's colour; the table of elements refers to it by `data-element`."""
+        looks = f"verdict-{slug(element.verdict)}{' flat' if element.flat else ''}"
+        return (
+            f'<polygon class="{looks}" data-element="{escape(element.global_id)}" '
+            f'points="{self.points(element.outline)}">{_title(element.title)}</polygon>'
+        )
 
     def area(self, outlines: Sequence[Array]) -> str:
         """The area within closed outlines (K, 2), of which holes run the other way round."""
@@ -90,7 +99,8 @@ def legend(drawings: Sequence[PlanDrawing]) -> str:
         for name, label in drawings[0].labels.items() if name in present
     ]  # fmt: skip
     scale = deviation_scale() if any(one.with_deviations for one in drawings) else ""
-    return f'<div class="legend">{"".join(items)}</div>{scale}'
+    verdicts = verdict_scale() if any(one.elements for one in drawings) else ""
+    return f'<div class="legend">{"".join(items)}</div>{verdicts}{scale}'
 
 
 def switch(of: str, name: str, key: str, label: str) -> str:
@@ -117,8 +127,18 @@ def deviation_scale() -> str:
     )
 
 
+def verdict_scale() -> str:
+    """The colours of planned elements by their verdicts."""
+    keys = "".join(
+        f'<span><svg class="key layer-elements" viewBox="0 0 24 10"><polygon class="verdict-{slug(verdict)}" '
+        f'points="3,1 21,1 21,9 3,9"/></svg>{verdict}</span>'
+        for verdict in VERDICTS
+    )
+    return f'<div class="legend"><span>Planned elements:</span>{keys}</div>'
+
+
 def _key(layer: str) -> str:
-    if layer in ("rooms-matched", "map-rooms", "uncertainty"):
+    if layer in ("rooms-matched", "map-rooms", "uncertainty", "elements"):
         return '<polygon points="3,1 21,1 21,9 3,9"/>'
     return '<polyline points="2,5 22,5"/>'
 
@@ -142,6 +162,7 @@ def _layers(drawing: PlanDrawing, pen: Pen) -> list[tuple[str, str]]:
         ("map-rooms", outlines(drawing.map_rooms)),
         ("uncertainty", pen.area(drawing.band)),
         ("bim-walls", "".join(pen.line(w.ends, w.title) for w in drawing.bim_walls)),
+        ("elements", "".join(pen.element(e) for e in sorted(drawing.elements, key=lambda e: not e.flat))),
         ("anchors-withdrawn", "".join(pen.line(w.ends, w.title) for w in drawing.withdrawn)),
         ("walls-unmatched", walls(False)),
         ("walls-matched", walls(True)),

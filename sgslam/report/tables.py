@@ -7,6 +7,7 @@ from typing import Any
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
+from sgslam.report.elements import element_name
 from sgslam.report.hypothesis_plans import hypothesis_texts
 from sgslam.report.number_formats import NO_PLAN, NOTHING, metres, seconds, signal_texts, thousands
 
@@ -83,15 +84,17 @@ def deviation_rows(data: ReportData) -> tuple[list[Sequence[str]], list[dict[str
     ranked = sorted(data.deviations, key=lambda d: (not d["significant"], -abs(d["offset_m"] or 0.0)))
     planned = {w.id: w.room for w in data.a_graph.wall_surfaces} if data.a_graph else {}
     rooms = data.a_graph.room_by_id if data.a_graph else {}
+    names = {entry["global_id"]: element_name(entry) for entry in data.elements}
     rows: list[Sequence[str]] = []
     looks = []
     for d in ranked[:LARGEST]:
         room = rooms.get(planned.get(d["a_id"]) or "")
         offset = signed_mm(d["offset_m"]) if d["kind"] == "moved" else str(d["kind"])
         sigma = NOTHING if d["sigma_m"] is None else f"{d['sigma_m'] * 1000:.1f} mm"
+        wall = names.get(d["source"]) or str(d["source"] or d["a_id"] or NOTHING)
         rows.append((
-            str(d["source"] or d["a_id"] or NOTHING), (room.name or room.id) if room else NOTHING, offset or NOTHING,
-            sigma, degrees(d["tilt_rad"]) or NOTHING, "yes" if d["significant"] else "no", str(d.get("reason") or ""),
+            wall, (room.name or room.id) if room else NOTHING, offset or NOTHING, sigma,
+            degrees(d["tilt_rad"]) or NOTHING, "yes" if d["significant"] else "no", str(d.get("reason") or ""),
         ))  # fmt: skip
         marked = {"class": "marked"} if d["significant"] else {}
         looks.append({**marked, "data-shows": str(d["s_id"] or "")})

@@ -2,6 +2,7 @@
 
 import errno
 import logging
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
@@ -16,6 +17,8 @@ from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory import Trajectory
 from sgslam.anchoring import AnchorEntry
 from sgslam.as_built import Deviation
+from sgslam.as_built.elements import ElementVerdict
+from sgslam.as_built.elements.files import remove_elements, write_elements
 from sgslam.backend import FactorLog, write_pose_graph
 from sgslam.backend.pose_graph import FILE as POSE_GRAPH
 from sgslam.config import Config
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers
 
 _log = logging.getLogger(__name__)
+Elements = Callable[[], Sequence[ElementVerdict] | None]  # the verdicts on the planned elements; None without any
 LIVE = "trajectory_live.tum"
 Floats = NDArray[np.float64]
 
@@ -163,16 +167,17 @@ def prepare_folder(path: Path) -> Path:
 
 def save_result(
     result: Result, out: Path, *, a_graph: SceneGraph | None = None, truth: Trajectory | None = None,
-    more: dict[str, Any] | None = None,
+    more: dict[str, Any] | None = None, elements: Elements = lambda: None,
 ) -> dict[str, Any]:  # fmt: skip
     """Writes the files of the output folder; returns the content of metrics.json.
 
     `a_graph` is the whole building's graph if the run was restricted to a part of it; `more` is merged into the
-    metrics. If the disk is full, the keyframe clouds are deleted to make room. Raises UserError if that is not enough.
+    metrics. `elements` is called when the results of the run itself are written. If the disk is full, the keyframe
+    clouds are deleted to make room. Raises UserError if that is not enough.
     """
     for room in (False, True):
         try:
-            return _save(result, out, a_graph or result.a_graph, truth, more)
+            return _save(result, out, a_graph or result.a_graph, truth, more or {}, elements)
         except OSError as error:
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
@@ -183,8 +188,9 @@ def save_result(
 
 
 def _save(
-    result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, more: dict[str, Any] | None
-) -> dict[str, Any]:
+    result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, more: dict[str, Any],
+    elements: Elements,
+) -> dict[str, Any]:  # fmt: skip
     result.trajectory.write_tum(out / "trajectory.tum")
     result.trajectory_map.write_tum(out / "trajectory_map.tum")
     result.trajectory_odometry.write_tum(out / "trajectory_odometry.tum")
@@ -204,20 +210,28 @@ def _save(
     result.clouds.copy_to(out / CLOUDS)
     poses = xyzquat_to_poses(np.array([keyframe.pose for keyframe in result.s_graph.keyframes]))
     write_pose_graph(out / POSE_GRAPH, result.factors, poses if result.T_bim_map is None else result.T_bim_map @ poses)
-    metrics = {**result.metrics(), **(more or {})}
+    metrics = {**result.metrics(), **more}
     seconds = dict(metrics["seconds"])
     began = perf_counter()
-    _write_report(result, out, a_graph, truth, metrics)
-    seconds["report"] = perf_counter() - began
-    seconds["total"] = seconds.get("total", sum(result.seconds.values())) + seconds["report"]
+    verdicts = elements()
+    if verdicts is None:
+        remove_elements(out)
+    else:
+        write_elements(out, verdicts, result.config.as_built.tolerance)
+        seconds["elements"] = perf_counter() - began
+    compared = perf_counter()
+    _write_report(result, out, a_graph, truth, metrics, verdicts or ())
+    seconds["report"] = perf_counter() - compared
+    seconds["total"] = seconds.get("total", sum(result.seconds.values())) + perf_counter() - began
     metrics["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     write_json(out / "metrics.json", metrics)
     return metrics
 
 
 def _write_report(
-    result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, metrics: dict[str, Any]
-) -> None:
+    result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, metrics: dict[str, Any],
+    verdicts: Sequence[ElementVerdict],
+) -> None:  # fmt: skip
     # the drawing libraries are slow to import and needed only here
     from sgslam.report.page import write_report
     from sgslam.report.plan_png import write_plan_png
@@ -227,6 +241,7 @@ def _write_report(
     data = ReportData(
         a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
         result.matches, metrics, result.deviations, result.uncertainty.states(), result.anchors,
+        elements=[asdict(verdict) for verdict in verdicts],
     )  # fmt: skip
     write_report(data, out / "report.html")
     write_plan_png(data, out / "plan.png")

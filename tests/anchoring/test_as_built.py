@@ -15,14 +15,14 @@ from data.plans import load_bim
 from data.simulation import Changes
 from data.simulation.changes import write_plan_without
 from data.simulation.simulate import simulate
-from sgslam.anchoring import AlignedWall
+from sgslam.anchoring import AlignedWall, WallAlignment
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.as_built import Piece
 from sgslam.as_built.deviation_tests import DeviationTest, run_deviation_tests
-from sgslam.as_built.missing_and_extra_walls import has_other_side
+from sgslam.as_built.missing_and_extra_walls import has_other_side, missing_walls
 from sgslam.as_built.visibility import Visibility
 from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
-from sgslam.config import Config
+from sgslam.config import AnchorSettings, AsBuiltSettings, Config
 from sgslam.report import ReportData
 from sgslam.report.contents import entered_unmatched
 from sgslam.slam import SceneGraphSlam
@@ -45,13 +45,15 @@ def piece(planned: WallSurface, offset: float, low: float, high: float, **more: 
     return Piece(aligned, planned.source, offset, span=(low, high), length=high - low, **told)  # type: ignore[arg-type]
 
 
-def check(pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None
-           ) -> list[DeviationTest]:  # fmt: skip
+def check(
+    pieces: list[Piece], surfaces: tuple[WallSurface, ...] = (A, B), open_: tuple[float, float] | None = None,
+    config: Config = CONFIG,
+) -> list[DeviationTest]:  # fmt: skip
     """The results of the tests; the wall is seen through between `open_` from its side a."""
     along = np.arange(-2.9, 3.0, 0.1)
     through = np.zeros(len(along), bool) if open_ is None else (along > open_[0]) & (along < open_[1])
     visibility = {("a", "wall"): Visibility(along, through, ~through)}
-    return run_deviation_tests(pieces, solids(*surfaces), visibility, CONFIG)
+    return run_deviation_tests(pieces, solids(*surfaces), visibility, config)
 
 
 def solids(*surfaces: WallSurface) -> list[WallSolid]:
@@ -73,6 +75,28 @@ def test_a_moved_wall_is_significant_on_both_sides() -> None:
     told = check([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
     assert [v.significant for v in told] == [True, True, False]
     assert "both sides" in told[0].reason and "otherwise" in told[2].reason
+
+
+@pytest.mark.parametrize(("tolerance", "moved"), [(0.01, True), (0.03, False)])
+def test_the_tolerance_of_the_findings_is_the_users(tolerance: float, moved: bool) -> None:
+    """A wall that stands off by 22 mm, with a sigma of 5 mm; what the map is anchored with has no say."""
+    config = Config(as_built=AsBuiltSettings(tolerance=tolerance), anchors=AnchorSettings(tolerance=0.1))
+    told = check([piece(A, 0.022, -3, 3), piece(B, -0.022, -3, 3)], config=config)
+    assert [v.significant for v in told] == [moved, moved]
+
+
+def test_a_fine_tolerance_makes_no_wall_missing() -> None:
+    """A wall 22 mm off, seen too skew to call it moved, beside a stretch that is seen through."""
+    along = np.arange(-2.9, 3.0, 0.1)
+    through = along > 0.0
+    seen = {("a", "wall"): Visibility(along, through, ~through)}
+    config = Config(as_built=AsBuiltSettings(tolerance=0.005))
+    own = [piece(A, 0.022, -1.5, -0.6, tilt=0.03)]
+    sides, solid = sides_of(A), solids(A)
+    found = run_deviation_tests(own, solid, seen, config)
+    alignment = WallAlignment([p.aligned for p in own], np.zeros(3), 0.05, 1.0)
+    assert not any(result.significant for result in found)
+    assert not missing_walls(sides, solid, alignment, own, found, seen, config)
 
 
 def test_what_stands_before_a_wall_whose_other_side_stands_is_furniture() -> None:

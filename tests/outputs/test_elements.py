@@ -13,10 +13,10 @@ from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.plans.elements import PlannedElement
 from data.scene_graph import SceneGraph
-from sgslam.as_built.element_files import write_elements
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
-from sgslam.as_built.sightings import View
-from sgslam.as_built.tolerance_classes import loa_class, parse_length
+from sgslam.as_built.elements.files import write_elements
+from sgslam.as_built.elements.sightings import View
+from sgslam.as_built.elements.tolerance_classes import angle_compliance, angle_limit, loa_class, parse_length
 
 PLAN = SceneGraph("bim", (), (), (), ())
 SEEN, HIDDEN = "wall", "hidden"
@@ -51,7 +51,7 @@ def _views(*built: NDArray[np.float64], count: int = 6) -> list[View]:
         ranges = scene.distances(T[:3, 3], rays)
         met = np.isfinite(ranges)
         ranges = ranges[met] + rng.normal(0.0, 0.008, met.sum())
-        views.append(View((ranges[:, None] * rays[met]).astype(np.float32), T, 0.002))
+        views.append(View((ranges[:, None] * rays[met]).astype(np.float32), T, 0.002, 0.0005))
     return views
 
 
@@ -109,10 +109,13 @@ def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     write_elements(tmp_path, verdicts, 0.01)
     rows = list(csv.DictReader((tmp_path / "elements.csv").open()))
     assert [row["GlobalId"] for row in rows] == [SEEN, "far", HIDDEN] and rows[0]["name"] == "'=1+1"
-    assert json.loads((tmp_path / "elements.json").read_text())["counts"]["not seen"] == 1
+    told = json.loads((tmp_path / "elements.json").read_text())
+    assert told["counts"]["not seen"] == 1
+    assert sorted(map(tuple, told["elements"][0]["outline"])) == [(3.0, -3.0), (3.0, 3.0), (3.2, -3.0), (3.2, 3.0)]
+    assert rows[0]["LOA"] == told["elements"][0]["loa"] == "LOA30" and rows[0]["DIN 18202 limit (m)"] == "0.012"
     openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
     sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
-    assert sheet.max_row == 4 and sheet.cell(2, 6).value == "as planned"
+    assert sheet.max_row == 4 and [cell.value for cell in sheet[2]][5:10:3] == ["as planned", "LOA30"]
 
 
 @pytest.mark.parametrize("text", ["15mm", "0.015", "15 mm", "1.5cm", "0.015 m"])
@@ -126,7 +129,52 @@ def test_another_tolerance_is_refused(text: str) -> None:
         parse_length(text)
 
 
-def test_levels_of_accuracy() -> None:
-    assert [loa_class(x) for x in (0.0009, -0.005, 0.0051, 0.015, 0.05, -0.051)] == [
+def test_levels_of_accuracy_are_told_at_95_percent() -> None:
+    """The specification's ranges end at 1, 5, 15 and 50 mm."""
+    assert [loa_class(sigma) for sigma in (0.0005, 0.0025, 0.0026, 0.0075, 0.025, 0.026)] == [
         "LOA50", "LOA40", "LOA30", "LOA30", "LOA20", "LOA10",
     ]  # fmt: skip
+
+
+def test_the_level_is_that_of_the_measurement_not_of_the_offset() -> None:
+    offset = np.add(WALL, [0.03, 0.0, 0.0])
+    exact, rough = _views(offset, FAR), [replace(view, sigma=0.02) for view in _views(offset, FAR)]
+    assert [_verdict(views).loa for views in (exact, rough)] == ["LOA30", "LOA20"]
+    assert _verdict(_views(WALL, FAR), name=HIDDEN).loa is None
+
+
+def test_limits_of_din_18202_grow_with_the_length() -> None:
+    assert [angle_limit(m) for m in (0.4, 1.0, 2.9, 4.0, 15.0, 30.0, 31.0)] == [
+        0.003, 0.006, 0.008, 0.012, 0.016, 0.020, 0.030,
+    ]  # fmt: skip
+    assert [angle_compliance(d, 0.003, 0.012) for d in (0.0, -0.02, 0.011, -0.017)] == [
+        "kept", "exceeded", "uncertain", "uncertain",
+    ]  # fmt: skip
+
+
+def _turned(body: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Counter-clockwise from above, about the middle of the wall."""
+    c, s = np.cos(angle), np.sin(angle)
+    return (body - [3.1, 0.0, 0.0]) @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + [3.1, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("angle", [0.01, -0.01])
+def test_a_turned_wall_breaks_the_limit_for_its_length(angle: float) -> None:
+    """6 m, turned by 10 mrad: its ends lie 60 mm apart across, of which DIN 18202 allows 12."""
+    found = _verdict(_views(_turned(WALL, angle), FAR))
+    assert found.turn_rad is not None and found.turn_sigma_rad is not None
+    assert found.turn_rad == pytest.approx(angle, abs=2 * found.turn_sigma_rad)
+    assert (found.din_18202, found.din_18202_limit_m) == ("exceeded", 0.012)
+
+
+def test_a_turn_that_headings_could_make_breaks_no_limit() -> None:
+    views = [replace(view, sigma_heading=0.01) for view in _views(_turned(WALL, 0.01), FAR)]
+    assert _verdict(views).din_18202 == "uncertain"
+    lost = [replace(view, sigma_heading=np.inf) for view in views]
+    assert _verdict(lost).turn_rad is None and _verdict(lost).verdict == _verdict(views).verdict
+
+
+def test_only_walls_have_a_limit() -> None:
+    column = [replace(element, ifc_class="IfcColumn") for element in ELEMENTS]
+    found = element_verdicts(column, _views(WALL, FAR), PLAN, 0.01, SHARED)[0]
+    assert found.verdict == "as planned" and found.din_18202 is None and found.din_18202_limit_m is None

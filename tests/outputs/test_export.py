@@ -17,9 +17,11 @@ from small_ifc import STOREY, write_small_ifc
 
 from data import Floor, SceneGraph, WallSurface
 from data.common.errors import UserError
+from data.ifc.bcf import Version
 from data.ifc.deviations import WallFinding, write_as_built
 from data.plans import load_bim
-from sgslam.cli.export import BCF, IFC, export
+from sgslam.as_built.findings import BCF
+from sgslam.cli.export import IFC, export
 from sgslam.config import Config
 from sgslam.config.loading import save_config
 
@@ -105,7 +107,7 @@ def test_topics_name_the_walls_and_look_at_them(run: tuple[Path, Path]) -> None:
     out, bim = run
     graph = SceneGraph.load(out / "a_graph.json")
     sources = list(dict.fromkeys(w.source for w in graph.wall_surfaces))
-    with zipfile.ZipFile(out / BCF) as archive:
+    with zipfile.ZipFile(out / BCF["2.1"]) as archive:
         assert archive.testzip() is None
         parsed = {name: ElementTree.fromstring(archive.read(name)) for name in archive.namelist()}
     assert parsed["bcf.version"].get("VersionId") == "2.1"
@@ -135,6 +137,45 @@ def test_topics_name_the_walls_and_look_at_them(run: tuple[Path, Path]) -> None:
         else:
             assert view.find("Lines/Line/StartPoint/X") is not None
     assert found == {"moved": [sources[0]], "absent": [sources[1]], "extra": []}
+
+
+def test_both_versions_of_the_topics_tell_the_same(run: tuple[Path, Path]) -> None:
+    """Where 3.0 differs: views in the topic, lists of files and labels, values declared, the view's proportions."""
+    parsed = {}
+    for version, name in BCF.items():
+        with zipfile.ZipFile(run[0] / name) as archive:
+            parsed[version] = {part: ElementTree.fromstring(archive.read(part)) for part in archive.namelist()}
+    old, new = parsed.values()
+    assert set(new) - set(old) == {"extensions.xml"} and new["bcf.version"].get("VersionId") == "3.0"
+    declared = {name: {e.text for e in new["extensions.xml"].iter(name)} for name in ("TopicType", "TopicStatus")}
+    labels = {e.text for e in new["extensions.xml"].iter("TopicLabel")}
+    assert len(new["extensions.xml"]) == 7 and labels == {"moved", "absent", "extra"}
+    for part in (part for part in old if part.endswith("markup.bcf")):
+        before, after = old[part].find("Topic"), new[part].find("Topic")
+        assert before is not None and after is not None
+        assert [e.tag for e in after] == [*[e.tag for e in before], "Viewpoints"]
+        assert after.findtext("Labels/Label") == before.findtext("Labels")
+        assert {name: {after.get(name)} for name in declared} == declared
+        assert new[part].findtext("Header/Files/File/Filename") == run[1].name
+        assert after.findtext("Viewpoints/ViewPoint/Viewpoint") == "viewpoint.bcfv"
+        view = new[part.replace("markup.bcf", "viewpoint.bcfv")]
+        assert float(view.findtext("PerspectiveCamera/AspectRatio") or "nan") > 0
+        about = [e.get("IfcGuid") for e in view.iterfind("Components/Selection/Component")]
+        assert about == [e.get("IfcGuid") for e in view.iterfind("Components/Coloring/Color/Components/Component")]
+
+
+@pytest.mark.parametrize("version", BCF)
+def test_ifcopenshells_reader_opens_the_topics(run: tuple[Path, Path], version: Version) -> None:
+    reader = pytest.importorskip("bcf.bcfxml", reason="bcf-client is a development extra")
+    with reader.load(run[0] / BCF[version]) as project:
+        assert project.version.version_id == version
+        topics = list(project.topics.values())
+        titles = sorted(topic.topic.title for topic in topics)
+        assert titles == ["Wall is absent", "Wall is not in the plan", "Wall stands 15.0 cm into the room"]
+        for topic in topics:
+            (view,) = topic.viewpoints.values()
+            camera = view.visualization_info.perspective_camera
+            assert camera.field_of_view == 60 and camera.camera_direction.z < 0
 
 
 def test_what_is_no_run_is_refused(run: tuple[Path, Path], tmp_path: Path) -> None:

@@ -32,8 +32,8 @@ from sgslam.report import RunFolder
 from sgslam.slam import SceneGraphSlam
 
 NAMES = [
-    "map.ply", *(["run.mcap"] if find_spec("mcap") else []), "scene_graph.graphml", "scene_graph_dsg.json",
-    "trajectory.kitti", "trajectory_euroc.csv", "trajectory_times.txt",
+    "map.ply", "report.pdf", *(["run.mcap"] if find_spec("mcap") else []), "scene_graph.graphml",
+    "scene_graph_dsg.json", "trajectory.kitti", "trajectory_euroc.csv", "trajectory_times.txt",
 ]  # fmt: skip
 
 

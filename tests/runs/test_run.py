@@ -81,7 +81,10 @@ def test_demo_leaves_the_folder_of_the_contract(demo: Path) -> None:
         assert deviation["kind"] in ("moved", "absent", "extra")
     assert "voxel_size" in yaml.safe_load((demo / "config.yaml").read_text())["odometry"]
     assert "factors, anchor: " in (demo / "run.log").read_text()
-    assert (demo / "report.html").stat().st_size > 10_000
+    elements = json.loads((demo / "elements.json").read_text())["elements"]
+    report = (demo / "report.html").read_text()
+    assert f"of {len(elements)} planned elements seen" in report and "demo_building.ifc" in report
+    assert all(f'data-element="{e["global_id"]}"' in report for e in elements if e["verdict"] == "moved")
     assert (demo / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -139,11 +142,17 @@ def building(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    names = ("deviations.bcf", "deviations_3.0.bcf", "elements.json", "elements.csv")
+    stale = [tmp_path / "out" / name for name in names]
+    for path in stale:
+        path.write_text("of an earlier run in this folder, with a plan")
     done = run("--scan-dir", scans, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert metrics["anchored"] is False and metrics["reason"] == "no plan was given"
     assert metrics["scans"] == 12
+    assert not any(path.exists() for path in stale)
     assert "0.1 s apart" in done.stderr  # the stamps are a guess, and the user is told
 
 

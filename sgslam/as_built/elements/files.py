@@ -3,6 +3,7 @@
 import csv
 import io
 import logging
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -15,8 +16,8 @@ from sgslam.as_built.elements import ElementVerdict
 _log = logging.getLogger(__name__)
 JSON, CSV, XLSX = "elements.json", "elements.csv", "elements.xlsx"
 COLUMNS = (
-    "name", "GlobalId", "class", "storey", "room", "verdict", "offset (m)", "sigma (m)", "tolerance class",
-    "conclusive", "seen", "views",
+    "name", "GlobalId", "class", "storey", "room", "verdict", "offset (m)", "sigma (m)", "LOA", "conclusive",
+    "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views", "reason",
 )  # fmt: skip
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a spreadsheet reads a text
 Cell = str | float | int | None
@@ -38,12 +39,27 @@ def write_elements(out: Path, verdicts: Sequence[ElementVerdict], tolerance: flo
     write_atomically(out / XLSX, _workbook(rows))
 
 
+def remove_elements(out: Path) -> None:
+    """Deletes the files that an earlier run left in the folder `out`."""
+    for name in (JSON, CSV, XLSX):
+        (out / name).unlink(missing_ok=True)
+
+
 def _row(v: ElementVerdict) -> list[Cell]:
-    offset = None if v.offset_m is None else round(v.offset_m, 4)
-    sigma = None if v.sigma_m is None else round(v.sigma_m, 4)
     texts = [_text(text) for text in (v.name, v.global_id, v.ifc_class, v.storey, ", ".join(v.rooms))]
     sure = "yes" if v.conclusive else "no"
-    return [*texts, v.verdict, offset, sigma, v.tolerance_class, sure, v.seen, v.views]
+    return [
+        *texts, v.verdict, _rounded(v.offset_m, 4), _rounded(v.sigma_m, 4), v.loa, sure, _degrees(v.turn_rad),
+        _degrees(v.turn_sigma_rad), v.din_18202_limit_m, v.din_18202, v.seen, v.views, v.reason,
+    ]  # fmt: skip
+
+
+def _degrees(radians: float | None) -> float | None:
+    return None if radians is None else round(math.degrees(radians), 3)
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)
 
 
 def _text(text: str) -> str:

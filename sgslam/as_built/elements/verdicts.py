@@ -1,68 +1,27 @@
 """A verdict for each planned element: as planned, moved, absent, not seen or uncertain, by one likelihood test."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from data.scene_graph import SceneGraph
-from sgslam.as_built.sightings import Sightings, View, sightings
-from sgslam.as_built.tolerance_classes import loa_class
+from sgslam.as_built.elements.entries import ElementVerdict, Finding, Verdict, entry
+from sgslam.as_built.elements.sightings import CELL, Sightings, View, sightings
+from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
+from sgslam.as_built.elements.turns import PoseNoise, turn_of
 
 if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
-Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
 _LEAST_VIEWS, _LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element
 _NOISE = 0.02  # m, standard deviation of one sighting of a cell: noise of a range, and texture of a surface
 _REACH = 0.4  # m, largest offset that is looked for; beyond it stands another thing
 _BEHIND = 0.15  # m behind a surface, from which on a ray went through it
 _BEFORE, _THROUGH, _SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
 _SURE = np.log(100.0)  # log-likelihood of a cell's evidence by which one hypothesis must lead
-SURE_SIGMAS = 2.0  # as the guard band of JCGM 106: 95 % coverage
-_BESIDE = 0.5  # m from a room's outline to an element that bounds it
-
-
-@dataclass(frozen=True)
-class ElementVerdict:
-    """One entry of elements.json.
-
-    `offset_m` is along `direction` (x, y, z), a unit vector in the BIM frame, with standard deviation `sigma_m`; all
-    None where nothing was measured. `seen` is the share of the cells of its visible surface at which it stands or that
-    are seen through; `views` the number of keyframes. `conclusive` says whether sigma is small enough for the verdict
-    at the tolerance. `tolerance_class` is the USIBD level of accuracy of the offset.
-    """
-
-    global_id: str
-    name: str
-    ifc_class: str
-    storey: str
-    rooms: tuple[str, ...]
-    verdict: Verdict
-    offset_m: float | None
-    direction: tuple[float, float, float] | None
-    sigma_m: float | None
-    tolerance_class: str | None
-    conclusive: bool
-    seen: float
-    views: int
-    reason: str
-
-
-@dataclass(frozen=True)
-class _Finding:
-    verdict: Verdict
-    reason: str
-    offset: float | None = None
-    direction: tuple[float, float, float] | None = None
-    sigma: float | None = None
-    conclusive: bool = False
-    seen: float = 0.0
-    views: int = 0
 
 
 def element_verdicts(
@@ -73,7 +32,7 @@ def element_verdicts(
     `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
     all sightings of an element share.
     """
-    found: dict[str, _Finding] = {}
+    found: dict[str, Finding] = {}
     for kind in ("solid", "opening"):
         own = [element for element in elements if element.kind == kind]
         if not own:
@@ -85,17 +44,17 @@ def element_verdicts(
             mine = order[ends[k] : ends[k + 1]]
             solid = kind == "solid"
             found[element.global_id] = _solid(seen, mine, views, tolerance, shared) if solid else _opening(seen, mine)
-    return [_entry(element, found[element.global_id], plan) for element in elements]
+    return [entry(element, found[element.global_id], plan) for element in elements]
 
 
 def _solid(
     seen: Sightings, mine: NDArray[np.int64], views: Sequence[View], tolerance: float, shared: float
-) -> _Finding:  # fmt: skip
+) -> Finding:  # fmt: skip
     """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent."""
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
     if count < _LEAST_VIEWS or cells < _LEAST_CELLS:
-        return _Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
+        return Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
     mine, direction = _main_axis(seen, mine)
     sign = np.sign(seen.normal[mine] @ direction)
     offset = seen.offset[mine]
@@ -108,12 +67,14 @@ def _solid(
     at, through = np.abs(before) < 3 * _NOISE, before < -_BEHIND
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
     if absent - stands > _SURE:
-        return _Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
+        return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
     if stands - absent < _SURE or np.sum(weight * at) < 0.5 * _LEAST_CELLS:
-        return _Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
+        return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
     scatter = _NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
-    pose = float(np.median([views[k].sigma for k in np.unique(seen.view[mine[at]])]))
-    sigma = float(np.hypot(np.hypot(scatter, shared), pose))
+    poses = _pose_noise([views[k] for k in np.unique(seen.view[mine[at]])])
+    sigma = float(np.linalg.norm([scatter, shared, poses.position]))
+    places = np.asarray(CELL * (seen.cell[mine[at]] + 0.5), dtype=np.float64)
+    turn = turn_of(places, (sign * offset)[at], weight[at], direction, _NOISE, poses)
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
     margin = abs(abs(d) - tolerance)
@@ -122,10 +83,15 @@ def _solid(
     reason = f"its surface is at {1000 * d:+.0f} mm, by {int(at.sum())} sightings"
     if verdict == "moved" and abs(d) > _BEHIND / 2 and _could_be_furniture(sign[at], d):
         verdict, reason, sure = "uncertain", f"{reason}; on one side only and before it: it may be furniture", False
-    return _Finding(verdict, reason, d, n, sigma, sure, share, count)
+    return Finding(verdict, reason, d, n, sigma, turn, sure, share, count)
 
 
-def _opening(seen: Sightings, mine: NDArray[np.int64]) -> _Finding:
+def _pose_noise(views: list[View]) -> PoseNoise:
+    position, heading = np.median([(view.sigma, view.sigma_heading) for view in views], axis=0).tolist()
+    return PoseNoise(position, heading, len(views))
+
+
+def _opening(seen: Sightings, mine: NDArray[np.int64]) -> Finding:
     """An opening is there where rays pass; a closed leaf, a pane and a wall that fills it look alike.
 
     A ray that ends before it says nothing of it: other walls hide it.
@@ -134,11 +100,11 @@ def _opening(seen: Sightings, mine: NDArray[np.int64]) -> _Finding:
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
     if count < _LEAST_VIEWS or cells < _LEAST_CELLS:
-        return _Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
+        return Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
     open_ = seen.offset[mine] < -_BEHIND
     if open_.mean() > 0.5:
-        return _Finding("as planned", "rays pass through its opening", conclusive=True, seen=1.0, views=count)
-    return _Finding("uncertain", "something closes its opening: a leaf, a pane or a wall", seen=1.0, views=count)
+        return Finding("as planned", "rays pass through its opening", conclusive=True, seen=1.0, views=count)
+    return Finding("uncertain", "something closes its opening: a leaf, a pane or a wall", seen=1.0, views=count)
 
 
 def _main_axis(seen: Sightings, mine: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
@@ -175,19 +141,3 @@ def _log_absent(offset: Floats) -> Floats:
 def _could_be_furniture(sign: Floats, d: float) -> bool:
     return len(np.unique(sign)) == 1 and float(sign[0]) * d > 0
 
-
-def _entry(element: "PlannedElement", f: _Finding, plan: SceneGraph) -> ElementVerdict:
-    corners = element.triangles.reshape(-1, 3)
-    outline = shapely.oriented_envelope(shapely.multipoints(corners[:, :2]))
-    storey = next((floor.id for floor in plan.floors if element.storey in (floor.id, floor.name)), None)
-    rooms = tuple(
-        room.name or room.id
-        for room in plan.rooms
-        if storey in (None, room.floor) and room.polygon
-        and shapely.Polygon(room.polygon).distance(outline) < _BESIDE
-    )  # fmt: skip
-    level = None if f.offset is None else loa_class(f.offset)
-    return ElementVerdict(
-        element.global_id, element.name, element.ifc_class, element.storey, rooms, f.verdict, f.offset, f.direction,
-        f.sigma, level, f.conclusive, round(f.seen, 3), f.views, f.reason,
-    )  # fmt: skip

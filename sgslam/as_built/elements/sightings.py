@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-_CELL = 0.25  # m, side of the cells of a surface that count once for each keyframe
+CELL = 0.25  # m, side of the cells of a surface that count once for each keyframe
 _LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the surface's place
 _FURTHEST = 12.0  # m, beyond which a pose's turn of half a degree moves a hit by a decimetre
 _DECIMETRES = 10  # of a normal's components, by which the faces of an element are told apart
@@ -22,11 +22,13 @@ _DECIMETRES = 10  # of a normal's components, by which the faces of an element a
 
 @dataclass(frozen=True)
 class View:
-    """One keyframe: `points` (N, 3) in the sensor frame, `T_bim_sensor` (4, 4), `sigma` (m) of its position."""
+    """One keyframe: `points` (N, 3) in the sensor frame, `T_bim_sensor` (4, 4), standard deviations `sigma` (m) of its
+    position and `sigma_heading` (rad) of its turn about the vertical."""
 
     points: NDArray[np.float32]
     T_bim_sensor: Floats
     sigma: float
+    sigma_heading: float
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def _of_view(scene: TriangleScene, owner: Ints, normals: Floats, view: View, num
     good = (face >= 0) & (cosine > _LEAST_COSINE) & (planned < _FURTHEST)
     rays, normal = rays[good], normal[good]
     offset = (planned[good] - measured[good]) * cosine[good]
-    cell = np.floor((origin + planned[good, None] * rays) / _CELL).astype(np.int64)
+    cell = np.floor((origin + planned[good, None] * rays) / CELL).astype(np.int64)
     key = np.column_stack([owner[face[good]], np.rint(_DECIMETRES * normal).astype(np.int64), cell])
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     order = np.lexsort((offset, group.ravel()))

@@ -1,0 +1,105 @@
+"""The entries of elements.json: what was found of an element, in the tolerance classes of the trade."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import shapely
+
+from data.scene_graph import SceneGraph, Xy
+from sgslam.as_built.elements.tolerance_classes import Compliance, angle_compliance, angle_limit, loa_class
+from sgslam.as_built.elements.turns import Turn
+
+if TYPE_CHECKING:
+    from data.plans.elements import PlannedElement  # loads ifcopenshell
+
+Verdict = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
+_BESIDE = 0.5  # m from a room's outline to an element that bounds it
+
+
+@dataclass(frozen=True)
+class ElementVerdict:
+    """One entry of elements.json.
+
+    `offset_m` is along `direction` (x, y, z), a unit vector in the BIM frame, with standard deviation `sigma_m`; all
+    None where nothing was measured. `loa` is the USIBD level of accuracy of that measurement, `conclusive` whether it
+    is good enough to tell the offset from the tolerance. `turn_rad` is a wall's turn about the vertical,
+    counter-clockwise from above, `turn_sigma_rad` its standard deviation, `din_18202_limit_m` the limit of DIN 18202
+    for the deviation that the turn makes over the wall's length, `din_18202` whether it is kept; None for other
+    elements. `seen` is the share of the cells of its visible surface at which it stands or that are seen through;
+    `views` the number of keyframes. `outline` are the corners of the rectangle around it in plan view (BIM frame,
+    metres).
+    """
+
+    global_id: str
+    name: str
+    ifc_class: str
+    storey: str
+    rooms: tuple[str, ...]
+    verdict: Verdict
+    offset_m: float | None
+    direction: tuple[float, float, float] | None
+    sigma_m: float | None
+    loa: str | None
+    conclusive: bool
+    turn_rad: float | None
+    turn_sigma_rad: float | None
+    din_18202_limit_m: float | None
+    din_18202: Compliance | None
+    seen: float
+    views: int
+    reason: str
+    outline: tuple[Xy, ...]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the sightings of an element say; the fields as in `ElementVerdict`."""
+
+    verdict: Verdict
+    reason: str
+    offset: float | None = None
+    direction: tuple[float, float, float] | None = None
+    sigma: float | None = None
+    turn: Turn | None = None
+    conclusive: bool = False
+    seen: float = 0.0
+    views: int = 0
+
+
+def entry(element: "PlannedElement", f: Finding, plan: SceneGraph) -> ElementVerdict:
+    """The entry of an element, with the rooms of the plan that it bounds."""
+    envelope = shapely.oriented_envelope(shapely.multipoints(element.triangles.reshape(-1, 3)[:, :2]))
+    turn = f.turn if element.ifc_class.startswith("IfcWall") else None
+    limit, kept = None, None
+    if turn is not None and f.direction is not None:
+        length = _length(element, f.direction)
+        limit = angle_limit(length)
+        kept = angle_compliance(turn.angle * length, turn.sigma * length, limit)
+    return ElementVerdict(
+        element.global_id, element.name, element.ifc_class, element.storey, _rooms(element.storey, envelope, plan),
+        f.verdict, f.offset, f.direction, f.sigma, None if f.sigma is None else loa_class(f.sigma), f.conclusive,
+        None if turn is None else turn.angle, None if turn is None else turn.sigma, limit, kept,
+        round(f.seen, 3), f.views, f.reason, _corners(envelope),
+    )  # fmt: skip
+
+
+def _length(element: "PlannedElement", direction: tuple[float, float, float]) -> float:
+    """m, of the face with this normal in plan view."""
+    along = element.triangles.reshape(-1, 3)[:, :2] @ np.array([-direction[1], direction[0]])
+    return float(np.ptp(along))
+
+
+def _rooms(storey: str, outline: shapely.Geometry, plan: SceneGraph) -> tuple[str, ...]:
+    floor = next((floor.id for floor in plan.floors if storey in (floor.id, floor.name)), None)
+    return tuple(
+        room.name or room.id
+        for room in plan.rooms
+        if floor in (None, room.floor) and room.polygon and shapely.Polygon(room.polygon).distance(outline) < _BESIDE
+    )
+
+
+def _corners(envelope: shapely.Geometry) -> tuple[Xy, ...]:
+    """To millimetres; fewer than four for an envelope without an area."""
+    places = shapely.get_coordinates(envelope)
+    return tuple((round(x, 3), round(y, 3)) for x, y in (places[:-1] if len(places) > 1 else places).tolist())

@@ -1,0 +1,54 @@
+"""What the report says of a finished run, read from its folder."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from data.common.errors import UserError
+from data.trajectory import Trajectory
+from sgslam.as_built.elements.files import JSON
+from sgslam.report.contents import ReportData
+from sgslam.report.run_folder import RunFolder
+from sgslam.report.scan_states import ScanStates
+
+SIGMA = "trajectory_sigma.csv"
+
+
+def report_data(run: RunFolder) -> ReportData:
+    """The run without ground truth and without the log of its anchors. Raises UserError for a damaged folder."""
+    in_map, odometry = (Trajectory.read_tum(run.path / f"trajectory_{name}.tum") for name in ("map", "odometry"))
+    states = _states(run.path / SIGMA)
+    return ReportData(
+        run.a_graph, run.s_graph, in_map, odometry, None, run.T_bim_map, run.matches, run.metrics, run.deviations,
+        states if states is not None and len(states.seconds) == len(in_map) else None, elements=_elements(run.path),
+    )  # fmt: skip
+
+
+def _elements(out: Path) -> list[dict[str, Any]]:
+    path = out / JSON
+    if not path.is_file():
+        return []
+    try:
+        entries: list[dict[str, Any]] = json.loads(path.read_text())["elements"]
+        _ = [entry["outline"] for entry in entries]  # runs of older versions have none
+    except (ValueError, KeyError, TypeError):
+        raise UserError(f"{path}: is damaged or of an older version; run it again") from None
+    return entries
+
+
+def _states(path: Path) -> ScanStates | None:
+    if not path.is_file():
+        return None
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    try:
+        seconds = np.array([float(row["stamp_s"]) for row in rows])
+        sigma = np.array([(float(row["sigma_x_m"]), float(row["sigma_y_m"])) for row in rows]).reshape(-1, 2)
+        part = np.array([int(row["part"]) for row in rows], dtype=np.int64)
+        lost = np.array([row["health"] == "lost" for row in rows], dtype=bool)
+    except (KeyError, TypeError, ValueError):
+        raise UserError(f"{path}: is damaged; run it again") from None
+    return ScanStates(seconds - seconds[:1], lost, part, sigma)
