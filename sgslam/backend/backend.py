@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog, Key, Kind
-from sgslam.backend.graph_builder import BIM, GraphBuilder, GraphInputs, start_values
+from sgslam.backend.graph_builder import GraphBuilder
+from sgslam.backend.variables import BIM, GraphInputs, start_values
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse, is_rigid, transform_planes
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
