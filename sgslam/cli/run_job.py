@@ -288,7 +288,9 @@ class MatcherWithStart:
 
 
 def _accuracy(result: Result, truth: Trajectory) -> dict[str, Any]:
-    return accuracy(result.trajectory if result.anchored else None, result.trajectory_odometry, truth)
+    in_one_frame = result.trajectory_map.only(result.uncertainty.part == 0)  # other parts were not joined to the map
+    in_bim = result.trajectory if result.anchored else None
+    return accuracy(in_bim, in_one_frame, result.trajectory_odometry, truth)
 
 
 def _log_to(path: Path, verbose: bool, append: bool) -> None:
