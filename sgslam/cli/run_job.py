@@ -3,7 +3,6 @@
 import argparse
 import logging
 import math
-import sys
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -11,6 +10,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 from data.common.errors import UserError
+from data.common.log_lines import log_to
 from data.ifc.bcf import Model
 from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
@@ -162,7 +162,7 @@ class Run:
         inputs = run_fingerprint(job.scans, job.a_graph, job.config, told, options.map)
         if resumed is not None:
             check_unchanged(out, resumed, inputs)
-        _log_to(out / "run.log", options.verbose, append=resumed is not None)
+        self._warnings = log_to(_log, out / "run.log", verbose=options.verbose, append=resumed is not None)
         if resumed is None and (out / STATE).is_file():
             _log.warning("%s holds the results of an earlier run, which are overwritten", out)
         for notice in [job.scans.note, *(job.bim.notices if job.bim is not None else ())]:
@@ -177,6 +177,8 @@ class Run:
             job.a_graph, job.matcher, job.config, clouds=clouds, prior=job.prior_map, storey=options.storey
         )  # fmt: skip
         self.progress = Progress() if resumed is None else Progress(**load(out, self.slam))
+        self._warnings[:0] = self.progress.warnings  # those before the interruption come first
+        self.progress.warnings = self._warnings
         self.checkpoints = Checkpoints(out, {**inputs, "arguments": run_arguments(options)})
         if resumed is None:  # replaces the state that an earlier run left in the folder
             self.checkpoints.write(self.slam, self.progress.to_dict())
@@ -205,6 +207,7 @@ class Run:
         more["cpu_seconds"] = cpu_seconds  # of all threads
         more["told"] = {**self._hints, "mount": job.config.tracking.mount}
         more |= measured or {}
+        more["advice"] = list(dict.fromkeys([*self._warnings, *result.advice, *([stopped] if stopped else [])]))
         if job.truth is not None:
             more["accuracy"] = _accuracy(result, job.truth)
         metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more)
@@ -291,14 +294,3 @@ def _accuracy(result: Result, truth: Trajectory) -> dict[str, Any]:
     in_one_frame = result.trajectory_map.only(result.uncertainty.part == 0)  # other parts were not joined to the map
     in_bim = result.trajectory if result.anchored else None
     return accuracy(in_bim, in_one_frame, result.trajectory_odometry, truth)
-
-
-def _log_to(path: Path, verbose: bool, append: bool) -> None:
-    logging.raiseExceptions = False  # on a full disk the run goes on without its log
-    _log.setLevel(logging.DEBUG if verbose else logging.INFO)
-    screen = logging.StreamHandler(sys.stderr)
-    screen.setLevel(logging.DEBUG if verbose else logging.WARNING)
-    screen.setFormatter(logging.Formatter("%(message)s"))
-    file = logging.FileHandler(path, mode="a" if append else "w")
-    file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-    _log.handlers = [screen, file]
