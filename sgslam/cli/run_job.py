@@ -260,11 +260,11 @@ def three_numbers(option: str, text: str, form: str, example: str) -> tuple[floa
     except ValueError:
         raise UserError(f"{option} {text}: not in the form {form}; write e.g. {example}") from None
     if not all(math.isfinite(value) for value in (a, b, c)):
-        raise UserError(f"{option} {text}: the numbers must be finite")
+        raise UserError(f"{option} {text}: {form} must be finite numbers; write e.g. {example}")
     if option == "--start" and abs(c) > 2 * math.pi:
         raise UserError(f"{option} {text}: the yaw is in radians; {c:g} degrees are {math.radians(c):.4f}")
     if option == "--mount" and max(abs(a), abs(b), abs(c)) > _TURN:
-        raise UserError(f"{option} {text}: the angles are degrees, from -360 to 360")
+        raise UserError(f"{option} {text}: give roll, pitch and yaw in degrees, each from -360 to 360")
     return a, b, c
 
 
