@@ -32,7 +32,7 @@ from sgslam.config import Config
 from sgslam.config.loading import load_config
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.odometry.choice import check_inertial, choose
+from sgslam.odometry.choice import check_inertial, choose, health_note
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.report import associate
 from sgslam.report.accuracy import accuracy
@@ -165,7 +165,8 @@ class Run:
         self._warnings = log_to(_log, out / "run.log", verbose=options.verbose, append=resumed is not None)
         if resumed is None and (out / STATE).is_file():
             _log.warning("%s holds the results of an earlier run, which are overwritten", out)
-        for notice in [job.scans.note, *(job.bim.notices if job.bim is not None else ())]:
+        note = health_note(job.config.odometry.method) if job.scans.given is job.external_odometry is None else None
+        for notice in [job.scans.note, note, *(job.bim.notices if job.bim is not None else ())]:
             if notice:
                 _log.warning("%s", notice)
         voxel = job.config.clouds.keyframe_voxel
