@@ -102,7 +102,7 @@ def main() -> int:
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"
-    changed = f"; {len(run.changes)} walls stand otherwise than planned" if run.changes else ""
+    changed = f"; {len(run.changes)} walls differ from the plan" if run.changes else ""
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
     return 0
 

@@ -71,7 +71,7 @@ def check(out: Path, setup: Setup, seed: int, seconds: float | None) -> None:
 def settings_of(
     ifc: Path | str, carrier: Carrier, setup: Setup, mount_deg: tuple[float, float, float], imu: str | None
 ) -> Settings:
-    """What run.json tells of how the run was made."""
+    """How the run was made, for run.json."""
     settings: Settings = {
         "bim": Path(ifc).name, "sensor": described(setup.sensor), "robot": asdict(setup.robot),
         "sensor_height_m": setup.height, "rolling": setup.timing != "snapshots",

@@ -123,7 +123,7 @@ def _memory() -> Finding:
 
 
 def _free_in_machine_gb() -> float:
-    """Available memory (GB). Raises OSError, ValueError or KeyError where the system does not tell it as Linux does."""
+    """Available memory (GB). Raises OSError, ValueError or KeyError where the system does not give it as Linux does."""
     fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
     return int(fields["MemAvailable"].split()[0]) / 1e6
 

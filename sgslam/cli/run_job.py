@@ -125,7 +125,7 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
 def read_config(
     options: argparse.Namespace, resumed: dict[str, Any] | None = None
 ) -> tuple[Config, ExternalOdometry | None]:
-    """The settings that the options tell, else those of the run to be resumed, and the external odometry if there is
+    """The settings that the options give, else those of the run to be resumed, and the external odometry if there is
     one. Raises UserError."""
     if resumed is None or options.config is not None or options.set:
         config = load_config(options.config, options.set)
@@ -142,7 +142,7 @@ def read_config(
 
 
 def read_start(text: str) -> Start:
-    """The pose that `--start` tells. Raises UserError."""
+    """The pose that `--start` gives. Raises UserError."""
     return three_numbers("--start", text, "X,Y,YAW", "3.5,-1.2,1.57")
 
 

@@ -69,7 +69,7 @@ class LiveSlam:
             raise
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         self._is_open = True
-        atexit.register(self._map.end)  # whoever forgets to finish still gets the results
+        atexit.register(self._map.end)  # without a call of finish the results are written all the same
         self._lines = LogLines(self._map)
         logging.getLogger("sgslam").addHandler(self._lines)
 

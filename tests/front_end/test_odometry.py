@@ -270,7 +270,7 @@ def test_a_run_by_each_goes_on_bit_by_bit(method: str, tmp_path: Path) -> None:
     again = SceneGraphSlam(config=config, clouds=broken.clouds)
     load(tmp_path, again)
     result = go(again, 33, 48).finish()
-    if method in INERTIAL:  # its state cannot be read: it began anew from the scans of the last five seconds
+    if method in INERTIAL:  # its state cannot be read: it began again from the scans of the last five seconds
         # measured 0.14 and below 0.1
         np.testing.assert_allclose(result.trajectory.positions, whole.trajectory.positions, atol=0.3)
         return

@@ -31,10 +31,11 @@ _PATIENCE = 5  # consecutive scans without a registration before the library sta
 class LidarInertialOdometry(RigidOdometry):
     """Gives each scan to a library with the samples of an IMU. Between the ends of two scans the motion is steady.
 
-    The library tells neither how much of a scan it explains nor a covariance of its steps: scans are compared with the
-    recent ones, and the covariance is that of `odometry.other_sigma_*`. After several scans that do not fit the library
-    starts again. Its state cannot be read: one that is restored restarts from the scans of the last five seconds. It
-    goes on bit by bit only if these are all scans; else its poses differ a little, without the older part of its map.
+    The library gives neither the share of a scan that it explains nor a covariance of its steps: scans are compared
+    with the recent ones, and the covariance is that of `odometry.other_sigma_*`. After several scans that do not fit
+    the library starts again. Its state cannot be read: one that is restored restarts from the scans of the last five
+    seconds. It goes on bit by bit only if these are all scans; else its poses differ a little, without the older part
+    of its map.
     """
 
     _STATE = (*RigidOdometry._STATE, "_misfits")
@@ -53,7 +54,7 @@ class LidarInertialOdometry(RigidOdometry):
         self._misfits = 0  # consecutive scans without a registration
 
     def level(self, up_in_odom: Floats) -> None:
-        """See `Odometry.level`: told to the library where it starts again."""
+        """See `Odometry.level`: given to the library where it starts again."""
         self._fed.up = up_in_odom
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
