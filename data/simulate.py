@@ -22,6 +22,7 @@ from data.scans.writers import SCAN_WRITERS
 from data.simulation import Changes
 from data.simulation.carriers import CARRIERS, carrier_named
 from data.simulation.effects import EFFECTS
+from data.simulation.effects.names import ALL
 from data.simulation.imu import IMUS
 from data.simulation.sensors import SENSORS, sensor_named
 from data.simulation.simulate import simulate
@@ -66,16 +67,24 @@ def _angles(text: str) -> tuple[float, float, float]:
     try:
         roll, pitch, yaw = (float(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not three angles; give roll,pitch,yaw in degrees") from None
+        form = "give roll,pitch,yaw in degrees, e.g. 180,0,0"
+        raise argparse.ArgumentTypeError(f"'{text}' is not three angles; {form}") from None
     if not np.isfinite([roll, pitch, yaw]).all():
-        raise argparse.ArgumentTypeError(f"'{text}' holds an angle that is not finite")
+        raise argparse.ArgumentTypeError(f"'{text}': give finite numbers for roll, pitch and yaw")
     if max(abs(roll), abs(pitch), abs(yaw)) > 360.0:
-        raise argparse.ArgumentTypeError(f"'{text}': the angles are degrees, from -360 to 360")
+        raise argparse.ArgumentTypeError(f"'{text}': give roll, pitch and yaw in degrees, each from -360 to 360")
     return roll, pitch, yaw
 
 
 def _names(text: str) -> list[str]:
-    return [name for name in text.split(",") if name]
+    names = [name for name in text.split(",") if name]
+    for name in names:
+        if name not in (*EFFECTS, ALL):
+            known = ", ".join((*EFFECTS, ALL))
+            raise argparse.ArgumentTypeError(
+                f"'{name}' is no effect; give names with commas between, e.g. glass,people; there are {known}"
+            )
+    return names
 
 
 def main() -> int:
@@ -93,7 +102,7 @@ def main() -> int:
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
     driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"
-    changed = f"; {len(run.changes)} walls stand otherwise than planned" if run.changes else ""
+    changed = f"; {len(run.changes)} walls differ from the plan" if run.changes else ""
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
     return 0
 

@@ -25,7 +25,7 @@ def anchor_plane(
 
     Residual (3) as in `observe_plane`, in the BIM frame: how far the wall as built is from the wall as planned. `bim`
     is determined only if walls of at least two directions are matched. If walls lie far from the BIM's origin, use a
-    frame near them (`frame_at`, `plane_from`); otherwise a small rotation cannot be told from an offset. Source: the
+    frame near them (`frame_at`, `plane_from`); otherwise a small rotation looks like an offset. Source: the
     BIM as one more pose that observes planes, after the anchors of iS-Graphs (Shaheer et al. 2023, arXiv 2303.02076).
 
     Raises:

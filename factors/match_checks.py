@@ -1,4 +1,4 @@
-"""What can be wrong with a match, a plan and the keys of an own graph, each told in one line."""
+"""What can be wrong with a match, a plan and the keys of an own graph, each reported in one line."""
 
 import gtsam
 import numpy as np

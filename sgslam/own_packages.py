@@ -1,4 +1,4 @@
-"""Our packages have common names. This tells when Python finds somebody else's package in the place of one of ours."""
+"""Our packages have common names. This detects another package that Python finds in place of one of ours."""
 
 from importlib.util import find_spec
 from pathlib import Path

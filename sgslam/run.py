@@ -22,7 +22,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """The run that the options tell; returns as `main` does. Raises UserError."""
+    """The run that the options describe; returns as `main` does. Raises UserError."""
     # imported only now, so that --help and a missing argument respond at once
     from threadpoolctl import threadpool_limits
 

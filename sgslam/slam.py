@@ -96,7 +96,7 @@ class SceneGraphSlam:
 
         Add those until a scan's end before the scan: they predict how the sensor turns in it. What comes later, by less
         than a scan, still counts when the next scan is registered together with this one. Samples begin with the scans
-        or they do not tell where up is. Raises UserError for stamps that do not increase and values that are not
+        or they do not show where up is. Raises UserError for stamps that do not increase and values that are not
         finite; the run goes on without these samples.
         """
         self._tracking.add_imu(stamp_ns, gyro, accel)

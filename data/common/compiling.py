@@ -32,7 +32,7 @@ def on_two_cores(work: Work, other: Work) -> None:
 def once_on_two_cores(name: str, work: Work, other: Work) -> None:
     """As `on_two_cores`, unless this version's code has done it before; nothing on a single core.
 
-    `name` tells what was done from other such work.
+    `name` distinguishes this work from other such work.
     """
     done = FOLDER / f"{name}.done"
     if FOLDER.is_dir() and not done.exists() and cores() > 1:

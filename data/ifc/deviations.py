@@ -20,7 +20,7 @@ Entity: TypeAlias = ifcopenshell.entity_instance
 Status = Literal["as planned", "moved", "absent", "unclear"]
 Rgb = tuple[float, float, float]
 PROPERTY_SET = "AsBuilt"
-COLORS: dict[str, tuple[Rgb, float]] = {  # and transparency; told apart by colour-blind eyes too
+COLORS: dict[str, tuple[Rgb, float]] = {  # and transparency; distinct to colour-blind eyes too
     "as planned": ((0.75, 0.82, 0.75), 0.0), "moved": ((0.84, 0.37, 0.0), 0.0),
     "absent": ((0.34, 0.71, 0.91), 0.6), "unplanned": ((0.8, 0.47, 0.65), 0.0),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Refuses stamps in another unit than the one expected, told by the time between scans."""
+"""Refuses stamps in another unit than the one expected, recognised by the time between scans."""
 
 from collections.abc import Sequence
 

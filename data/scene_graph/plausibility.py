@@ -5,7 +5,7 @@ import numpy as np
 from data.scene_graph.graph import SceneGraph, WallSurface
 
 _LONGEST_MEDIAN = 50.0  # m; drawn and real graphs have 1 to 10, in centimetres 80 and more
-_FEWEST = 4  # walls; fewer tell nothing about all
+_FEWEST = 4  # walls; fewer say nothing about all
 
 
 def implausible(graph: SceneGraph) -> str | None:

@@ -6,26 +6,23 @@ or on legs, and on wheels tilts with it by a small part of its angle.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
-from data.scans.writers import SCAN_WRITERS, WITH_TIMES
 from data.simulation.carriers import WHEELED, Carrier
 from data.simulation.changes import Changes
 from data.simulation.drive import Robot, plan_drive
-from data.simulation.effects import Timing, checked, timing_of
-from data.simulation.imu import imu_named
-from data.simulation.run import PLAN, Settings, SimulatedRun, Taken, VisitedRoom, write_run
+from data.simulation.drive_setup import Setup, check, set_up, settings_of
+from data.simulation.run import PLAN, SimulatedRun, Taken, VisitedRoom, write_run
 from data.simulation.sensor import Sensor, SpinningSensor
-from data.simulation.sensors import described
 
 if TYPE_CHECKING:
-    from data.simulation.building import Grids
+    from data.simulation.building import Grids, Way
+    from data.simulation.effects.world import World
+    from data.simulation.storey_model import StoreyModel
 
 __all__ = ["PLAN", "ROBOT", "ROBOT_TOP", "SENSOR", "SimulatedRun", "VisitedRoom", "simulate"]
 
@@ -75,61 +72,50 @@ def simulate(
     stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
     """
     from data.simulation.building import storeys_as_built, way_through
-    from data.simulation.effects.furnishing import IN_SCENE, Driven, furnished
-    from data.simulation.effects.platforms import RISE
-    from data.simulation.effects.returns import noisy
-    from data.simulation.effects.world import World
-    from data.simulation.route import curve_length
 
-    chosen = checked(effects)
-    timing, unit = timing_of(chosen, carrier.rolling), None if imu is None else imu_named(imu)
-    scan_format = scan_format or ("ply" if timing == "rolling" else "bin")
-    robot, height = robot or carrier.robot, carrier.height if sensor_height is None else sensor_height
-    sensor = noisy(sensor) if "returns" in chosen else sensor
-    out, top = Path(out_dir), max(carrier.top, height + SENSOR_TOP)
-    _check(out, scan_format, height, seed, timing, seconds)
-    models = storeys_as_built(ifc, [storey] if isinstance(storey, str) else list(storey), changes, seed, chosen)
-    way = way_through(models, top, robot, min_rooms, min_length, and_back, "steps" in chosen, seed)
-    motion = carrier.motion(plan_drive(way.legs, way.start_yaw, robot), models[0].level, height, seed)
-    taken = Taken(sensor, motion, mount_deg, timing, unit)
-    truth = taken.truth(seconds)
-    stamps = truth.stamps_ns / 1e9
-    ground = motion.ground(stamps)
-    length = sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2])
-    visited = _visited(way.grids, stamps, ground, ON_FLOOR if way.raised is None else ON_FLOOR + RISE)
-    run = SimulatedRun(
-        out, models[0].name, seed, length, way.start_yaw, visited, truth,
-        models[0].changes, tuple(model.name for model in models),
-    )  # fmt: skip
-    settings: Settings = {"bim": Path(ifc).name, "sensor": described(sensor), "robot": asdict(robot)}
-    settings |= {"sensor_height_m": height, "rolling": timing != "snapshots", "times_told": timing == "rolling"}
-    settings |= {"carrier": carrier.name, "mount_deg": list(mount_deg), "effects": sorted(chosen)}
-    settings |= {} if imu is None else {"imu": imu}
-    rooms = tuple(room.id for room in visited)
-    drive = Driven(way.grids, way.legs, motion, rooms, float(stamps[-1]), robot.radius)
-    world = furnished(chosen, drive, way.raised, sensor.beams, seed) if chosen & IN_SCENE else World(way.scene)
-    write_run(run, taken, world, scan_format, settings, ifc)
+    setup = set_up(carrier, sensor, robot, sensor_height, scan_format, effects, imu)
+    out = Path(out_dir)
+    check(out, setup, seed, seconds)
+    storeys = [storey] if isinstance(storey, str) else list(storey)
+    models = storeys_as_built(ifc, storeys, changes, seed, setup.effects)
+    top, has_steps = max(carrier.top, setup.height + SENSOR_TOP), "steps" in setup.effects
+    way = way_through(models, top, setup.robot, min_rooms, min_length, and_back, has_steps, seed)
+    drive = plan_drive(way.legs, way.start_yaw, setup.robot)
+    motion = carrier.motion(drive, models[0].level, setup.height, seed)
+    taken = Taken(setup.sensor, motion, mount_deg, setup.timing, setup.unit)
+    run = _driven(out, models, way, taken, seed, seconds)
+    settings = settings_of(ifc, carrier, setup, mount_deg, imu)
+    write_run(run, taken, _world(way, run, taken, setup, seed), setup.scan_format, settings, ifc)
     return run
 
 
-def _check(
-    out: Path, scan_format: str, sensor_height: float, seed: int, timing: Timing, seconds: float | None
-) -> None:
-    if scan_format not in SCAN_WRITERS:
-        raise UserError(f"scan format '{scan_format}' is not known; take one of {', '.join(SCAN_WRITERS)}")
-    if timing == "rolling" and scan_format not in WITH_TIMES:
-        raise UserError(
-            f"the sensor moves during a scan, and {scan_format} files hold no times of points; write "
-            f"{' or '.join(WITH_TIMES)}, or leave them out by the effect 'untimed'"
-        )
-    if not 0 < sensor_height < 10:
-        raise UserError(f"a sensor height of {sensor_height} m cannot be; give metres above the floor")
-    if seconds is not None and not seconds > 0:
-        raise UserError(f"a drive of {seconds:g} s cannot be; give seconds above 0")
-    if seed < 0:
-        raise UserError(f"the seed {seed} is negative; give 0 or more")
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise UserError(f"{out}: exists already and is not an empty folder; give another one")
+def _driven(
+    out: Path, models: "list[StoreyModel]", way: "Way", taken: Taken, seed: int, seconds: float | None
+) -> SimulatedRun:
+    """The run: its truth, its length, and the rooms that it enters."""
+    from data.simulation.effects.platforms import RISE
+    from data.simulation.route import curve_length
+
+    truth = taken.truth(seconds)
+    stamps = truth.stamps_ns / 1e9
+    ground = taken.motion.ground(stamps)
+    length = sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2])
+    visited = _visited(way.grids, stamps, ground, ON_FLOOR if way.raised is None else ON_FLOOR + RISE)
+    names = tuple(model.name for model in models)
+    return SimulatedRun(out, models[0].name, seed, length, way.start_yaw, visited, truth, models[0].changes, names)
+
+
+def _world(way: "Way", run: SimulatedRun, taken: Taken, setup: Setup, seed: int) -> "World":
+    """The building in which the drive is measured, with the effects that add to it."""
+    from data.simulation.effects.furnishing import IN_SCENE, Driven, furnished
+    from data.simulation.effects.world import World
+
+    if not setup.effects & IN_SCENE:
+        return World(way.scene)
+    rooms = tuple(room.id for room in run.rooms)
+    end = float(run.truth.stamps_ns[-1] / 1e9)
+    drive = Driven(way.grids, way.legs, taken.motion, rooms, end, setup.robot.radius)
+    return furnished(setup.effects, drive, way.raised, setup.sensor.beams, seed)
 
 
 def _visited(

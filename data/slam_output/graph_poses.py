@@ -18,7 +18,7 @@ def read_graph_poses(path: Path) -> PoseList:
 
     The file's information matrices give the proportions of the covariances. Their common factor is estimated from what
     is left of the edges at the poses of the file (a posteriori variance of unit weight), where edges close loops;
-    otherwise it is one. Where every matrix is the identity, they tell nothing. Raises UserError for a file that is no
+    otherwise it is one. Where every matrix is the identity, they say nothing. Raises UserError for a file that is no
     graph of poses.
     """
     graph = read_g2o(path, poses_only=True)

@@ -17,7 +17,7 @@ _GAP_NS = NS  # longest gap between two poses that is interpolated
 _NEAR_NS = NS // 10  # from a pose, within which a scan has one beside a longer gap
 _SAME_NS = NS // 20  # by which the stamps of scans and poses may differ where one belongs to the other
 _SPEED = 1.0  # m/s, at which poses without stamps are taken to follow one another
-_DENSE_NS = NS // 2  # median interval up to which poses tell how the sensor moved during a scan
+_DENSE_NS = NS // 2  # median interval up to which poses show how the sensor moved during a scan
 
 
 class PosedScans(ScanSource):

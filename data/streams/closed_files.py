@@ -13,7 +13,7 @@ _PLENTY = 1 << 16  # bytes of events
 
 
 class ClosedFiles:
-    """Watches a folder from its creation on. A file system that tells nothing (a network's) yields no names."""
+    """Watches a folder from its creation on. A file system that reports nothing (a network's) yields no names."""
 
     def __init__(self, folder: Path) -> None:
         """Raises OSError if the folder cannot be watched."""

@@ -15,7 +15,7 @@ from data.streams.closed_files import ClosedFiles
 from data.streams.growing_stamps import GrowingStamps
 from data.trajectory.stamps import NOTE_INDICES, ns_to_seconds
 
-_SETTLED = 1.0  # s after its last change from which a file is complete, even if its closing was not told
+_SETTLED = 1.0  # s after its last change from which a file is complete, even if its closing was not reported
 _WAIT = 0.1  # s for the next file, and _BLOCKED for the end of one that is being written
 _BLOCKED = 0.01
 _LOOK = 1.0  # s without a word on any file after which the folder is listed again

@@ -49,7 +49,7 @@ class GrowingStamps:
 
     @property
     def are_guessed(self) -> bool:
-        """Whether neither times.txt nor the names tell stamps."""
+        """Whether neither times.txt nor the names give stamps."""
         return self._times is None and self._in_names is False
 
     def stamp_ns(self, index: int, file: Path) -> int | None:

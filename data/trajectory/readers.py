@@ -22,7 +22,7 @@ class PoseList:
     """Poses T_odom_sensor (N, 4, 4) in order, and their stamps (N,) in ns; None where the file has none.
 
     `step_covariances` (N) are those of the motion from the pose before: (6, 6), rotation (rad) first, in the axes of
-    the pose; None where the file does not tell.
+    the pose; None where the file does not say.
     """
 
     poses: NDArray[np.float64]
@@ -36,7 +36,7 @@ class PoseList:
 
 
 def read_poses(path: Path | str, times: Path | str | None = None) -> PoseList:
-    """Reads a file of poses; its content tells whether it is TUM (8 numbers a line), KITTI's (12) or EuRoC's CSV.
+    """Reads a file of poses; by its content it is TUM (8 numbers a line), KITTI's (12) or EuRoC's CSV.
 
     `times` is a file with one float second a line, for KITTI's poses, which have no stamps. Raises UserError, with the
     line's number, for anything else.

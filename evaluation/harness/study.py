@@ -27,7 +27,7 @@ class Options(BaseModel):
 
 
 class Case(BaseModel):
-    """One measurement, complete in itself: the same case gives the same record, whoever computes it."""
+    """One measurement, complete in itself: the same case gives the same record, wherever it is computed."""
 
     model_config = ConfigDict(frozen=True)
 

@@ -28,7 +28,7 @@ def scored(rows: pd.DataFrame) -> pd.DataFrame:
     unmatched if they have none. A pair is `perfect` if all rooms and walls with a true match are matched with it and
     nothing else is matched. `decided` is `unique` of the pairs without an alternative placement. `filled_f1` is
     `wall_f1`, and 1 where there was nothing to find and nothing was matched; `base_f1` and `oracle_f1` are those of
-    `voting` and the oracle on the same pair. `building` tells the buildings of all sets apart. Regimes are in order.
+    `voting` and the oracle on the same pair. `building` is one name over all sets. Regimes are in order.
     """
     own = rows.rename(columns=lambda name: name.removeprefix("pair."))
     own["source"] = own.source.map(str)

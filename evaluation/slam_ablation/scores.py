@@ -1,5 +1,6 @@
 """The record of a run of the ablation."""
 
+import logging
 import re
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,6 +24,7 @@ from matching import MatchResult
 from sgslam.geometry.frames import inverse
 from sgslam.session import Result
 
+_log = logging.getLogger(__name__)
 RPE_M = 1.0
 CURVE = 200  # most points of the error over time
 Curve = Annotated[tuple[float, ...], "cost"]  # not compared between runs: the RMSE is
@@ -98,21 +100,34 @@ def _of_trajectory(estimate: Trajectory | None, truth: Trajectory) -> dict[str, 
     if estimate is None:
         return {}
     error = error_in_bim(estimate, truth)
-    relative: float | None = None
-    percent: float | None = None
-    try:
-        relative = rpe(estimate, truth, RPE_M).translation.rmse
-        travelled = drift(estimate, truth)
-        percent = travelled.end_percent if travelled.mean_percent is None else travelled.mean_percent
-    except UserError:
-        pass  # a robot that stood still has no relative error
     times, errors = _error_over_time(estimate, truth)
     return {
-        "rmse_m": error.position.rmse, "max_m": error.position.max, "horizontal_rmse_m": error.horizontal.rmse,
-        "height_rmse_m": error.height.rmse, "yaw_rmse_deg": float(np.degrees(error.yaw.rmse)), "rpe_1m_m": relative,
-        "drift_percent": percent, "matched_poses": error.matched_poses, "poses": len(estimate), "times_s": times,
-        "errors_m": errors,
+        **_of_motion(estimate, truth), "rmse_m": error.position.rmse, "max_m": error.position.max,
+        "horizontal_rmse_m": error.horizontal.rmse, "height_rmse_m": error.height.rmse,
+        "yaw_rmse_deg": float(np.degrees(error.yaw.rmse)), "matched_poses": error.matched_poses,
+        "poses": len(estimate), "times_s": times, "errors_m": errors,
     }  # fmt: skip
+
+
+def _of_motion(estimate: Trajectory, truth: Trajectory) -> dict[str, float | None]:
+    """The relative errors; None, with a warning, where the robot moved too little for one."""
+    found: dict[str, float | None] = {}
+    for name, measure in (("rpe_1m_m", _rpe), ("drift_percent", _drift_percent)):
+        try:
+            found[name] = measure(estimate, truth)
+        except UserError as error:
+            _log.warning("%s is not measured: %s", name, error)
+            found[name] = None
+    return found
+
+
+def _rpe(estimate: Trajectory, truth: Trajectory) -> float:
+    return rpe(estimate, truth, RPE_M).translation.rmse
+
+
+def _drift_percent(estimate: Trajectory, truth: Trajectory) -> float:
+    travelled = drift(estimate, truth)
+    return travelled.end_percent if travelled.mean_percent is None else travelled.mean_percent
 
 
 def _error_over_time(estimate: Trajectory, truth: Trajectory) -> tuple[list[float], list[float]]:

@@ -1,4 +1,4 @@
-"""Places a part of a building at another place of it, and measures what tells the two apart."""
+"""Places a part of a building at another place of it, and measures what distinguishes the two."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -53,4 +53,4 @@ GRID = CombinatorialSettings(
     least_walls=0.2, least_interlevel=0.2, least_global=0.8, restarts=10, storeys_apart=False, partial_walls=True,
     about_best=True, upright_only=True, deviated=Planes(Gaussian(0.5, 0.1), Gaussian(0.1, 0.2)),
 )  # fmt: skip
-"""The later branch that bears walls built otherwise than planned."""
+"""The later branch that tolerates walls that were not built as planned."""

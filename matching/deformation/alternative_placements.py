@@ -24,7 +24,7 @@ SIGMA = 0.4  # metres across: places that are alike, not equal
 LEAST = 0.4  # of the walls' weight that must fit
 ITSELF_M, ITSELF_RAD = 0.4, float(np.radians(4))  # closer ones are the place itself
 EQUAL = 1e-9  # metres, radians
-MOST, EQUALLY, MOST_EQUAL = 6, 0.9, 120  # all that fit this well are kept: only doors tell equal rooms apart
+MOST, EQUALLY, MOST_EQUAL = 6, 0.9, 120  # all that fit this well are kept: only doors distinguish equal rooms
 LEAST_WALLS, MOST_WALLS = 3, 200  # walls of the place that are used,
 MOST_CORNERS, MOST_ASKED = 80, 40  # corners that vote, and walls that check a place
 

@@ -44,7 +44,7 @@ class Pairing:
 
     @staticmethod
     def near(s: Walls, a: Walls, yaw: float, group: Index | None = None) -> "Pairing":
-        """The pairs for motions whose yaw is near this one; all S walls in one group unless told."""
+        """The pairs for motions whose yaw is near this one; all S walls in one group unless groups are given."""
         group = np.zeros(len(s), dtype=np.int64) if group is None else group
         turned = se2.wrap(s.heading[:, None] + yaw - a.heading[None, :])
         like = np.abs(turned) < SAME_DIRECTION

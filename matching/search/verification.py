@@ -20,7 +20,7 @@ LEAST_EVIDENCE = 5.0  # nats above what the best of all places reaches by chance
 LEAST_EVIDENCE_PER_WALL = 1.0  # and for each wall of the map: a plan that is alike in parts is not the plan
 LEAST_MARGIN = 4.0  # nats over the runner-up,
 MARGIN_SHARE = 0.12  # and of the evidence: two nearly equal places differ by the same noise everywhere
-PLACES_PER_M2 = 40.0  # that a vote can tell apart: four directions of the grid, a third of a metre
+PLACES_PER_M2 = 40.0  # that a vote can separate: four directions of the grid, a third of a metre
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def marks(walls: Walls, scarce: bool = False) -> Marks:
     near = (gap < (8 * REACH if scarce else REACH)) & (one_room | unknown)
     i, j = np.nonzero(near & near.T & (turn > 0))  # ordered, so that a corner has one heading
     point = walls.centre[i] + along[i, j, None] * walls.tangent[i]
-    # Which way the two walls extend from the crossing tells a room's corner from a pillar's.
+    # Which way the two walls extend from the crossing separates a room's corner from a pillar's.
     kind = 2 * (along[i, j] > 0) + (along[j, i] > 0)
     corners = Marks(point, walls.heading[i] + turn[i, j] / 2, turn[i, j], kind.astype(np.int64))
     return _with_ends(corners, walls) if scarce else corners

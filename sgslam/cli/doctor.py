@@ -6,6 +6,7 @@ Each library runs a small self test in a process of its own: a library built for
 exception but kills its process.
 """
 
+import math
 import platform
 import signal
 import subprocess
@@ -24,6 +25,7 @@ LIMIT_S = 120.0  # of a self test, the library's import included
 LEAST_MEMORY_GB, ENOUGH_MEMORY_GB = 1.0, 2.0  # a run with the learned matcher takes 1 GB
 EXTRAS = {
     "dxf": "DXF drawings as plans",
+    "office": "tables of building elements as XLSX",
     "scans": "LAS, LAZ and E57 scans",
     "mesh": "COLLADA meshes of buildings",
     "view": "runs shown in the browser",
@@ -34,10 +36,12 @@ EXTRAS = {
     "genz_lio": "the LiDAR-inertial odometry GenZ-LIO (GPL-2)",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data on several machines",
+    "evaluation": "the studies behind the numbers of the documentation",
     "docs": "the documentation site",
     "dev": "the tests",
 }
 
+_CGROUP = Path("/sys/fs/cgroup")  # the limits of a container
 State = Literal["ok", "FAIL", "note"]
 
 
@@ -76,7 +80,7 @@ def check_installation() -> Iterator[Finding]:
         for name, check in zip(SELF_TESTS, pool.map(run_self_test, SELF_TESTS), strict=True):
             yield _finding(f"{name} self test", check)
     for name, missing in extras():
-        purpose = EXTRAS.get(name, "")
+        purpose = EXTRAS[name]
         hint = f"{purpose}; pip install 'sgslam[{name}]' installs {missing}"
         yield Finding("note" if missing else "ok", f"extra {name}", hint if missing else f"installed ({purpose})")
 
@@ -103,27 +107,33 @@ def run_self_test(name: str) -> tuple[bool, str]:
 
 def _machine() -> Iterator[Finding]:
     yield Finding("ok", "processor", f"{cores()} cores available, {platform.machine()}")
-    free = _memory_gb()
-    if free is None:
-        yield Finding("note", "memory", "unknown")
-    else:
-        state: State = "FAIL" if free < LEAST_MEMORY_GB else "note" if free < ENOUGH_MEMORY_GB else "ok"
-        message = f"{free:.1f} GB available"
-        yield Finding(state, "memory", message if state == "ok" else f"{message}; a run needs {ENOUGH_MEMORY_GB:g} GB")
+    yield _memory()
 
 
-def _memory_gb() -> float | None:
-    """Available memory (GB) of the machine or the container, whichever is less; None if unknown."""
-    free = []
+def _memory() -> Finding:
+    """The memory that is available; a note with the reason where it cannot be read."""
     try:
-        fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-        free.append(int(fields["MemAvailable"].split()[0]) / 1e6)
-        limit = Path("/sys/fs/cgroup/memory.max").read_text().strip()
-        if limit != "max":
-            free.append((int(limit) - int(Path("/sys/fs/cgroup/memory.current").read_text())) / 1e9)
-    except (OSError, ValueError, KeyError):
-        pass  # not Linux, or no such limit: what was found is used
-    return min(free, default=None)
+        free = min(_free_in_machine_gb(), _free_in_container_gb())
+    except (OSError, ValueError, KeyError) as error:
+        why = f"{type(error).__name__}: {error}"
+        return Finding("note", "memory", f"unknown ({why}); a run needs {ENOUGH_MEMORY_GB:g} GB")
+    state: State = "FAIL" if free < LEAST_MEMORY_GB else "note" if free < ENOUGH_MEMORY_GB else "ok"
+    message = f"{free:.1f} GB available"
+    return Finding(state, "memory", message if state == "ok" else f"{message}; a run needs {ENOUGH_MEMORY_GB:g} GB")
+
+
+def _free_in_machine_gb() -> float:
+    """Available memory (GB). Raises OSError, ValueError or KeyError where the system does not give it as Linux does."""
+    fields = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
+    return int(fields["MemAvailable"].split()[0]) / 1e6
+
+
+def _free_in_container_gb() -> float:
+    """What the container may still take (GB), infinite without a limit. Raises OSError or ValueError."""
+    limit = _CGROUP / "memory.max"
+    if not limit.is_file() or (most := limit.read_text().strip()) == "max":
+        return math.inf
+    return (int(most) - int((_CGROUP / "memory.current").read_text())) / 1e9
 
 
 def _cache() -> Finding:

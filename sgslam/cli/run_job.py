@@ -3,7 +3,6 @@
 import argparse
 import logging
 import math
-import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -12,6 +11,7 @@ from time import perf_counter, process_time
 from typing import Any
 
 from data.common.errors import UserError
+from data.common.log_lines import log_to
 from data.ifc.bcf import Model
 from data.imu import ImuSamples, read_imu
 from data.plans import Bim, load_bim
@@ -32,7 +32,7 @@ from sgslam.config import Config
 from sgslam.config.loading import load_config
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
-from sgslam.odometry.choice import check_inertial, choose
+from sgslam.odometry.choice import check_inertial, choose, health_note
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.report import associate
 from sgslam.report.accuracy import accuracy
@@ -126,7 +126,7 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
 def read_config(
     options: argparse.Namespace, resumed: dict[str, Any] | None = None
 ) -> tuple[Config, ExternalOdometry | None]:
-    """The settings that the options tell, else those of the run to be resumed, and the external odometry if there is
+    """The settings that the options give, else those of the run to be resumed, and the external odometry if there is
     one. Raises UserError."""
     if resumed is None or options.config is not None or options.set:
         config = load_config(options.config, options.set)
@@ -143,7 +143,7 @@ def read_config(
 
 
 def read_start(text: str) -> Start:
-    """The pose that `--start` tells. Raises UserError."""
+    """The pose that `--start` gives. Raises UserError."""
     return three_numbers("--start", text, "X,Y,YAW", "3.5,-1.2,1.57")
 
 
@@ -163,10 +163,11 @@ class Run:
         inputs = run_fingerprint(job.scans, job.a_graph, job.config, told, options.map)
         if resumed is not None:
             check_unchanged(out, resumed, inputs)
-        _log_to(out / "run.log", options.verbose, append=resumed is not None)
+        self._warnings = log_to(_log, out / "run.log", verbose=options.verbose, append=resumed is not None)
         if resumed is None and (out / STATE).is_file():
             _log.warning("%s holds the results of an earlier run, which are overwritten", out)
-        for notice in [job.scans.note, *(job.bim.notices if job.bim is not None else ())]:
+        note = health_note(job.config.odometry.method) if job.scans.given is job.external_odometry is None else None
+        for notice in [job.scans.note, note, *(job.bim.notices if job.bim is not None else ())]:
             if notice:
                 _log.warning("%s", notice)
         voxel = job.config.clouds.keyframe_voxel
@@ -178,6 +179,8 @@ class Run:
             job.a_graph, job.matcher, job.config, clouds=clouds, prior=job.prior_map, storey=options.storey
         )  # fmt: skip
         self.progress = Progress() if resumed is None else Progress(**load(out, self.slam))
+        self._warnings[:0] = self.progress.warnings  # those before the interruption come first
+        self.progress.warnings = self._warnings
         self.checkpoints = Checkpoints(out, {**inputs, "arguments": run_arguments(options)})
         if resumed is None:  # replaces the state that an earlier run left in the folder
             self.checkpoints.write(self.slam, self.progress.to_dict())
@@ -206,6 +209,7 @@ class Run:
         more["cpu_seconds"] = cpu_seconds  # of all threads
         more["told"] = {**self._hints, "mount": job.config.tracking.mount}
         more |= measured or {}
+        more["advice"] = list(dict.fromkeys([*self._warnings, *result.advice, *([stopped] if stopped else [])]))
         if job.truth is not None:
             more["accuracy"] = _accuracy(result, job.truth)
         more["about"] = _about(job, result)
@@ -275,11 +279,11 @@ def three_numbers(option: str, text: str, form: str, example: str) -> tuple[floa
     except ValueError:
         raise UserError(f"{option} {text}: not in the form {form}; write e.g. {example}") from None
     if not all(math.isfinite(value) for value in (a, b, c)):
-        raise UserError(f"{option} {text}: the numbers must be finite")
+        raise UserError(f"{option} {text}: {form} must be finite numbers; write e.g. {example}")
     if option == "--start" and abs(c) > 2 * math.pi:
         raise UserError(f"{option} {text}: the yaw is in radians; {c:g} degrees are {math.radians(c):.4f}")
     if option == "--mount" and max(abs(a), abs(b), abs(c)) > _TURN:
-        raise UserError(f"{option} {text}: the angles are degrees, from -360 to 360")
+        raise UserError(f"{option} {text}: give roll, pitch and yaw in degrees, each from -360 to 360")
     return a, b, c
 
 
@@ -306,15 +310,6 @@ class MatcherWithStart:
 
 
 def _accuracy(result: Result, truth: Trajectory) -> dict[str, Any]:
-    return accuracy(result.trajectory if result.anchored else None, result.trajectory_odometry, truth)
-
-
-def _log_to(path: Path, verbose: bool, append: bool) -> None:
-    logging.raiseExceptions = False  # on a full disk the run goes on without its log
-    _log.setLevel(logging.DEBUG if verbose else logging.INFO)
-    screen = logging.StreamHandler(sys.stderr)
-    screen.setLevel(logging.DEBUG if verbose else logging.WARNING)
-    screen.setFormatter(logging.Formatter("%(message)s"))
-    file = logging.FileHandler(path, mode="a" if append else "w")
-    file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
-    _log.handlers = [screen, file]
+    in_one_frame = result.trajectory_map.only(result.uncertainty.part == 0)  # other parts were not joined to the map
+    in_bim = result.trajectory if result.anchored else None
+    return accuracy(in_bim, in_one_frame, result.trajectory_odometry, truth)

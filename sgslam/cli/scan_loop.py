@@ -27,16 +27,17 @@ ScanCallback: TypeAlias = Callable[[SceneGraphSlam, Update, NDArray[np.float64]]
 
 @dataclass
 class Progress:
-    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, and the `seconds` spent on
-    reading scans and writing checkpoints."""
+    """The progress of a run: `index` of the newest scan, the number of scans `fed` to it, the `seconds` spent on
+    reading scans and writing checkpoints, and the `warnings` that it printed."""
 
     index: int = -1
     fed: int = 0
     seconds: dict[str, float] = field(default_factory=lambda: {"reading": 0.0, "checkpoints": 0.0})
+    warnings: list[str] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """The keyword arguments of `Progress`."""
-        return {"index": self.index, "fed": self.fed, "seconds": self.seconds}
+        return {"index": self.index, "fed": self.fed, "seconds": self.seconds, "warnings": self.warnings}
 
 
 class Interruption:

@@ -2,19 +2,20 @@
 
 import difflib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from data import UserError
 from sgslam.config.models import Config
 
 _PLAIN = {  # in the words of a settings file, where pydantic speaks of Python
-    "tuple_type": "a list is expected, e.g. [0, 0, 0]",
     "bool_parsing": "true or false is expected",
     "none_required": "null is expected",
 }
+
 
 def load_config(path: Path | None, pairs: list[str]) -> Config:
     """The defaults, overridden by a YAML file and then by pairs such as `odometry.voxel_size=0.4`.
@@ -37,10 +38,39 @@ def load_config(path: Path | None, pairs: list[str]) -> Config:
     try:
         return Config.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        what = _PLAIN.get(first["type"], first["msg"])
-        raise UserError(f"setting {where}: {what} (given: {first['input']!r})") from None
+        raise UserError(_invalid(error)) from None
+
+
+def _invalid(error: ValidationError) -> str:
+    """One line on the first invalid setting: which, what is wrong, what was given, and what it means."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"][:2])  # without the place in a list
+    what = _PLAIN.get(first["type"]) or first["msg"].replace("Input should be", "must be")
+    shown = "" if first["type"] == "missing" else f" (given: {first['input']!r})"
+    field = _field(where)
+    if field is None:
+        return f"setting {where}: {what}{shown}"
+    if length := _length(field.annotation):
+        example = "[" + ", ".join(["0"] * length) + "]"
+        what = f"a list of {length} numbers is expected, e.g. {example}"
+    about = f"; it is: {field.description}" if field.description else ""
+    return f"setting {where}: {what}{shown}{about}"
+
+
+def _field(where: str) -> FieldInfo | None:
+    """The field of a setting `group.name`; None for a group."""
+    group, _, name = where.partition(".")
+    settings = Config.model_fields[group].annotation if group in Config.model_fields else None
+    fields: dict[str, FieldInfo] = getattr(settings, "model_fields", {})
+    return fields.get(name)
+
+
+def _length(annotation: Any) -> int:
+    """How many values a tuple takes, also one that may be null; 0 for another type."""
+    for kind in (annotation, *get_args(annotation)):
+        if get_origin(kind) is tuple:
+            return len(get_args(kind))
+    return 0
 
 
 def save_config(config: Config) -> str:

@@ -8,7 +8,7 @@ from data.imu.samples import GRAVITY, unit_of_forces
 from sgslam.inertial.buffer import ImuBuffer
 
 Floats = NDArray[np.float64]
-_SHORTEST_NS = 900_000_000  # a shorter time tells more of the carrier's steps than of gravity
+_SHORTEST_NS = 900_000_000  # over a shorter time the carrier's steps outweigh gravity
 _SPEED, _PLACE = 1.6, 0.03  # m/s and m, standard deviations of the first velocity and of places by registration
 _WRONG = 0.2  # share by which the found gravity may differ from the true one; more, and the places are wrong
 

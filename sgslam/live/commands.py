@@ -14,7 +14,7 @@ _FORM = "initialpose X Y YAW (m, m, rad)"
 
 
 def read_pose(line: str) -> Pose2 | None:
-    """The pose that a line tells; None where it has another form."""
+    """The pose that a line gives; None where it has another form."""
     name, *words = line.split() or [""]
     if name != "initialpose" or len(words) != 3:
         return None
@@ -26,7 +26,7 @@ def read_pose(line: str) -> Pose2 | None:
 
 
 class PoseLines:
-    """Reads poses from lines, in a thread of its own. A line of another form is told on standard error."""
+    """Reads poses from lines, in a thread of its own. A line of another form is reported on standard error."""
 
     def __init__(self, lines: TextIO) -> None:
         self._poses: queue.SimpleQueue[Pose2] = queue.SimpleQueue()

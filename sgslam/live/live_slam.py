@@ -3,7 +3,6 @@
 import atexit
 import gc
 import logging
-from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from types import TracebackType
@@ -12,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data.common.errors import UserError
 from data.scans.scan import SkippedScan
 from sgslam.config import Config
 from sgslam.live.answer import Answer
 from sgslam.live.latencies import Latencies
+from sgslam.live.log_lines import LogLines
 from sgslam.live.mapping_process import MappingProcess
-from sgslam.live.messages import FinishMessage, LiveInputs, LogMessage, MapState, StartMessage, TrackedMessage
+from sgslam.live.messages import FinishMessage, LiveInputs, MapState, StartMessage, TrackedMessage
 from sgslam.live.warm_up import warm_up
 from sgslam.registration import Health
 from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
@@ -70,8 +69,8 @@ class LiveSlam:
             raise
         gc.freeze()  # what is loaded stays: the garbage collector need not scan it
         self._is_open = True
-        atexit.register(self._map.end)  # whoever forgets to finish still gets the results
-        self._lines = _LogLines(self._map)
+        atexit.register(self._map.end)  # without a call of finish the results are written all the same
+        self._lines = LogLines(self._map)
         logging.getLogger("sgslam").addHandler(self._lines)
 
     def add_scan(self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None) -> Answer:
@@ -150,16 +149,3 @@ class LiveSlam:
             known.T_bim_map if is_this else None, self._health, (known.anchors or ()) if is_this else (),
             known.map_stamp_ns, self._part, known.keyframes, self._map.waiting, seconds,
         )  # fmt: skip
-
-
-class _LogLines(logging.Handler):
-    """Sends log lines to the process that keeps the log of the run."""
-
-    def __init__(self, to: MappingProcess) -> None:
-        super().__init__(logging.INFO)
-        self._to = to
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Sends one."""
-        with suppress(UserError):  # the other process has ended
-            self._to.put(LogMessage(record.name, record.levelno, record.getMessage()))

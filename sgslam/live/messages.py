@@ -1,4 +1,4 @@
-"""What the process that tracks and the one that maps tell each other."""
+"""What the process that tracks and the one that maps send each other."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path

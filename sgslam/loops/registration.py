@@ -76,7 +76,7 @@ def _information(T: Floats, points: Floats, normals: Floats) -> Floats:
 
     Points (N, 3) are in the source frame, normals (N, 3) in the target frame. GICP's own information also constrains
     the directions along each surface a little. Walls count as upright, floors and ceilings as level: the errors of many
-    normals would feign that walls tell the height.
+    normals would wrongly let walls constrain the height.
     """
     along = _squared(normals) @ T[:3, :3]
     J = np.concatenate([np.cross(points, along), along], axis=1)

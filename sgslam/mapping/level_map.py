@@ -1,4 +1,4 @@
-"""The level surfaces of a floor: associates observations across keyframes, and tells which surface is the floor."""
+"""The level surfaces of a floor: associates observations across keyframes, and decides which surface is the floor."""
 
 from dataclasses import dataclass, replace
 

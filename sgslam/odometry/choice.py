@@ -25,6 +25,16 @@ def choose(value: str, config: Config) -> tuple[Config, ExternalOdometry | None]
     raise UserError(f"--odometry {value}: no such file, and no such method; {hint}")
 
 
+def health_note(method: str) -> str | None:
+    """What a user must know of the health that this method gives to scans; None where it judges each scan."""
+    if method == "continuous_time":
+        return None
+    note = f"odometry {method} does not judge scans: they are good, or lost after an implausible step"
+    if method != "small_gicp":
+        note += "; their sigmas come from the settings odometry.other_sigma_rotation and other_sigma_translation alone"
+    return f"{note}; health and quality of this run say little"
+
+
 def check_inertial(method: str, has_imu: bool) -> None:
     """Raises UserError if a method needs an IMU that is not there, or a library."""
     if method not in INERTIAL:

@@ -45,7 +45,7 @@ class KissOdometry(RigidOdometry):
         adaptive = config.adaptive_threshold
         self._threshold = _Threshold(adaptive.initial_threshold, adaptive.min_motion_th, settings.max_range)
         self._lost = 0  # consecutive scans without a registration
-        # KISS-ICP tells no covariance
+        # KISS-ICP gives no covariance
         self._covariance = np.diag(np.repeat([settings.other_sigma_rotation, settings.other_sigma_translation], 3) ** 2)
 
     def _fit(self, points: Floats, point_times: Floats | None, predicted: Floats, seconds: float) -> Fit | None:

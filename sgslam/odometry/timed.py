@@ -17,17 +17,17 @@ from sgslam.registration.motion_prior import velocity_between
 Floats = NDArray[np.float64]
 Kind = Literal["snapshot", "order"]
 _log = logging.getLogger(__name__)
-_DURATION = 0.1  # s, of a scan, until a second one tells the interval; most sensors turn ten times a second
+_DURATION = 0.1  # s, of a scan, until a second one shows the interval; most sensors turn ten times a second
 _MOVING, _TURNING = 0.3, 0.3  # m/s and rad/s; slower, a scan looks alike either way
 _MOST = 0.3  # evidence of one scan: the scans after it are not independent
 # Sum of the evidence, natural logarithm, that decides. In 24 drives of rolling scans it was at least -2.0,
 # in 24 of snapshots at most 3.2, on the way to the right end.
 _LIMIT = 8.0
-_WITHOUT_ORDER = 20  # so many more scans whose points' order tells nothing than others count as snapshots
+_WITHOUT_ORDER = 20  # so many more scans whose points' order says nothing than others count as snapshots
 
 
 class TimedOdometry:
-    """An odometry for scans with point times, told or not.
+    """An odometry for scans with point times, given or not.
 
     Where they are not given, two odometries run side by side until the motion decides: one takes scans as snapshots,
     one with times guessed from the order of their points. The right one finds more points, nearer to its surfaces.
@@ -103,7 +103,7 @@ class TimedOdometry:
         return _moved(self._shift, results[self._best])
 
     def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
-        """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
+        """(N,) the times of a scan's points (N, 3), given or not, by what is known now; None for a snapshot."""
         if not len(points):
             return None
         return self._guessed(points)[0] if point_times is None and self._best == "order" else point_times
@@ -136,7 +136,7 @@ class TimedOdometry:
             self._decide(self._best)
 
     def _guessed(self, points: Floats) -> tuple[Floats, bool]:
-        """The times of points (N, 3), and whether their order tells them; where not, all are the scan's middle."""
+        """The times of points (N, 3), and whether their order gives them; where not, all are the scan's middle."""
         duration_s = self._duration_s if np.isfinite(self._duration_s) else _DURATION
         found = guessed_times(points, duration_s)
         return (np.full(len(points), duration_s / 2), False) if found is None else (found.seconds, True)

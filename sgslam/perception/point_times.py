@@ -41,7 +41,7 @@ class GuessedTimes:
 def guessed_times(points: Floats, duration_s: float) -> GuessedTimes | None:
     """The times of points (N, 3), in the sensor's frame and stored order, of a scan that takes `duration_s`.
 
-    Points may lack where nothing was returned. The spin axis is the sensor's z axis. Returns None where the order tells
+    Points may lack where nothing was returned. The spin axis is the sensor's z axis. Returns None where the order says
     nothing: shuffled, filtered or sorted points. Whether the sensor measured them one after the other at all (and not,
     as in some simulations, at one instant) is for registration to find out.
     """

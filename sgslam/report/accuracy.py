@@ -1,7 +1,7 @@
 """Trajectory errors against the ground truth. Pure functions: no files, no plots.
 
-Errors in the BIM frame are computed without alignment. Only the odometry, which is in no common frame, is aligned to
-the truth first.
+Errors in the BIM frame are computed without alignment. The map's trajectory and the odometry, each in a frame of its
+own, are aligned to the truth first.
 """
 
 from typing import Any
@@ -76,14 +76,15 @@ def yaw_errors(estimate: Array, truth: Array) -> Array:
 
 
 def accuracy(
-    trajectory_in_bim: Trajectory | None, odometry: Trajectory, truth_in_bim: Trajectory,
+    trajectory_in_bim: Trajectory | None, trajectory_map: Trajectory, odometry: Trajectory, truth_in_bim: Trajectory,
     tolerance_ns: int = TOLERANCE_NS,
 ) -> dict[str, Any]:  # fmt: skip
     """The `accuracy` of metrics.json: metres and degrees over the poses that match a true pose in time.
 
     `trajectory_in_bim` is None where the run was not anchored, and the three `..._bim_...` are None then.
-    `rmse_odometry_aligned_m` is None where the odometry cannot be aligned; `note` gives the reason.
-    Raises UserError where no pose matches.
+    `trajectory_map` holds poses in one map frame. `rmse_map_aligned_m` and `rmse_odometry_aligned_m` are RMSEs of its
+    and the odometry's positions, each after SE(3) alignment of its own, or None where it cannot be aligned; `note`
+    gives the reason. Raises UserError where no pose matches.
     """
     scored = odometry if trajectory_in_bim is None else trajectory_in_bim
     ours, true = associate(scored.stamps_ns, truth_in_bim.stamps_ns, tolerance_ns)
@@ -98,11 +99,13 @@ def accuracy(
         yaw = yaw_errors(scored.poses[ours], truth_in_bim.poses[true])
         result["rmse_bim_m"], result["max_bim_m"] = _rms(errors), float(errors.max())
         result["yaw_rmse_bim_deg"] = float(np.degrees(_rms(yaw)))
-    result["rmse_odometry_aligned_m"] = None
-    try:
-        result["rmse_odometry_aligned_m"] = rmse_aligned(odometry, truth_in_bim, tolerance_ns)
-    except UserError as error:
-        result["note"] = str(error)
+    for name, estimate in (("map", trajectory_map), ("odometry", odometry)):
+        key = f"rmse_{name}_aligned_m"
+        result[key] = None
+        try:
+            result[key] = rmse_aligned(estimate, truth_in_bim, tolerance_ns)
+        except UserError as error:
+            result["note"] = str(error)
     return result | {"matched_poses": len(ours), "total_poses": len(scored)}
 
 

@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from typing import TYPE_CHECKING, cast, get_args
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,12 @@ from sgslam.as_built.deviation_list import deviations
 from sgslam.backend import Backend, Uncertainty
 from sgslam.config import Config
 from sgslam.mapping import Floors
-from sgslam.registration import Health
 from sgslam.report.number_formats import NO_PLAN
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
-from sgslam.session.quality import quality_of
+from sgslam.session.quality import Quality, quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
-from sgslam.session.scan_poses import ScanPose, at_stamps, odometry_begins, smooth, with_unplaced
+from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
 from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty, why_none_is_anchored
 from sgslam.session.unit_advice import feet_advice
 
@@ -43,61 +42,79 @@ def assemble_result(
     `unplaced` are the submaps that could not be relocalised: each is laid at the last known pose of the sensor, in the
     map's trajectory only. A pose in a prior map does not count as anchored to the building.
     """
-    scans, backend, floors = final.scans, final.backend, final.floors
-    anchoring = None if final.plan_is_prior else final.anchoring
-    runs = [slice(a, b) for a, b in zip(final.begins, [*final.begins[1:], len(scans)], strict=True)]
-    poses, newest = smooth(scans, backend.poses), runs[-1]
-    *earlier, placed = [at_stamps(scans[run], poses[run]) for run in runs]
-    trajectory_map = with_unplaced(placed, [(part.scans, part.backend.poses) for part in unplaced])
-    of_run = sorted([*scans[newest], *(s for part in unplaced for s in part.scans)], key=lambda s: s.stamp_ns)
-    T_bim_map = None
-    if anchoring is not None and backend.T_map_bim is not None:
-        T_bim_map = anchoring.bim_from_map(backend.T_map_bim)
-    own = _own(final, newest, T_bim_map, config)
+    backend, floors = final.backend, final.floors
+    parts = [(part.scans, part.backend.poses) for part in unplaced]
+    run = newest_run(final.scans, final.begins, backend.poses, parts)
+    anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
+    own = _uncertainty(final, run, T_bim_map, config)
     reason = NO_PLAN if anchoring is None else anchoring.reason
     if T_bim_map is not None and not own.anchored.any():
         T_bim_map, reason = None, why_none_is_anchored(own, config.quality)
-        own = _own(final, newest, None, config)
+        own = _uncertainty(final, run, None, config)
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
-    uncertainty = backend.uncertainty() if T_bim_map is not None else None
+    in_bim = backend.uncertainty() if T_bim_map is not None else None
     told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
-    tracked = {health: sum(scan.health == health for scan in of_run) for health in get_args(Health)}
-    odometry = at_stamps(scans[newest], np.stack([s.T_odom_sensor for s in scans[newest]]))
-    unit = feet_advice(floors, trajectory_map, bim) if T_bim_map is None else None  # what fits the plan is in metres
-    if unit is not None:
-        _log.warning("%s", unit)
-    first_ns, begin_ns = final.first_anchor_ns, scans[newest.start].stamp_ns
+    unit = _unit_advice(floors, run, bim) if T_bim_map is None else None  # what fits the plan is in metres
+    whole = run.with_unplaced
     return Result(
         anchored=T_bim_map is not None,
         reason=reason,
-        trajectory=trajectory_map if T_bim_map is None else trajectory_map.only(told.anchored).transformed(T_bim_map),
-        trajectory_map=trajectory_map,
-        trajectory_odometry=at_stamps(of_run, np.stack([s.T_odom_sensor for s in of_run])),
+        trajectory=whole if T_bim_map is None else whole.only(told.anchored).transformed(T_bim_map),
+        trajectory_map=whole,
+        trajectory_odometry=odometry_of(run.all_scans),
         T_bim_map=T_bim_map,
         s_graph=floors.graph(backend.keyframes, [floor.scene for floor in floors.maps if floor.scene is not None]),
         a_graph=bim,
         matches=cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None),
-        deviations=_deviations(anchoring, alignments, floors, backend, uncertainty, config),
+        deviations=_deviations(anchoring, alignments, floors, backend, in_bim, config),
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
-        pose_covariances=_covariances(backend, uncertainty, T_bim_map, placed, newest.start),
-        first_anchor_s=(first_ns - begin_ns) / 1e9 if T_bim_map is not None and first_ns is not None else None,
+        pose_covariances=_covariances(backend, in_bim, T_bim_map, run.in_map, run.begin),
+        first_anchor_s=None if T_bim_map is None else _first_anchor_s(final, run),
         keyframes=len(backend.keyframes),
         seconds=dict(final.stopwatch.seconds),
         config=config,
         clouds=final.clouds,
         uncertainty=told,
-        quality=quality_of(
-            placed, odometry, odometry_begins(scans[newest]), _walls_seen(floors, backend), own,
-            tracked["lost"] / len(of_run), sum(len(part.scans) for part in unplaced) / len(of_run), T_bim_map, bim,
-            config.quality,
-        ),
-        tracked=tracked,
-        earlier=tuple(run if T_bim_map is None else run.transformed(T_bim_map) for run in earlier),
+        quality=_quality(final, run, own, T_bim_map, bim, config),
+        tracked=run.tracked,
+        earlier=tuple(path if T_bim_map is None else path.transformed(T_bim_map) for path in run.earlier),
         relocalisation=relocalisation,
-        trajectory_live=_live(scans[newest], told, T_bim_map) if passed_again else None,
+        trajectory_live=_live(run.scans, told, T_bim_map) if passed_again else None,
         advice=tuple(dict.fromkeys(line for line in (*advice, unit) if line is not None)),
     )
+
+
+def _uncertainty(final: ActiveMap, run: RunPoses, T_bim_map: Floats | None, config: Config) -> ScanUncertainty:
+    """Of the scans in the map, along the axes of the building where T_bim_map (4, 4) is known, else of the map."""
+    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
+    newest = slice(run.begin, len(final.scans))
+    return scan_uncertainty(final.scans, newest, final.backend, R_frame_map, config, 0, T_bim_map is not None)
+
+
+def _unit_advice(floors: Floors, run: RunPoses, bim: SceneGraph | None) -> str | None:
+    """A warning where the scans seem to be in feet."""
+    advice = feet_advice(floors, run.with_unplaced, bim)
+    if advice is not None:
+        _log.warning("%s", advice)
+    return advice
+
+
+def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
+    """Seconds from the run's first scan in the map to its first anchor; None if there is none."""
+    return None if final.first_anchor_ns is None else (final.first_anchor_ns - run.scans[0].stamp_ns) / 1e9
+
+
+def _quality(
+    final: ActiveMap, run: RunPoses, own: ScanUncertainty, T_bim_map: Floats | None, bim: SceneGraph | None,
+    config: Config,
+) -> Quality:  # fmt: skip
+    """The signals of the map's quality; `own` is the uncertainty of the scans in the map."""
+    count = len(run.all_scans)
+    return quality_of(
+        run.in_map, odometry_of(run.scans), odometry_begins(run.scans), _walls_seen(final.floors, final.backend), own,
+        run.tracked["lost"] / count, (count - len(run.scans)) / count, T_bim_map, bim, config.quality,
+    )  # fmt: skip
 
 
 def _live(scans: list[ScanPose], told: ScanUncertainty, T_bim_map: Floats | None) -> Trajectory:
@@ -106,18 +123,12 @@ def _live(scans: list[ScanPose], told: ScanUncertainty, T_bim_map: Floats | None
     return live if T_bim_map is None else live.only(told.anchored).transformed(T_bim_map)
 
 
-def _own(final: ActiveMap, run: slice, T_bim_map: Floats | None, config: Config) -> ScanUncertainty:
-    """The lines of the map's own scans, in the frame of the building where T_bim_map (4, 4) is known."""
-    R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
-    return scan_uncertainty(final.scans, run, final.backend, R_frame_map, config, 0, T_bim_map is not None)
-
-
 def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
     """The scans of the submaps that were not relocalised, each in its own frame."""
     return [
         scan_uncertainty(part.scans, slice(None), part.backend, np.eye(3), config, number, False)
         for number, part in enumerate(unplaced, 1)
-    ]
+    ]  # fmt: skip
 
 
 def _walls_seen(floors: Floors, backend: Backend) -> list[int]:

@@ -1,4 +1,4 @@
-"""Signals that tell a sound map from one that was lost, each with its value and its limit.
+"""Signals that separate sound maps from lost ones, each with its value and its limit.
 
 In lost runs the map and the odometry disagree, keyframes see no walls, the plan is tilted in the map, or the way
 leads through planned walls, though a place in the plan may explain the map.

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,3 +84,46 @@ def with_unplaced(known: Trajectory, parts: list[tuple[list[ScanPose], Floats]])
         poses.append(known.poses[before] @ inverse(part.poses[0]) @ part.poses)
     order = np.argsort(np.concatenate(stamps), kind="stable")
     return Trajectory(np.concatenate(stamps)[order], np.concatenate(poses)[order])
+
+
+@dataclass(frozen=True, eq=False)
+class RunPoses:
+    """The newest run of a map, which begins at the map's scan number `begin`: its `scans` in the map, and `all_scans`,
+    in the order of their stamps, with those of submaps that were not relocalised.
+
+    Trajectories are in the map frame: `in_map` has the `scans`, `with_unplaced` has `all_scans`; `earlier` are those of
+    the runs before.
+    """
+
+    begin: int
+    scans: list[ScanPose]
+    all_scans: list[ScanPose]
+    in_map: Trajectory
+    with_unplaced: Trajectory
+    earlier: list[Trajectory]
+
+    @property
+    def tracked(self) -> dict[Health, int]:
+        """The number of scans of each health."""
+        return {health: sum(scan.health == health for scan in self.all_scans) for health in get_args(Health)}
+
+
+def newest_run(
+    scans: list[ScanPose], begins: list[int], keyframes: Floats, unplaced: list[tuple[list[ScanPose], Floats]]
+) -> RunPoses:
+    """The newest of the runs of a map that begin at its scans number `begins`.
+
+    `keyframes` (K, 4, 4) are the poses of the map's keyframes; `unplaced` has the scans of each submap that was not
+    relocalised, and the poses of its keyframes.
+    """
+    poses = smooth(scans, keyframes)
+    runs = [slice(a, b) for a, b in zip(begins, [*begins[1:], len(scans)], strict=True)]
+    *earlier, in_map = [at_stamps(scans[run], poses[run]) for run in runs]
+    own = scans[runs[-1]]
+    all_scans = sorted([*own, *(s for part, _ in unplaced for s in part)], key=lambda s: s.stamp_ns)
+    return RunPoses(runs[-1].start, own, all_scans, in_map, with_unplaced(in_map, unplaced), earlier)
+
+
+def odometry_of(scans: list[ScanPose]) -> Trajectory:
+    """The poses of scans by the odometry alone, in its frame."""
+    return at_stamps(scans, np.stack([scan.T_odom_sensor for scan in scans]))

@@ -1,4 +1,4 @@
-"""A run on a bag with all that goes wrong in the field, by the command: it is told and survived."""
+"""A run on a bag with all that goes wrong in the field, by the command: it is reported and survived."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A level frame that the surroundings contradict is told after half a minute."""
+"""A level frame that the surroundings contradict is reported after half a minute."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""What is told of how the sensor stands when the first seconds are over."""
+"""What is known of how the sensor stands when the first seconds are over."""
 
 import logging
 

@@ -21,7 +21,7 @@ from sgslam.config import Config, ImuSettings, OdometrySettings, TrackingSetting
 from sgslam.geometry.frames import inverse, is_rigid
 from sgslam.inertial import ImuBuffer
 from sgslam.odometry import METHODS, Odometry, make_odometry
-from sgslam.odometry.choice import choose
+from sgslam.odometry.choice import choose, health_note
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.odometry.factory import INERTIAL
@@ -270,7 +270,7 @@ def test_a_run_by_each_goes_on_bit_by_bit(method: str, tmp_path: Path) -> None:
     again = SceneGraphSlam(config=config, clouds=broken.clouds)
     load(tmp_path, again)
     result = go(again, 33, 48).finish()
-    if method in INERTIAL:  # its state cannot be read: it began anew from the scans of the last five seconds
+    if method in INERTIAL:  # its state cannot be read: it began again from the scans of the last five seconds
         # measured 0.14 and below 0.1
         np.testing.assert_allclose(result.trajectory.positions, whole.trajectory.positions, atol=0.3)
         return
@@ -335,3 +335,10 @@ def test_scans_without_samples_are_lost_and_told_once(caplog: pytest.LogCaptureF
     healths = [odometry.register(i * SCAN_NS, points).health for i, points in enumerate(scans)]
     assert "lost" not in healths[:10] and set(healths[11:15]) == {"lost"} and healths[-1] == "good"
     assert caplog.text.count("no samples of the IMU around the scan at 1.") == 1
+
+
+def test_odometries_that_do_not_judge_the_health_of_scans_say_so() -> None:
+    notes = {method: health_note(method) for method in METHODS}
+    assert notes.pop("continuous_time") is None
+    assert [method for method, note in notes.items() if f"odometry {method} does not judge" not in str(note)] == []
+    assert "other_sigma_rotation" in str(notes["kiss"]) and "other_sigma" not in str(notes["small_gicp"])

@@ -99,7 +99,7 @@ def slam_output(bend: float = 0.00005, slip: float = 0.0005) -> SlamOutput:
 
 
 def write_poses(trajectory: Trajectory, folder: Path, form: str) -> list[Path | str]:
-    """Writes poses as `tum`, `kitti` or `euroc`; returns the words by which the command is told of them."""
+    """Writes poses as `tum`, `kitti` or `euroc`; returns the arguments that name them to the command."""
     path = folder / f"poses.{form}"
     if form == "kitti":
         write_kitti(trajectory, path, folder / "times.txt")

@@ -32,7 +32,7 @@ _MARK = re.compile(r"<!-- (not run|file): (.+) -->")
 
 @dataclass(frozen=True)
 class Block:
-    """`line` is that of its fence, from 1. At most one of `not_run` (the reason) and `file` is told."""
+    """`line` is that of its fence, from 1. At most one of `not_run` (the reason) and `file` is given."""
 
     page: Path
     line: int
@@ -158,5 +158,5 @@ def _parsed(words: list[str]) -> None:
     with pytest.MonkeyPatch.context() as patch, pytest.raises(_ParsedError):
         patch.setattr(Parser, "parse_args", parse)
         patch.setattr(Parser, "parse_known_args", parse_known)
-        patch.setattr("data.common.cluster.reached", str)  # the page's machines are no one's
+        patch.setattr("data.common.cluster.reached", str)  # the page's machines do not exist
         _called(words)

@@ -1,4 +1,4 @@
-"""The planes of one's own graph are anchored by a match, and what does not fit is told in a line."""
+"""The planes of one's own graph are anchored by a match, and what does not fit is reported in a line."""
 
 from collections.abc import Sequence
 from contextlib import nullcontext

@@ -199,7 +199,7 @@ def test_errors_in_the_bim_frame_by_their_parts() -> None:
 
 
 def test_one_number_has_one_value_everywhere() -> None:
-    short = accuracy(ESTIMATE, ESTIMATE, TRUTH)
+    short = accuracy(ESTIMATE, ESTIMATE, ESTIMATE, TRUTH)
     whole = error_in_bim(ESTIMATE, TRUTH)
     assert short["rmse_bim_m"] == pytest.approx(whole.position.rmse, rel=1e-12)
     assert short["yaw_rmse_bim_deg"] == pytest.approx(np.degrees(whole.yaw.rmse), rel=1e-12)

@@ -24,7 +24,8 @@ def shifted(data: ReportData, offsets: np.ndarray) -> ReportData:
 def test_errors_are_those_of_the_metrics() -> None:
     data = shifted(sample(), np.random.default_rng(0).normal(0, 0.02, (500, 3)))
     assert data.truth is not None and data.T_bim_map is not None
-    wanted = accuracy(data.trajectory_map.transformed(data.T_bim_map), data.trajectory_odometry, data.truth)
+    in_bim = data.trajectory_map.transformed(data.T_bim_map)
+    wanted = accuracy(in_bim, data.trajectory_map, data.trajectory_odometry, data.truth)
     odometry, trajectory = error_lines(data)
     assert np.sqrt(np.mean(trajectory.errors**2)) == pytest.approx(wanted["rmse_bim_m"])
     assert trajectory.errors.max() == pytest.approx(wanted["max_bim_m"])

@@ -11,9 +11,10 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
-from sgslam.cli import installed
+from data.common.errors import UserError
+from sgslam.cli import doctor, installed
 from sgslam.cli.command import COMMANDS
-from sgslam.cli.doctor import run_self_test
+from sgslam.cli.doctor import EXTRAS, run_self_test
 from sgslam.config import Config
 from sgslam.config.dump import documented_yaml
 from sgslam.config.loading import load_config
@@ -107,6 +108,21 @@ def test_what_is_dumped_is_read_back_and_explained(tmp_path: Path) -> None:
     assert run("dump-config", "--set", "odometry.voxel=1").returncode == 2
 
 
+@pytest.mark.parametrize(
+    ("pair", "told"),
+    [
+        ("tracking.mount=180", ("tracking.mount", "list of 3 numbers", "roll, pitch and yaw", "given: 180")),
+        ("tracking.mount=[1, 2]", ("tracking.mount:", "list of 3 numbers", "roll, pitch and yaw")),
+        ("surfaces.high_band=[1, b]", ("surfaces.high_band:", "list of 2 numbers", "given: 'b'")),
+        ("odometry.voxel_size=-3", ("odometry.voxel_size", "must be greater than 0", "given: -3")),
+    ],
+)
+def test_an_invalid_setting_is_told_with_its_form_and_meaning(pair: str, told: tuple[str, ...]) -> None:
+    with pytest.raises(UserError) as error:
+        load_config(None, [pair])
+    assert [part for part in told if part not in str(error.value)] == [] and "\n" not in str(error.value)
+
+
 def test_version() -> None:
     assert run("--version").stdout.split() == ["sgslam", importlib.metadata.version("sgslam")]
 
@@ -129,3 +145,19 @@ def test_a_library_that_ends_its_process_fails_and_the_doctor_goes_on(
     well, told = run_self_test("gtsam")
     assert not well and "SIGILL" in told
     assert run_self_test("shapely") == (True, "done")
+
+
+def test_the_doctor_knows_what_each_extra_is_for() -> None:
+    assert EXTRAS.keys() == dict(installed.extras()).keys() and all(EXTRAS.values())
+
+
+def test_the_doctor_says_why_the_memory_is_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "memory.max").write_text("much")
+    monkeypatch.setattr(doctor, "_CGROUP", tmp_path)
+    found = doctor._memory()
+    assert found.state == "note" and "ValueError" in found.message and "much" in found.message
+    (tmp_path / "memory.max").write_text("max")
+    assert doctor._memory().message.endswith(("available", "2 GB"))
+    (tmp_path / "memory.max").write_text("3000000000")
+    (tmp_path / "memory.current").write_text("2500000000")
+    assert doctor._memory().message == "0.5 GB available; a run needs 2 GB"

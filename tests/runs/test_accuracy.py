@@ -111,7 +111,7 @@ def test_a_corridor_with_a_bend_is_enough() -> None:
 def test_errors_in_the_bim_frame_are_not_aligned() -> None:
     truth = walk()
     shifted = truth.transformed(xyzquat_to_poses([0.3, 0.4, 0, 0, 0, 0, 1]))
-    result = accuracy(shifted, truth.transformed(motion(2)), truth)
+    result = accuracy(shifted, shifted, truth.transformed(motion(2)), truth)
     assert result["rmse_bim_m"] == pytest.approx(0.5) and result["max_bim_m"] == pytest.approx(0.5)
     assert result["yaw_rmse_bim_deg"] == pytest.approx(0, abs=1e-6)
     assert result["rmse_odometry_aligned_m"] == pytest.approx(0, abs=1e-9)
@@ -131,30 +131,34 @@ def test_yaw_is_about_the_plans_z_however_the_sensor_is_mounted(mounting: list[f
 def test_unmatched_poses_are_counted() -> None:
     truth = walk()
     part = Trajectory(truth.stamps_ns[50:90] + 4 * MS, truth.poses[50:90])
-    result = accuracy(truth, truth, part)
+    result = accuracy(truth, truth, truth, part)
     assert (result["matched_poses"], result["total_poses"]) == (40, 200)
 
 
 def test_not_anchored_leaves_the_bims_numbers_null() -> None:
     truth = walk()
-    result = accuracy(None, jittered(truth).transformed(motion(3)), truth)
+    in_map = jittered(truth, seed=1, metres=0.01).transformed(motion(5))
+    result = accuracy(None, in_map, jittered(truth).transformed(motion(3)), truth)
     assert result["rmse_bim_m"] is result["max_bim_m"] is result["yaw_rmse_bim_deg"] is None
     assert 0.05 < result["rmse_odometry_aligned_m"] < 0.12
+    assert 0.01 < result["rmse_map_aligned_m"] < 0.024
+    assert (result["matched_poses"], result["total_poses"]) == (200, 200)
 
 
 def test_a_straight_drive_keeps_its_error_in_the_bim_and_says_why_not_more() -> None:
     poses = np.tile(np.eye(4), (50, 1, 1))
     poses[:, 0, 3] = np.linspace(0, 10, 50)
     straight = Trajectory(T0 + np.arange(50) * 100 * MS, poses)
-    result = accuracy(straight, straight, straight)
-    assert result["rmse_bim_m"] == 0 and result["rmse_odometry_aligned_m"] is None
+    result = accuracy(straight, straight, straight, straight)
+    assert result["rmse_bim_m"] == 0
+    assert result["rmse_odometry_aligned_m"] is result["rmse_map_aligned_m"] is None
     assert "straight line" in result["note"]
 
 
 def test_another_clock_is_refused() -> None:
     truth = walk()
     with pytest.raises(UserError, match="clock"):
-        accuracy(truth, truth, Trajectory(truth.stamps_ns - T0, truth.poses))
+        accuracy(truth, truth, truth, Trajectory(truth.stamps_ns - T0, truth.poses))
 
 
 def test_numbers_agree_with_evo() -> None:
@@ -179,7 +183,7 @@ def test_numbers_agree_with_evo() -> None:
         return ape.get_all_statistics() | {"poses": reference.num_poses}
 
     unaligned, aligned = evo_rmse(estimate, False), evo_rmse(odometry, True)
-    result = accuracy(estimate, odometry, truth)
+    result = accuracy(estimate, estimate, odometry, truth)
     assert result["rmse_bim_m"] == pytest.approx(unaligned["rmse"], rel=1e-9)
     assert result["max_bim_m"] == pytest.approx(unaligned["max"], rel=1e-9)
     assert result["rmse_odometry_aligned_m"] == pytest.approx(aligned["rmse"], rel=1e-9)

@@ -23,7 +23,7 @@ from sgslam.config import Config
 from sgslam.live import LiveSlam
 from sgslam.live.commands import read_pose
 from sgslam.live.latencies import Latencies
-from sgslam.live.mapping import map_start
+from sgslam.live.live_map import map_start
 from sgslam.live.messages import TrackedMessage
 from sgslam.slam import SceneGraphSlam
 from sgslam.tracking import CarriedElsewhere, RunTracker

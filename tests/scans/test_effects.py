@@ -11,6 +11,7 @@ from small_ifc import DOORS, PANE, ROOMS, SmallBuilding, write_small_ifc
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
+from data.simulate import _parser
 from data.simulation import SimulatedRun, SpinningSensor
 from data.simulation.carriers import HANDHELD, WHEELED, Carrier
 from data.simulation.effects import EFFECTS, checked, timing_of
@@ -216,3 +217,11 @@ def test_names_of_effects() -> None:
         checked(["rain"])
     with pytest.raises(UserError, match="rolling and untimed exclude each other"):
         checked(["untimed", "rolling"])
+
+
+def test_names_of_effects_without_commas_are_told_to_take_some(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        _parser().parse_args(["--bim", "a.ifc", "--out", "out", "--effects", "glass", "fog"])
+    said = capsys.readouterr().err
+    assert ended.value.code == 2 and "with commas between" in said and "'fog'" in said
+    assert len(said.splitlines()) == 1

@@ -32,8 +32,8 @@ class Motion(Protocol):
 
 
 class Carrier(Protocol):
-    """`robot` is how it drives or walks, `rolling` whether its scans are measured while it moves unless told
-    otherwise, and `top` (m) how far the body reaches above the floor."""
+    """`robot` is how it drives or walks, `rolling` whether its scans are measured while it moves, unless effects
+    say otherwise, and `top` (m) how far the body reaches above the floor."""
 
     @property
     def name(self) -> str:
@@ -53,7 +53,7 @@ class Carrier(Protocol):
 
     @property
     def height(self) -> float:
-        """Metres of the sensor above the floor, unless told otherwise."""
+        """Metres of the sensor above the floor, unless another height is given."""
 
     def motion(self, drive: Drive, level: float, height: float, seed: int) -> Motion:
         """The sensor's motion along a drive on a floor at z = `level` (m), `height` (m) above it."""

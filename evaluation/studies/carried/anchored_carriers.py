@@ -1,4 +1,4 @@
-"""How well runs with a plan, from an unknown start, are anchored to the building, whoever carries the sensor."""
+"""How well runs with a plan, from an unknown start, are anchored to the building, for several carriers."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path

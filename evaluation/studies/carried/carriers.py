@@ -1,4 +1,4 @@
-"""How well each scan's pose is tracked without a plan, whoever carries the sensor, and whatever it is.
+"""How well each scan's pose is tracked without a plan, for several carriers and sensors.
 
 Each method gets the same scans: with their points' times where these are known, else without.
 """

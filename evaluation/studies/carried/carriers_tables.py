@@ -18,7 +18,7 @@ WORSE_M = 0.02  # ATE by which ours may be worse than another's
 LEVEL, NO_EFFECT = "0, 0, 0", "none"
 RELIABILITY = "reliability."  # of ours
 HEALTH = ("good", "degraded", "lost")
-_DRIVE = [  # what tells one row from another
+_DRIVE = [  # what distinguishes one row from another
     "sequence.name", "seed", "carrier", "pace", "backwards", "mount_deg", "sensor", "effects", "times", "seconds",
 ]  # fmt: skip
 

@@ -129,7 +129,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 
 def _verdicts(own: pd.DataFrame) -> dict[str, str]:
-    """How many of the walls with an answer are told rightly, by how they were built."""
+    """How many of the walls with an answer got the right verdict, by how they were built."""
     plain, moved, absent = (own[own.built == state] for state in ("as planned", "moved", "absent"))
     enough = moved[moved.seen >= ENOUGH]
     return {

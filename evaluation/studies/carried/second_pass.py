@@ -1,4 +1,4 @@
-"""What a second pass over all scans gains: the same run before and after it, whoever carries the sensor."""
+"""What a second pass over all scans gains: the same run before and after it, for several carriers."""
 
 from collections.abc import Mapping
 from pathlib import Path

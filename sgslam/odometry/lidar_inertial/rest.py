@@ -1,7 +1,7 @@
 """The rest at which a LiDAR-inertial library begins.
 
 It takes the turn and the specific force of the beginning for the gyroscope's bias and for gravity. A hand is never at
-rest, so it is told of a rest before the first scan instead.
+rest, so it is given a rest before the first scan instead.
 """
 
 import numpy as np
