@@ -28,7 +28,7 @@ class HeightAlignment:
     """The planned heights (m, local frame) of level surfaces by their numbers.
 
     `raised` (m) is that of the levelled map's z = 0. `sigma` (m) is the standard deviation of what they have in common,
-    such that 95 % regions hold 95 % of the probability: 0 where no other height is likely.
+    such that 95 % regions hold at least 95 % of the probability: 0 where no other height is likely.
     """
 
     planned: dict[int, float]
@@ -52,15 +52,26 @@ def align_heights(
         return None
     odds = np.array([_log_odds(levels, raised, floor, ceilings, settings.tolerance) for raised in candidates.tolist()])
     odds -= ((candidates + sensor - floor - _CARRIED[0]) / _CARRIED[1]) ** 2 / 2
-    likely = np.exp(odds - odds.max())
-    best, apart = int(np.argmax(odds)), np.abs(candidates - candidates[np.argmax(odds)])
-    others = np.where(apart > settings.tolerance, likely, 0.0)  # nearer ones are the same height
-    probability = 1.0 / (1.0 + others.sum())
-    sigma = height_sigma(apart, probability * others)
+    distinct = distinct_heights(candidates, odds, settings.tolerance)
+    likely = np.exp(odds[distinct] - odds[distinct[0]])
+    best, apart = distinct[0], np.abs(candidates[distinct[1:]] - candidates[distinct[0]])
+    sigma = height_sigma(apart, likely[1:] / likely.sum())
     planned = _planned(levels, float(candidates[best]), floor, ceilings, settings.tolerance)
     row = {int(level): k for k, level in enumerate(levels.ids)}
     off = [z - levels.height[row[level]] for level, z in planned.items()]
     return HeightAlignment(planned, float(np.mean(off)), sigma)
+
+
+def distinct_heights(candidates: Floats, odds: Floats, tolerance: float) -> list[int]:
+    """The likeliest of the heights (N,) within a tolerance (m) of one another, by their log odds; the first one first.
+
+    Several surfaces may propose the same height, which is no likelier for that.
+    """
+    found: list[int] = []
+    for k in np.argsort(-odds, kind="stable").tolist():
+        if all(abs(candidates[k] - candidates[other]) > tolerance for other in found):
+            found.append(k)
+    return found
 
 
 def height_sigma(apart: Floats, probability: Floats) -> float:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from data import WallSurface
-from sgslam.anchoring.height_alignment import HeightAlignment, align_heights, height_sigma
+from sgslam.anchoring.height_alignment import HeightAlignment, align_heights, distinct_heights, height_sigma
 from sgslam.anchoring.wall_alignment import AlignedWall
 from sgslam.config import AnchorSettings
 from sgslam.mapping.level_map import Levels
@@ -74,7 +74,8 @@ def test_nothing_seen_tells_nothing() -> None:
         ([0.3], [0.049], 0.0), ([0.3], [0.051], 0.3 / 1.96),  # one in twenty may be elsewhere
         ([0.6, 0.3], [0.04, 0.1], 0.3 / 1.96), ([0.3, 0.6], [0.1, 0.06], 0.6 / 1.96),
         ([0.6, 0.6], [0.03, 0.03], 0.6 / 1.96),
-        ([0.3], [0.4], 0.3 * 0.4**0.5),  # the second moment, where that is larger
+        ([0.3], [0.45], 0.3 * 0.45**0.5),  # the second moment, where that is larger
+        ([1.5, 0.3], [0.04, 0.3], (0.04 * 1.5**2 + 0.3 * 0.3**2) ** 0.5),
         ([], [], 0.0),
     ],
 )  # fmt: skip
@@ -82,3 +83,9 @@ def test_a_region_of_95_percent_holds_95_percent_of_the_likely_heights(
     apart: list[float], probability: list[float], expected: float
 ) -> None:
     assert height_sigma(np.array(apart), np.array(probability)) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("third", "expected"), [(0.32, [1, 0]), (0.34, [1, 2, 0])])
+def test_heights_within_the_tolerance_of_one_another_count_once(third: float, expected: list[int]) -> None:
+    candidates, odds = np.array([0.0, 0.3, third]), np.array([-2.0, 0.0, -1.0])
+    assert distinct_heights(candidates, odds, tolerance=0.03) == expected
