@@ -46,13 +46,14 @@ def assemble_result(
     parts = [(part.scans, part.backend.poses) for part in unplaced]
     run = newest_run(final.scans, final.begins, backend.poses, parts)
     anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
-    own = _uncertainty(final, run, T_bim_map, config)
+    known = backend.uncertainty()
+    own = _uncertainty(final, run, known, T_bim_map, config)
     reason = NO_PLAN if anchoring is None else anchoring.reason
     if T_bim_map is not None and not own.anchored.any():
         T_bim_map, reason = None, why_none_is_anchored(own, config.quality)
-        own = _uncertainty(final, run, None, config)
+        own = _uncertainty(final, run, known, None, config)
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
-    in_bim = backend.uncertainty() if T_bim_map is not None else None
+    in_bim = known if T_bim_map is not None else None
     told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
     unit = _unit_advice(floors, run, bim) if T_bim_map is None else None  # what fits the plan is in metres
     whole = run.with_unplaced
@@ -85,11 +86,15 @@ def assemble_result(
     )
 
 
-def _uncertainty(final: ActiveMap, run: RunPoses, T_bim_map: Floats | None, config: Config) -> ScanUncertainty:
+def _uncertainty(
+    final: ActiveMap, run: RunPoses, known: Uncertainty | None, T_bim_map: Floats | None, config: Config
+) -> ScanUncertainty:
     """Of the scans in the map, along the axes of the building where T_bim_map (4, 4) is known, else of the map."""
     R_frame_map = np.eye(3) if T_bim_map is None else T_bim_map[:3, :3]
     newest = slice(run.begin, len(final.scans))
-    return scan_uncertainty(final.scans, newest, final.backend, R_frame_map, config, 0, T_bim_map is not None)
+    return scan_uncertainty(
+        final.scans, newest, final.backend, known, R_frame_map, config, 0, T_bim_map is not None
+    )  # fmt: skip
 
 
 def _unit_advice(floors: Floors, run: RunPoses, bim: SceneGraph | None) -> str | None:
@@ -126,7 +131,9 @@ def _live(scans: list[ScanPose], told: ScanUncertainty, T_bim_map: Floats | None
 def _apart(unplaced: list[PriorMap], config: Config) -> list[ScanUncertainty]:
     """The scans of the submaps that were not relocalised, each in its own frame."""
     return [
-        scan_uncertainty(part.scans, slice(None), part.backend, np.eye(3), config, number, False)
+        scan_uncertainty(
+            part.scans, slice(None), part.backend, part.backend.uncertainty(), np.eye(3), config, number, False
+        )
         for number, part in enumerate(unplaced, 1)
     ]  # fmt: skip
 

@@ -70,15 +70,16 @@ class ScanUncertainty:
 
 
 def scan_uncertainty(
-    scans: list[ScanPose], run: slice, backend: Backend, R_frame_map: Floats, config: Config, part: int, placed: bool
-) -> ScanUncertainty:
+    scans: list[ScanPose], run: slice, backend: Backend, uncertainty: Uncertainty | None, R_frame_map: Floats,
+    config: Config, part: int, placed: bool,
+) -> ScanUncertainty:  # fmt: skip
     """The lines of a map's `run`, a slice of its scans, whose poses are in a frame turned by (3, 3); of a map that is
     `placed` in the building, some are anchored.
 
     A pose is as uncertain as the keyframes around it, what it was tracked worse than the one before, its own noise, and
     what a step between the two errs on the way: a Brownian bridge.
     """
-    own, keyframes, uncertainty = scans[run], backend.keyframes, backend.uncertainty()
+    own, keyframes = scans[run], backend.keyframes
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
     floors = [keyframes[scan.keyframe].storey for scan in own]
     sigma = np.full((len(own), 6), np.nan)
