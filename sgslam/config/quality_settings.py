@@ -19,9 +19,9 @@ class QualitySettings(Settings):
     walls_per_keyframe: float = Field(3.0, ge=0)
     """least mean number of walls that a keyframe sees; sound maps 5 to 13, lost ones 0.3 to 2"""
     anchored_position: float = Field(0.5, gt=0)
-    """m, along each axis of the building, the error below which 95 % of an anchored scan's lie: in the right room"""
+    """m, error of a position along each axis that anchored scans keep with 95 %: enough to be in the right room"""
     anchored_attitude: float = Field(5.0, gt=0)
-    """degrees, about each axis, the same of its attitude"""
+    """degrees, error of an attitude about each axis that anchored scans keep with 95 %"""
     position_sigma: float = Field(0.2, gt=0)
     """m, largest standard deviation that 95 % of the positions have at most"""
     plan_tilt: float = Field(1.0, gt=0)

@@ -26,7 +26,7 @@ SAMPLE = 150  # surfels that propose a direction
 # some are tilted, some lie on their side, few hang. (weight, middle, standard deviation), radians. Those that lie on
 # their side weigh more than they are frequent: a wrong answer is worse than none.
 MOUNTS = ((0.6, 0.0, 0.26), (0.2, 0.0, 0.7), (0.1, np.pi / 2, 0.26), (0.01, np.pi, 0.26))
-STATED = ((0.95, 0.0, 0.26), (0.05, 0.0, 0.7))  # the same where somebody states the mount: a hand sways
+STATED = ((0.95, 0.0, 0.26), (0.05, 0.0, 0.7))  # the same for a stated mount: a hand sways
 LEAST_AXIS_ODDS = 1.5  # natural logarithm; below, the axis is not sure
 NEAR = float(np.cos(np.radians(45.0)))  # of the expected vertical, as it is mounted on most carriers
 SIGN_SURE = 1.0  # likewise

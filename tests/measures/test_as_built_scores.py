@@ -1,4 +1,4 @@
-"""How what is told of walls is scored against what became of them; a drive that is scored."""
+"""Verdicts on walls are scored against the changes that were made; a drive is scored."""
 
 from pathlib import Path
 from typing import Any

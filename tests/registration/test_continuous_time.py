@@ -58,7 +58,7 @@ def test_without_the_points_times_a_hand_is_followed_worse(drive: tuple[list[Sca
 
 
 def test_a_sensor_that_turns_as_it_begins_is_followed(drive: tuple[list[Scan], Trajectory]) -> None:
-    """The first scan is bent by an unknown motion, from which the second one is told to a degree."""
+    """The first scan is bent by an unknown motion, and the second one's attitude is known to a degree."""
     scans, truth = drive
     errors = []
     for begin in range(0, 110, 5):

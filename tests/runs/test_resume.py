@@ -105,7 +105,7 @@ def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path
     refuses_what_does_not_go_with_it(inputs, out, tmp_path)
     process = begun("--resume", out)
     come_to(process, out, 12)
-    process.send_signal(signal.SIGINT)  # what was computed is there, and how to go on is told
+    process.send_signal(signal.SIGINT)  # what was computed is there, and a line says how to go on
     said = process.communicate()[1].splitlines()
     assert process.returncode == 2 and f"--resume {out}" in said[-1]
     assert not any("overwritten" in line for line in said)

@@ -1,4 +1,4 @@
-"""Long runs are measured: the drive comes in parts, and what is told of it adds up."""
+"""Long runs are measured: the drive comes in parts, and its numbers add up."""
 
 from pathlib import Path
 
