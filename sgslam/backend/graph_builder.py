@@ -4,8 +4,9 @@ All factors go into the log. A factor whose measurement and variables did not ch
 """
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from types import MappingProxyType
 
 import gtsam
 import numpy as np
@@ -60,9 +61,13 @@ class GraphBuilder:
         self._log.add(len(self._keyframes), "odometry", (i, "bridge"), entry)
 
     def _entry(
-        self, kind: Kind, key: Key, by: str, why: str, build: Callable[[], gtsam.NonlinearFactor]
-    ) -> dict[Key, Entry]:
-        """The factor by its key; nothing, and a log event, where its numbers are refused."""
+        self, kind: Kind, key: Key, by: str, why: str, build: Callable[[], gtsam.NonlinearFactor],
+        before: Mapping[Key, Entry] = MappingProxyType({}),
+    ) -> dict[Key, Entry]:  # fmt: skip
+        """The factor by its key, the one held `before` if there is one; nothing, and a log event, where its numbers are
+        refused."""
+        if key in before:
+            return {key: before[key]}
         try:
             return {key: Entry(build(), by, why)}
         except ValueError as error:
@@ -90,12 +95,9 @@ class GraphBuilder:
             if s.wall not in anchor_of or out:
                 continue
             key = (s.keyframe, number, s.wall, anchor_of[s.wall])
-            if key in before:
-                entries[key] = before[key]
-            else:
-                build = partial(self._observation, s, P(s.wall), anchor_of[s.wall], sigmas)
-                why = f"keyframe {s.keyframe} saw wall {s.wall}"
-                entries |= self._entry("wall", key, "wall extraction", why, build)
+            build = partial(self._observation, s, P(s.wall), anchor_of[s.wall], sigmas)
+            why = f"keyframe {s.keyframe} saw wall {s.wall}"
+            entries |= self._entry("wall", key, "wall extraction", why, build, before)
         gone = "it belongs to another wall or is an outlier, or the wall is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "wall", entries, gone)
         return anchor_of
@@ -124,20 +126,17 @@ class GraphBuilder:
         for s in seen:
             key = (s.keyframe, observations[s.keyframe], s.level, anchor_of[s.level])
             observations[s.keyframe] += 1
-            if key in before:
-                entries[key] = before[key]
-            else:
-                build = partial(self._observation, s, F(s.level), anchor_of[s.level], sigmas)
-                why = f"keyframe {s.keyframe} saw level {s.level}"
-                entries |= self._entry("level", key, "level extraction", why, build)
-        entries |= self._parallel_levels(anchor_of) | self._verticals(before)
+            build = partial(self._observation, s, F(s.level), anchor_of[s.level], sigmas)
+            why = f"keyframe {s.keyframe} saw level {s.level}"
+            entries |= self._entry("level", key, "level extraction", why, build, before)
+        entries |= self._parallel_levels(anchor_of, before) | self._verticals(before)
         gone = "it belongs to another level, or that one is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "level", entries, gone)
         return anchor_of
 
-    def _parallel_levels(self, anchor_of: dict[int, int]) -> dict[Key, Entry]:
+    def _parallel_levels(self, anchor_of: dict[int, int], before: Mapping[Key, Entry]) -> dict[Key, Entry]:
         """A level frame, loosely at the origin of the map, in which every level surface is level at any height."""
-        before, entries = self._log.held("level"), dict[Key, Entry]()
+        entries = dict[Key, Entry]()
         loose = gtsam.PriorFactorPose3(LEVEL, gtsam.Pose3(), factors.noise_of_pose(1.0, 1.0))
         entries["level",] = before.get(("level",)) or Entry(loose, "level extraction", "a frame that all levels share")
         noise = factors.noise_of_plane(_PARALLEL, 1000.0, self._config.backend.huber)
@@ -145,26 +144,23 @@ class GraphBuilder:
             key: Key = ("level", level, anchor)
             up = [0.0, 0.0, 1.0 if self._is_floor[level] else -1.0, 0.0]
             build = partial(factors.observe_plane, up, LEVEL, X(anchor), F(level), noise)
-            entries |= {key: before[key]} if key in before else self._entry(
-                "level", key, "level extraction", "floors and ceilings of a building are parallel", build
-            )  # fmt: skip
+            why = "floors and ceilings of a building are parallel"
+            entries |= self._entry("level", key, "level extraction", why, build, before)
         return entries
 
-    def _verticals(self, before: dict[Key, Entry]) -> dict[Key, Entry]:
+    def _verticals(self, before: Mapping[Key, Entry]) -> dict[Key, Entry]:
         """The vertical that the surfaces show at each keyframe: the normal of the ground of the level frame."""
         entries, ground, free = dict[Key, Entry](), [0.0, 0.0, 1.0, 0.0], 1000.0
         key: Key = ("ground",)
         held = partial(factors.observe_own_plane, ground, IDENTITY, GROUND, factors.noise_of_plane(1e-4, 1e-3, None))
-        entries |= {key: before[key]} if key in before else self._entry("level", key, "front end", "level", held)
+        entries |= self._entry("level", key, "front end", "level", held, before)
         for i, keyframe in enumerate(self._keyframes):
             if not np.isfinite(keyframe.sigma_up):
                 continue
             noise = factors.noise_of_plane(keyframe.sigma_up, free, self._config.backend.huber)
             build = partial(factors.observe_plane, [*keyframe.up, 0.0], X(i), LEVEL, GROUND, noise)
-            key = ("up", i)
-            entries |= {key: before[key]} if key in before else self._entry(
-                "level", key, "front end", "surfaces are upright or level", build
-            )  # fmt: skip
+            why = "surfaces are upright or level"
+            entries |= self._entry("level", ("up", i), "front end", why, build, before)
         return entries
 
     def hold_loops(self, closures: list[Closure]) -> None:
