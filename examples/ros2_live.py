@@ -9,6 +9,7 @@ transforms odom <- sensor and map <- odom to tf, in which `map` is the building 
 """
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -104,9 +105,8 @@ def main() -> None:
     rclpy.init(args=sys.argv)
     node = LiveNode()
     try:
-        rclpy.spin(node)
-    except KeyboardInterrupt:
-        pass  # Ctrl-C ends the node; the results are written below
+        with suppress(KeyboardInterrupt):  # Ctrl-C ends the node; the results are written all the same
+            rclpy.spin(node)
     finally:
         node.live.finish()
 
