@@ -108,7 +108,7 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sgslam.report.tables import badge
+    from sgslam.report.tables import accuracy_rows, badge
 
     table = Table(show_header=False, title=badge(metrics))
     rows = {"reason": metrics["reason"], "quality": _quality(metrics["quality"])}
@@ -120,9 +120,7 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
         rows["relocalisation"] = f"{found}: {outcome['reason']}"
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
-    for name, value in metrics.get("accuracy", {}).items():
-        if value is not None:
-            rows[name] = f"{value:.4f}" if isinstance(value, float) else str(value)
+    rows |= dict(accuracy_rows(metrics.get("accuracy", {})))
     rows["time"] = ", ".join(f"{name} {value:.1f}" for name, value in metrics["seconds"].items()) + " s"
     for name, value in rows.items():
         table.add_row(name, value)

@@ -134,7 +134,7 @@ def read_config(
         config = Config.model_validate(resumed["config"])
     config, external = (config, None) if options.odometry is None else choose(options.odometry, config)
     if options.mount is not None:
-        mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "180,0,0")
+        mount = three_numbers("--mount", options.mount, "ROLL,PITCH,YAW (degrees)", "0,25,0")
         config = config.model_copy(update={"tracking": config.tracking.model_copy(update={"mount": mount})})
     if options.tolerance is not None:
         as_built = config.as_built.model_copy(update={"tolerance": parse_length(options.tolerance)})

@@ -57,8 +57,8 @@ class ReportData:
         return {s: (a, confidence) for s, a, confidence in (self.matches or {}).get(kind) or ()}
 
     def matched_rooms(self) -> int:
-        """The number of the map's rooms that have a match."""
-        return len(self.pairs("rooms").keys() & self.s_graph.room_by_id.keys())
+        """The number of the plan's rooms that have a match. The map may have one of them in several pieces."""
+        return len({a for s, (a, _) in self.pairs("rooms").items() if s in self.s_graph.room_by_id})
 
     def floor_named(self, floor_id: str | None) -> Floor | None:
         """The BIM's storey of that id."""

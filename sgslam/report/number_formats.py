@@ -1,5 +1,6 @@
 """Numbers as text, and the signals of a map's quality in words."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -23,10 +24,10 @@ def thousands(value: int | None) -> str:
 
 
 def metres(value: float | None) -> str:
-    """A length, in cm below 1 m."""
-    if value is None:
+    """A length, in mm below 1 m."""
+    if value is None or not math.isfinite(value):
         return NOTHING
-    return f"{value * 100:.1f} cm" if abs(value) < 1 else f"{value:.2f} m"
+    return f"{value * 1000:.1f} mm" if abs(value) < 1 else f"{value:.2f} m"
 
 
 def seconds(value: float | None) -> str:

@@ -30,7 +30,6 @@ def report_html(data: ReportData) -> str:
     return TEMPLATES.get_template("report/report.html").render(
         anchored=anchored, embedded=embedded, badge=tables.badge(data.metrics | {"anchored": anchored}),
         quality=tables.quality_rows(data.metrics),
-        status=(data.matches or {}).get("status") if data.a_graph and not anchored else None,
         metrics=data.metrics, accuracy=data.metrics.get("accuracy") or {}, matched_rooms=data.matched_rooms(),
         figures=[] if anchored else hypothesis_figures(data), drawing=drawing, plan=plan_svg(drawing),
         legend=legend(drawings), scene=scene_card(drawing), errors=error_chart(data, lines) if lines else "",

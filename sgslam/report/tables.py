@@ -48,7 +48,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
             ("T_bim_map: yaw", f"{yaw:.2f}°"),
             ("T_bim_map: qx, qy, qz, qw", ", ".join(f"{q:.6f}" for q in quaternion)),
         ]
-    return rows + _accuracy(m.get("accuracy") or {})
+    return rows + accuracy_rows(m.get("accuracy") or {})
 
 
 def _tracking(tracked: dict[str, int]) -> str:
@@ -64,7 +64,8 @@ def _not_known(data: ReportData) -> list[tuple[str, str]]:
     return [(name, thousands(count)) for name, count in counts.items() if count]
 
 
-def _accuracy(accuracy: dict[str, Any]) -> list[tuple[str, str]]:
+def accuracy_rows(accuracy: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name and value of each error against the ground truth that is known."""
     if not accuracy:
         return []
     yaw = accuracy.get("yaw_rmse_bim_deg")
@@ -72,6 +73,7 @@ def _accuracy(accuracy: dict[str, Any]) -> list[tuple[str, str]]:
         ("RMSE in the BIM frame, without alignment", metres(accuracy.get("rmse_bim_m"))),
         ("Maximum error in the BIM frame", metres(accuracy.get("max_bim_m"))),
         ("RMSE of the yaw", NOTHING if yaw is None else f"{yaw:.2f}°"),
+        ("RMSE of the map's trajectory, SE(3)-aligned", metres(accuracy.get("rmse_map_aligned_m"))),
         ("RMSE of the odometry, SE(3)-aligned", metres(accuracy.get("rmse_odometry_aligned_m"))),
         ("Poses with ground truth", " of ".join(thousands(accuracy.get(f"{k}_poses")) for k in ("matched", "total"))),
         ("Note on accuracy", str(accuracy.get("note") or NOTHING)),

@@ -21,7 +21,12 @@ from sgslam.session.prior_map import PriorMap
 from sgslam.session.quality import Quality, quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.scan_uncertainty import ScanUncertainty, scan_uncertainty, why_none_is_anchored
+from sgslam.session.scan_uncertainty import (
+    ScanUncertainty,
+    scan_uncertainty,
+    what_is_not_anchored,
+    why_none_is_anchored,
+)
 from sgslam.session.unit_advice import feet_advice
 
 if TYPE_CHECKING:
@@ -30,6 +35,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _COVARIANCES = 50  # poses whose covariance is computed
+_HELPS = {  # by the status of an answer of the matcher
+    "ambiguous": "to tell the places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
+    "pose (--start X,Y,YAW)",
+    "none": "check that this is the model of the scanned building, or visit more rooms",
+}
 
 
 def assemble_result(
@@ -55,7 +65,11 @@ def assemble_result(
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
     in_bim = known if T_bim_map is not None else None
     told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
-    unit = _unit_advice(floors, run, bim) if T_bim_map is None else None  # what fits the plan is in metres
+    matches = cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None)
+    if T_bim_map is None:
+        advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason)]
+    elif missing := what_is_not_anchored(told):
+        reason = f"{reason}; {missing}"
     whole = run.with_unplaced
     return Result(
         anchored=T_bim_map is not None,
@@ -66,7 +80,7 @@ def assemble_result(
         T_bim_map=T_bim_map,
         s_graph=floors.graph(backend.keyframes, [floor.scene for floor in floors.maps if floor.scene is not None]),
         a_graph=bim,
-        matches=cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None),
+        matches=matches,
         deviations=_deviations(anchoring, alignments, floors, backend, in_bim, config),
         anchors=[record.to_dict() for record in anchoring.records] if anchoring is not None else [],
         factors=backend.log,
@@ -82,7 +96,7 @@ def assemble_result(
         earlier=tuple(path if T_bim_map is None else path.transformed(T_bim_map) for path in run.earlier),
         relocalisation=relocalisation,
         trajectory_live=_live(run.scans, told, T_bim_map) if passed_again else None,
-        advice=tuple(dict.fromkeys(line for line in (*advice, unit) if line is not None)),
+        advice=tuple(dict.fromkeys(advice)),
     )
 
 
@@ -97,11 +111,16 @@ def _uncertainty(
     )  # fmt: skip
 
 
-def _unit_advice(floors: Floors, run: RunPoses, bim: SceneGraph | None) -> str | None:
-    """A warning where the scans seem to be in feet."""
-    advice = feet_advice(floors, run.with_unplaced, bim)
-    if advice is not None:
-        _log.warning("%s", advice)
+def _not_anchored_advice(
+    floors: Floors, run: RunPoses, bim: SceneGraph | None, matches: "MatchesFile | None", reason: str
+) -> list[str]:
+    """Warnings: scans that seem to be in feet (what fits the plan is in metres), and what helps where the matcher's
+    answer is the `reason`; other reasons say it themselves."""
+    answered = matches is not None and matches["reason"] == reason
+    helps = _HELPS.get(matches["status"]) if matches is not None and answered else None
+    advice = [line for line in (feet_advice(floors, run.with_unplaced, bim), helps) if line is not None]
+    for line in advice:
+        _log.warning("%s", line)
     return advice
 
 

@@ -33,7 +33,7 @@ class PriorMap:
     """A map with one connected factor graph.
 
     `begins` are the indices in `scans` at which its runs begin; `height` (m) is the sensor's height above the floor;
-    `T_bim_map` (4, 4) is None if the map is not anchored.
+    `T_bim_map` (4, 4) is None if the map is not anchored, and so is `first_anchor_ns`, the stamp since which it is.
     """
 
     backend: Backend
@@ -42,6 +42,7 @@ class PriorMap:
     begins: list[int]
     height: float
     T_bim_map: Floats | None
+    first_anchor_ns: int | None
     clouds: KeyframeClouds
 
     @staticmethod
@@ -58,8 +59,9 @@ class PriorMap:
             voxel = config.clouds.keyframe_voxel
             points = KeyframeClouds.open(clouds, voxel=voxel) if clouds.is_file() else KeyframeClouds(voxel=voxel)
             return PriorMap(
-                backend, floors, saved["scans"], saved["begins"], saved["sensor_height"], saved["T_bim_map"], points
-            )
+                backend, floors, saved["scans"], saved["begins"], saved["sensor_height"], saved["T_bim_map"],
+                saved["first_anchor_ns"], points,
+            )  # fmt: skip
         except (KeyError, IndexError, ValueError, TypeError, AttributeError) as error:
             why = f"{type(error).__name__}: {error}"
             raise UserError(f"{folder / FILE}: damaged, or of another version ({why}); run it again") from None
@@ -85,7 +87,7 @@ class PriorMap:
         """The state as a tree (see `state_tree`), without the keyframe clouds."""
         return {
             "backend": self.backend.state(), "floors": self.floors.state(), "scans": self.scans, "begins": self.begins,
-            "height": self.height, "T_bim_map": self.T_bim_map,
+            "height": self.height, "T_bim_map": self.T_bim_map, "first_anchor_ns": self.first_anchor_ns,
         }  # fmt: skip
 
     @staticmethod
@@ -95,7 +97,8 @@ class PriorMap:
         backend.restore(state["backend"])
         floors.restore(state["floors"])
         return PriorMap(
-            backend, floors, state["scans"], state["begins"], state["height"], state["T_bim_map"], clouds
+            backend, floors, state["scans"], state["begins"], state["height"], state["T_bim_map"],
+            state["first_anchor_ns"], clouds,
         )  # fmt: skip
 
     def join(self, other: "PriorMap", T_map_other: Floats, config: Config, same_run: bool = False) -> None:

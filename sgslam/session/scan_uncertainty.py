@@ -93,6 +93,18 @@ def scan_uncertainty(
     )  # fmt: skip
 
 
+def what_is_not_anchored(told: ScanUncertainty) -> str:
+    """The scans without an anchored pose, counted by cause; empty where there are none."""
+    lost, apart = np.array([health == "lost" for health in told.health]), told.part > 0
+    counts = {
+        "are lost": lost,
+        "lie in parts that were not placed": apart & ~lost,
+        "have poses that are not known well enough": ~told.anchored & ~apart & ~lost,
+    }
+    texts = [f"{own.sum()} {cause}" for cause, own in counts.items() if own.any()]
+    return f"of {len(lost)} scans {', '.join(texts)}" if texts else ""
+
+
 def _limits(settings: QualitySettings) -> Floats:
     """(6,) the errors (m, rad) that anchored poses have at most, with 95 %."""
     return np.repeat([settings.anchored_position, np.radians(settings.anchored_attitude)], 3)

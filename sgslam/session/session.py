@@ -76,6 +76,8 @@ class Session:
             return Relocalisation(False, None, reason)
         ended.anchoring = self._anchored_in(self.bim, is_prior=False)
         ended.complete()
+        if of_this_run and ended.T_bim_map is not None and self.prior.first_anchor_ns is not None:
+            ended.first_anchor_ns = self.prior.first_anchor_ns  # the place that it had before is found again
         if T_prior_map is None or found_ns is None:
             return Relocalisation(False, None, reason)
         return Relocalisation(True, (found_ns - began_ns) / 1e9, reason)
@@ -133,5 +135,9 @@ def _no_clouds(like: KeyframeClouds) -> KeyframeClouds:
 
 
 def _as_prior(ended: ActiveMap) -> PriorMap:
-    height, T_bim_map = ended.front_end.height, ended.T_bim_map
-    return PriorMap(ended.backend, ended.floors, ended.scans, ended.begins, height, T_bim_map, ended.clouds)
+    T_bim_map = ended.T_bim_map
+    since_ns = None if T_bim_map is None else ended.first_anchor_ns
+    return PriorMap(
+        ended.backend, ended.floors, ended.scans, ended.begins, ended.front_end.height, T_bim_map, since_ns,
+        ended.clouds,
+    )  # fmt: skip

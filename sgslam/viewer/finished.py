@@ -19,10 +19,11 @@ from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import ReportData, RunFolder
 from sgslam.report.error_chart import error_lines
+from sgslam.report.number_formats import metres
 from sgslam.session import Snapshot
 from sgslam.session.checkpoints import about_run
 from sgslam.viewer.page import Page
-from sgslam.viewer.panel import Panel, metres
+from sgslam.viewer.panel import Panel
 from sgslam.viewer.scene import RunScene, rgb
 from sgslam.viewer.shapes import path_lines
 
@@ -82,7 +83,7 @@ class FinishedRun:
         if self.folder.T_bim_map is not None:
             facts.append(f"{sum(bool(d['significant']) for d in self.folder.deviations)} walls deviate from the plan")
         if accuracy.get("rmse_bim_m") is not None:
-            facts.append(f"error against the truth: {metres(accuracy['rmse_bim_m'])} RMS")
+            facts.append(f"RMSE in the BIM frame: {metres(accuracy['rmse_bim_m'])}")
         return facts
 
     def errors(self) -> tuple[Floats, dict[str, Floats]]:

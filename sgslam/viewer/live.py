@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from data import SceneGraph
 from data.trajectory import Trajectory
+from sgslam.report.number_formats import metres
 from sgslam.session import Snapshot
 from sgslam.viewer.errors import CURRENT, LiveErrors, rms
 from sgslam.viewer.finished import RED, SCAN_POINTS, FinishedRun, FinishedView
 from sgslam.viewer.page import Page, parse_address, serve_until_interrupted
-from sgslam.viewer.panel import Panel, metres
+from sgslam.viewer.panel import Panel
 from sgslam.viewer.scene import RunScene
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ class LiveView:
         if self._errors is not None:
             seconds, lines = self._errors.lines(now.stamps_ns, now.poses, moment.T_bim_map)
             self.panel.draw_errors(seconds, lines)
-            facts.append(f"trajectory error: {metres(rms(lines[CURRENT]))} RMS" if CURRENT in lines else "")
+            facts.append(f"RMSE of the trajectory so far: {metres(rms(lines[CURRENT]))}" if CURRENT in lines else "")
         self.panel.show_status(now, self._heading(now, moment.T_bim_map is not None), facts)
 
     def _heading(self, now: Snapshot, anchored: bool) -> str:

@@ -1,6 +1,5 @@
 """The control panel of the page: the run's status, layers, match hypotheses and the error chart."""
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -107,13 +106,6 @@ def hypothesis_table(now: Snapshot, storeys: dict[str, str]) -> str:
         rooms = len(h.get("rooms") or ())
         rows.append(f"| {dot} {number + 1} | {100 * share:.0f} % | {storey} | {float(h['score']):.1f} | {rooms} |")
     return "\n".join(rows)
-
-
-def metres(value: float) -> str:
-    """Formats a length (m), such as `12.3 cm`."""
-    if not math.isfinite(value):
-        return "unknown"
-    return f"{value:.2f} m" if value >= 1 else f"{100 * value:.1f} cm"
 
 
 def _plain(text: str) -> str:

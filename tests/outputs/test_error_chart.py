@@ -67,7 +67,7 @@ def test_long_runs_are_thinned_and_no_peak_is_lost() -> None:
     offsets[12_345, 0] = 0.8
     data = shifted(sample(20_000), offsets)
     svg = error_chart(data, error_lines(data))
-    assert len(svg) < 60_000 and "largest 80.0 cm" in svg
+    assert len(svg) < 60_000 and "largest 800.0 mm" in svg
     (line,) = drawn(data)["trajectory"]
     assert len(line) == BINS
     band = re.search(r'layer-trajectory"><polygon points="([^"]*)', svg)

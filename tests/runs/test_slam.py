@@ -200,6 +200,8 @@ def test_only_a_unique_answer_of_a_matcher_anchors(drive: Drive, status: str) ->
     result = fed(slam, drive.scans[:100]).finish()
     assert result.anchored == slam.anchored == (status == "unique")
     assert result.reason == "I was told"
+    helps = {"unique": [], "ambiguous": ["--start X,Y,YAW"], "none": ["the model of the scanned building"]}[status]
+    assert len(result.advice) == len(helps) and all(text in "".join(result.advice) for text in helps)
     if result.anchored:
         assert np.sqrt(np.mean(drive.errors(result) ** 2)) < 0.03
 
