@@ -101,9 +101,10 @@ def main() -> int:
         args.and_back, carrier, args.mount, effects, args.seconds, args.imu,
     )  # fmt: skip
     names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
-    driven = f"{run.length:.1f} m, {run.rooms_entered} rooms of {names}"
+    driven = f"{run.length:.1f} m through {run.rooms_entered} room{'' if run.rooms_entered == 1 else 's'} of {names}"
     changed = f"; {len(run.changes)} walls differ from the plan" if run.changes else ""
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
+    print(f"give {run.out_dir / 'scans'} to --scan-dir, and {run.out_dir / 'truth.tum'} to --ground-truth")
     return 0
 
 

@@ -88,8 +88,8 @@ class TrackingSettings(Settings):
 class FloorSettings(Settings):
     """When the sensor leaves a floor, and when it arrives on one."""
 
-    left: float = Field(0.3, gt=0)
-    """m, height of the ground above its floor from which a floor is left; a hand rises and sinks by half of it"""
+    left: float = Field(0.6, gt=0)
+    """m, height of the ground above its floor from which a floor is left: more than a raised floor and a hand's sway"""
     flat: float = Field(0.2, gt=0)
     """m, largest change of the sensor's height over level ground, as it is carried"""
     level_way: float = Field(2.0, gt=0)

@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Surfels = tuple[Floats, Floats, Floats]  # means (N, 3), normals (N, 3) and numbers of points (N,)
 _TRACKED = np.radians(1.0)  # rad, standard deviation of the tracked vertical: among people a hand-held one tilts by 3
+_THICK = 0.1  # m, three standard deviations of the noise of points beside a level surface that they lie on
 _SPACING = 0.15  # m between the points of a scan in which level surfaces are looked for
 
 
@@ -90,8 +91,8 @@ class FrontEnd(Stateful):
         outline = (np.column_stack([xy, np.zeros(len(xy))]) @ R_level_sensor).astype(np.float32)
         low, high = self._config.rooms.lintel_band
         z = above.points[:, 2]
-        lintels = (scan.points[above.upright & (z > low) & (z < high)] @ R_level_sensor).astype(np.float32)
-        return KeyframeScan(walls, levels, outline, lintels, up, sigma_up)
+        lintels = _off_levels(scan.points[above.upright & (z > low) & (z < high)] @ R_level_sensor, levels)
+        return KeyframeScan(walls, levels, outline, lintels.astype(np.float32), up, sigma_up)
 
     @staticmethod
     def _upright(surfels: Surfels, T_odom_sensor: Floats, R_level_sensor: Floats) -> tuple[Floats, float]:
@@ -117,6 +118,14 @@ def _levels(surfels: Surfels, T_odom_sensor: Floats, R_level_sensor: Floats) -> 
     T_level_odom[:3, :3] = R_level_sensor @ T_odom_sensor[:3, :3].T
     R = T_level_odom[:3, :3]
     return extract_levels(means @ R.T, normals @ R.T, counts, T_level_odom @ T_odom_sensor)
+
+
+def _off_levels(points: Floats, levels: list[LevelObservation]) -> Floats:
+    """Those of the points (N, 3) that lie on no level surface. Noise makes some of a ceiling's points look upright."""
+    if not levels:
+        return points
+    planes = np.stack([level.plane for level in levels])
+    return points[(np.abs(points @ planes[:, :3].T + planes[:, 3]) > _THICK).all(axis=1)]
 
 
 def _mean(a: Floats, sigma_a: float, b: Floats, sigma_b: float) -> Floats:
