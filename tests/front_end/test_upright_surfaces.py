@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from boxes import Array, pose, room, scan, scene_of
 
+from data.simulation.sensors import sensor_named
 from sgslam.config import Config
-from sgslam.geometry.frames import transform_planes
+from sgslam.geometry.frames import transform_planes, transform_points
 from sgslam.tracking.front_end import FrontEnd, KeyframeScan, level_to_sensor
 from sgslam.tracking.gravity import refined_up
 
@@ -54,3 +55,20 @@ def test_a_keyframe_without_scans_before_it_tells_no_vertical() -> None:
     front_end, T = FrontEnd(Config()), ON_THE_WAY[0]
     found = front_end.look(scan(ROOM, T), T, level_to_sensor(T, UP), 1.2)
     assert found.sigma_up == np.inf and len(found.walls) >= 4 and not found.levels
+
+
+def test_a_ceiling_shows_no_lintels_though_its_points_are_noisy() -> None:
+    """Two low rooms, and a door between them under a lintel, at x = 4."""
+    wall = [(4.0, 0.0, 0.0, 4.2, 1.0, 2.3), (4.0, 2.0, 0.0, 4.2, 4.0, 2.3), (4.0, 1.0, 2.05, 4.2, 2.0, 2.3)]
+    rooms, sensor = scene_of([*room(0, 0, 8, 4, height=2.3), *wall]), sensor_named("OS0-32", None)
+    front_end, T = FrontEnd(Config()), pose(2.0, 1.7, 1.6)
+    rng = np.random.default_rng(0)
+    for _ in range(6):
+        points = scan(rooms, T, sensor)
+        points *= 1 + rng.normal(0, 0.03, len(points))[:, None] / np.linalg.norm(points, axis=1)[:, None]
+        front_end.add(points, T)
+    found = transform_points(T, front_end.look(points, T, level_to_sensor(T, UP), 1.6).lintels.astype(float))
+    x, y = found[:, 0], found[:, 1]
+    over_door = (np.abs(x - 4.0) < 0.2) & (y > 1.0) & (y < 2.0)
+    at_walls = np.min(np.abs([x, x - 4.0, x - 8.0, y, y - 4.0]), axis=0) < 0.2
+    assert over_door.sum() > 5 and at_walls.mean() > 0.98
