@@ -18,7 +18,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     from threadpoolctl import threadpool_limits
 
-    from sgslam.cli.scan_loop import interruptible
+    from sgslam.cli.job.scan_loop import interruptible
     from sgslam.live.commands import PoseLines
     from sgslam.live.live_slam import LiveSlam
     from sgslam.live.loop import LiveLoop

@@ -20,7 +20,7 @@ from evaluation.harness.tables import grouped, of
 from evaluation.metrics.trajectories import error_in_bim
 from evaluation.studies.carried.carriers_tables import named
 from sgslam.as_built.elements import SURE_SIGMAS, ElementVerdict, Verdict
-from sgslam.cli.run_elements import run_verdicts
+from sgslam.cli.job.elements import run_verdicts
 from sgslam.config import AsBuiltSettings, Config
 from sgslam.slam import SceneGraphSlam
 

@@ -24,10 +24,10 @@ from sgslam.anchoring import check_storey
 from sgslam.as_built.elements.tolerance_classes import parse_length
 from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.cli.compile_ahead import compile_ahead
-from sgslam.cli.resume_arguments import restore_arguments, run_arguments
-from sgslam.cli.run_elements import verdicts_of
-from sgslam.cli.run_fingerprint import check_unchanged, run_fingerprint
-from sgslam.cli.scan_loop import Progress
+from sgslam.cli.job.elements import verdicts_of
+from sgslam.cli.job.fingerprint import check_unchanged, run_fingerprint
+from sgslam.cli.job.resume_arguments import restore_arguments, run_arguments
+from sgslam.cli.job.scan_loop import Progress
 from sgslam.config import Config
 from sgslam.config.loading import load_config
 from sgslam.mapping import KeyframeClouds
@@ -265,7 +265,7 @@ def _prior_map(options: argparse.Namespace, config: Config) -> PriorMap:
 
 
 def _make_demo(options: argparse.Namespace) -> None:
-    from sgslam.cli.run_demo import make_demo  # imports the simulator, which only the demo needs
+    from sgslam.cli.job.demo import make_demo  # imports the simulator, which only the demo needs
 
     if options.scan_dir is not None or options.bim is not None:
         raise UserError("--demo brings its own scans and building; leave out --scan-dir and --bim")
