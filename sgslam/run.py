@@ -26,7 +26,9 @@ def execute(options: argparse.Namespace) -> int:
     # imported only now, so that --help and a missing argument respond at once
     from threadpoolctl import threadpool_limits
 
-    from sgslam.cli.job.run import Run, out_folder, read_job
+    from sgslam.cli.job.arguments import out_folder
+    from sgslam.cli.job.inputs import read_job
+    from sgslam.cli.job.run import Run
     from sgslam.cli.job.scan_loop import run_scans
     from sgslam.viewer.live import LiveView, open_page
     from sgslam.viewer.rerun_log import recorded

@@ -42,7 +42,9 @@ class LiveMap:
     """The map of a live run in its output folder."""
 
     def __init__(self, inputs: LiveInputs) -> None:
-        from sgslam.cli.job.run import Run, out_folder, read_job  # loads all that a run needs
+        from sgslam.cli.job.arguments import out_folder
+        from sgslam.cli.job.inputs import read_job
+        from sgslam.cli.job.run import Run  # loads all that a run needs
 
         warm_up(inputs.config, with_map=True)
         options = _options(inputs)

@@ -36,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
 
 def inputs_of(options: argparse.Namespace) -> LiveInputs:
     """The inputs that the options name. Raises UserError."""
-    from sgslam.cli.job.run import out_folder, read_config, read_start
+    from sgslam.cli.job.arguments import out_folder, read_config, read_start
 
     if options.odometry is not None and Path(options.odometry).is_file():
         raise UserError(f"--odometry {options.odometry}: live, poses cannot come from a file; give the name of one")

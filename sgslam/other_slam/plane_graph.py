@@ -18,7 +18,7 @@ from matching import Matcher, MatchResult
 from sgslam.anchoring import check_storey
 from sgslam.anchoring.storey_hypotheses import floor_named
 from sgslam.backend import anchor_plane_graph
-from sgslam.cli.job.run import out_folder, three_numbers
+from sgslam.cli.job.arguments import out_folder, three_numbers
 from sgslam.config.loading import load_config
 from sgslam.geometry.frames import se2_to_se3
 

@@ -12,7 +12,7 @@ from data.generation.buildings import KINDS, generate_plan
 from data.scene_graph import implausible
 from data.synthetic_maps.noise_models import NOISE_MODELS, draw
 from matching import Hypothesis, Matcher, MatchResult
-from sgslam.cli.job.run import MatcherWithStart
+from sgslam.cli.job.inputs import MatcherWithStart
 
 PLAN = a_graph(flat(np.random.default_rng(3)))
 ROOM = Room("r", (1.0, 1.0))
