@@ -21,9 +21,9 @@ from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
 from sgslam.session.finishing import assemble_result
 from sgslam.session.scan_poses import at_stamps
-from sgslam.session.scan_uncertainty import live_sigma
 from sgslam.session.second_pass import second_pass
 from sgslam.session.snapshot import take_snapshot
+from sgslam.session.soundness.scan_uncertainty import live_sigma
 from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingStep
 
 Floats = NDArray[np.float64]

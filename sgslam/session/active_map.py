@@ -16,7 +16,7 @@ from sgslam.geometry.frames import inverse, level_map, raised, squared_up
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.session.scan_poses import ScanPose
-from sgslam.session.step_uncertainty import StepUncertainty
+from sgslam.session.soundness.step_uncertainty import StepUncertainty
 from sgslam.session.stopwatch import Stopwatch
 from sgslam.tracking import FloorTransition, FrontEnd, TrackedScan
 from sgslam.tracking.front_end import level_to_sensor

@@ -18,16 +18,16 @@ from sgslam.mapping import Floors
 from sgslam.report.number_formats import NO_PLAN
 from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
-from sgslam.session.quality import Quality, quality_of
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.scan_uncertainty import (
+from sgslam.session.soundness.quality import Quality, quality_of
+from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
     scan_uncertainty,
     what_is_not_anchored,
     why_none_is_anchored,
 )
-from sgslam.session.unit_advice import feet_advice
+from sgslam.session.soundness.unit_advice import feet_advice
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers

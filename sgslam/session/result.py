@@ -27,9 +27,9 @@ from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.registration import Health
 from sgslam.report import ReportData
-from sgslam.session.quality import Quality
-from sgslam.session.scan_uncertainty import FILE as SIGMA
-from sgslam.session.scan_uncertainty import ScanUncertainty
+from sgslam.session.soundness.quality import Quality
+from sgslam.session.soundness.scan_uncertainty import FILE as SIGMA
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 if TYPE_CHECKING:
     from matching.result import MatchesFile  # loads the matchers

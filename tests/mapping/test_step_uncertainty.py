@@ -7,7 +7,7 @@ from boxes import pose
 from data import UserError
 from sgslam.config import OdometrySettings
 from sgslam.perception.scan_checks import checked_covariance
-from sgslam.session.step_uncertainty import StepUncertainty
+from sgslam.session.soundness.step_uncertainty import StepUncertainty
 
 BASE = np.repeat([OdometrySettings().other_sigma_rotation, OdometrySettings().other_sigma_translation], 3) ** 2
 

@@ -10,8 +10,8 @@ from boxes import Array
 from data import Door, Floor, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.config import QualitySettings
-from sgslam.session.quality import Quality, quality_of, walls_crossed
-from sgslam.session.scan_uncertainty import ScanUncertainty
+from sgslam.session.soundness.quality import Quality, quality_of, walls_crossed
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 SCANS = 100
 WALL = WallSurface("w", None, (5.0, 0.0), (1.0, 0.0), 4.0)

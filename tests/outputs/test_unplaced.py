@@ -22,8 +22,8 @@ from sgslam.report.number_formats import signal_texts
 from sgslam.report.page import report_html
 from sgslam.report.plan_drawing import plan_drawing
 from sgslam.report.plan_png import LOST, WITHDRAWN, write_plan_png
-from sgslam.session.quality import quality_of
-from sgslam.session.scan_uncertainty import ScanUncertainty
+from sgslam.session.soundness.quality import quality_of
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 GREY, MARKS = "lost or not placed", "planned wall whose anchor was withdrawn"
 WHY = "the walls no longer agree on a place in the plan"

@@ -10,7 +10,7 @@ from drives import fed, small_drive, small_run
 
 from sgslam.config import Config, QualitySettings
 from sgslam.session.result import Result
-from sgslam.session.scan_uncertainty import ScanUncertainty, why_none_is_anchored
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty, why_none_is_anchored
 from sgslam.slam import SceneGraphSlam
 
 

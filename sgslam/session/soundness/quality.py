@@ -17,7 +17,7 @@ from data.scene_graph import WallSurface
 from data.trajectory import Trajectory
 from sgslam.config import QualitySettings
 from sgslam.report.accuracy import rmse_aligned
-from sgslam.session.scan_uncertainty import ScanUncertainty
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
 Floats = NDArray[np.float64]
 _DOOR = 0.8  # m from the middle of a planned door, up to which the way leads through it
