@@ -20,7 +20,8 @@ def case(building: SequenceSpec, **fields: Any) -> CarriedCase:
 
 def found(rmse_m: float | None, **fields: Any) -> Anchored:
     given = {
-        "scans": 120, "anchored": rmse_m is not None, "first_anchor_s": None if rmse_m is None else 5.0,
+        "scans": 120, "anchored": rmse_m is not None, "reason": "so" if rmse_m else "why not",
+        "first_anchor_s": None if rmse_m is None else 5.0,
         "rmse_m": rmse_m, "plan_view_m": rmse_m, "height_m": rmse_m, "worst_m": rmse_m, "wrong": 0,
         "inside": None if rmse_m is None else Inside(poses=100, plan_view=0.9, height=1.0, yaw=rmse_m), "map_m": 0.02,
         "odometry_m": 0.03, "lost": 0, "kidnaps": 0, "floors": 1, "rooms": 2, "scans_per_s": 50.0, **fields,
@@ -61,6 +62,8 @@ def test_the_tables_count_drives_with_an_anchored_twin() -> None:
     assert line.loc[("handheld", "none"), "of those with an anchored twin"] == "1/1"
     assert line.loc[("handheld", "glass"), "of those with an anchored twin"] == "0/1"
     assert line.loc[("handheld", "none"), "RMSE (m)"] == "0.020 (0.020 to 0.020)"
+    assert made["not_anchored"].reason.tolist() == ["why not"] * 3
+    assert made["not_anchored"].building.tolist() == ["a", "b", "b"]
     told = made["calibration"].set_index(["carrier", "effects"])
     assert told.loc[("handheld", "none")].to_dict() == {
         "drives": "1", "plan view (%)": "90.0", "height (%)": "100.0", "yaw (%)": "2.0",

@@ -48,6 +48,7 @@ class Anchored(Record):
 
     scans: int
     anchored: bool
+    reason: str
     first_anchor_s: float | None
     rmse_m: float | None
     plan_view_m: float | None
@@ -95,7 +96,8 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
         result = run_through(slam, drive.scans())
         error = error_in_bim(result.trajectory, drive.truth) if result.anchored else None
         return Anchored(
-            scans=drive.count, anchored=result.anchored, first_anchor_s=result.first_anchor_s,
+            scans=drive.count, anchored=result.anchored, reason=result.reason,
+            first_anchor_s=result.first_anchor_s,
             rmse_m=None if error is None else error.position.rmse,
             plan_view_m=None if error is None else error.horizontal.rmse,
             height_m=None if error is None else _mean_height(result.trajectory, drive.truth),
@@ -120,7 +122,8 @@ def _inside(result: Result, truth: Trajectory) -> Inside | None:
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each cell of the design: how many drives are anchored, of those whose level, clean twin is, and how
-    well; how the whole run is compared with its odometry alone; and whether its standard deviations are true."""
+    well; why the others are not; how the whole run is compared with its odometry alone; and whether its standard
+    deviations are true."""
     rows = named(rows)
     twin = rows[(rows.carrier == LEVEL_CARRIER) & (rows.effects == NO_EFFECT) & rows.anchored]
     key = ["building", "seed"]
@@ -128,7 +131,9 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     rows["twin"] = rows.twin.fillna(value=False).astype(bool)
     by = ["carrier", "effects", "sensor", "times", "seconds"]
     return {
-        "anchored": grouped(rows, by, _cell), "against_odometry": grouped(rows, ["sensor"], _against_odometry),
+        "anchored": grouped(rows, by, _cell),
+        "not_anchored": rows[~rows.anchored].sort_values(["building", *by])[["building", *by[:4], "reason"]],
+        "against_odometry": grouped(rows, ["sensor"], _against_odometry),
         "calibration": grouped(rows[rows.anchored], ["carrier", "effects"], _calibration),
     }  # fmt: skip
 
