@@ -11,7 +11,7 @@ from data import Door, Floor, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.config import QualitySettings
 from sgslam.session.soundness.quality import Quality, quality_of, walls_crossed
-from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
+from sgslam.session.soundness.scan_uncertainty import ScanUncertainty, what_is_not_anchored
 
 SCANS = 100
 WALL = WallSurface("w", None, (5.0, 0.0), (1.0, 0.0), 4.0)
@@ -140,3 +140,19 @@ def test_a_way_of_single_scans_on_a_storey_crosses_nothing() -> None:
     hopping = np.array([[4.0, 0.0, 1.0], [6.0, 0.0, 3.5], [4.0, 0.0, 1.0]])
     assert walls_crossed(hopping, plan) == 0
     assert walls_crossed(np.concatenate([hopping, [[6.0, 0.0, 1.0]]]), plan) == 1  # two scans are a way
+
+
+def test_scans_that_are_not_anchored_are_counted_by_cause() -> None:
+    def told(anchored: int, lost: int, apart: int, unsure: int) -> ScanUncertainty:
+        counts = (anchored, lost, apart, unsure)
+        cause = np.repeat(np.arange(4), counts)
+        health = tuple("lost" if c == 1 else "good" for c in cause)
+        return ScanUncertainty(
+            np.arange(len(cause)), np.zeros((len(cause), 6)), (cause == 2).astype(np.int64), ("",) * len(cause),
+            cause == 0, health,  # type: ignore[arg-type]
+        )  # fmt: skip
+
+    assert what_is_not_anchored(told(9, 0, 0, 0)) == ""
+    assert what_is_not_anchored(told(9, 0, 3, 0)) == "of 12 scans 3 lie in parts that were not placed"
+    everything = what_is_not_anchored(told(3, 2, 4, 1))
+    assert everything.startswith("of 10 scans 2 are lost, 4 lie in parts") and "1 have poses" in everything
