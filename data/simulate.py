@@ -31,6 +31,7 @@ from data.simulation.simulate import simulate
 def _parser() -> argparse.ArgumentParser:
     about = "Simulates a LiDAR carried through a building by a robot or a person: IFC in, scans and truth out."
     effects = "effects:\n" + "".join(f"  {name:<10} {what}\n" for name, what in EFFECTS.items())
+    effects += f"  {ALL:<10} all of these, rolling unless told otherwise\n"
     formatter = argparse.RawDescriptionHelpFormatter
     parser = Parser(prog="python -m data.simulate", description=about, epilog=effects, formatter_class=formatter)
     add = parser.add_argument

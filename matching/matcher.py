@@ -45,7 +45,7 @@ class VotingMatcher:
         walls = arrays(s, None, list(s.wall_surfaces))
         found = search(walls, candidates, None if start is None else partial(near_start, start))
         if not found:
-            near = "" if start is None else " near the start that was given"
+            near = "" if start is None else " near the start that was given (its yaw is in radians)"
             reason = f"no wall corner of the map has its like in the plan{near}"
             return MatchResult("none", reason, seconds=_since(began))
         return _answer(found, candidates, began)

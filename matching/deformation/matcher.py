@@ -51,7 +51,7 @@ class DeformableMatcher:
         if not len(found) and others is not None:
             found = search(scene, _together(proposals, proposed(others)), allowed)
         if not len(found):
-            near = "" if start is None else " near the start that was given"
+            near = "" if start is None else " near the start that was given (its yaw is in radians)"
             reason = f"no wall corner of the map has its like in the plan{near}"
             return MatchResult("none", reason, seconds=time.perf_counter() - began)
         return answer(found, began)

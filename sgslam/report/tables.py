@@ -56,12 +56,17 @@ def _tracking(tracked: dict[str, int]) -> str:
 
 
 def _not_known(data: ReportData) -> list[tuple[str, str]]:
-    """How many scans were lost, and how many lie in parts that were not placed; of those that there are."""
+    """How many scans were lost, and how many lie in parts that were not placed; of those that there are. And why the
+    last part was not placed."""
     if data.scans is None:
         return []
     apart = data.scans.part > 0
     counts = {"Lost scans": int((data.scans.lost & ~apart).sum()), "Scans in parts not placed": int(apart.sum())}
-    return [(name, thousands(count)) for name, count in counts.items() if count]
+    rows = [(name, thousands(count)) for name, count in counts.items() if count]
+    outcome = data.metrics.get("returned")
+    if outcome is not None and not outcome["found"]:
+        rows.append(("Why the last part was not placed", outcome["reason"]))
+    return rows
 
 
 def accuracy_rows(accuracy: dict[str, Any]) -> list[tuple[str, str]]:

@@ -38,7 +38,8 @@ _COVARIANCES = 50  # poses whose covariance is computed
 _HELPS = {  # by the status of an answer of the matcher
     "ambiguous": "to tell the places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
     "pose (--start X,Y,YAW)",
-    "none": "check that this is the model of the scanned building, or visit more rooms",
+    "none": "check that this is the model of the scanned building, and --storey and --start where they were given, "
+    "or visit more rooms",
 }
 
 

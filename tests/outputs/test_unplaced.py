@@ -305,3 +305,11 @@ def test_a_map_without_scans_on_a_floor_has_its_plan(tmp_path: Path) -> None:
     s_graph: SceneGraph = dataclasses.replace(data.s_graph, keyframes=keyframes)
     html = report_html(dataclasses.replace(data, s_graph=s_graph))
     assert len(plans(html)) == 2 and "layer-trajectory" not in plans(html)[1]
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_why_the_last_part_was_not_placed_is_in_the_report(found: bool) -> None:
+    data = with_lost_scans(sample())
+    outcome = {"found": found, "found_s": 2.0 if found else None, "reason": "the plan does not explain the map"}
+    page = Page(report_html(dataclasses.replace(data, metrics=data.metrics | {"returned": outcome})))
+    assert ("Why the last part was not placed\nthe plan does not explain the map" in page.text) == (not found)
