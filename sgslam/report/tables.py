@@ -64,7 +64,7 @@ def _not_known(data: ReportData) -> list[tuple[str, str]]:
     counts = {"Lost scans": int((data.scans.lost & ~apart).sum()), "Scans in parts not placed": int(apart.sum())}
     rows = [(name, thousands(count)) for name, count in counts.items() if count]
     outcome = data.metrics.get("returned")
-    if outcome is not None and not outcome["found"]:
+    if apart.any() and outcome is not None and not outcome["found"]:
         rows.append(("Why the last part was not placed", outcome["reason"]))
     return rows
 

@@ -117,8 +117,7 @@ def _not_anchored_advice(
 ) -> list[str]:
     """Warnings: scans that seem to be in feet (what fits the plan is in metres), and what helps where the matcher's
     answer is the `reason`; other reasons say it themselves."""
-    answered = matches is not None and matches["reason"] == reason
-    helps = _HELPS.get(matches["status"]) if matches is not None and answered else None
+    helps = _HELPS.get(matches["status"]) if matches is not None and matches["reason"] == reason else None
     advice = [line for line in (feet_advice(floors, run.with_unplaced, bim), helps) if line is not None]
     for line in advice:
         _log.warning("%s", line)

@@ -153,7 +153,7 @@ def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
     assert metrics["anchored"] is False and metrics["reason"] == "no plan was given"
     assert metrics["scans"] == 12
     assert not any(path.exists() for path in stale)
-    assert "0.1 s apart" in done.stderr  # the stamps are a guess, and the user is told
+    assert "0.1 s apart" in done.stderr  # the stamps are a guess, which the user can read
 
 
 @pytest.mark.parametrize(("most", "said"), [
