@@ -1,4 +1,4 @@
-"""The bounds and values of configuration fields as text."""
+"""The meaning, bounds and values of configuration fields as text."""
 
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -13,6 +13,11 @@ def choices_and_bounds(field: "FieldInfo") -> list[str]:
     allowed = [text.format(getattr(m, key)) for m in field.metadata for key, text in BOUNDS.items() if hasattr(m, key)]
     choices = [str(choice) for choice in get_args(field.annotation) if isinstance(choice, str)]
     return [text for text in (", ".join(allowed), f"one of {', '.join(choices)}" if choices else "") if text]
+
+
+def meaning(field: "FieldInfo") -> str:
+    """What a field is, as one line; it begins with the unit."""
+    return " ".join((field.description or "").split())
 
 
 def plain_yaml(value: Any) -> str:

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from data import UserError
+from sgslam.config.fields import meaning
 from sgslam.config.models import Config
 
 _PLAIN = {  # in the words of a settings file, where pydantic speaks of Python
@@ -53,7 +54,7 @@ def _invalid(error: ValidationError) -> str:
     if length := _length(field.annotation):
         example = "[" + ", ".join(["0"] * length) + "]"
         what = f"a list of {length} numbers is expected, e.g. {example}"
-    about = f"; it is: {field.description}" if field.description else ""
+    about = f"; it is: {meaning(field)}" if field.description else ""
     return f"setting {where}: {what}{shown}{about}"
 
 

@@ -4,7 +4,7 @@ import re
 from types import NoneType
 from typing import TYPE_CHECKING, Any, get_args, get_origin
 
-from sgslam.config.fields import choices_and_bounds, plain_yaml
+from sgslam.config.fields import choices_and_bounds, meaning, plain_yaml
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -36,11 +36,11 @@ def parameters_page(settings: "BaseModel") -> str:
 
 def _row(group: "BaseModel", name: str, info: "FieldInfo") -> str:
     """A row of the table; a description begins with its unit."""
-    about = info.description or ""
+    about = meaning(info)
     unit = _UNIT.match(about)
-    meaning = about[unit.end() :] if unit else about
+    told = about[unit.end() :] if unit else about
     default, allowed = f"`{plain_yaml(getattr(group, name))}`", "; ".join(choices_and_bounds(info))
-    cells = [f"`{name}`", _kind(info.annotation), default, unit[1] if unit else "", allowed, meaning]
+    cells = [f"`{name}`", _kind(info.annotation), default, unit[1] if unit else "", allowed, told]
     return f"| {' | '.join(cells)} |"
 
 

@@ -73,6 +73,9 @@ class TrackingSettings(Settings):
     """rad, standard deviation of an attitude, about any axis, beyond which a scan is degraded"""
     kidnapped: float = Field(0.5, gt=0)
     """s, time for which lost scans must agree with one another until the sensor counts as carried elsewhere"""
+    unconfirmed: float = Field(10.0, ge=0)
+    """s, time for which a sensor that was lost for `kidnapped` and found again may prove to be in a like room instead;
+    its scans wait so long until they join the map; one walks out of a room in less"""
     point_times: Literal["auto", "snapshot", "order"] = "auto"
     """times of points of scans without them: one instant, by the points' order, or found out while tracking (auto)"""
     gravity_after: float = Field(4.0, gt=0)

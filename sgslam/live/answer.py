@@ -27,7 +27,8 @@ class Answer:
 
     `T_odom_sensor` (4, 4), metres, is the tracker's pose. It never jumps, apart from the first seconds: until it is
     known where up is, `health` is None and the pose is provisional. `health` is good, degraded or lost; a lost pose is
-    predicted. Where the sensor was carried elsewhere while it was lost, `odom` and `map` restart, and `part` counts.
+    predicted, or in the first seconds after that in doubt. Where the sensor was carried elsewhere while it was lost,
+    `odom` and `map` restart, and `part` counts.
 
     `T_map_odom` (4, 4) is what the map, the plan and loops correct. It may jump. `T_bim_map` (4, 4) is the map in the
     BIM frame, and `T_bim_sensor` (4, 4) the sensor; None while the map is not anchored. `anchors` are those that hold.

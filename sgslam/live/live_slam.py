@@ -140,7 +140,7 @@ class LiveSlam:
             return waiting, None
         newest = steps[-1]
         assert isinstance(newest, TrackedScan)  # a scan that does not wait is tracked
-        return newest.T_odom_sensor, newest.health
+        return newest.T_odom_sensor, "lost" if newest.unconfirmed else newest.health
 
     def _answer(self, stamp_ns: int, known: MapState, seconds: float) -> Answer:
         is_this = known.part == self._part  # else the map is that of the frame `odom` before

@@ -57,7 +57,8 @@ class Update:
     yet, and provisional until gravity is known and while scans are lost; `Result` has the final poses. `keyframes` is
     the number of keyframes so far, `anchored` whether the map is anchored to the plan. `T_bim_sensor` (4, 4) is the
     pose in the BIM frame, None while the map is not anchored; `health` is what the tracker says of the newest scan,
-    None while it waits. `SceneGraphSlam.sigma` says how well the pose is known.
+    None while it waits, and lost until it is sure that a sensor which was lost for longer is not in a like place.
+    `SceneGraphSlam.sigma` says how well the pose is known.
     """
 
     stamp_ns: int

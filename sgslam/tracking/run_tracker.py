@@ -41,7 +41,7 @@ class RunTracker:
         self.imu = ImuBuffer(config.imu)
         self.newest_ns: int | None = None
         self._tracker = self._begin()
-        self._lost: list[TrackedScan] = []  # the newest scans, while they do not fit
+        self._kept: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
         self._advice: list[str] = []  # of the trackers before
 
     def track(
@@ -106,19 +106,20 @@ class RunTracker:
     def _judged(self, tracked: list[TrackedScan]) -> list[TrackingStep]:
         """Tracked scans as steps, up to the one that shows that the sensor was carried elsewhere."""
         steps: list[TrackingStep] = []
-        for number, scan in enumerate(tracked):
+        for number, found in enumerate(tracked):
+            scan = self._tracker.confirmed(found)
             if self._tracker.was_carried_elsewhere(scan):
                 return [*steps, *self._begin_elsewhere(tracked[number:])]
-            self._lost = [*self._lost, scan] if scan.health == "lost" else []
+            self._kept = [*self._kept, scan] if scan.waits else []
             steps.append(scan)
         return steps
 
     def _begin_elsewhere(self, newest: list[TrackedScan]) -> list[TrackingStep]:
-        """Tracks the lost scans that fit one another but not the map, and the `newest` ones, from the beginning."""
+        """Tracks the scans since the sensor was carried elsewhere, and the `newest` ones, from the beginning."""
         since_ns = self._tracker.carried_since_ns
-        again = [scan.raw for scan in (*self._lost, *newest) if scan.raw.stamp_ns >= since_ns]
+        again = [scan.raw for scan in (*self._kept, *newest) if scan.raw.stamp_ns >= since_ns]
         self._advice = self.advice
-        self._tracker, self._lost = self._begin(), []
+        self._tracker, self._kept = self._begin(), []
         steps: list[TrackingStep] = [CarriedElsewhere(since_ns)]
         for raw in again:
             steps += self._tracked(raw)
@@ -127,7 +128,7 @@ class RunTracker:
     def state(self) -> dict[str, Any]:
         """The complete state as a tree (see `state_tree`); not a copy."""
         return {
-            "newest_ns": self.newest_ns, "lost": self._lost, "advice": self._advice, "imu": self.imu.state(),
+            "newest_ns": self.newest_ns, "kept": self._kept, "advice": self._advice, "imu": self.imu.state(),
             "tracker": self._tracker.state(),
         }  # fmt: skip
 
@@ -136,4 +137,4 @@ class RunTracker:
         self.imu.restore(state["imu"])
         self._tracker = self._begin()
         self._tracker.restore(state["tracker"])
-        self.newest_ns, self._lost, self._advice = state["newest_ns"], state["lost"], state["advice"]
+        self.newest_ns, self._kept, self._advice = state["newest_ns"], state["kept"], state["advice"]

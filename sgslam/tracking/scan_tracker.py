@@ -1,7 +1,7 @@
 """Tracks scan after scan: each is registered by the odometry, in a frame that is level and never jumps."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,8 @@ _log = logging.getLogger(__name__)
 class TrackedScan:
     """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame; `points` (N, 3) as at that instant.
 
-    `covariance` (6, 6) is that of the pose against the odometry's map, rotation first, in the sensor's axes.
+    `covariance` (6, 6) is that of the pose against the odometry's map, rotation first, in the sensor's axes. It is
+    `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a like place.
     """
 
     raw: RawScan
@@ -36,6 +37,12 @@ class TrackedScan:
     T_odom_sensor: Floats
     covariance: Floats
     health: Health
+    unconfirmed: bool = False
+
+    @property
+    def waits(self) -> bool:
+        """Whether the scan is not to join the map yet."""
+        return self.unconfirmed or self.health == "lost"
 
 
 class ScanTracker(Stateful):
@@ -44,7 +51,7 @@ class ScanTracker(Stateful):
     What the graph knows better, by the plan and by loops, acts as T_map_odom and never moves `odom`.
     """
 
-    _STATE = ("_waiting", "_found", "_lost_since_ns", "_T_level_source")
+    _STATE = ("_waiting", "_found", "_lost_since_ns", "_T_level_source", "_lost_from_ns", "_found_ns", "_again_ns")
 
     def __init__(self, config: Config, odometry: Odometry, imu: ImuBuffer | None = None) -> None:
         self._config, self._odometry, self._imu = config, odometry, imu
@@ -55,7 +62,10 @@ class ScanTracker(Stateful):
         self._waiting: list[RawScan] = []
         self._found: list[Registration] = []
         self._other: Odometry | None = None  # registers lost scans with one another
-        self._lost_since_ns: int | None = None
+        self._lost_since_ns: int | None = None  # the first of those that fit one another
+        self._lost_from_ns: int | None = None  # the first of the newest lost scans
+        self._found_ns: int | None = None  # the first scan from where the sensor was found again
+        self._again_ns: int | None = None  # when it was found, for the last time
         self._T_level_source = np.eye(4)  # from the frame in which poses come
         odometry.level(self._level.likely_up)  # as the mount says, until the surfaces do
         if isinstance(odometry, TimedOdometry):
@@ -144,10 +154,26 @@ class ScanTracker(Stateful):
 
     @property
     def carried_since_ns(self) -> int:
-        """The stamp of the first of the lost scans that fit one another; to be asked where the sensor was carried
-        elsewhere."""
+        """The stamp of the first of the lost scans that fit one another, or of the first unconfirmed scan before them;
+        to be asked where the sensor was carried elsewhere."""
         assert self._lost_since_ns is not None
-        return self._lost_since_ns
+        return self._lost_since_ns if self._found_ns is None else self._found_ns
+
+    def confirmed(self, scan: TrackedScan) -> TrackedScan:
+        """The scan, said to be unconfirmed where the sensor was lost for longer and found again not long ago.
+
+        To be asked for each scan, before `was_carried_elsewhere`.
+        """
+        settings, stamp = self._config.tracking, scan.raw.stamp_ns
+        if scan.health == "lost":
+            self._lost_from_ns = stamp if self._lost_from_ns is None else self._lost_from_ns
+            return scan
+        if self._lost_from_ns is not None and stamp - self._lost_from_ns >= 1e9 * settings.kidnapped:
+            self._again_ns, self._found_ns = stamp, stamp if self._found_ns is None else self._found_ns
+        elif self._again_ns is not None and stamp - self._again_ns > 1e9 * settings.unconfirmed:
+            self._again_ns, self._found_ns = None, None
+        self._lost_from_ns = None
+        return replace(scan, unconfirmed=self._again_ns is not None)
 
     def was_carried_elsewhere(self, scan: TrackedScan) -> bool:
         """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map near
@@ -169,6 +195,7 @@ class ScanTracker(Stateful):
             return False
         is_here = self._odometry.rejoin(self._other)
         if is_here:
+            self._found_ns = self._lost_since_ns if self._found_ns is None else self._found_ns
             self._other, self._lost_since_ns = None, None
         return not is_here
 

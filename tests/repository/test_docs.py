@@ -116,6 +116,7 @@ def test_the_table_of_parameters_is_todays() -> None:
     page = parameters_page(Config())
     assert (DOCS / "parameters.md").read_text() == page, "sgslam dump-config --markdown --out docs/parameters.md"
     assert not re.findall(r"^\|.*\|  \|$", page, re.MULTILINE), "a setting whose description does not say what it is"
+    assert not re.findall(r"^\|.*[^|\n]$", page, re.MULTILINE), "a row that goes on in the next line"
 
 
 def test_the_page_of_factors_names_every_function_as_it_is_called() -> None:
