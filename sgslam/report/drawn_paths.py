@@ -29,7 +29,8 @@ class DrawnPath:
 
 
 def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, list[DrawnPath]]:
-    """The pieces of each path that is not empty; `lost` are those of scans whose place is not known."""
+    """The pieces of each path that is not empty; `lost` are those of scans whose pose is predicted. A part of the map
+    that was not placed is not drawn."""
     paths: dict[PathKind, list[DrawnPath]] = {"odometry": [], "truth": [], "trajectory": [], "lost": []}
     if len(data.trajectory_odometry) and len(data.trajectory_map):
         # both first poses coincide, so that the drift from there on shows
@@ -44,11 +45,12 @@ def drawn_paths(data: ReportData, T_plan_map: Array) -> dict[PathKind, list[Draw
         for start, end in _runs(state):
             if state[start] == _KNOWN:
                 paths["trajectory"].append(DrawnPath(_line(points[start:end])))
-                continue
-            # from the last known pose, and up to the next one unless a part lies at an unknown place
-            piece = points[max(start - 1, 0) : end + (state[start] == _LOST)]
-            when = data.scans.seconds[chosen[start]], data.scans.seconds[(*chosen, len(data.scans.seconds))[end] - 1]
-            paths["lost"].append(DrawnPath(_line(piece), _title(state[start] == _LOST, *when)))
+            elif state[start] == _LOST:  # from the known pose before to the one after
+                around = np.arange(max(start - 1, 0), min(end + 1, len(state)))
+                piece = points[around[state[around] <= _LOST]]
+                seconds = data.scans.seconds
+                when = seconds[chosen[start]], seconds[(*chosen, len(seconds))[end] - 1]
+                paths["lost"].append(DrawnPath(_line(piece), _title(*when)))
     return {kind: pieces for kind, pieces in paths.items() if pieces}
 
 
@@ -112,6 +114,5 @@ def _line(points: Array) -> Array:
     return np.repeat(points, 2, axis=0) if len(points) == 1 else points
 
 
-def _title(lost: bool, begin: float, end: float) -> str:
-    what = "lost" if lost else "not placed, and laid at the last known pose"
-    return f"{what}: {begin:.1f} to {end:.1f} s after the first scan"
+def _title(begin: float, end: float) -> str:
+    return f"lost: {begin:.1f} to {end:.1f} s after the first scan"

@@ -38,7 +38,7 @@ LABELS = {
     "odometry": "before anchoring (odometry)",
     "trajectory": "after anchoring (final)",
     "uncertainty": "uncertainty of the position (95 %, to scale)",
-    "lost": "lost or not placed",
+    "lost": "lost",
     "truth": "ground truth",
 }
 NOT_ANCHORED = {

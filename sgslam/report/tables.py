@@ -4,6 +4,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from data.geometry.poses import poses_to_xyzquat
 from sgslam.as_built.deviation_bands import degrees, signed_mm
 from sgslam.report.contents import ReportData, entered_unmatched, path_length, split_by_floor
@@ -61,12 +64,18 @@ def _not_known(data: ReportData) -> list[tuple[str, str]]:
     if data.scans is None:
         return []
     apart = data.scans.part > 0
-    counts = {"Lost scans": int((data.scans.lost & ~apart).sum()), "Scans in parts not placed": int(apart.sum())}
-    rows = [(name, thousands(count)) for name, count in counts.items() if count]
+    lost = int((data.scans.lost & ~apart).sum())
+    rows = [("Lost scans", thousands(lost))] if lost else []
+    if apart.any():
+        rows.append(("Scans in parts not placed", f"{thousands(int(apart.sum()))}, {_span(data.scans.seconds[apart])}"))
     outcome = data.metrics.get("returned")
     if apart.any() and outcome is not None and not outcome["found"]:
         rows.append(("Why the last part was not placed", outcome["reason"]))
     return rows
+
+
+def _span(seconds: NDArray[np.float64]) -> str:
+    return f"between {seconds.min():.1f} and {seconds.max():.1f} s; they are not drawn"
 
 
 def accuracy_rows(accuracy: dict[str, Any]) -> list[tuple[str, str]]:

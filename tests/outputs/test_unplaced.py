@@ -25,7 +25,7 @@ from sgslam.report.plan_png import LOST, WITHDRAWN, write_plan_png
 from sgslam.session.soundness.quality import quality_of
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
-GREY, MARKS = "lost or not placed", "planned wall whose anchor was withdrawn"
+GREY, MARKS = "lost", "planned wall whose anchor was withdrawn"
 WHY = "the walls no longer agree on a place in the plan"
 
 
@@ -64,37 +64,44 @@ def test_a_sound_run_has_nothing_grey_nothing_unplaced_and_no_mark() -> None:
         html = report_html(data)
         page = Page(html)
         assert not {"layer-lost", "layer-anchors-withdrawn"} & {layer for layer, _ in page.layers}
-        assert not re.search(f"not placed|{GREY}|{MARKS}|withdrawn|Lost scans", page.text)
+        assert not re.search(f"not placed|{MARKS}|withdrawn|Lost scans", page.text)
         scene = json.loads(page.inside["scene-data"])
         assert "lost" not in scene["paths"] and "anchors-withdrawn" not in {wall[0] for wall in scene["walls"]}
 
 
-def test_lost_scans_and_parts_that_were_not_placed_are_grey() -> None:
+def test_lost_scans_are_grey_and_parts_that_were_not_placed_are_not_drawn() -> None:
     data = with_lost_scans(sample())
     page = Page(report_html(data))
-    assert page.layers["layer-lost", "polyline"] == 2
+    assert page.layers["layer-lost", "polyline"] == 1
     assert page.layers["layer-trajectory", "polyline"] == 3 + 2  # with the start and the end
-    for text in ("lost: 10.0 to 12.9 s", "not placed, and laid at the last known pose: 40.0 to 44.9 s"):
-        assert text in page.text
-    assert re.search(rf"{GREY}\n", page.text)
-    assert "Lost scans\n30\n" in page.text and "Scans in parts not placed\n50\n" in page.text
+    assert "lost: 10.0 to 12.9 s" in page.text and re.search(rf"{GREY}\n", page.text)
+    assert "Lost scans\n30\n" in page.text
+    assert "Scans in parts not placed\n50, between 40.0 and 44.9 s; they are not drawn\n" in page.text
     pieces = plan_drawing(data).paths
     assert data.truth is not None
     violet = np.vstack([piece.points for piece in pieces["trajectory"]])
     assert np.allclose(violet, data.truth.positions[np.r_[0:100, 130:400, 450:500]])
-    lost, part = (piece.points for piece in pieces["lost"])
-    assert np.allclose(lost, data.truth.positions[99:131])  # with the known scans on either side
-    assert len(part) == 51 and np.allclose(part[0], data.truth.positions[399])
-    assert np.linalg.norm(part[-1] - data.truth.positions[450]) > 3  # it does not lead back to the known way
+    (lost,) = pieces["lost"]
+    assert np.allclose(lost.points, data.truth.positions[99:131])  # with the known scans on either side
     scene = json.loads(page.inside["scene-data"])
-    assert [len(piece) // 3 for piece in scene["paths"]["lost"]] == [32, 51]
+    assert [len(piece) // 3 for piece in scene["paths"]["lost"]] == [32]
+
+
+def test_lost_scans_before_a_part_that_was_not_placed_do_not_lead_to_it() -> None:
+    data = with_lost_scans(sample())
+    assert data.scans is not None and data.truth is not None
+    lost = data.scans.lost.copy()
+    lost[390:400] = True
+    before = dataclasses.replace(data, scans=dataclasses.replace(data.scans, lost=lost))
+    *_, piece = plan_drawing(before).paths["lost"]
+    assert np.allclose(piece.points, data.truth.positions[389:400])
 
 
 def test_without_a_plan_or_a_place_in_it_lost_scans_are_grey_as_well() -> None:
     for data in (not_anchored("ambiguous"), dataclasses.replace(not_anchored("none"), a_graph=None, matches=None)):
         assert Page(report_html(data)).layers["layer-lost", "polyline"] == 0
         page = Page(report_html(with_lost_scans(data)))
-        assert page.layers["layer-lost", "polyline"] == 2 and page.layers["layer-uncertainty", "path"] == 0
+        assert page.layers["layer-lost", "polyline"] == 1 and page.layers["layer-uncertainty", "path"] == 0
 
 
 def test_a_run_of_which_nothing_is_known_is_all_grey(tmp_path: Path) -> None:
@@ -162,8 +169,7 @@ def test_the_way_between_two_floors_is_drawn_on_the_one_that_was_left() -> None:
     between = dataclasses.replace(lost.scans, lost=np.isin(np.arange(500), np.arange(220, 230)))
     html = report_html(dataclasses.replace(lost, scans=between))
     ground, upper = plans(html)
-    assert "lost: 22.0 to 22.9 s" in ground and "laid at the last known pose: 40.0 to 44.9 s" in upper
-    assert html.count(GREY) == 2  # in one legend each of the plans and of the 3D view
+    assert "lost: 22.0 to 22.9 s" in ground and "lost:" not in upper
 
 
 def test_the_legend_names_what_only_another_floor_shows() -> None:
