@@ -52,12 +52,20 @@ def execute(options: argparse.Namespace) -> int:
     _print_summary(metrics, out)
     if view is not None:
         view.show_finished(out)
-    return NOT_ENOUGH if options.strict and not _is_sound(metrics) else 0
+    lack = _what_lacks(metrics) if options.strict else ""
+    if lack:
+        print(f"--strict: exit code {NOT_ENOUGH}: {lack}", file=sys.stderr)
+    return NOT_ENOUGH if lack else 0
 
 
-def _is_sound(metrics: dict[str, Any]) -> bool:
-    """Whether every scan is anchored and no signal of quality is out of its limit."""
-    return metrics["anchored_share"] == 1.0 and all(signal["ok"] for signal in metrics["quality"].values())
+def _what_lacks(metrics: dict[str, Any]) -> str:
+    """Why the run is not anchored in every scan and sound in every signal of quality; empty if it is."""
+    from sgslam.report.tables import badge
+
+    lacks = [] if metrics["anchored_share"] == 1.0 else [badge(metrics)]
+    if not all(signal["ok"] for signal in metrics["quality"].values()):
+        lacks.append(_quality(metrics["quality"]))
+    return "; ".join(lacks)
 
 
 def _parser() -> argparse.ArgumentParser:

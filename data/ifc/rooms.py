@@ -15,6 +15,7 @@ MIN_AREA = 1.0  # m2: below it, a shaft
 MIN_HEIGHT = 1.3  # m: below it, a void over a ceiling or under a floor
 SAME = 0.9  # of an area: inside, or the same
 WALL_HALF = 0.25  # m: what is left of a covering space between its rooms is no wider than a wall
+SHOWN = 3  # names of spaces that are left out for one reason
 TIDY = 0.001  # m: corners that stand out less are no corners
 
 
@@ -67,14 +68,24 @@ def rooms_of(model: ifcopenshell.file) -> tuple[list[RoomVolume], list[str]]:
     large = [v for v in volumes if v.area.area >= MIN_AREA and v.top - v.bottom >= MIN_HEIGHT]
     kept = {v.room.id: v for v in _without_overlaps(large)}
     rooms = [finished(kept[v.room.id]) for v in large if v.room.id in kept]
-    reasons = {
-        "without solid geometry": len(chosen) - len(volumes),
-        "outer, gross or parts": len(spaces) - len(chosen),
-        f"under {MIN_AREA:g} m2 or {MIN_HEIGHT:g} m high": len(volumes) - len(large),
-        "double or covering others": len(large) - len(rooms),
+    kept_after = {  # each reason leaves fewer
+        "outer, gross or parts": set(chosen),
+        "without solid geometry": {v.room.id for v in volumes},
+        f"under {MIN_AREA:g} m2 or {MIN_HEIGHT:g} m high": {v.room.id for v in large},
+        "double or covering others": {room.room.id for room in rooms},
     }
-    why = ", ".join(f"{count} {reason}" for reason, count in reasons.items() if count)
-    return rooms, [f"{len(spaces) - len(rooms)} of {len(spaces)} spaces left out: {why}"] if why else []
+    why, left = [], {space.GlobalId: _name(space) or space.GlobalId for space in spaces}
+    for reason, kept_ids in kept_after.items():
+        if dropped := [name for key, name in left.items() if key not in kept_ids]:
+            why.append(f"{len(dropped)} {reason} ({_some(dropped)})")
+        left = {key: name for key, name in left.items() if key in kept_ids}
+    return rooms, [f"{len(spaces) - len(rooms)} of {len(spaces)} spaces left out: {', '.join(why)}"] if why else []
+
+
+def _some(names: list[str]) -> str:
+    """The first of them, and how many more there are."""
+    more = len(names) - SHOWN
+    return ", ".join(names[:SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def _is_room(space: ifcopenshell.entity_instance) -> bool:

@@ -11,7 +11,7 @@ from matching.deformation.deformed_hypotheses import DeformedHypotheses
 from matching.deformation.field import judge
 from matching.search.assignment import Pairs
 from matching.search.scoring import SIGMA_SCORE
-from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict
+from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict, matched, places_named
 
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
 DOUBT = 0.6  # nats more for each unexplained wall: at another place as much may differ from the plan
@@ -27,7 +27,7 @@ OF_MISSED = 2.0  # nats that a wall costs which is not explained, about
 def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
     """Returns the verdict on hypotheses, best first, at least one; `pairs` are the matches of the first."""
     s, plan = found.scene.s, found.scene.plan
-    matched = f"{len(pairs.surfaces)} of {len(s)} wall surfaces and {len(pairs.rooms)} rooms matched"
+    own = matched(pairs, len(s))
     now = judge(found.scene, found.table[:1], found.fields.state[:1], SIGMA_SCORE)
     fraction = float(s.half @ now.quality[0].max(axis=1, initial=0.0) / s.half.sum())
     log_odds = odds(found, fraction)
@@ -41,12 +41,12 @@ def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
     near = np.flatnonzero(found.score > found.score[0] - margin)
     rough = found.conservative[0] + OF_MISSED * missed < (len(s) - missed) * np.interp(len(s), WALLS, PER_WALL)
     if log_odds < LEAST_ODDS or len(pairs.surfaces) < LEAST_SURFACES or rough:
-        return Verdict("none", f"too little evidence at the best place ({matched}): see more rooms", probability)
+        return Verdict("none", f"too little evidence at the best place ({own}): see more rooms", probability)
     if len(near) > 1:
         floors = [str(plan.storeys[int(found.fields.storey[k])].floor) for k in near]
-        reason = f"{_places_named(floors)} explain the map about equally well ({matched})"
+        reason = f"{places_named(floors)} explain the map about equally well ({own})"
         return Verdict("ambiguous", reason, probability)
-    return Verdict("unique", f"{matched}; no other place explains the map nearly as well", probability)
+    return Verdict("unique", f"{own}; no other place explains the map nearly as well", probability)
 
 
 def odds(found: DeformedHypotheses, fraction: float) -> float:
@@ -60,10 +60,3 @@ def odds(found: DeformedHypotheses, fraction: float) -> float:
     margin = min(walls, *(conservative[0] - conservative[conservative <= conservative[0] - LEAST_MARGIN]), np.inf)
     missed = min((1 - fraction) * walls, MOST_MISSED)
     return float(OFFSET + SCORE * conservative[0] + MARGIN * margin + MISSED * missed + PLACES * places)
-
-
-def _places_named(floors: list[str]) -> str:
-    distinct = len(set(floors))
-    if distinct == 1:
-        return f"{len(floors)} places"
-    return f"{distinct} storeys" if distinct == len(floors) else f"{len(floors)} places on {distinct} storeys"

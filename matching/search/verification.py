@@ -4,6 +4,7 @@ The limits were set on S-graphs with the noise of real scans of 22 floors and an
 plans and with others. They exceed what the best of thousands of wrong places reaches.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,25 +42,30 @@ def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> V
     walls = len(best.explained)
     by_chance = float(np.log(PLACES_PER_M2 * sum(a.area for a in storeys)))
     probability = place_probability(np.array([p.score for p in placements]), by_chance, walls)
-    matched = f"{len(pairs.surfaces)} of {walls} wall surfaces and {len(pairs.rooms)} rooms matched"
+    own = matched(pairs, walls)
     if best.fraction < LEAST_FRACTION:
         share = f"{100 * best.fraction:.0f} % of its walls' length"
         return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
     least = by_chance + LEAST_EVIDENCE + LEAST_EVIDENCE_PER_WALL * walls
     if best.score < least or len(pairs.surfaces) < LEAST_SURFACES:
-        return Verdict("none", f"too little evidence at the best place ({matched}): see more rooms", probability)
+        return Verdict("none", f"too little evidence at the best place ({own}): see more rooms", probability)
     margin = LEAST_MARGIN + MARGIN_SHARE * best.score
     alternatives = [p for p in placements if p.score > best.score - margin]
     if len(alternatives) > 1:
-        reason = f"{_places_named(alternatives)} explain the map about equally well ({matched})"
-        return Verdict("ambiguous", reason, probability)
-    return Verdict("unique", f"{matched}; no other place explains the map nearly as well", probability)
+        places = places_named([str(p.storey.floor) for p in alternatives])
+        return Verdict("ambiguous", f"{places} explain the map about equally well ({own})", probability)
+    return Verdict("unique", f"{own}; no other place explains the map nearly as well", probability)
 
 
-def _places_named(alternatives: list[Placement]) -> str:
-    floors = list(dict.fromkeys(str(p.storey.floor) for p in alternatives))
-    if len(floors) == 1:
-        return f"{len(alternatives)} places"
-    if len(floors) == len(alternatives):
-        return f"{len(floors)} storeys"
-    return f"{len(alternatives)} places on {len(floors)} storeys"
+def matched(pairs: Pairs, walls: int) -> str:
+    """How many of the map's `walls` and rooms have a match."""
+    rooms = len(pairs.rooms)
+    return f"{len(pairs.surfaces)} of {walls} wall surfaces and {rooms} {'room' if rooms == 1 else 'rooms'} matched"
+
+
+def places_named(floors: Sequence[str]) -> str:
+    """Places, each on one of `floors`: how many, and on how many storeys."""
+    distinct = len(set(floors))
+    if distinct == 1:
+        return f"{len(floors)} places"
+    return f"{distinct} storeys" if distinct == len(floors) else f"{len(floors)} places on {distinct} storeys"

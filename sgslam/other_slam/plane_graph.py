@@ -1,6 +1,7 @@
 """Anchors a factor graph of S-Graphs without clouds: its planes are matched with the plan and held to it."""
 
 import argparse
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,10 @@ def anchor_file(options: argparse.Namespace) -> int:
     if anchored is not None:
         print(f"{len(anchored.keyframes)} keyframes anchored; walls {anchored.wall_distance:.3f} m from their plan")
         print(f"poses: {out / KEYFRAMES}")
-    return NOT_ANCHORED if options.strict and anchored is None else 0
+    if not options.strict or anchored is not None:
+        return 0
+    print(f"--strict: exit code {NOT_ANCHORED}: not anchored", file=sys.stderr)
+    return NOT_ANCHORED
 
 
 def anchor_matched(graph: PlaneGraph, plan: SceneGraph, match: MatchResult) -> Anchored | None:

@@ -247,7 +247,20 @@ def test_spaces_that_are_no_rooms_are_left_out(tmp_path: Path) -> None:
     model.prism("IfcSpace", box(5, 1, 7, 3), (0.0, 2.5), storey, "nested")
     graph, (notice,) = read_ifc(model.save(tmp_path / "m.ifc"))
     assert [r.name for r in graph.rooms] == ["g-A", "g-B", "nested"]
-    assert notice.startswith("5 of 8 spaces left out")
+    assert notice == (
+        "5 of 8 spaces left out: 1 outer, gross or parts (terrace), 2 under 1 m2 or 1.3 m high (shaft, void), "
+        "2 double or covering others (gross, double)"
+    )
+
+
+def test_of_many_spaces_that_are_left_out_the_first_are_named(tmp_path: Path) -> None:
+    model = IfcModel()
+    two_rooms(model, 0.0, "g")
+    storey = model.file.by_type("IfcBuildingStorey")[0]
+    for number in range(5):
+        model.prism("IfcSpace", box(number, -3, number + 0.5, -2), (0.0, 2.5), storey, f"shaft {number}")
+    _, (notice,) = read_ifc(model.save(tmp_path / "m.ifc"))
+    assert notice.endswith("5 under 1 m2 or 1.3 m high (shaft 0, shaft 1, shaft 2 and 2 more)")
 
 
 def test_files_of_other_kinds_are_refused(tmp_path: Path) -> None:

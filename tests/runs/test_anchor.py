@@ -136,7 +136,8 @@ def test_a_graph_of_s_graphs_is_anchored_by_its_planes(tmp_path: Path) -> None:
 def test_a_graph_that_fits_nowhere_is_told_and_not_placed(building: Path, tmp_path: Path) -> None:
     graph, _ = drawn_graph().write(tmp_path)
     done = called(COMMAND, graph, "--bim", building, "--out", tmp_path / "out", "--strict")
-    assert done.returncode == 3 and not (tmp_path / "out/keyframes.txt").exists()
+    assert done.returncode == 3 and done.stderr.endswith("--strict: exit code 3: not anchored\n")
+    assert not (tmp_path / "out/keyframes.txt").exists()
     assert not json.loads((tmp_path / "out/metrics.json").read_text())["anchored"]
 
 

@@ -56,6 +56,8 @@ def test_demo_is_anchored_within_three_centimetres(demo: Path) -> None:
     accuracy = metrics["accuracy"]
     assert accuracy["rmse_bim_m"] < 0.03
     assert accuracy["matched_poses"] == accuracy["total_poses"] == metrics["scans"]
+    described = (ROOT / "docs" / "formats.md").read_text()
+    assert [key for key in metrics if f"`{key}`" not in described] == []
     stages = {"total", "reading", "odometry", "surfaces", "rooms", "matching", "optimisation", "smoothing", "report"}
     assert stages <= metrics["seconds"].keys()
     assert metrics["first_anchor_s"] > 0
@@ -170,7 +172,7 @@ def test_signals_of_quality_are_told_in_words(most: float, said: str, scans: Pat
 def test_strict_is_not_content_with_less_than_all(scans: Path, tmp_path: Path) -> None:
     done = run("--scan-dir", scans, "--out", tmp_path / "out", "--strict")
     assert done.returncode == 3, done.stderr
-    assert "map only" in done.stdout
+    assert "map only" in done.stdout and "--strict: exit code 3: map only; out of limits: " in done.stderr
     assert json.loads((tmp_path / "out" / "metrics.json").read_text())["anchored_share"] == 0.0
 
 

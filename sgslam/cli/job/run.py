@@ -22,6 +22,7 @@ from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.odometry.choice import health_note
 from sgslam.report.accuracy import accuracy
+from sgslam.report.tables import badge
 from sgslam.session import Checkpoints, Result
 from sgslam.session.checkpoints import FILE as STATE
 from sgslam.session.checkpoints import load
@@ -82,7 +83,6 @@ class Run:
         if job.options.second_pass and result.trajectory_live is None:
             _log.warning("there was no second pass: it needs poses of our own odometry, and a run in one part")
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
-        _log.info("%s: %s", "anchored" if result.anchored else "not anchored", result.reason)
         for kind, count in result.factors.counts().items():
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
         seconds = {**result.seconds, "bim": job.bim_seconds, **self.progress.seconds, "total": total}
@@ -98,6 +98,7 @@ class Run:
             result, out, a_graph=job.a_graph, truth=job.truth, more=more,
             elements=lambda: verdicts_of(result, job.options.bim, job.a_graph),
         )  # fmt: skip
+        _log.info("%s: %s", badge(metrics), result.reason)
         if job.bim is None or result.T_bim_map is None:
             remove_topics(out)
         else:
