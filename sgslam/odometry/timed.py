@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sgslam.geometry.frames import inverse, squared_up
 from sgslam.odometry.base import Odometry, State
-from sgslam.perception.point_times import guessed_times
+from sgslam.perception.point_times import Rule, even_times, guessed_times
 from sgslam.registration import Motion, Registration
 from sgslam.registration.motion_prior import velocity_between
 
@@ -45,6 +45,7 @@ class TimedOdometry:
         self._last: dict[Kind, Floats] = {}  # T_odom_sensor of the newest scan, each in its own frame
         self._last_ns: int | None = None
         self._duration_s = np.inf
+        self._rule: Rule | None = None  # which the points' order has followed so far
         self._shift = np.eye(4)  # from the frame of the best odometry to that of the results
         self._held: dict[Kind, list[Registration]] | None = None  # the results of all scans so far, held back
 
@@ -136,10 +137,16 @@ class TimedOdometry:
             self._decide(self._best)
 
     def _guessed(self, points: Floats) -> tuple[Floats, bool]:
-        """The times of points (N, 3), and whether their order gives them; where not, all are the scan's middle."""
+        """The times of points (N, 3), and whether their order gives them; where not, they are those of a sensor that
+        does not turn once around, if it is one, or all are the scan's middle."""
         duration_s = self._duration_s if np.isfinite(self._duration_s) else _DURATION
         found = guessed_times(points, duration_s)
-        return (np.full(len(points), duration_s / 2), False) if found is None else (found.seconds, True)
+        if found is not None:
+            self._rule = found.rule
+            return found.seconds, True
+        if self._rule == "index":  # a close wall hides that it soon covers the whole field of view
+            return even_times(len(points), duration_s), False
+        return np.full(len(points), duration_s / 2), False
 
     def _moves(self, results: dict[Kind, Registration], interval_s: float) -> bool:
         """Whether the sensor moves, as either odometry has it: one that has failed may well stand still."""
@@ -172,7 +179,8 @@ class TimedOdometry:
         return {
             "odometries": {kind: odometry.state() for kind, odometry in self._odometries.items()}, "best": self._best,
             "evidence": self._evidence, "without_order": self._without_order, "last": dict(self._last),
-            "last_ns": self._last_ns, "duration_s": self._duration_s, "shift": self._shift, "held": self._held,
+            "last_ns": self._last_ns, "duration_s": self._duration_s, "rule": self._rule,
+            "shift": self._shift, "held": self._held,
         }  # fmt: skip
 
     def restore(self, state: State) -> None:
@@ -182,7 +190,8 @@ class TimedOdometry:
             odometry.restore(state["odometries"][kind])
         self._best, self._evidence, self._without_order = state["best"], state["evidence"], state["without_order"]
         self._last, self._last_ns = dict(state["last"]), state["last_ns"]
-        self._duration_s, self._shift, self._held = state["duration_s"], state["shift"], state["held"]
+        self._duration_s, self._rule, self._shift = state["duration_s"], state["rule"], state["shift"]
+        self._held = state["held"]
 
 
 def _exceeds(velocity: Floats, speed: float, turn_rate: float) -> bool:

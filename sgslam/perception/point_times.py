@@ -38,6 +38,11 @@ class GuessedTimes:
     rule: Rule
 
 
+def even_times(count: int, duration_s: float) -> Floats:
+    """(count,) seconds in equal steps from 0 up to the duration."""
+    return np.arange(count, dtype=np.float64) * (duration_s / max(count, 1))
+
+
 def guessed_times(points: Floats, duration_s: float) -> GuessedTimes | None:
     """The times of points (N, 3), in the sensor's frame and stored order, of a scan that takes `duration_s`.
 
@@ -59,9 +64,8 @@ def guessed_times(points: Floats, duration_s: float) -> GuessedTimes | None:
         elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
         rule, progress = "rings", _by_rings(turned, steps, elevation)
     if progress is None:
-        rule, progress = "index", _by_index(points, azimuth, elevation)
-    if progress is None:
-        return None
+        is_by_index = _is_by_index(points, azimuth, elevation)
+        return GuessedTimes(even_times(len(points), duration_s), "index") if is_by_index else None
     longest = max(TURN, float(progress.max()))
     seconds = np.clip(progress, 0.0, None) * (duration_s / longest)
     return GuessedTimes(np.minimum(seconds, np.nextafter(duration_s, 0.0)), rule)
@@ -112,8 +116,8 @@ def _ring_beginnings(turned: Floats, elevation: Floats, rings: int) -> Ints | No
     return np.array(first) if np.all(np.diff(first) > 0) else None
 
 
-def _by_index(points: Floats, azimuth: Floats, elevation: Floats) -> Floats | None:
-    """(N,) shares of a turn in equal steps, if the beam moves smoothly and soon covers the whole field of view.
+def _is_by_index(points: Floats, azimuth: Floats, elevation: Floats) -> bool:
+    """Whether the beam moves smoothly and soon covers the whole field of view.
 
     Sorted points are smooth too, but their parts lie at different places; shuffled points are not smooth.
     """
@@ -121,7 +125,7 @@ def _by_index(points: Floats, azimuth: Floats, elevation: Floats) -> Floats | No
     some = np.arange(0, len(rays) - LINES, max(1, len(rays) // SAMPLE))
     any_two = _median_distance(rays[some], np.roll(rays[some], len(some) // 2 + 7, axis=0))
     if min(_median_distance(rays[some + k], rays[some]) for k in range(1, LINES + 1)) > SMOOTH * any_two:
-        return None
+        return False
     layer = np.searchsorted(np.quantile(elevation[some], np.arange(1, LAYERS) / LAYERS), elevation)
     sector = np.searchsorted(np.quantile(azimuth[some], np.arange(1, SECTORS) / SECTORS), azimuth)
     part = np.arange(len(points)) * PARTS // len(points)
@@ -129,9 +133,7 @@ def _by_index(points: Floats, azimuth: Floats, elevation: Floats) -> Floats | No
     seen = np.bincount((part * LAYERS + layer) * SECTORS + sector, minlength=cells).reshape(PARTS, -1)
     whole = seen.sum(axis=0)
     covered = ((seen > 0) * whole).sum(axis=1) / whole.sum()
-    if covered.min() < COVERED:
-        return None
-    return np.asarray(np.arange(len(points)) * (TURN / len(points)))
+    return bool(covered.min() >= COVERED)
 
 
 def _median_distance(a: Floats, b: Floats) -> float:

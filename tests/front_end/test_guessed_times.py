@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from data.geometry.raycast import TriangleScene
 from data.scans import ScanFolder
 from data.simulation import SpinningSensor
+from sgslam.config import TrackingSettings
+from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception.point_times import GuessedTimes, guessed_times
 
 Ints = NDArray[np.int64]
@@ -204,3 +207,14 @@ def test_it_takes_no_time() -> None:
         guessed_times(points, PERIOD)
         times.append(time.perf_counter() - begin)
     assert min(times) < 0.01  # measured: 0.0004
+
+
+def test_of_a_sensor_that_does_not_turn_once_around_every_scan_is_in_the_order_of_time() -> None:
+    """Where walls are close, the order alone does not show it."""
+    unclear = np.random.default_rng(2).permutation(dome(6.7, 4))
+    middle, even = np.full(len(unclear), PERIOD / 2), np.arange(len(unclear)) * (PERIOD / len(unclear))
+    for before, times in ((dome(6.7, 4), even), (spun()[0], middle), (unclear, middle)):
+        odometry = TimedOdometry(lambda: ContinuousTimeOdometry(TrackingSettings()), "order")
+        odometry.register(0, before)
+        told = odometry.times_of(unclear, None)
+        assert told is not None and np.allclose(told, times)
