@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 import factors
 from data import WallSurface
+from data.scene_graph.wall_faces import wall_names
 from sgslam.anchoring.anchor_log import AnchorStatus, Key
 from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.geometry.frames import se2_to_se3, transform_points
@@ -102,13 +103,13 @@ def graded_walls(
     """Grades the aligned walls; `origin` (3,) is that of the local frame, T_local_level (4, 4) the place of the map in
     it. A wall that is off alone does not pull the map, however little: the walls around it tell that it was built so.
     """
-    grades = GradedWalls()
+    grades, names = GradedWalls(), wall_names([aligned.planned for aligned in alignment.walls])
     for aligned in alignment.walls:
         wall, plane = scene.wall_of_surface[aligned.surface.id], _local_plane(aligned.planned, origin)
         middle = np.array([*aligned.surface.centroid, np.mean(aligned.surface.height or 0.0)])
         status = statuses[wall, aligned.planned.id]
         place = transform_points(T_local_level, middle)
-        planned = PlannedWall(plane, place, aligned.planned.id, status.by, status.why)
+        planned = PlannedWall(plane, place, aligned.planned.id, status.by, status.why, names[aligned.planned.id])
         grade = grades.tight if aligned.agrees else grades.drifted if aligned.drifted else grades.loose
         grade.setdefault(wall, {})[aligned.planned.id] = planned
         rooms = aligned.surface.room, aligned.planned.room

@@ -49,7 +49,7 @@ class Backend:
         self._optimised_at = 0
         self._sound = 0  # keyframes whose poses are from an optimum
         self._inputs = GraphInputs([], {}, [], {}, [], None)  # of the last optimisation
-        self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, dict[int, int]] | None = None
+        self._optimum: tuple[gtsam.NonlinearFactorGraph, gtsam.Values, GraphInputs] | None = None
 
     def add_keyframe(self, keyframe: KeyframeNode) -> None:
         """Adds a keyframe, tied to the one before it by the odometry between them."""
@@ -196,7 +196,7 @@ class Backend:
         if optimizer.error() > _BELIEVABLE * graph.size():
             return f"its error of {optimizer.error():.1e} is implausibly large"
         self._take(result, inputs)
-        self._optimum = graph, result, inputs.anchor_of
+        self._optimum = graph, result, inputs
         return None
 
     def _rebuild(self, inputs: GraphInputs, steps: int) -> str | None:
@@ -243,8 +243,9 @@ class Backend:
         """The covariances of the last successful optimisation; None where there was none, or a variable is free."""
         if self._optimum is None:
             return None
+        graph, values, inputs = self._optimum
         try:
-            return Uncertainty(*self._optimum)
+            return Uncertainty(graph, values, inputs.anchor_of, inputs.tightly_planned)
         except RuntimeError as error:
             _log.warning("there are no covariances: %s", error)
             return None

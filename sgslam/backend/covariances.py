@@ -1,6 +1,6 @@
 """Marginal covariances of the factor graph, from its linearisation at the optimum."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gtsam
@@ -9,7 +9,9 @@ from gtsam.symbol_shorthand import B, P, X
 from numpy.typing import NDArray
 
 from sgslam.backend.noise_shown import noise_shown
+from sgslam.backend.shared_offsets import shared_offsets
 from sgslam.geometry.frames import transform_planes
+from sgslam.mapping import PlannedWall
 
 Floats = NDArray[np.float64]
 _BIM = B(0)
@@ -22,10 +24,14 @@ class Uncertainty:
 
     The noise of each kind of measurement (walls, floors, plan, ...) is the one that its residuals show. The information
     matrix is factored for them and again for the queries, each of which costs one sparse solution for each of its rows.
-    `anchor_of` gives the keyframe in whose frame a wall is estimated. Raises RuntimeError where a variable is free.
+    `anchor_of` gives the keyframe in whose frame a wall is estimated, `planned` by the key of its frame the planned
+    wall of each anchor that is not loose. Raises RuntimeError where a variable is free.
     """
 
-    def __init__(self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, anchor_of: dict[int, int]) -> None:
+    def __init__(
+        self, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, anchor_of: dict[int, int],
+        planned: Mapping[int, PlannedWall],
+    ) -> None:  # fmt: skip
         from scipy.sparse import csc_matrix, diags
 
         self._values, self._anchor_of = values, anchor_of
@@ -39,6 +45,9 @@ class Uncertainty:
         shape, of_jacobian = (int(rows.max()) + 1, self._size), columns < self._size  # the last column is the residual
         jacobian = csc_matrix((entries[of_jacobian], (rows[of_jacobian], columns[of_jacobian])), shape=shape)
         scale = noise_shown(graph, values, jacobian.tocsr(), _solver(jacobian))
+        first = np.cumsum([0, *(graph.at(i).dim() for i in range(graph.size()))])
+        for index, larger in shared_offsets(graph, values, planned).items():
+            scale[first[index] : first[index + 1]] *= larger
         self._solve = _solver(diags(1 / scale) @ jacobian)
 
     @property

@@ -39,6 +39,14 @@ class GraphInputs:
     rooms: list[RoomNode]
     anchors: Anchors | None
 
+    @property
+    def tightly_planned(self) -> dict[int, PlannedWall]:
+        """The planned walls of anchors that are not loose, by the keys of their frames."""
+        if self.anchors is None:
+            return {}
+        all_of_them = enumerate(planned_walls(self.anchors, self.anchor_of), len(self.anchors.elevations))
+        return {W(number): planned for number, (grade, _, planned) in all_of_them if grade != "loose"}
+
 
 def start_values(
     graph: gtsam.NonlinearFactorGraph, inputs: GraphInputs, keyframes: list[KeyframeNode],
