@@ -15,7 +15,7 @@ _SAMPLED = 100  # residuals of a kind for which it is computed how far they were
 _MOST_FITTED = 0.9  # share of a kind's residuals
 _LIMITS = 0.15, 3.0  # of the noise shown, relative to the assumed one
 _ROUNDS = 5  # of weights and noise in turns
-_ANGULAR = {3: (True, True, False), 6: (True, True, True, False, False, False)}  # of planes and of poses
+_SAME = {3: (0, 1, 2), 6: (0, 0, 0, 1, 1, 1)}  # which components of planes (turn, tilt, offset) and of poses are alike
 
 
 @dataclass(eq=False)
@@ -66,7 +66,7 @@ def noise_shown(
 
 def _kinds(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list[_Kind]:
     """All kinds, without the steps that keep their noise."""
-    kinds, row = dict[tuple[str, str, bool], _Kind](), 0
+    kinds, row = dict[tuple[str, str, int], _Kind](), 0
     for i in range(graph.size()):
         factor: Any = graph.at(i)  # gtsam's stubs know only its base class
         first, row = row, row + factor.dim()
@@ -78,8 +78,8 @@ def _kinds(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> list[_Kin
         letters = "".join(sorted({chr(gtsam.symbolChr(key)) for key in factor.keys()}))  # noqa: SIM118 (no dict)
         whole = base.whiten(factor.unwhitenedError(values))
         length = float(np.linalg.norm(whole))
-        for part, angular in enumerate(_ANGULAR[factor.dim()]):
-            key = letters, type(base).__name__, angular
+        for part, same in enumerate(_SAME[factor.dim()]):
+            key = letters, type(base).__name__, same
             kind = kinds.setdefault(key, _Kind(noise.robust() if is_robust else None))
             kind.rows.append(first + part)
             kind.residuals.append(float(whole[part]))

@@ -3,7 +3,7 @@
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import B, P, W, X
+from gtsam.symbol_shorthand import B, P, R, W, X
 
 import factors
 from sgslam.backend.shared_offsets import shared_offsets
@@ -60,3 +60,12 @@ def test_only_anchors_of_the_walls_that_are_named_count() -> None:
     assert len(shared_offsets(graph, values, planned)) == 120
     assert len(shared_offsets(graph, values, {key: p for key, p in planned.items() if key != last})) == 119
     assert shared_offsets(graph, values, {}) == {}
+
+
+def test_rooms_tell_nothing_that_their_walls_do_not_tell() -> None:
+    graph, values, planned = anchored(drawn(0, True, 2))
+    graph.add(factors.anchor_room(np.eye(4), B(0), R(0), 0.004, 0.03))
+    for key in (B(0), R(0)):
+        values.insert(key, gtsam.Pose3())
+    assert shared_offsets(graph, values, planned)[graph.size() - 1] > 100
+    assert shared_offsets(graph, values, {}) == {}  # where only rooms are anchored, they count
