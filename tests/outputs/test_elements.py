@@ -73,10 +73,22 @@ def test_within_the_tolerance_it_is_as_planned() -> None:
     assert _verdict(_views(WALL, FAR)).verdict == "as planned"
 
 
-def test_a_sigma_too_large_for_the_tolerance_does_not_say_moved() -> None:
-    views = [replace(view, sigma=0.02) for view in _views(np.add(WALL, [0.03, 0.0, 0.0]), FAR)]
+@pytest.mark.parametrize(
+    ("shift", "sigma", "told", "conclusive"),
+    [
+        (0.03, 0.02, "uncertain", False),
+        (0.0, 0.02, "uncertain", False),
+        (0.015, 0.006, "moved", False),
+        (0.006, 0.006, "as planned", False),
+        (0.1, 0.02, "moved", True),
+    ],
+)
+def test_the_likelier_side_of_the_tolerance_is_told_and_whether_it_is_sure(
+    shift: float, sigma: float, told: str, conclusive: bool
+) -> None:
+    views = [replace(view, sigma=sigma) for view in _views(np.add(WALL, [shift, 0.0, 0.0]), FAR)]
     found = _verdict(views)
-    assert found.verdict == "uncertain" and not found.conclusive
+    assert (found.verdict, found.conclusive) == (told, conclusive)
 
 
 def test_seen_through_is_absent_and_hidden_is_not_seen() -> None:

@@ -30,7 +30,8 @@ def element_verdicts(
     """A verdict for each element, in their order.
 
     `tolerance` (m) is the largest offset that counts as planned, `shared` (m) the standard deviation of the error that
-    all sightings of an element share.
+    all sightings of an element share. An element is moved or as planned by its likeliest offset, and `conclusive` where
+    two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
     found: dict[str, Finding] = {}
     for kind in ("solid", "opening"):
@@ -79,8 +80,10 @@ def _solid(
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
     margin = abs(abs(d) - tolerance)
     sure = margin > SURE_SIGMAS * sigma
-    verdict: Verdict = "as planned" if abs(d) <= tolerance else "moved" if sure else "uncertain"
+    verdict: Verdict = "as planned" if abs(d) <= tolerance else "moved"
     reason = f"its surface is at {1000 * d:+.0f} mm, by {int(at.sum())} sightings"
+    if not sure and sigma > tolerance:
+        verdict, reason = "uncertain", f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and abs(d) > _BEHIND / 2 and _could_be_furniture(sign[at], d):
         verdict, reason, sure = "uncertain", f"{reason}; on one side only and before it: it may be furniture", False
     return Finding(verdict, reason, d, n, sigma, turn, sure, share, count)
