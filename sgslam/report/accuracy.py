@@ -76,17 +76,17 @@ def yaw_errors(estimate: Array, truth: Array) -> Array:
 
 
 def accuracy(
-    trajectory_in_bim: Trajectory | None, trajectory_map: Trajectory, odometry: Trajectory, truth_in_bim: Trajectory,
-    tolerance_ns: int = TOLERANCE_NS,
+    trajectory_in_bim: Trajectory | None, trajectory_map: Trajectory, odometry: Trajectory | None,
+    truth_in_bim: Trajectory, tolerance_ns: int = TOLERANCE_NS,
 ) -> dict[str, Any]:  # fmt: skip
     """The `accuracy` of metrics.json: metres and degrees over the poses that match a true pose in time.
 
     `trajectory_in_bim` is None where the run was not anchored, and the three `..._bim_...` are None then.
     `trajectory_map` holds poses in one map frame. `rmse_map_aligned_m` and `rmse_odometry_aligned_m` are RMSEs of its
     and the odometry's positions, each after SE(3) alignment of its own, or None where it cannot be aligned; `note`
-    gives the reason. Raises UserError where no pose matches.
+    gives the reason. `odometry` is None where it began again, in another frame. Raises UserError where no pose matches.
     """
-    scored = odometry if trajectory_in_bim is None else trajectory_in_bim
+    scored = trajectory_map if trajectory_in_bim is None else trajectory_in_bim
     ours, true = associate(scored.stamps_ns, truth_in_bim.stamps_ns, tolerance_ns)
     if not len(ours):
         raise UserError(
@@ -103,6 +103,8 @@ def accuracy(
         key = f"rmse_{name}_aligned_m"
         result[key] = None
         try:
+            if estimate is None:
+                raise UserError("the odometry began again where the sensor was carried elsewhere, or was lost")
             result[key] = rmse_aligned(estimate, truth_in_bim, tolerance_ns)
         except UserError as error:
             result["note"] = str(error)

@@ -3,7 +3,7 @@
 import errno
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from data.geometry.poses import poses_to_xyzquat, xyzquat_to_poses
 from data.trajectory import Trajectory
 from sgslam.anchoring import AnchorEntry
 from sgslam.as_built import Deviation
+from sgslam.as_built.agreement import agreed
 from sgslam.as_built.elements import ElementVerdict
 from sgslam.as_built.elements.files import remove_elements, write_elements
 from sgslam.backend import FactorLog, write_pose_graph
@@ -219,6 +220,8 @@ def _save(
         remove_elements(out)
     else:
         write_elements(out, verdicts, result.config.as_built.tolerance)
+        result = replace(result, deviations=agreed(result.deviations, verdicts))
+        write_json(out / "deviations.json", result.deviations)
         seconds["elements"] = perf_counter() - began
     # the report tells the total, so its own time is not in it
     seconds["total"] = seconds.get("total", sum(result.seconds.values())) + perf_counter() - began

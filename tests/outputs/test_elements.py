@@ -97,6 +97,17 @@ def test_seen_through_is_absent_and_hidden_is_not_seen() -> None:
     assert _verdict(_views(FAR, count=2)).verdict == "not seen"
 
 
+@pytest.mark.parametrize(("nearest", "furthest"), [(0.05, 0.14), (-1.5, -0.45)])
+def test_a_wall_that_no_ray_passes_is_not_absent(nearest: float, furthest: float) -> None:
+    """What is met lies centimetres behind it, where its end is embedded in others, or well before it."""
+    views = []
+    for k, view in enumerate(_views(WALL, FAR)):
+        ranges = np.linalg.norm(view.points, axis=1, keepdims=True)
+        behind = np.random.default_rng(k).uniform(nearest, furthest, ranges.shape)
+        views.append(replace(view, points=(view.points * (1 + behind / ranges)).astype(np.float32)))
+    assert _verdict(views).verdict in ("uncertain", "not seen", "moved")
+
+
 def test_a_shelf_before_a_wall_does_not_move_it() -> None:
     shelf = _box((2.8, -1.0, 0.0), (2.9, 1.0, 1.6))
     assert _verdict(_views(WALL, shelf, FAR)).verdict == "as planned"

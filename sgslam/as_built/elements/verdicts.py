@@ -67,9 +67,10 @@ def _solid(
     absent = float(np.sum(weight * _log_absent(offset)))
     at, through = np.abs(before) < 3 * _NOISE, before < -_BEHIND
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
-    if absent - stands > _SURE:
+    enough = 0.5 * _LEAST_CELLS
+    if absent - stands > _SURE and np.sum(weight * through) >= enough:  # not only behind it by centimetres: an edge
         return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
-    if stands - absent < _SURE or np.sum(weight * at) < 0.5 * _LEAST_CELLS:
+    if stands - absent < _SURE or np.sum(weight * at) < enough:
         return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
     scatter = _NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
     poses = _pose_noise([views[k] for k in np.unique(seen.view[mine[at]])])

@@ -7,11 +7,15 @@ from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any
 
+import numpy as np
+
 from data.common.errors import UserError
 from data.common.log_lines import log_to
 from data.ifc.bcf import Model
 from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
+from sgslam.as_built.agreement import agreed
+from sgslam.as_built.elements import ElementVerdict
 from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.cli.job.elements import verdicts_of
 from sgslam.cli.job.fingerprint import check_unchanged, run_fingerprint
@@ -92,19 +96,23 @@ class Run:
         more |= measured or {}
         more["advice"] = list(dict.fromkeys([*self._warnings, *result.advice, *([stopped] if stopped else [])]))
         if job.truth is not None:
-            more["accuracy"] = _accuracy(result, job.truth)
+            more["accuracy"] = _accuracy(result, job.truth, in_one_part=not self.slam.kidnaps)
         more["about"] = _about(job, result)
-        metrics = save_result(
-            result, out, a_graph=job.a_graph, truth=job.truth, more=more,
-            elements=lambda: verdicts_of(result, job.options.bim, job.a_graph),
-        )  # fmt: skip
+        verdicts: list[ElementVerdict] = []
+
+        def elements() -> list[ElementVerdict] | None:
+            found = verdicts_of(result, job.options.bim, job.a_graph)
+            verdicts[:] = found or ()
+            return found
+
+        metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more, elements=elements)
         _log.info("%s: %s", badge(metrics), result.reason)
         if job.bim is None or result.T_bim_map is None:
             remove_topics(out)
         else:
             model = Model(job.options.bim.name)
             write_topics(
-                out, result.deviations, job.bim.graph, result.s_graph, result.T_bim_map, model,
+                out, agreed(result.deviations, verdicts), job.bim.graph, result.s_graph, result.T_bim_map, model,
                 result.config.as_built.tolerance,
             )  # fmt: skip
         if job.scans.given is not None and len(result.trajectory):
@@ -128,7 +136,9 @@ def _about(job: Job, result: Result) -> dict[str, str]:
     return {name: text for name, text in about.items() if text}
 
 
-def _accuracy(result: Result, truth: Trajectory) -> dict[str, Any]:
-    in_one_frame = result.trajectory_map.only(result.uncertainty.part == 0)  # other parts were not joined to the map
+def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str, Any]:
+    told = result.uncertainty
+    known = np.array([health != "lost" for health in told.health])
+    in_one_frame = result.trajectory_map.only((told.part == 0) & known)  # other parts were not joined to the map
     in_bim = result.trajectory if result.anchored else None
-    return accuracy(in_bim, in_one_frame, result.trajectory_odometry, truth)
+    return accuracy(in_bim, in_one_frame, result.trajectory_odometry if in_one_part else None, truth)
