@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 WITHDRAWAL_CONFLICT = 0.04  # from which on a committed place is withdrawn
 MAX_CONFLICT = 0.02  # of an accepted place; a symmetric wing, equal to the centimetre, had 0.032
 _DOUBTFUL = 0.01  # of a place with close alternatives; wrong places in offices of equal rooms had 0.015
-CONFLICT_REASON = "walls stand where the known map saw none, or lack where it has them"
+CONFLICT_REASON = "the known map contradicts that place: it saw through where walls stand, or has some where none are"
 # evidence in nats
 _LEAST = 40.0  # of an answer; wrong places without conflict sometimes reach it
 _MIN_STRONG = 50.0  # of an answer that a larger map confirms; no wrong one did so with more evidence

@@ -69,6 +69,9 @@ def assemble_result(
     matches = cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None)
     if T_bim_map is None:
         advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason)]
+        apart = int((told.part > 0).sum())
+        if apart and anchoring is not None:
+            reason = f"{reason}; the map has parts: {apart} of {len(told.part)} scans lie in others than the first"
     elif missing := what_is_not_anchored(told):
         reason = f"{reason}; {missing}"
     whole = run.with_unplaced

@@ -159,6 +159,13 @@ class PriorMap:
             if len(left) in (0, len(tried)):
                 return left
 
+    def find_in(self, bim: SceneGraph, matcher: AnyMatcher, config: Config) -> bool:
+        """Looks for the map in a building; returns whether it has one place there, which is then its T_bim_map."""
+        anchoring = BuildingAnchoring(bim, matcher, config)
+        anchors = anchoring.update(self.floors, None, last=True)
+        self.T_bim_map = None if anchors is None else anchoring.bim_from_map(anchors.T_map_bim)
+        return anchors is not None
+
     def _place_of(
         self, part: "PriorMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
     ) -> Floats | None:  # fmt: skip

@@ -63,24 +63,43 @@ class Session:
         ended.complete()
         if self.prior is None:
             return None
-        T_prior_map, found_ns = self.T_prior_map(ended), ended.first_anchor_ns
+        T_prior_map, found_ns, newest = self.T_prior_map(ended), ended.first_anchor_ns, _as_prior(ended)
         reason = "" if ended.anchoring is None else ended.anchoring.reason
         began_ns, of_this_run = ended.scans[0].stamp_ns, self._prior_is_of_this_run
         if T_prior_map is not None:
-            self.prior.join(_as_prior(ended), T_prior_map, self._config, same_run=of_this_run)
+            self.prior.join(newest, T_prior_map, self._config, same_run=of_this_run)
         elif of_this_run:  # the map from before the kidnap is the result; the submap is kept separately
-            self.unplaced.append(_as_prior(ended))
+            self.unplaced.append(newest)
         if T_prior_map is not None or of_this_run:
             self._adopt_prior(ended, self.prior)
         elif not ended.plan_is_prior or self.bim is None:
             return Relocalisation(False, None, reason)
-        ended.anchoring = self._anchored_in(self.bim, is_prior=False)
-        ended.complete()
+        self._anchor(ended)
         if of_this_run and ended.T_bim_map is not None and self.prior.first_anchor_ns is not None:
             ended.first_anchor_ns = self.prior.first_anchor_ns  # the place that it had before is found again
+        if of_this_run and ended.T_bim_map is None and self._begin_with_another_part(ended):
+            return Relocalisation(newest not in self.unplaced, None, "found in the building after the last scan")
         if T_prior_map is None or found_ns is None:
             return Relocalisation(False, None, reason)
         return Relocalisation(True, (found_ns - began_ns) / 1e9, reason)
+
+    def _anchor(self, ended: ActiveMap) -> None:
+        """Anchors a map to the building, and completes it."""
+        ended.anchoring = self._anchored_in(self.bim, is_prior=False)
+        ended.complete()
+
+    def _begin_with_another_part(self, ended: ActiveMap) -> bool:
+        """Whether a later part of the run is in the building, where the first one is too small to tell: it becomes the
+        map, and the others join it where the building places them."""
+        assert self.prior is not None
+        for part in sorted(self.unplaced, key=lambda part: -len(part.scans)):
+            if self.bim is not None and part.find_in(self.bim, self._matcher_in_use, self._config):
+                self.unplaced = [other for other in (self.prior, *self.unplaced) if other is not part]
+                self.prior = part
+                self._adopt_prior(ended, part)
+                self._anchor(ended)
+                return True
+        return False
 
     def T_prior_map(self, active: ActiveMap) -> Floats | None:  # noqa: N802
         """(4, 4) the current pose of a map in the frame of the prior map; None while it is not relocalised there."""

@@ -15,6 +15,7 @@ from matching import Matcher
 from sgslam.config import Config
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
+from sgslam.report.number_formats import NO_PLAN
 from sgslam.session import Checkpoints, PriorMap, Result
 from sgslam.session.checkpoints import load
 from sgslam.slam import SceneGraphSlam
@@ -149,6 +150,23 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     assert len(result.s_graph.rooms) == len(alone.s_graph.rooms)
 
 
+@pytest.mark.parametrize("more", [pytest.param(False, marks=pytest.mark.long), True])
+def test_a_run_that_began_where_the_plan_shows_nothing_is_anchored_by_its_later_part(more: bool) -> None:
+    """And a third part joins it by the plan, not by the second part alone."""
+    drive = small_drive()
+    walls, half = scene_of(room(0, 0, 9, 4)), len(drive.scans) // 2
+    points = [scan(walls, pose(1 + 0.1 * i, 2, 1), seed=i) for i in range(30)]
+    points += [own for _, own in drive.scans]
+    points += [own for _, own in reversed(drive.scans[half:])] * more
+    result = fed(SceneGraphSlam(drive.bim), [(200_000_000 * k, own) for k, own in enumerate(points)]).finish()
+    assert result.anchored and result.relocalisation is not None and result.relocalisation.found
+    assert result.uncertainty.part.tolist() == [1] * 30 + [0] * (len(points) - 30)
+    truth = np.concatenate([drive.truth.positions, drive.truth.positions[half:][::-1]])[: len(points) - 30]
+    scans = np.round(result.trajectory.stamps_ns / 2e8).astype(int) - 30
+    assert len(scans) > 0.95 * len(truth)
+    assert np.sqrt(np.mean(np.sum((result.trajectory.positions - truth[scans]) ** 2, axis=1))) < 0.05
+
+
 @pytest.mark.parametrize("covered", [pytest.param(0, marks=pytest.mark.long), 8])
 def test_no_scan_is_missing_where_a_sensor_is_carried_off_in_its_first_seconds(covered: int) -> None:
     """While all scans still wait for gravity. Those under a cover before are lost, and stay with the first map."""
@@ -186,3 +204,14 @@ def test_a_run_goes_on_bit_by_bit_after_a_leap(scans_after_the_leap: int, tmp_pa
     load(tmp_path, second)
     result = fed(second, scans[after:]).finish()
     assert np.array_equal(result.trajectory.poses, whole.trajectory.poses) and result.s_graph == whole.s_graph
+
+
+def test_of_a_run_that_is_nowhere_it_is_told_how_many_scans_lie_apart() -> None:
+    """In a plan that is not theirs; without a plan it is a map only."""
+    here, there = scene_of(room(0, 0, 9, 4)), scene_of([*room(20, 0, 26, 7), (23, 2, 0, 24, 4, 2.6)])
+    points = [scan(here, pose(1 + 0.1 * i, 2, 1), seed=i) for i in range(40)]
+    points += [scan(there, pose(25 + 0.01 * i, 2, 1, yaw=1 - 0.03 * i), seed=i) for i in range(30)]
+    scans = [(100_000_000 * k, own) for k, own in enumerate(points)]
+    result = fed(SceneGraphSlam(small_drive().bim), scans).finish()
+    assert not result.anchored and result.reason.endswith("30 of 70 scans lie in others than the first")
+    assert fed(SceneGraphSlam(), scans).finish().reason == NO_PLAN
