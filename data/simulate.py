@@ -5,8 +5,9 @@
     python -m data.simulate --bim FILE --storey NAME --out DIR --carrier handheld --sensor Mid-360 --mount 180,0,0
 
 DIR then holds `scans/000000.bin ...` (sensor frame), `scans/times.txt`, `truth.tum` (sensor poses in the BIM
-frame), `run.json` (what was driven) and, if the building differs from its plan, `changes.json`, and
-`plan.ifc` if the plan is to lack walls. `--imu` adds `scans/imu.csv`, in the sensor's axes. A robot's scan is a
+frame), `run.json` (what was driven) and, if the building differs from its plan, `changes.json`,
+`tolerances.json` if walls of an IFC model stand off their places (`--effects tolerance`), and `plan.ifc` if the plan is
+to lack walls. `--imu` adds `scans/imu.csv`, in the sensor's axes. A robot's scan is a
 snapshot of one instant, without motion distortion; a person's is measured while the sensor moves, each point with its
 time (`--effects` says otherwise).
 """

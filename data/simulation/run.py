@@ -45,7 +45,7 @@ class SimulatedRun:
     """A simulated drive. `rooms` are in order of entry, starting room first; `truth` is T_bim_sensor of each scan.
 
     `storey` is where it began, `storeys` are all in order. Metres, seconds, radians; `start_yaw` is in the BIM frame.
-    `changes` are the differences from the plan.
+    `changes` are the differences from the plan, `stands_off` how far each wall is off its place besides.
     """
 
     out_dir: Path
@@ -57,6 +57,7 @@ class SimulatedRun:
     truth: Trajectory
     changes: tuple[Change, ...] = ()
     storeys: tuple[str, ...] = ()
+    stands_off: tuple[Change, ...] = ()
 
     @property
     def rooms_entered(self) -> int:
@@ -139,8 +140,9 @@ def write_run(
         run.truth.write_tum(unfinished / "truth.tum")
         if (inertial := taken.inertial(run.truth, run.seed)) is not None:
             write_imu(inertial, scans / IMU)
-        if run.changes:
-            write_json(unfinished / "changes.json", [asdict(change) for change in run.changes])
+        for name, changes in (("changes.json", run.changes), ("tolerances.json", run.stands_off)):
+            if changes:
+                write_json(unfinished / name, [asdict(change) for change in changes])
         if unplanned := [change.id for change in run.changes if change.kind == "unplanned"]:
             write_plan_without(bim, unplanned, unfinished / PLAN)
         write_json(unfinished / "run.json", {

@@ -102,7 +102,8 @@ def _driven(
     length = sum(map(curve_length, way.legs)) if seconds is None else curve_length(ground[:, :2])
     visited = _visited(way.grids, stamps, ground, ON_FLOOR if way.raised is None else ON_FLOOR + RISE)
     names = tuple(model.name for model in models)
-    return SimulatedRun(out, models[0].name, seed, length, way.start_yaw, visited, truth, models[0].changes, names)
+    off = tuple(change for model in models for change in model.stands_off)
+    return SimulatedRun(out, models[0].name, seed, length, way.start_yaw, visited, truth, models[0].changes, names, off)
 
 
 def _world(way: "Way", run: SimulatedRun, taken: Taken, setup: Setup, seed: int) -> "World":

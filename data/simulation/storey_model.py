@@ -46,8 +46,9 @@ class StoreyModel:
     """A storey in the BIM frame, in metres; `solid` and `stairs` are those of the whole building.
 
     `level` is the z of the finished floor, `extent` the lowest and highest (x, y), (2,) each. `changes` are the
-    differences from the plan; `walls` are the storey's IfcWalls and, like the spaces, as planned. `glazed` (M,) are
-    the solid triangles of windows and of curtain walls' panels.
+    differences from the plan, `stands_off` how far each wall is off its place besides; `walls` are the storey's
+    IfcWalls and, like the spaces, as planned. `glazed` (M,) are the solid triangles of windows and of curtain walls'
+    panels.
     """
 
     id: str
@@ -61,6 +62,7 @@ class StoreyModel:
     changes: tuple[Change, ...] = ()
     walls: tuple[IfcProduct, ...] = ()
     stairs: tuple[Triangles, ...] = ()
+    stands_off: tuple[Change, ...] = ()
 
 
 def load_storey(
@@ -139,8 +141,8 @@ def _storey_model(
     level = _measured_floor(TriangleScene(solid_triangles), level, extent)
     return StoreyModel(
         entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, glazed, doors, extent, made, tuple(walls),
-        tuple(stairs),
-    )
+        tuple(stairs), shifts,
+    )  # fmt: skip
 
 
 def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifcopenshell.entity_instance:

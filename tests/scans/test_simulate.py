@@ -270,6 +270,17 @@ def test_every_format_is_read_back(scan_format: str, tmp_path: Path) -> None:
     assert len(read_points(tmp_path / f"none.{scan_format}")) == 0
 
 
+def test_how_far_walls_stand_off_their_places_is_written(building: SmallBuilding, tmp_path: Path) -> None:
+    run = simulate(
+        building.path, "Ground", tmp_path / "run", seed=4, min_length=20.0, sensor=SENSOR, effects=("tolerance",)
+    )
+    listed = json.loads((tmp_path / "run" / "tolerances.json").read_text())
+    sizes = np.linalg.norm([c["offset_in_bim"] for c in listed], axis=1)
+    assert len(listed) > 4 and sizes.min() > 0 and sizes.max() < 0.08 and not run.changes
+    off = distance_to_surface(points_in_building(run, building), building.solids)
+    assert 0.003 < np.median(off) < 0.04 and not (tmp_path / "run" / "changes.json").exists()
+
+
 def test_moved_walls_are_scanned_where_they_stand(building: SmallBuilding, tmp_path: Path) -> None:
     changed = simulate(
         building.path, "Ground", tmp_path / "run", seed=4, min_length=20.0, sensor=SENSOR, changes=Changes(moved=0.5)
