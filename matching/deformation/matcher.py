@@ -23,7 +23,8 @@ class DeformableMatcher:
     """Implements `Matcher.match` for any source of proposed pairs; the map may deform from room to room.
 
     `others` is a second proposer, used as well for a map with few walls, since a single room may mislead the first one
-    past the true place of a building that repeats itself, and where the first one's proposals agree on no motion.
+    past the true place of a building that repeats itself, and where the first one's proposals lead to no place that
+    explains the map: it may have mistaken one room for another.
     """
 
     def __init__(self, proposer: Proposer, others: Proposer | None = None) -> None:
@@ -47,14 +48,19 @@ class DeformableMatcher:
         proposals, others = proposed(self._propose), self._others
         if others is not None and len(s.wall_surfaces) <= FEW:
             proposals, others = _together(proposals, proposed(others)), None
-        found = search(scene, proposals, allowed)
-        if not len(found) and others is not None:
-            found = search(scene, _together(proposals, proposed(others)), allowed)
-        if not len(found):
-            near = "" if start is None else " near the start that was given (its yaw is in radians)"
-            reason = f"no wall corner of the map has its like in the plan{near}"
-            return MatchResult("none", reason, seconds=time.perf_counter() - began)
+        match = _answered(search(scene, proposals, allowed), began, start)
+        if match.status == "none" and others is not None:
+            match = _answered(search(scene, _together(proposals, proposed(others)), allowed), began, start)
+        return match
+
+
+def _answered(found: DeformedHypotheses, began: float, start: Start | None) -> MatchResult:
+    """The result of hypotheses, best first; of none as well."""
+    if len(found):
         return answer(found, began)
+    near = "" if start is None else " near the start that was given (its yaw is in radians)"
+    reason = f"no wall corner of the map has its like in the plan{near}"
+    return MatchResult("none", reason, seconds=time.perf_counter() - began)
 
 
 def _together(one: TopK, other: TopK) -> TopK:

@@ -22,6 +22,7 @@ from matching.search import Proposals, TopK
 from matching.search.corners import corners
 from matching.search.hypotheses import between_graphs
 from matching.search.plan_walls import PlanWalls
+from matching.search.proposals import Proposer
 from matching.search.voting import marks
 from matching.search.voting_proposals import voting_proposals
 
@@ -263,13 +264,10 @@ def test_where_one_proposes_nothing_the_others_are_asked(drifted):
     assert result.status == "unique" and share_right(result, drifted) > 0.85
 
 
-def test_where_one_is_misled_by_a_map_of_few_walls_the_others_are_asked_too():
-    truth = drawn_from(PLAN, "real", 2, 2)
-    few = truth.s_graph
-    assert len(few.wall_surfaces) <= FEW
+def misled_by(truth: DrawnGraph) -> Proposer:
+    """Lays all walls on those of the room that is furthest from the first one."""
 
-    def misled(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
-        """Lays the walls of one room on those of the room that is furthest from it."""
+    def propose(s: SceneGraph, a: SceneGraph, known: Walls) -> Proposals:
         home = next(iter(truth.rooms.values()))
         there = np.array(a.room_by_id[home].centroid)
         far = max(a.rooms, key=lambda r: np.hypot(*(np.array(r.centroid) - there)))
@@ -278,6 +276,15 @@ def test_where_one_is_misled_by_a_map_of_few_walls_the_others_are_asked_too():
             walls[:, j] = 0.5 if w.room == far.id else 0.0
         return Proposals.of_dense(walls, np.zeros((len(s.rooms), len(a.rooms))))
 
-    alone, helped = (DeformableMatcher(misled, o).match(few, PLAN) for o in (None, voting_proposals))
+    return propose
+
+
+@pytest.mark.parametrize(("rooms", "few"), [(2, True), (9, False)])
+def test_where_one_is_misled_the_others_are_asked_too(rooms: int, few: bool) -> None:
+    truth = drawn_from(PLAN, "real", 2, rooms)
+    assert (len(truth.s_graph.wall_surfaces) <= FEW) is few
+    alone, helped = (
+        DeformableMatcher(misled_by(truth), o).match(truth.s_graph, PLAN) for o in (None, voting_proposals)
+    )
     assert alone.status == "none" and share_right(alone, truth) < 0.2
     assert share_right(helped, truth) > 0.85
