@@ -46,7 +46,7 @@ def _invalid(error: ValidationError) -> str:
     """One line on the first invalid setting: which, what is wrong, what was given, and what it means."""
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"][:2])  # without the place in a list
-    what = _PLAIN.get(first["type"]) or first["msg"].replace("Input should be", "must be")
+    what = _PLAIN.get(first["type"]) or first["msg"].replace("Input should be", "must be").partition(", unable")[0]
     shown = "" if first["type"] == "missing" else f" (given: {first['input']!r})"
     field = _field(where)
     if field is None:
