@@ -55,6 +55,7 @@ def test_a_sensor_that_stayed_is_not_sure_for_a_time_and_goes_on() -> None:
     assert set(result.uncertainty.health[FOUND:]) == {"good"}
 
 
+@pytest.mark.long
 def test_a_saved_run_remembers_that_it_is_not_sure(tmp_path: Path) -> None:
     first, second = fed(slam(10.0), scans(stays=False)[: FOUND + 10]), slam(10.0)
     Checkpoints(tmp_path, {}).write(first, {})
