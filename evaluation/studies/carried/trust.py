@@ -135,7 +135,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     """A line for each trouble, and one for each trouble, carrier and sensor."""
     rows = named(rows)
     return {
-        "troubles": grouped(rows, ["trouble"], _cells),
+        "troubles": grouped(rows, ["trouble", "effects"], _cells),
         "carriers": grouped(rows, ["trouble", "carrier", "effects", "sensor"], _cells),
     }
 
