@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sgslam.mapping import PlannedWall
 
 Floats = NDArray[np.float64]
-_NOTHING_NEW = 1e3
+_NOTHING_NEW = 1e3  # times the standard deviation: it no longer counts
 _OF_ROOMS = {gtsam.symbolChr(B(0)), gtsam.symbolChr(R(0))}
 _BELIEVED = 3.0  # pairs of faces that stand off as one, added to those of the map
 

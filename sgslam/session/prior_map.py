@@ -161,21 +161,27 @@ class PriorMap:
 
     def find_in(self, bim: SceneGraph, matcher: AnyMatcher, config: Config) -> bool:
         """Looks for the map in a building; returns whether it has one place there, which is then its T_bim_map."""
-        anchoring = BuildingAnchoring(bim, matcher, config)
+        self.T_bim_map = self._placed_in(bim, matcher, config, partial=False)
+        return self.T_bim_map is not None
+
+    def _placed_in(
+        self, plan: SceneGraph, matcher: AnyMatcher, config: Config, partial: bool
+    ) -> Floats | None:  # fmt: skip
+        """(4, 4) the map in the frame of a plan, of which `partial` says whether it may lack rooms; None if it has no
+        one place there."""
+        anchoring = BuildingAnchoring(plan, matcher, config, partial=partial)
         anchors = anchoring.update(self.floors, None, last=True)
-        self.T_bim_map = None if anchors is None else anchoring.bim_from_map(anchors.T_map_bim)
-        return anchors is not None
+        return None if anchors is None else anchoring.bim_from_map(anchors.T_map_bim)
 
     def _place_of(
         self, part: "PriorMap", bim: SceneGraph | None, matcher: AnyMatcher, config: Config
     ) -> Floats | None:  # fmt: skip
         plan, is_known = plan_of(self, bim)
-        anchoring = BuildingAnchoring(plan, matcher, config, partial=is_known)
-        anchors = anchoring.update(part.floors, None, last=True)
-        if anchors is None:
+        T_plan_part = part._placed_in(plan, matcher, config, partial=is_known)
+        if T_plan_part is None:
             return None
         T_plan_map = self.T_plan_map if is_known or self.T_bim_map is None else self.T_bim_map
-        return np.asarray(inverse(T_plan_map) @ anchoring.bim_from_map(anchors.T_map_bim))
+        return np.asarray(inverse(T_plan_map) @ T_plan_part)
 
     def _storeys(self, other: "PriorMap", T_map_other: Floats) -> dict[int, int]:
         """Floor numbers of this map by those of another one: the floor at the same height, else a new number."""

@@ -160,7 +160,7 @@ class ScanTracker(Stateful):
         return self._lost_since_ns if self._found_ns is None else self._found_ns
 
     def confirmed(self, scan: TrackedScan) -> TrackedScan:
-        """The scan, said to be unconfirmed where the sensor was lost for longer and found again not long ago.
+        """The scan, marked as unconfirmed where the sensor was lost for longer and found again not long ago.
 
         To be asked for each scan, before `was_carried_elsewhere`.
         """
