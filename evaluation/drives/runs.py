@@ -1,19 +1,21 @@
 """Runs the system, or its tracker alone, on a folder of scans."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from data.imu import ImuSamples
 from data.scans import Scan
+from data.trajectory import Trajectory
 from sgslam.config import Config
+from sgslam.geometry.frames import level_at
 from sgslam.inertial import ImuBuffer
-from sgslam.odometry import make_odometry
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.perception import RawScan, checked_scan
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
-from sgslam.tracking import ScanTracker, TrackedScan
+from sgslam.tracking import TrackedScan
+from sgslam.tracking.run_tracker import CarriedElsewhere, RunTracker, TrackingStep
 
 _SCAN_NS = 200_000_000  # as long as a scan lasts at most
 
@@ -29,18 +31,40 @@ def run_through(slam: SceneGraphSlam, scans: Iterable[Scan], odometry: ExternalO
     return slam.finish()
 
 
-def tracked_through(tracker: ScanTracker, scans: Iterable[Scan]) -> Iterator[TrackedScan]:
-    """All scans as a run tracks them, with their points' times where they have them; those of the first seconds come
-    together, once it is known where up is."""
+@dataclass(frozen=True, eq=False)
+class TrackedDrive:
+    """All `scans` of a drive as a run without a plan tracks them, in one frame; and how often it believed that the
+    sensor had been carried elsewhere. Where it did, a new map began: at the last pose before."""
+
+    scans: list[TrackedScan]
+    kidnaps: int
+
+    @property
+    def poses(self) -> Trajectory:
+        """T_odom_sensor of all scans."""
+        stamps = np.array([scan.raw.stamp_ns for scan in self.scans], dtype=np.int64)
+        return Trajectory(stamps, np.stack([scan.T_odom_sensor for scan in self.scans]))
+
+
+def tracked_by_run(scans: Iterable[Scan], config: Config, samples: ImuSamples | None = None) -> TrackedDrive:
+    """Tracks all scans, with their points' times where they have them, and with the samples of an IMU where given."""
+    tracker = RunTracker(config)
+    given = scans if samples is None else with_samples(scans, samples, tracker.imu)
+    found, T_odom_part, kidnaps = dict[int, TrackedScan](), np.eye(4), 0
+    for step in _steps(tracker, given):
+        if isinstance(step, CarriedElsewhere):
+            kidnaps += 1
+            before = [stamp for stamp in found if stamp < step.since_ns]
+            T_odom_part = level_at(found[max(before)].T_odom_sensor) if before else np.eye(4)
+        else:
+            found[step.raw.stamp_ns] = replace(step, T_odom_sensor=T_odom_part @ step.T_odom_sensor)
+    return TrackedDrive([found[stamp] for stamp in sorted(found)], kidnaps)
+
+
+def _steps(tracker: RunTracker, scans: Iterable[Scan]) -> Iterator[TrackingStep]:
     for scan in scans:
-        points = checked_scan(scan.stamp_ns, scan.points, None, None)
-        yield from tracker.track(RawScan(scan.stamp_ns, points, scan.point_times, None))
+        yield from tracker.track(scan.stamp_ns, scan.points, scan.point_times)
     yield from tracker.release()
-
-
-def tracker_of_run(config: Config, imu: ImuBuffer | None = None) -> ScanTracker:
-    """The tracker of a run with these settings, odometry included; `imu` gets samples as `with_samples` adds them."""
-    return ScanTracker(config, make_odometry(config.odometry, config.tracking, imu), imu)
 
 
 def with_samples(scans: Iterable[Scan], samples: ImuSamples, imu: ImuBuffer) -> Iterator[Scan]:

@@ -225,13 +225,10 @@ def odometry_of_run(scans: Iterable[Scan], config: "Config | None" = None) -> Tr
 
     The frame is level, with the first pose's place and heading.
     """
-    from evaluation.drives.runs import tracked_through, tracker_of_run
+    from evaluation.drives.runs import tracked_by_run
     from sgslam.config import Config
 
-    found = [
-        (scan.raw.stamp_ns, scan.T_odom_sensor) for scan in tracked_through(tracker_of_run(config or Config()), scans)
-    ]
-    return Trajectory(np.array([stamp for stamp, _ in found], dtype=np.int64), np.stack([pose for _, pose in found]))
+    return tracked_by_run(scans, config or Config()).poses
 
 
 def storey_of(a_graph: SceneGraph, T_bim_sensor: NDArray[np.float64]) -> str | None:

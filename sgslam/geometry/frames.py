@@ -73,6 +73,11 @@ def se2_to_se3(yaw: float, x: float, y: float, z: float = 0.0) -> Floats:
     return se2.to_se3(np.array([yaw, x, y]), z)
 
 
+def level_at(T: Floats) -> Floats:
+    """(4, 4) the frame with z up at the place and with the heading of a pose (4, 4)."""
+    return se2_to_se3(float(np.arctan2(T[1, 0], T[0, 0])), *T[:3, 3])
+
+
 def level_map(floor_in_map: Floats | None, height: float) -> Floats:
     """(4, 4) T_level_map: z up and the floor at z = 0; without a floor plane (4,) the sensor began upright, `height`
     above it."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data.trajectory import Trajectory
-from sgslam.geometry.frames import inverse
+from sgslam.geometry.frames import inverse, level_at
 from sgslam.registration import Health
 
 Floats = NDArray[np.float64]
@@ -75,13 +75,14 @@ def odometry_begins(scans: list[ScanPose]) -> list[int]:
 
 
 def with_unplaced(known: Trajectory, parts: list[tuple[list[ScanPose], Floats]]) -> Trajectory:
-    """`known` with the scans of the submaps that could not be relocalised: each begins at the last known pose."""
+    """`known` with the scans of the submaps that could not be relocalised: each begins at the last known place, with
+    the last known heading."""
     stamps, poses = [known.stamps_ns], [known.poses]
     for scans, keyframes in parts:
         part = at_stamps(scans, smooth(scans, keyframes))
         before = max(int(np.searchsorted(known.stamps_ns, part.stamps_ns[0])) - 1, 0)
         stamps.append(part.stamps_ns)
-        poses.append(known.poses[before] @ inverse(part.poses[0]) @ part.poses)
+        poses.append(level_at(known.poses[before]) @ inverse(level_at(part.poses[0])) @ part.poses)
     order = np.argsort(np.concatenate(stamps), kind="stable")
     return Trajectory(np.concatenate(stamps)[order], np.concatenate(poses)[order])
 

@@ -18,7 +18,7 @@ from data.scans import Scan
 from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
 from evaluation.drives.carried import LEVEL, CarriedCase, CarriedDrive, Degrees, carried
-from evaluation.drives.runs import tracked_through, tracker_of_run
+from evaluation.drives.runs import tracked_by_run
 from evaluation.drives.sequences import DriveOptions, SequenceSpec
 from evaluation.harness import Record, Study
 from evaluation.metrics.tracker_claims import PoseClaims, Reliability, reliability
@@ -203,20 +203,11 @@ def ate(found: Trajectory, truth: Trajectory) -> float | None:
 
 
 def _sgslam(scans: Iterable[Scan]) -> Found:
-    """Our tracker, as a run without a plan uses it, and what it says of its poses. It goes on where a run would begin a
-    new map, since the sensor was not carried elsewhere."""
-    tracker = tracker_of_run(Config())
-    stamps, poses, covariances, health, elsewhere = [], [], [], [], [False]
-    for scan in tracked_through(tracker, scans):
-        stamps.append(scan.raw.stamp_ns)
-        poses.append(scan.T_odom_sensor)
-        covariances.append(scan.covariance)
-        health.append(scan.health)
-        elsewhere.append(tracker.was_carried_elsewhere(scan))
-    T = np.stack(poses)
-    kidnaps = int((np.diff(np.array(elsewhere, dtype=int)) == 1).sum())
-    claims = PoseClaims(np.stack(covariances), np.array(health), T[:, 2, :3])
-    return Found(Trajectory(np.array(stamps, dtype=np.int64), T), claims, kidnaps)
+    """Our tracker, as a run without a plan uses it, and what it says of its poses."""
+    drive = tracked_by_run(scans, Config())
+    health = np.array([scan.health for scan in drive.scans])
+    covariances = np.stack([scan.covariance for scan in drive.scans])
+    return Found(drive.poses, PoseClaims(covariances, health, drive.poses.poses[:, 2, :3]), drive.kidnaps)
 
 
 METHODS: dict[Method, Callable[[Iterable[Scan]], Found]] = {

@@ -9,7 +9,6 @@ from pathlib import Path
 from time import process_time
 from typing import Annotated, Literal
 
-import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveFloat
 
@@ -17,7 +16,7 @@ from data.imu import ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, carried
-from evaluation.drives.runs import tracked_through, tracker_of_run, with_samples
+from evaluation.drives.runs import tracked_by_run
 from evaluation.drives.sequences import DriveOptions
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import each, grouped, spread
@@ -25,7 +24,6 @@ from evaluation.slam_ablation.peers import genz_lio_alone, rko_lio_alone
 from evaluation.studies.carried.carriers import WARM_UP, Errors, Found, errors_of
 from evaluation.studies.carried.carriers_tables import named
 from sgslam.config import Config
-from sgslam.inertial import ImuBuffer
 
 Method = Literal["sgslam", "sgslam_imu", "rko_lio", "genz_lio"]
 LABELS = {"sgslam": "sgslam", "sgslam_imu": "sgslam with the IMU", "rko_lio": "RKO-LIO", "genz_lio": "GenZ-LIO"}
@@ -85,19 +83,12 @@ def measure(case: Run, work: Path) -> Tracking:
 
 def _sgslam(scans: Iterable[Scan], samples: ImuSamples) -> Trajectory:
     """Our tracker, as a run without a plan uses it, without the IMU."""
-    return _poses((scan.raw.stamp_ns, scan.T_odom_sensor) for scan in tracked_through(tracker_of_run(Config()), scans))
+    return tracked_by_run(scans, Config()).poses
 
 
 def _sgslam_imu(scans: Iterable[Scan], samples: ImuSamples) -> Trajectory:
     """The same with it."""
-    imu = ImuBuffer(Config().imu)
-    tracked = tracked_through(tracker_of_run(Config(), imu), with_samples(scans, samples, imu))
-    return _poses((scan.raw.stamp_ns, scan.T_odom_sensor) for scan in tracked)
-
-
-def _poses(found: Iterable[tuple[int, np.ndarray]]) -> Trajectory:
-    stamps, poses = zip(*found, strict=True)
-    return Trajectory(np.array(stamps, dtype=np.int64), np.stack(poses))
+    return tracked_by_run(scans, Config(), samples).poses
 
 
 METHODS: dict[Method, Callable[[Iterable[Scan], ImuSamples], Trajectory]] = {
