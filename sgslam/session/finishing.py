@@ -2,6 +2,7 @@
 
 import logging
 from collections import Counter
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -20,7 +21,7 @@ from sgslam.session.active_map import ActiveMap
 from sgslam.session.prior_map import PriorMap
 from sgslam.session.result import PoseCovariances, Relocalisation, Result
 from sgslam.session.scan_poses import RunPoses, ScanPose, at_stamps, newest_run, odometry_begins, odometry_of
-from sgslam.session.soundness.quality import Quality, quality_of
+from sgslam.session.soundness.quality import Quality, contradiction, quality_of
 from sgslam.session.soundness.scan_uncertainty import (
     ScanUncertainty,
     scan_uncertainty,
@@ -64,9 +65,13 @@ def assemble_result(
         T_bim_map, reason = None, why_none_is_anchored(own, config.quality)
         own = _uncertainty(final, run, known, None, config)
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
+    matches = cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None)
+    quality = _quality(final, run, own, T_bim_map, _standing(bim, matches), config)
+    if wrong := contradiction(quality):
+        T_bim_map, reason = None, wrong
+        own = _uncertainty(final, run, known, None, config)
     in_bim = known if T_bim_map is not None else None
     told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
-    matches = cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None)
     if T_bim_map is None:
         advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason)]
         apart = int((told.part > 0).sum())
@@ -95,7 +100,7 @@ def assemble_result(
         config=config,
         clouds=final.clouds,
         uncertainty=told,
-        quality=_quality(final, run, own, T_bim_map, bim, config),
+        quality=quality,
         tracked=run.tracked,
         earlier=tuple(path if T_bim_map is None else path.transformed(T_bim_map) for path in run.earlier),
         relocalisation=relocalisation,
@@ -132,15 +137,23 @@ def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
     return None if final.first_anchor_ns is None else (final.first_anchor_ns - run.scans[0].stamp_ns) / 1e9
 
 
+def _standing(bim: SceneGraph | None, matches: "MatchesFile | None") -> SceneGraph | None:
+    """The plan with those walls that the map has too: one may walk where a planned wall was not built."""
+    if bim is None or matches is None:
+        return None
+    seen = {planned for _, planned, _ in matches["wall_surfaces"]}
+    return replace(bim, wall_surfaces=tuple(wall for wall in bim.wall_surfaces if wall.id in seen))
+
+
 def _quality(
-    final: ActiveMap, run: RunPoses, own: ScanUncertainty, T_bim_map: Floats | None, bim: SceneGraph | None,
+    final: ActiveMap, run: RunPoses, own: ScanUncertainty, T_bim_map: Floats | None, standing: SceneGraph | None,
     config: Config,
 ) -> Quality:  # fmt: skip
     """The signals of the map's quality; `own` is the uncertainty of the scans in the map."""
     count = len(run.all_scans)
     return quality_of(
         run.in_map, odometry_of(run.scans), odometry_begins(run.scans), _walls_seen(final.floors, final.backend), own,
-        run.tracked["lost"] / count, (count - len(run.scans)) / count, T_bim_map, bim, config.quality,
+        run.tracked["lost"] / count, (count - len(run.scans)) / count, T_bim_map, standing, config.quality,
     )  # fmt: skip
 
 

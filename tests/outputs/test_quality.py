@@ -10,7 +10,7 @@ from boxes import Array
 from data import Door, Floor, SceneGraph, WallSurface
 from data.trajectory import Trajectory
 from sgslam.config import QualitySettings
-from sgslam.session.soundness.quality import Quality, quality_of, walls_crossed
+from sgslam.session.soundness.quality import Quality, contradiction, quality_of, walls_crossed
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty, what_is_not_anchored
 
 SCANS = 100
@@ -84,6 +84,16 @@ def test_walls_may_be_crossed_once() -> None:
     for count in (1, 2):
         found = judged(tilt=0.0, plan=SceneGraph("bim", (), tuple(walls[:count])))["planned_walls_crossed"]
         assert (found.value, found.ok) == (count, count < 2)
+
+
+def test_a_place_is_contradicted_by_crossed_walls_and_by_a_tilt() -> None:
+    walls = tuple(replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in (3.0, 5.0))
+    assert contradiction(judged(sigma=9.0)) is None  # it has no place in a plan
+    assert contradiction(judged(tilt=0.99, plan=SceneGraph("bim", (), walls[:1]))) is None
+    crossed, tilted = (judged(tilt=t, plan=SceneGraph("bim", (), own)) for t, own in ((0.0, walls), (1.21, ())))
+    assert "through 2 walls" in str(contradiction(crossed))
+    assert "planned_walls_crossed=2 accepts" in str(contradiction(crossed))
+    assert "1.2 degrees" in str(contradiction(tilted)) and "plan_tilt=1.3 accepts" in str(contradiction(tilted))
 
 
 def test_signals_of_the_plan_are_of_anchored_runs() -> None:

@@ -38,19 +38,20 @@ Quality = dict[str, Signal]
 
 def quality_of(
     in_map: Trajectory, odometry: Trajectory, begins: list[int], walls_seen: list[int], uncertainty: ScanUncertainty,
-    lost: float, unplaced: float, T_bim_map: Floats | None, a_graph: SceneGraph | None, settings: QualitySettings,
+    lost: float, unplaced: float, T_bim_map: Floats | None, standing: SceneGraph | None, settings: QualitySettings,
 ) -> Quality:  # fmt: skip
     """The signals of a run with these trajectories, at the same stamps, and numbers of walls seen from its keyframes.
-    The odometry begins again at the scans `begins`. `lost` is the share of the scans that are lost, of those in parts
-    that were not placed too; `unplaced` is the share of the scans in such parts.
+    The odometry begins again at the scans `begins`; `standing` is the plan with the walls that the map has. `lost` is
+    the share of the scans that are lost, of those in parts that were not placed too; `unplaced` is the share of the
+    scans in such parts.
 
     - `map_against_odometry`: how far the map's trajectory and the odometry's differ, aligned, as a share of the way.
     - `lost_scans`, `unplaced_scans`, `keyframes_without_walls`: shares.
     - `walls_per_keyframe`: the mean number of walls seen.
     - `position_sigma_m`: below which the standard deviation of 95 % of the positions lies: of the anchored scans, or of
       all where none is.
-    - `plan_tilt_deg`, `planned_walls_crossed`: of an anchored run, how the plan lies in the map, and through how many
-      planned walls its way leads.
+    - `plan_tilt_deg`, `planned_walls_crossed`: of a run with a place in the plan, how the plan lies in the map, and
+      through how many of these walls its way leads.
     """
     way = float(np.linalg.norm(np.diff(in_map.positions, axis=0), axis=1).sum())
     sigma = np.linalg.norm(uncertainty.sigma[:, :3], axis=1)
@@ -68,14 +69,28 @@ def quality_of(
     }
     if len(known):
         found["position_sigma_m"] = _at_most(float(np.quantile(known, 0.95)), settings.position_sigma)
-    if T_bim_map is not None and a_graph is not None:
+    if T_bim_map is not None and standing is not None:
         tilt = float(np.degrees(np.arccos(np.clip(T_bim_map[2, 2], -1.0, 1.0))))
         found["plan_tilt_deg"] = _at_most(tilt, settings.plan_tilt)
         T_bim_sensor = in_map.transformed(T_bim_map).positions[uncertainty.anchored]
         found["planned_walls_crossed"] = _at_most(
-            float(walls_crossed(T_bim_sensor, a_graph)), settings.planned_walls_crossed
+            float(walls_crossed(T_bim_sensor, standing)), settings.planned_walls_crossed
         )
     return found
+
+
+def contradiction(quality: Quality) -> str | None:
+    """One line, of a run with a place in the plan where it cannot be; None of others."""
+    tilt, crossed = quality.get("plan_tilt_deg"), quality.get("planned_walls_crossed")
+    if crossed is not None and not crossed.ok:
+        what, name = f"the way leads through {crossed.value:.0f} walls that both have", "planned_walls_crossed"
+        accepted = crossed.value
+    elif tilt is not None and not tilt.ok:
+        what, name = f"it is tilted by {tilt.value:.1f} degrees in the map", "plan_tilt"
+        accepted = np.ceil(10 * tilt.value) / 10
+    else:
+        return None
+    return f"the map fits the plan, but {what}: the map is wrong; --set quality.{name}={accepted:g} accepts that"
 
 
 def _at_most(value: float, limit: float) -> Signal:
