@@ -158,8 +158,9 @@ class ContinuousTimeOdometry:
         local = self._map.arrays, self._way - settings.local_map
         turns = NO_TURNS if self._gyro is None else self._gyro.between(seconds)
 
-        def attempt(guess: list[Floats], kernel: float) -> Solved:
-            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, self._weights, turns)
+        def attempt(guess: list[Floats], kernel: float, iterations: int) -> Solved:
+            weights = self._weights._replace(iterations=iterations)
+            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, weights, turns)
 
         stopped = list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
         turn_known = len(turns.information) > 0 and bool(np.all(turns.information[len(known) - 1 :] > 0))

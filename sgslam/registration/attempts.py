@@ -1,6 +1,6 @@
 """From which prediction a scan is registered: the expected one, and where the result does not fit, others."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,31 +22,39 @@ def _turns(degrees: tuple[float, ...]) -> Floats:
 
 _LOST_TURNS = _turns((-60.0, -30.0, 30.0, 60.0, 90.0))  # while the sensor was lost
 _SWINGS = _turns((-36.0, -18.0, 18.0, 36.0))  # from the prediction: a hand turns back by as much within a scan
+_FEW = 4  # iterations that show which of many predictions lead to the map
+_FINISHED = 2  # of these predictions, so many
 
 
 def best_attempt(
-    attempt: Callable[[list[Floats], float], Solved], fits: Callable[[Solved], bool], ahead: list[Floats],
+    attempt: Callable[[list[Floats], float, int], Solved], fits: Callable[[Solved], bool], ahead: list[Floats],
     stopped: list[Floats], was_lost: bool, turn_known: bool, settings: TrackingSettings,
 ) -> Solved:  # fmt: skip
-    """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m).
+    """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m)
+    and a largest number of iterations.
 
     Those `ahead` are expected. If the result does not fit, they are tried with a wide kernel, as is a sensor that
     `stopped`, or turned there while it was lost; then one that swung to another attitude than ahead. Where the turn is
     known, by a gyroscope, no other one is tried.
     """
-    best = attempt(ahead, settings.first_kernel)
+
+    def closest(best: Solved, guesses: list[list[Floats]]) -> Solved:
+        if len(guesses) > _FINISHED:
+            close = np.array([attempt(guess, settings.wide_kernel, _FEW).close for guess in guesses])
+            chosen = np.argsort(close, kind="stable")[-_FINISHED:]
+            guesses = [guesses[i] for i in sorted(chosen) if close[i] > best.close]
+        finished = [attempt(guess, settings.wide_kernel, settings.iterations) for guess in guesses]
+        return max([best, *finished], key=lambda solved: solved.close)
+
+    best = attempt(ahead, settings.first_kernel, settings.iterations)
     if fits(best):
         return best
-    others = [ahead, stopped, *(_turned(stopped, _LOST_TURNS) if was_lost and not turn_known else [])]
-    best = _closest([best, *(attempt(guess, settings.wide_kernel) for guess in others)])
+    turned = _turned(stopped, _LOST_TURNS) if was_lost and not turn_known else []
+    best = closest(best, [ahead, stopped, *turned])
     if fits(best) or was_lost or turn_known:
         return best
-    swung = _closest(attempt(guess, settings.wide_kernel) for guess in _turned(ahead, _SWINGS))
-    return swung if fits(swung) and swung.close > best.close else best  # some fit a little by chance
-
-
-def _closest(results: Iterable[Solved]) -> Solved:
-    return max(results, key=lambda solved: solved.close)
+    swung = closest(best, _turned(ahead, _SWINGS))
+    return swung if fits(swung) else best  # some fit a little by chance
 
 
 def _turned(poses: list[Floats], turns: Floats) -> list[list[Floats]]:
