@@ -32,11 +32,12 @@ def trajectory(positions: Array) -> Trajectory:
 def judged(
     lost: int = 0, sigma: float = 0.1, walls_seen: tuple[int, ...] = (4,) * 10, tilt: float | None = None,
     plan: SceneGraph | None = None, sure: int = SCANS, bend: float = 0.0, begins: tuple[int, ...] = (0,),
-    unplaced: int = 0,
+    unplaced: int = 0, left_out: tuple[int, ...] = (),
 ) -> Quality:  # fmt: skip
     """Of a way of 10 m, first along x from the origin, of whose scans `sure` ones are anchored and have a sigma (m).
 
-    The odometry leaves the way by up to `bend` (m), and is in another frame from each of the scans `begins` on.
+    The odometry leaves the way by up to `bend` (m), and is in another frame from each of the scans `begins` on. Scans
+    that are `left_out` are not anchored.
     """
     positions = way((0.0, 0.0, 0.0), (6.0, 0.0, 0.0), (6.0, 4.0, 0.0), steps=SCANS // 2)[:SCANS]
     odometry = positions.copy()
@@ -45,9 +46,9 @@ def judged(
         odometry[begin:] = odometry[begin:, [1, 2, 0]] + 3.0
     deviations = np.zeros((SCANS, 6))
     deviations[:, 0] = np.where(np.arange(SCANS) < sure, sigma, 9.0)
+    anchored = (np.arange(SCANS) < sure) & ~np.isin(np.arange(SCANS), left_out)
     uncertainty = ScanUncertainty(
-        np.arange(SCANS), deviations, np.zeros(SCANS, dtype=np.int64), ("",) * SCANS,
-        np.arange(SCANS) < sure, ("good",) * SCANS,
+        np.arange(SCANS), deviations, np.zeros(SCANS, dtype=np.int64), ("",) * SCANS, anchored, ("good",) * SCANS,
     )  # fmt: skip
     T_bim_map = None
     if tilt is not None:
@@ -84,6 +85,13 @@ def test_walls_may_be_crossed_once() -> None:
     for count in (1, 2):
         found = judged(tilt=0.0, plan=SceneGraph("bim", (), tuple(walls[:count])))["planned_walls_crossed"]
         assert (found.value, found.ok) == (count, count < 2)
+
+
+def test_only_a_way_that_was_followed_crosses_walls() -> None:
+    plan = SceneGraph("bim", (), tuple(replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in (3.05, 5.05)))
+    crossed = [k for k in range(1, SCANS) if judged(tilt=0.0, plan=plan, begins=(0, k))["planned_walls_crossed"].ok]
+    assert len(crossed) == 2  # where the odometry begins again in one of the walls
+    assert judged(tilt=0.0, plan=plan, left_out=(crossed[0],))["planned_walls_crossed"].value == 1
 
 
 def test_a_place_is_contradicted_by_crossed_walls_and_by_a_tilt() -> None:

@@ -72,10 +72,9 @@ def quality_of(
     if T_bim_map is not None and standing is not None:
         tilt = float(np.degrees(np.arccos(np.clip(T_bim_map[2, 2], -1.0, 1.0))))
         found["plan_tilt_deg"] = _at_most(tilt, settings.plan_tilt)
-        T_bim_sensor = in_map.transformed(T_bim_map).positions[uncertainty.anchored]
-        found["planned_walls_crossed"] = _at_most(
-            float(walls_crossed(T_bim_sensor, standing)), settings.planned_walls_crossed
-        )
+        positions = in_map.transformed(T_bim_map).positions
+        crossed = sum(walls_crossed(positions[own], standing) for own in _followed(uncertainty.anchored, begins))
+        found["planned_walls_crossed"] = _at_most(float(crossed), settings.planned_walls_crossed)
     return found
 
 
@@ -109,6 +108,14 @@ def _difference(in_map: Trajectory, odometry: Trajectory, begins: list[int]) -> 
         with suppress(UserError):
             squares += (end - begin) * rmse_aligned(odometry.only(piece), in_map.only(piece)) ** 2
     return float(np.sqrt(squares / len(in_map)))
+
+
+def _followed(anchored: NDArray[np.bool_], begins: list[int]) -> list[NDArray[np.intp]]:
+    """The pieces of the run, as numbers of scans, in which no scan is left out and the odometry does not begin again:
+    nothing is known of the way between them."""
+    own = np.flatnonzero(anchored)
+    cuts = np.flatnonzero((np.diff(own) > 1) | np.isin(own[1:], begins)) + 1
+    return [piece for piece in np.split(own, cuts) if len(piece) > 1]
 
 
 def walls_crossed(way: Floats, a_graph: SceneGraph) -> int:
