@@ -118,10 +118,11 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sgslam.report.tables import accuracy_rows, badge
+    from sgslam.report.tables import accuracy_rows, badge, known_rows, stages_and_total
 
     table = Table(show_header=False, title=badge(metrics))
-    rows = {"reason": metrics["reason"], "quality": _quality(metrics["quality"])}
+    rows = {"reason": metrics["reason"], "quality of the map": _quality(metrics["quality"])}
+    rows |= dict(known_rows(metrics))
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
     rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
     rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
@@ -131,7 +132,8 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
     rows |= dict(accuracy_rows(metrics.get("accuracy", {})))
-    rows["time"] = ", ".join(f"{name} {value:.1f}" for name, value in metrics["seconds"].items()) + " s"
+    times = ", ".join(f"{name} {value:.1f}" for name, value in stages_and_total(metrics).items())
+    rows["time"] = f"{times} s (without the report)"
     for name, value in rows.items():
         table.add_row(name, value)
     Console().print(table)

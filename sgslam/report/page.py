@@ -37,7 +37,7 @@ def report_html(data: ReportData) -> str:
         deviations=data.deviations, significant=sum(bool(d["significant"]) for d in data.deviations),
         deviation_rows=deviation_rows, deviation_looks=deviation_looks, summary=tables.summary_rows(data),
         hypotheses=[] if anchored else tables.hypothesis_rows(data), rooms=tables.room_rows(data),
-        stages=tables.seconds_by_stage(data), about=data.metrics.get("about") or {},
+        stages=tables.stages_and_total(data.metrics), about=data.metrics.get("about") or {},
         elements=element_rows(data.elements), element_columns=COLUMNS, coverage=coverage(data.elements),
         verdicts=verdict_counts(data.elements),
     )  # fmt: skip

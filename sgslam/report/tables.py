@@ -39,6 +39,7 @@ def summary_rows(data: ReportData) -> list[tuple[str, str]]:
     rows = [
         ("Scans", f"{thousands(m.get('scans'))} ({thousands(m.get('scans_skipped'))} skipped)"),
         *([("Tracking", _tracking(m["tracked"]))] if m.get("tracked") else []),
+        *known_rows(m),
         *_not_known(data),
         ("Distance travelled", f"{path_length(data.trajectory_map.positions):.1f} m"),
     ]
@@ -76,6 +77,14 @@ def _not_known(data: ReportData) -> list[tuple[str, str]]:
 
 def _span(seconds: NDArray[np.float64]) -> str:
     return f"between {seconds.min():.1f} and {seconds.max():.1f} s; they are not drawn"
+
+
+def known_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
+    """How well the positions are known, in one row; none where it was not computed."""
+    signal = (metrics.get("quality") or {}).get("position_sigma_m")
+    if signal is None:
+        return []
+    return [("95 % of the positions", f"have a standard deviation of at most {metres(signal['value'])}")]
 
 
 def accuracy_rows(accuracy: dict[str, Any]) -> list[tuple[str, str]]:
@@ -139,8 +148,9 @@ def hypothesis_rows(data: ReportData) -> list[tuple[str, str, str, str]]:
     return [(*hypothesis_texts(data, h), str(len(h.get("rooms") or ()))) for h in data.hypotheses]
 
 
-def seconds_by_stage(data: ReportData) -> dict[str, float]:
-    """The seconds of each stage, and the `total` at the end; empty where none were measured."""
-    stages = {k: v for k, v in (data.metrics.get("seconds") or {}).items() if isinstance(v, (int, float))}
+def stages_and_total(metrics: dict[str, Any]) -> dict[str, float]:
+    """The seconds of each stage, and the `total` at the end; empty where none were measured. The time for the report is
+    not known while it is written, so that the total is without it."""
+    stages = {k: v for k, v in (metrics.get("seconds") or {}).items() if isinstance(v, (int, float)) and k != "report"}
     total = stages.pop("total", None) or sum(stages.values())
     return {**stages, "total": total} if stages or total else {}

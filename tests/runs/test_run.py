@@ -166,7 +166,7 @@ def test_signals_of_quality_are_told_in_words(most: float, said: str, scans: Pat
     limits = ["--set", f"quality.keyframes_without_walls={most}", "--set", "quality.walls_per_keyframe=0"]
     done = run("--scan-dir", scans, "--out", tmp_path / "out", *limits)
     words = " ".join(done.stdout.replace("│", " ").split())
-    assert f"quality {said} scans" in words
+    assert f"quality of the map {said} 95 % of the positions have a standard deviation of" in words
 
 
 def test_strict_is_not_content_with_less_than_all(scans: Path, tmp_path: Path) -> None:
