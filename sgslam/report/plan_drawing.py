@@ -47,6 +47,7 @@ NOT_ANCHORED = {
     "odometry": "odometry",
     "trajectory": "trajectory, not anchored",
 }
+WITHOUT_PLAN = {"walls-unmatched": "mapped wall", "odometry": "odometry", "trajectory": "trajectory"}
 
 @dataclass(frozen=True)
 class DrawnWall:
@@ -156,18 +157,24 @@ def plan_drawing(data: ReportData) -> PlanDrawing:
         bim_walls,
         tuple(_room(r, np.eye(4), r.id in taken_a, names[r.id]) for r in rooms_a),
         mapped_walls(data, T_plan_map, floor_z),
-        tuple(_room(r, T_plan_map, r.id in matched_rooms, _pair_title(r.id, matched_rooms, names),
+        tuple(_room(r, T_plan_map, r.id in matched_rooms, _pair_title(data, r.id, matched_rooms, names),
                     labels.get(matched_rooms.get(r.id, ("", 0.0))[0])) for r in data.s_graph.rooms),
         _match_lines(data, T_plan_map, {w.id for w in bim_walls}),
         drawn_paths(data, T_plan_map),
         _keyframes(data, T_plan_map),
         floor_z,
-        LABELS if data.T_bim_map is not None else LABELS | NOT_ANCHORED,
+        _labels(data),
         T_plan_map,
         _withdrawn(data, bim_walls),
         uncertainty_band(data, T_plan_map),
         drawn_elements(data.elements, floor) if data.placed else (),
     )  # fmt: skip
+
+
+def _labels(data: ReportData) -> dict[str, str]:
+    if data.T_bim_map is not None:
+        return LABELS
+    return LABELS | (WITHOUT_PLAN if data.a_graph is None else NOT_ANCHORED)
 
 
 def planned_wall(wall: WallSurface) -> DrawnWall:
@@ -196,7 +203,7 @@ def mapped_walls(data: ReportData, T_plan_map: Array, floor_z: float) -> tuple[D
     found = {d["s_id"]: d for d in ranked if d["s_id"] is not None}  # the largest one of walls in one plane
     drawn = []
     for w in data.s_graph.wall_surfaces:
-        title, deviation = _pair_title(w.id, pairs), found.get(w.id)
+        title, deviation = _pair_title(data, w.id, pairs), found.get(w.id)
         if deviation is None:
             drawn.append(_wall(w, T_plan_map, floor_z, w.id in pairs, title, above=floor_z))
             continue
@@ -221,10 +228,12 @@ def _on(item: WallSurface | Room, floor: Floor | None) -> bool:
     return floor is None or item.floor == floor.id
 
 
-def _pair_title(s_id: str, pairs: dict[str, tuple[str, float]], names: dict[str, str] | None = None) -> str:
+def _pair_title(
+    data: ReportData, s_id: str, pairs: dict[str, tuple[str, float]], names: dict[str, str] | None = None
+) -> str:
     shown = names or {}
     if s_id not in pairs:
-        return f"{shown.get(s_id, s_id)}: not matched"
+        return f"{shown.get(s_id, s_id)}{'' if data.a_graph is None else ': not matched'}"
     a_id, confidence = pairs[s_id]
     return f"{shown.get(s_id, s_id)} is {shown.get(a_id, a_id)} ({confidence:.2f})"
 

@@ -108,14 +108,16 @@ def test_what_is_not_anchored_or_not_sound_is_shown() -> None:
 
 def test_without_a_bim_the_map_is_shown_alone() -> None:
     data = sample()
-    metrics = data.metrics | {"anchored": False, "reason": "no plan was given", "T_bim_map": None}
+    judged = {"rmse_bim_m": None, "rmse_map_aligned_m": 0.0051, "rmse_odometry_aligned_m": 0.0046}
+    metrics = data.metrics | {"anchored": False, "reason": "no plan was given", "T_bim_map": None, "accuracy": judged}
     alone = dataclasses.replace(
         data, a_graph=None, T_bim_map=None, matches=None, truth=None, metrics=metrics, deviations=[]
     )
     page = Page(report_html(alone))
     assert page.layers["layer-bim-walls", "polyline"] == page.layers["layer-matches", "polyline"] == 0
     assert page.layers["layer-walls-unmatched", "polyline"] == 37
-    assert "Matched rooms" not in page.text and "Not anchored" not in page.text
+    assert "Matched rooms" not in page.text and "Not anchored" not in page.text and "not matched" not in page.text
+    assert re.search(r"5\.1 mm\s*RMSE of the trajectory, aligned", page.text)
     assert "Map only" in page.text and "no plan was given" in page.text
 
 
