@@ -11,7 +11,7 @@ from matching.deformation.deformed_hypotheses import DeformedHypotheses
 from matching.deformation.field import judge
 from matching.search.assignment import Pairs
 from matching.search.scoring import SIGMA_SCORE
-from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict, matched, places_named
+from matching.search.verification import LEAST_SURFACES, PLACES_PER_M2, Verdict, matched, places_named, unexplained
 
 LEAST_MARGIN = float(np.log(199))  # nats over the runner-up: 99.5 % sure between the two
 DOUBT = 0.6  # nats more for each unexplained wall: at another place as much may differ from the plan
@@ -36,8 +36,7 @@ def verify(found: DeformedHypotheses, pairs: Pairs) -> Verdict:
     behind = (found.score - found.score[0]) * LEAST_MARGIN / margin
     probability = float(1 / (np.exp(behind).sum() + np.exp(min(-log_odds, 50.0))))
     if fraction < LEAST_FRACTION:
-        share = f"{100 * fraction:.0f} % of its walls' length"
-        return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
+        return Verdict("none", unexplained(fraction, LEAST_FRACTION), probability)
     near = np.flatnonzero(found.score > found.score[0] - margin)
     rough = found.conservative[0] + OF_MISSED * missed < (len(s) - missed) * np.interp(len(s), WALLS, PER_WALL)
     if log_odds < LEAST_ODDS or len(pairs.surfaces) < LEAST_SURFACES or rough:

@@ -44,8 +44,7 @@ def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> V
     probability = place_probability(np.array([p.score for p in placements]), by_chance, walls)
     own = matched(pairs, walls)
     if best.fraction < LEAST_FRACTION:
-        share = f"{100 * best.fraction:.0f} % of its walls' length"
-        return Verdict("none", f"the plan does not explain the map: {share} at the best place", probability)
+        return Verdict("none", unexplained(best.fraction, LEAST_FRACTION), probability)
     least = by_chance + LEAST_EVIDENCE + LEAST_EVIDENCE_PER_WALL * walls
     if best.score < least or len(pairs.surfaces) < LEAST_SURFACES:
         return Verdict("none", f"too little evidence at the best place ({own}): see more rooms", probability)
@@ -55,6 +54,12 @@ def verify(placements: list[Placement], storeys: list[Walls], pairs: Pairs) -> V
         places = places_named([str(p.storey.floor) for p in alternatives])
         return Verdict("ambiguous", f"{places} explain the map about equally well ({own})", probability)
     return Verdict("unique", f"{own}; no other place explains the map nearly as well", probability)
+
+
+def unexplained(fraction: float, least: float) -> str:
+    """The reason where the plan explains too small a fraction of the map."""
+    share = f"{100 * fraction:.0f} % of its walls' length at the best place"
+    return f"the plan does not explain the map: {share}, of at least {100 * least:.0f} % needed"
 
 
 def matched(pairs: Pairs, walls: int) -> str:
