@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -57,21 +57,14 @@ def assemble_result(
     backend, floors = final.backend, final.floors
     parts = [(part.scans, part.backend.poses) for part in unplaced]
     run = newest_run(final.scans, final.begins, backend.poses, parts)
-    anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
+    anchoring = None if final.plan_is_prior else final.anchoring
     known = backend.uncertainty()
-    own = _uncertainty(final, run, known, T_bim_map, config)
-    reason = NO_PLAN if anchoring is None else anchoring.reason
-    if T_bim_map is not None and not own.anchored.any():
-        T_bim_map, reason = None, why_none_is_anchored(own, config.quality)
-        own = _uncertainty(final, run, known, None, config)
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
     matches = cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None)
-    quality = _quality(final, run, own, T_bim_map, _standing(bim, matches), config)
-    if wrong := contradiction(quality):
-        T_bim_map, reason = None, wrong
-        own = _uncertainty(final, run, known, None, config)
+    place = _judged(final, run, known, _standing(bim, matches), config)
+    T_bim_map, reason = place.T_bim_map, place.reason
     in_bim = known if T_bim_map is not None else None
-    told = ScanUncertainty.joined([own, *_apart(unplaced, config)])
+    told = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
     if T_bim_map is None:
         advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason)]
         apart = int((told.part > 0).sum())
@@ -100,13 +93,41 @@ def assemble_result(
         config=config,
         clouds=final.clouds,
         uncertainty=told,
-        quality=quality,
+        quality=place.quality,
         tracked=run.tracked,
         earlier=tuple(path if T_bim_map is None else path.transformed(T_bim_map) for path in run.earlier),
         relocalisation=relocalisation,
         trajectory_live=_live(run.scans, told, T_bim_map) if passed_again else None,
         advice=tuple(dict.fromkeys(advice)),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """The map's place in the plan, T_bim_map (4, 4), None without one that holds; why or why not; how well the scans in
+    the map are known; and the map's quality."""
+
+    T_bim_map: Floats | None
+    reason: str
+    own: ScanUncertainty
+    quality: Quality
+
+
+def _judged(
+    final: ActiveMap, run: RunPoses, known: Uncertainty | None, standing: SceneGraph | None, config: Config
+) -> _Place:
+    """The place that was found, unless no scan is known well enough there, or the run contradicts it."""
+    anchoring, T_bim_map = None if final.plan_is_prior else final.anchoring, final.T_bim_map
+    own = _uncertainty(final, run, known, T_bim_map, config)
+    reason, refused = NO_PLAN if anchoring is None else anchoring.reason, None
+    if T_bim_map is not None and not own.anchored.any():
+        T_bim_map, refused = None, why_none_is_anchored(own, config.quality)
+        own = _uncertainty(final, run, known, None, config)
+    quality = _quality(final, run, own, T_bim_map, standing, config)
+    if wrong := contradiction(quality):
+        T_bim_map, refused = None, wrong
+        own = _uncertainty(final, run, known, None, config)
+    return _Place(T_bim_map, refused or reason, own, quality)
 
 
 def _uncertainty(

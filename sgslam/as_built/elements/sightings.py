@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 CELL = 0.25  # m, side of the cells of a surface that count once for each keyframe
 _LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the surface's place
 _FURTHEST = 12.0  # m, beyond which a pose's turn of half a degree moves a hit by a decimetre
-_DECIMETRES = 10  # of a normal's components, by which the faces of an element are told apart
+_DECIMETRES = 10  # of a normal's components, by which the faces of an element are distinguished
 
 
 @dataclass(frozen=True)
