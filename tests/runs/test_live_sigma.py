@@ -86,6 +86,18 @@ def test_a_run_with_no_scan_that_is_known_is_not_anchored_and_says_what_is_unkno
     assert np.allclose(in_map, in_bim, rtol=0.25)  # along other axes
 
 
+def test_a_run_whose_place_tilts_the_map_is_not_anchored_and_says_what_accepts_it() -> None:
+    _, usual = small_run(with_bim=True)
+    tilt = usual.quality["plan_tilt_deg"].value
+    assert usual.anchored and 0 < tilt < usual.quality["plan_tilt_deg"].limit
+    assert run_with(plan_tilt=1.01 * tilt).anchored
+    result = run_with(plan_tilt=0.99 * tilt)
+    assert not result.anchored and result.T_bim_map is None and not result.uncertainty.anchored.any()
+    assert not result.deviations and len(result.trajectory) == len(result.trajectory_map)
+    assert not result.quality["plan_tilt_deg"].ok  # the report shows which signal it was
+    assert re.search("tilted by .* degrees.*--set quality.plan_tilt=", result.reason)
+
+
 def test_lost_scans_and_unknown_covariances_have_reasons_of_their_own() -> None:
     _, usual = small_run(with_bim=True)
     own, settings = usual.uncertainty, QualitySettings()
