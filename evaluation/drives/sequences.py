@@ -98,10 +98,11 @@ class DriveOptions(Options):
         """Each of the `cells` of a design with the next `per_cell` drives of all (None: with all of them), in random
         order, again and again."""
         drives = list(self.drives())
-        drawn, taken = np.random.default_rng(0).permutation(len(drives)), len(drives) if per_cell is None else per_cell
+        drawn = np.random.default_rng(0).permutation(len(drives))
+        each = len(drives) if per_cell is None else per_cell
         for number, cell in enumerate(cells):
-            for k in range(taken):
-                spec, seed = drives[drawn[(number * taken + k) % len(drives)]]
+            for k in range(each):
+                spec, seed = drives[drawn[(number * each + k) % len(drives)]]
                 yield spec, seed, cell
 
 

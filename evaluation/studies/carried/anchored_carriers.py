@@ -71,10 +71,11 @@ class Anchored(Record):
 
 def cases(options: Choice) -> list[CarriedCase]:
     """Every cell of the design, in its buildings with its seeds."""
-    return [
+    drives = [
         CarriedCase(sequence=spec, seed=seed, seconds=options.seconds, **cell)
         for spec, seed, cell in options.in_turn(_cells(options), options.per_cell)
     ]
+    return list({drive.key: drive for drive in drives}.values())
 
 
 def _cells(options: Choice) -> Iterator[dict[str, Any]]:
