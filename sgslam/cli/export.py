@@ -83,7 +83,7 @@ def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], int]":
     """The point cloud map (N, 3) in the run's frame, and the number of keyframes that it is made of."""
-    from sgslam.export.cloud_map import cloud_map
+    from sgslam.mapping.cloud_map import cloud_map
     from sgslam.mapping import KeyframeClouds
     from sgslam.mapping.keyframe_clouds import FILE
 

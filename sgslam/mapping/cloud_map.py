@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.mapping import KeyframeClouds
-from sgslam.mapping.keyframe_clouds import voxel_keys
+from sgslam.mapping.keyframe_clouds import KeyframeClouds, voxel_keys
 
 Floats = NDArray[np.float64]
 _BATCH = 1_000_000  # points merged into the map at once
