@@ -81,6 +81,12 @@ class RunFolder:
         poses = np.array([k.pose for k in self.s_graph.keyframes], dtype=float)
         return self._T_frame_map @ xyzquat_to_poses(poses if len(poses) else poses.reshape(0, 7))
 
+    @property
+    def poses_by_keyframe(self) -> dict[int, Floats]:
+        """T_frame_sensor (4, 4) by the number of the keyframe; those of a foreign graph may have none."""
+        named = zip(self.s_graph.keyframes, self.keyframe_poses, strict=True)
+        return {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
+
     @cached_property
     def planned_rooms(self) -> dict[str, str]:
         """The plan's names of the map's rooms by S id; only for anchored runs."""
