@@ -1,8 +1,8 @@
 """`python -m sgslam.cli.export --out OUT --format NAME ...`: exports a finished run to the formats of other programs.
 
 All files are written to the run's folder, in the frame of its `trajectory.tum`. The default formats are `ifc` and
-`bcf`, which need the building's model (`--bim`): `as_built.ifc` is a copy of the model with the measured deviations of
-its walls (property set `AsBuilt`, and colours); `deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for
+`bcf`, which need the building's model (`--bim`): `as_built.ifc` is a copy of the model with the verdict on
+each element (property set `AsBuilt`, and colours); `deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for
 each wall that deviates from the plan. `cloud-to-model` needs it too, and the extra `open3d`: the distance of every
 point of the map from the planned face that it was measured on.
 """
@@ -136,18 +136,20 @@ def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.deviations import write_as_built
-    from sgslam.as_built.findings import storeys_of, unplanned_walls, wall_findings
+    from sgslam.as_built.findings import element_findings, storeys_of, unplanned_walls, wall_findings
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
-    findings = wall_findings(run.deviations, a_graph, run.config.as_built.tolerance)
+    findings = element_findings(run.elements) or wall_findings(
+        run.deviations, a_graph, run.config.as_built.tolerance
+    )
     unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, storeys_of(run.matches, run.s_graph))
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
     if findings and not marked:
         target.unlink()
-        raise UserError(f"{bim}: has none of the walls of {run.path}; give the model of that run")
-    return [f"{target}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned walls added"]
+        raise UserError(f"{bim}: has none of the elements of {run.path}; give the model of that run")
+    return [f"{target}: {marked} elements with the property set AsBuilt, {len(unplanned)} unplanned walls added"]
 
 
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:

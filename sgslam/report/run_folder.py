@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph import SceneGraph, WallSurface, Xy
+from sgslam.as_built.elements.files import JSON as ELEMENTS
 from sgslam.config import Config
 from sgslam.config.loading import load_config
 
@@ -54,6 +55,19 @@ class RunFolder:
         except (TypeError, ValueError):
             raise UserError(f"{path / 's_graph.json'}: a keyframe's pose is not x y z qx qy qz qw") from None
         return run
+
+    @property
+    def elements(self) -> list[dict[str, Any]]:
+        """The entries of elements.json; empty where the run has none. Raises UserError for a damaged file."""
+        path = self.path / ELEMENTS
+        if not path.is_file():
+            return []
+        try:
+            entries: list[dict[str, Any]] = json.loads(path.read_text())["elements"]
+            _ = [entry["outline"] for entry in entries]  # runs of older versions have none
+        except (ValueError, KeyError, TypeError):
+            raise UserError(f"{path}: is damaged or of an older version; run it again") from None
+        return entries
 
     def anchored(self) -> tuple[SceneGraph, Floats]:
         """The A-graph and T_bim_map; raises UserError where the run was not anchored."""
