@@ -167,6 +167,7 @@ def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _cloud_to_model(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.plans.elements import planned_elements
+    from sgslam.as_built.elements.files import write_tables
     from sgslam.cloud_to_model import distances_to_model, load_open3d
     from sgslam.cloud_to_model.files import write_cloud_to_model
 
@@ -178,6 +179,8 @@ def _cloud_to_model(run: "RunFolder", bim: Path | None, voxel: float | None) -> 
     settings = run.config.as_built
     found = distances_to_model(points, towards, elements, settings.cloud_reach)
     cloud, table, *others = write_cloud_to_model(run.path, found, elements, settings.tolerance)
+    if run.elements:
+        write_tables(run.path, run.elements)  # with the pictures
     share = f"{found.compared.mean():.0%}" if len(points) else "none"
     lines = [f"{cloud}: {len(points)} points, {share} of them within {found.reach:g} m of a planned face", str(table)]
     return [*lines, *map(str, others)]

@@ -1,6 +1,5 @@
 """The files of a comparison of cloud and model."""
 
-import re
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from data.common.files import write_json
 from data.scans.ply import write_ply
+from sgslam.as_built.elements.files import PICTURES, picture_of
 from sgslam.cloud_to_model.distances import CloudToModel
 from sgslam.cloud_to_model.pictures import colours, write_heat_map, write_histogram
 from sgslam.cloud_to_model.summary import shown, summary
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 CLOUD, TABLE, HISTOGRAM = "cloud_to_model.ply", "cloud_to_model.json", "cloud_to_model.png"
-HEAT_MAPS = "heat_maps"  # a folder
 _LIMIT = 3.0  # tolerances up to which colours tell distances apart
 
 
@@ -27,20 +26,14 @@ def write_cloud_to_model(
     its GlobalId; returns their paths."""
     limit = _LIMIT * tolerance
     told = summary(found, elements, tolerance)
-    folder = out / HEAT_MAPS
+    folder = out / PICTURES
     shutil.rmtree(folder, ignore_errors=True)  # those of another time
     folder.mkdir()
     for entry, (number, _) in zip(told["elements"], shown(found), strict=True):
-        picture = folder / f"{_file_name(elements[number].global_id)}.png"
-        write_heat_map(found, number, elements[number], limit, picture)
-        entry["heat_map"] = str(picture.relative_to(out))
+        entry["heat_map"] = picture_of(elements[number].global_id)
+        write_heat_map(found, number, elements[number], limit, out / entry["heat_map"])
     write_histogram(found, tolerance, out / HISTOGRAM)
     comment = f"bim frame, metres; distance in metres, positive before the planned face, NaN beyond {found.reach:g} m"
     write_ply(out / CLOUD, found.points, comment, colours(found.distance, limit), {"distance": found.distance})
     write_json(out / TABLE, told)
     return [out / CLOUD, out / TABLE, out / HISTOGRAM, folder]
-
-
-def _file_name(global_id: str) -> str:
-    """Another model's ids may hold what a file's name may not."""
-    return re.sub(r"[^\w$-]", "_", global_id)

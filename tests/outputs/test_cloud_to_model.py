@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from data.common.errors import UserError
 from data.plans.elements import PlannedElement
+from sgslam.as_built.elements.files import PICTURES
 from sgslam.cli.export import export
 from sgslam.cloud_to_model import CloudToModel, distances_to_model, load_open3d
-from sgslam.cloud_to_model.files import CLOUD, HEAT_MAPS, HISTOGRAM, TABLE, write_cloud_to_model
+from sgslam.cloud_to_model.files import CLOUD, HISTOGRAM, TABLE, write_cloud_to_model
 from sgslam.cloud_to_model.pictures import GREY, colours
 from sgslam.slam import SceneGraphSlam
 
@@ -70,7 +71,7 @@ def test_the_files_say_the_same(tmp_path: Path) -> None:
     far, _ = seen_from_the_left(-1.0)
     found = distances_to_model(np.concatenate([near, far]), np.concatenate([towards, towards]), [wall()], 0.3)
     paths = write_cloud_to_model(tmp_path, found, [wall()], 0.03)
-    assert paths == [tmp_path / name for name in (CLOUD, TABLE, HISTOGRAM, HEAT_MAPS)]
+    assert paths == [tmp_path / name for name in (CLOUD, TABLE, HISTOGRAM, PICTURES)]
     told = json.loads((tmp_path / TABLE).read_text())
     assert (told["points"], told["compared"]) == (2 * len(near), len(near))
     assert told["percentiles_m"]["50"] == told["mean_m"] == pytest.approx(-0.02, abs=2e-4)
