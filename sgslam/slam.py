@@ -64,7 +64,8 @@ class SceneGraphSlam:
         T_odom_sensor: Floats | None = None,
         step_covariance: Floats | None = None,
     ) -> Update:
-        """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame.
+        """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame. They may also
+        be a point cloud of Open3D.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
         `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan;
