@@ -33,7 +33,7 @@ Family = Sequence[GridLine]  # lines that go the same way
 def grid_families(model: ifcopenshell.file) -> list[Family]:
     """The lines of all grids by the families U, V and W of each; curved ones are left out."""
     metre = calculate_unit_scale(model)
-    families = []
+    families: list[Family] = []
     for grid in model.by_type("IfcGrid"):
         T = get_local_placement(grid.ObjectPlacement) if grid.ObjectPlacement is not None else np.eye(4)
         for axes in (grid.UAxes, grid.VAxes, grid.WAxes):
