@@ -125,7 +125,8 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     rows |= dict(known_rows(metrics))
     rows["scans"] = f"{metrics['scans']} ({metrics['scans_skipped']} skipped), {metrics['keyframes']} keyframes"
     rows["tracking"] = ", ".join(f"{count} {health}" for health, count in metrics["tracked"].items())
-    rows["map"] = f"{metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
+    floors = "1 floor" if metrics["floors"] == 1 else f"{metrics['floors']} floors"
+    rows["map"] = f"{floors}, {metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
     if (outcome := metrics["returned"]) is not None:
         found = f"after {outcome['found_s']:.1f} s" if outcome["found"] else "the last part was not placed"
         rows["relocalisation"] = f"{found}: {outcome['reason']}"

@@ -157,6 +157,7 @@ class Result:
             "scans_skipped": 0,
             "tracked": dict(self.tracked),
             "keyframes": self.keyframes,
+            "floors": len(self.s_graph.floors),
             "rooms": len(self.s_graph.rooms),
             "wall_surfaces": len(self.s_graph.wall_surfaces),
             "first_anchor_s": self.first_anchor_s,
