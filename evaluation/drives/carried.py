@@ -53,12 +53,13 @@ class CarriedCase(DriveCase):
 
 @dataclass(frozen=True, eq=False)
 class CarriedDrive:
-    """A simulated drive of `count` scans; `truth` is T_bim_sensor at the scans' stamps, and at some after them.
-    `changes` are the differences of the building from its plan."""
+    """A simulated drive of `count` scans over `length` metres; `truth` is T_bim_sensor at the scans' stamps, and at
+    some after them. `changes` are the differences of the building from its plan."""
 
     folder: Path
     truth: Trajectory
     count: int
+    length: float
     times: bool
     changes: tuple[Change, ...] = ()
 
@@ -101,4 +102,4 @@ def carried(
             effects=("rolling", *case.effects), seconds=case.seconds + ONE_MORE_S, changes=changes, imu=imu,
         )  # fmt: skip
         count = int(np.searchsorted(run.truth.stamps_ns, round(case.seconds * 1e9)))
-        yield CarriedDrive(Path(name) / "drive/scans", run.truth, count, case.times, run.changes)
+        yield CarriedDrive(Path(name) / "drive/scans", run.truth, count, run.length, case.times, run.changes)

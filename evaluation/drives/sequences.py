@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 import yaml
@@ -91,6 +91,18 @@ class DriveOptions(Options):
         for spec in select_sequences(read_specs(self.listed), self.sequences):
             for seed in self.seeds if spec.simulated else self.seeds[:1]:
                 yield spec, seed
+
+    def in_turn(
+        self, cells: Iterable[dict[str, Any]], per_cell: int | None
+    ) -> Iterator[tuple[SequenceSpec, int, dict[str, Any]]]:
+        """Each of the `cells` of a design with the next `per_cell` drives of all (None: with all of them), in random
+        order, again and again."""
+        drives = list(self.drives())
+        drawn, taken = np.random.default_rng(0).permutation(len(drives)), len(drives) if per_cell is None else per_cell
+        for number, cell in enumerate(cells):
+            for k in range(taken):
+                spec, seed = drives[drawn[(number * taken + k) % len(drives)]]
+                yield spec, seed, cell
 
 
 class DriveCase(Case):

@@ -27,7 +27,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> CarriedDrive:
     poses[:, 0, 3] = np.arange(SECONDS)
     for stamp in stamps.tolist():
         SCAN_WRITERS["ply"](folder / f"{stamp:020d}.ply", np.array([[3.0, 1.0, 0.5], [0.0, 4.0, 0.0]]), None)
-    return CarriedDrive(folder, Trajectory(stamps, poses), int(SECONDS), times=False)
+    return CarriedDrive(folder, Trajectory(stamps, poses), int(SECONDS), length=0.0, times=False)
 
 
 def told(drive: CarriedDrive, trouble: Trouble) -> tuple[list[Scan], Trajectory]:

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
-from pydantic import PositiveFloat
+from pydantic import Field, PositiveFloat
 
 from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
@@ -24,29 +24,33 @@ from sgslam.session import Result, Stopwatch
 from sgslam.slam import SceneGraphSlam
 
 LEVEL_CARRIER = "wheeled"
+LONG_M = 60.0  # a shorter way shows too little of most buildings
 
 
 class Choice(DriveOptions):
-    """Each of `carriers`, and of `effects` alone on a hand, with each of `few_sensors`; all effects together with each
-    of `sensors`; the `recording`, times told and not, with each of `few_sensors`. Each over all `sequences` and
-    `seeds`, `seconds` long."""
+    """Each of `carriers` (a recorded motion may be one), those of `untimed` also without the points' times, and each of
+    `effects` alone on a hand, with each of `few_sensors`; all effects together with each of `sensors`. Each over all
+    `sequences` and `seeds`, or `per_cell` of these drives, drawn in turn; `seconds` long."""
 
     sequences: tuple[str, ...] = ("institute", "office", "fzk-haus", "niedriha", "jesse", "sample-house")
-    carriers: tuple[str, ...] = (LEVEL_CARRIER, "handheld", "pole")
+    per_cell: int | None = Field(None, ge=1)
+    carriers: tuple[str, ...] = (LEVEL_CARRIER, "handheld", "pole", RECORDING)
+    untimed: tuple[str, ...] = (RECORDING,)
     effects: tuple[str, ...] = tuple(name for name in EFFECTS if name not in TIMINGS)
     sensors: tuple[str, ...] = ("VLP-16", "OS0-32", "OS1-64", "Mid-360")
     few_sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
-    recording: str = RECORDING
-    seconds: PositiveFloat = 70.0
+    seconds: PositiveFloat = 110.0
 
 
 class Anchored(Record):
-    """Errors (m) of all scans in the BIM frame, None without an anchor: the RMSE in space and in plan view, the mean
-    magnitude in height, and the largest. `odometry_m` and `map_m` are the ATE of the odometry and of the map's
-    trajectory after SE(3) alignment, None where it is in several parts. `wrong` scans are called anchored and are off
-    by more than 0.5 m or 5 degrees; `inside` says how often the anchored poses' 95 % regions hold the errors."""
+    """`length_m` is that of the way. Errors (m) of all scans in the BIM frame, None without an anchor: the RMSE in
+    space and in plan view, the mean magnitude in height, and the largest. `odometry_m` and `map_m` are the ATE of the
+    odometry and of the map's trajectory after SE(3) alignment, None where it is in several parts. `wrong` scans are
+    called anchored and are off by more than 0.5 m or 5 degrees; `inside` says how often the anchored poses' 95 %
+    regions hold the errors."""
 
     scans: int
+    length_m: float
     anchored: bool
     reason: str
     first_anchor_s: float | None
@@ -66,12 +70,11 @@ class Anchored(Record):
 
 
 def cases(options: Choice) -> list[CarriedCase]:
-    """Every cell of the design, in each building with each seed."""
-    drives = [
+    """Every cell of the design, in its buildings with its seeds."""
+    return [
         CarriedCase(sequence=spec, seed=seed, seconds=options.seconds, **cell)
-        for cell in _cells(options) for spec, seed in options.drives()
-    ]  # fmt: skip
-    return list({drive.key: drive for drive in drives}.values())
+        for spec, seed, cell in options.in_turn(_cells(options), options.per_cell)
+    ]
 
 
 def _cells(options: Choice) -> Iterator[dict[str, Any]]:
@@ -81,8 +84,8 @@ def _cells(options: Choice) -> Iterator[dict[str, Any]]:
             yield {"carrier": carrier, "sensor": sensor}
         for effect in options.effects:
             yield {"carrier": "handheld", "sensor": sensor, "effects": (effect,)}
-        for times in (True, False):
-            yield {"carrier": options.recording, "sensor": sensor, "times": times}
+        for carrier in options.untimed:
+            yield {"carrier": carrier, "sensor": sensor, "times": False}
     for sensor in options.sensors:
         yield {"carrier": "handheld", "sensor": sensor, "effects": (ALL,)}
 
@@ -96,7 +99,7 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
         result = run_through(slam, drive.scans())
         error = error_in_bim(result.trajectory, drive.truth) if result.anchored else None
         return Anchored(
-            scans=drive.count, anchored=result.anchored, reason=result.reason,
+            scans=drive.count, length_m=drive.length, anchored=result.anchored, reason=result.reason,
             first_anchor_s=result.first_anchor_s,
             rmse_m=None if error is None else error.position.rmse,
             plan_view_m=None if error is None else error.horizontal.rmse,
@@ -139,10 +142,10 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
 
 
 def _cell(own: pd.DataFrame) -> dict[str, str]:
-    with_twin = own[own.twin]
+    with_twin = own[own.twin & (own.length_m > LONG_M)]
     return {
         "anchored": of(own.anchored.sum(), len(own)),
-        "of those with an anchored twin": of(with_twin.anchored.sum(), len(with_twin)),
+        f"of those over {LONG_M:.0f} m with an anchored twin": of(with_twin.anchored.sum(), len(with_twin)),
         "RMSE (m)": spread(own.rmse_m, ".3f"), "plan view (m)": spread(own.plan_view_m, ".3f"),
         "mean error in height (m)": spread(own.height_m, ".3f"), "worst (m)": spread(own.worst_m, ".2f"),
         "scans wrong": of(own.wrong.sum(), own.scans.sum()),

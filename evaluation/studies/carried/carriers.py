@@ -19,7 +19,7 @@ from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
 from evaluation.drives.carried import LEVEL, CarriedCase, CarriedDrive, Degrees, carried
 from evaluation.drives.runs import tracked_by_run
-from evaluation.drives.sequences import DriveOptions, SequenceSpec
+from evaluation.drives.sequences import DriveOptions
 from evaluation.harness import Record, Study
 from evaluation.metrics.tracker_claims import PoseClaims, Reliability, reliability
 from evaluation.metrics.tracking import errors_over_time, step_errors
@@ -114,19 +114,16 @@ def cases(options: Choice) -> list[Run]:
         Run(sequence=spec, seed=seed, **common, **cell) for cell in _cells(options) for spec, seed in options.drives()
     ]
     if "cells" in options.parts:
-        drives += [Run(sequence=spec, seed=seed, **common, **cell) for spec, seed, cell in _in_turn(options)]
+        in_turn = options.in_turn(_all_cells(options), options.per_cell)
+        drives += [Run(sequence=spec, seed=seed, **common, **cell) for spec, seed, cell in in_turn]
     return list({drive.key: drive for drive in drives}.values())
 
 
-def _in_turn(options: Choice) -> Iterator[tuple[SequenceSpec, int, dict[str, Any]]]:
-    """Each cell with the next `per_cell` drives of all, in random order, again and again."""
-    drives = list(options.drives())
-    drawn = np.random.default_rng(0).permutation(len(drives))
+def _all_cells(options: Choice) -> Iterator[dict[str, Any]]:
+    """Each carrier with no, each or every effect and each sensor."""
     carriers, effects = (*options.carriers, options.recording), ((), *((own,) for own in options.effects), (ALL,))
-    for number, (carrier, chosen, sensor) in enumerate(product(carriers, effects, options.sensors)):
-        for k in range(options.per_cell):
-            spec, seed = drives[drawn[(number * options.per_cell + k) % len(drives)]]
-            yield spec, seed, {"carrier": carrier, "effects": chosen, "sensor": sensor}
+    for carrier, chosen, sensor in product(carriers, effects, options.sensors):
+        yield {"carrier": carrier, "effects": chosen, "sensor": sensor}
 
 
 def _cells(options: Choice) -> Iterator[dict[str, Any]]:
