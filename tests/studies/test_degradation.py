@@ -1,4 +1,4 @@
-"""Scans made worse: each perturbation and how it grows with its severity, a drive that is measured, tables and figure."""
+"""Scans made worse: each perturbation and how it grows with its severity, a measured drive, tables and figure."""
 
 from pathlib import Path
 
