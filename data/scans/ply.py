@@ -23,7 +23,8 @@ def write_ply(
     """
     far = len(points) > 0 and float(np.abs(points).max()) > _FAR
     kind, name = ("<f8", "double") if far else ("<f4", "float")
-    columns: list[tuple[str, str, str, NDArray[Any]]] = [(axis, kind, name, points[:, k]) for k, axis in enumerate("xyz")]
+    columns: list[tuple[str, str, str, NDArray[Any]]]
+    columns = [(axis, kind, name, points[:, k]) for k, axis in enumerate("xyz")]
     if rgb is not None:
         columns += [(colour, "u1", "uchar", rgb[:, k]) for k, colour in enumerate(("red", "green", "blue"))]
     columns += [(title, "<f4", "float", values) for title, values in (scalars or {}).items()]
