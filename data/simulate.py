@@ -102,10 +102,14 @@ def main() -> int:
         Changes(args.moved_walls, args.absent_walls, args.unplanned_walls, args.moved_by),
         args.and_back, carrier, args.mount, effects, args.seconds, args.imu,
     )  # fmt: skip
-    names = ", ".join(f"'{name}'" for name in dict.fromkeys(run.storeys))
+    storeys = list(dict.fromkeys(run.storeys))
+    reached = {storeys[0], *(room.storey for room in run.rooms)}
+    names = ", ".join(f"'{name}'" for name in storeys if name in reached)
     driven = f"{run.length:.1f} m through {run.rooms_entered} room{'' if run.rooms_entered == 1 else 's'} of {names}"
     changed = f"; {len(run.changes)} walls differ from the plan" if run.changes else ""
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
+    if args.seconds is not None and (missed := [name for name in storeys if name not in reached]):
+        print(f"not reached in {args.seconds:g} s: {', '.join(missed)}; give more --seconds, or a lower --min-length")
     print(f"give {run.out_dir / 'scans'} to --scan-dir, and {run.out_dir / 'truth.tum'} to --ground-truth")
     return 0
 

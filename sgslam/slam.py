@@ -28,6 +28,7 @@ from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingS
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
+_WAY_UP = "whether the sensor hung upside down the scans do not tell for sure; if it did, state --mount 180,0,0"
 
 
 class SceneGraphSlam:
@@ -64,7 +65,8 @@ class SceneGraphSlam:
         T_odom_sensor: Floats | None = None,
         step_covariance: Floats | None = None,
     ) -> Update:
-        """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame.
+        """Adds one scan: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame. They may also
+        be a point cloud of Open3D.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
         `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan;
@@ -177,6 +179,9 @@ class SceneGraphSlam:
         if scans is not None and self._can_pass_again:
             again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
         advice = [*self._advice, *self._tracking.advice]
+        if not self.anchored and self._tracking.is_way_up_assumed:  # a plan does not fit a map that is upside down
+            advice.append(_WAY_UP)
+            _log.warning("%s", _WAY_UP)
         return assemble_result(self._map, session.bim, session.unplaced, relocalisation, self._config, advice, again)
 
     @property

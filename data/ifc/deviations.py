@@ -1,4 +1,4 @@
-"""Writes a copy of an IFC model whose walls show how they were built: by a property set and a colour."""
+"""Writes a copy of an IFC model whose elements show how they were built: by a property set and a colour."""
 
 import uuid
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from data.common.files import write_atomically
 from data.ifc.products import open_ifc
 
 Entity: TypeAlias = ifcopenshell.entity_instance
-Status = Literal["as planned", "moved", "absent", "unclear"]
+Status = Literal["as planned", "moved", "absent", "not seen", "uncertain"]
 Rgb = tuple[float, float, float]
 PROPERTY_SET = "AsBuilt"
 COLORS: dict[str, tuple[Rgb, float]] = {  # and transparency; distinct to colour-blind eyes too
@@ -28,19 +28,31 @@ _THICK = 0.02  # m, of the slab that shows the side of an unplanned wall
 
 
 @dataclass(frozen=True)
-class WallFinding:
-    """A finding on the wall with this GlobalId.
+class Measurement:
+    """How well an element was measured: the level of accuracy `loa`, None where nothing was measured; whether it is
+    `conclusive` of the status; the share of its surface that was `seen`, and from how many `views`."""
 
-    `shift_in_bim` (x, y) is its offset from the plan in metres, `sigma_m` the standard deviation of that, `tilt_rad`
+    loa: str | None
+    conclusive: bool
+    seen: float
+    views: int
+
+
+@dataclass(frozen=True)
+class ElementFinding:
+    """A finding on the element with this GlobalId.
+
+    `shift_in_bim` (x, y, z) is its offset from the plan in metres, `sigma_m` the standard deviation of that, `turn_rad`
     its rotation in plan; `reason` explains the status.
     """
 
     global_id: str
     status: Status
-    shift_in_bim: tuple[float, float] | None
+    shift_in_bim: tuple[float, float, float] | None
     sigma_m: float | None
-    tilt_rad: float | None
+    turn_rad: float | None
     reason: str
+    measurement: Measurement | None = None
 
 
 @dataclass(frozen=True)
@@ -58,7 +70,7 @@ class UnplannedWall:
 
 
 def write_as_built(
-    ifc: Path | str, findings: list[WallFinding], unplanned: list[UnplannedWall], path: Path | str
+    ifc: Path | str, findings: list[ElementFinding], unplanned: list[UnplannedWall], path: Path | str
 ) -> int:
     """Writes the copy atomically, and returns how many of the findings are of products that are in the model.
 
@@ -69,12 +81,12 @@ def write_as_built(
     marked = 0
     for finding in findings:
         try:
-            wall = model.by_guid(finding.global_id)
+            element = model.by_guid(finding.global_id)
         except RuntimeError:
             continue
         marked += 1
-        _describe(model, wall, _properties(model, finding))
-        _color(model, wall, finding.status, styles)
+        _describe(model, element, _properties(model, finding))
+        _color(model, element, finding.status, styles)
     for wall_side in unplanned:
         proxy = _proxy(model, wall_side)
         _describe(model, proxy, {"Status": ("IfcLabel", "unplanned"), "Reason": ("IfcText", wall_side.reason)})
@@ -88,20 +100,30 @@ def project_of(ifc: Path | str) -> str:
     return next((str(p.GlobalId) for p in open_ifc(ifc).by_type("IfcProject")), "")
 
 
-def _properties(model: ifcopenshell.file, finding: WallFinding) -> dict[str, tuple[str, Any]]:
+def _properties(model: ifcopenshell.file, finding: ElementFinding) -> dict[str, tuple[str, Any]]:
     """Names to IFC types and values."""
     metre, radian = calculate_unit_scale(model), calculate_unit_scale(model, "PLANEANGLEUNIT")
     entries: dict[str, tuple[str, Any]] = {"Status": ("IfcLabel", finding.status)}
     if finding.shift_in_bim is not None:
-        x, y = finding.shift_in_bim
-        entries["Offset"] = "IfcLengthMeasure", float(np.hypot(x, y)) / metre
-        entries["OffsetX"], entries["OffsetY"] = ("IfcLengthMeasure", x / metre), ("IfcLengthMeasure", y / metre)
+        entries["Offset"] = "IfcLengthMeasure", float(np.linalg.norm(finding.shift_in_bim)) / metre
+        for axis, shift in zip("XYZ", finding.shift_in_bim, strict=True):
+            entries[f"Offset{axis}"] = "IfcLengthMeasure", shift / metre
     if finding.sigma_m is not None:
         entries["OffsetSigma"] = "IfcLengthMeasure", finding.sigma_m / metre
-    if finding.tilt_rad is not None:
-        entries["Turn"] = "IfcPlaneAngleMeasure", finding.tilt_rad / radian
+    if finding.turn_rad is not None:
+        entries["Turn"] = "IfcPlaneAngleMeasure", finding.turn_rad / radian
+    if finding.measurement is not None:
+        entries |= _measured(finding.measurement)
     entries["Reason"] = "IfcText", finding.reason
     return entries
+
+
+def _measured(of: Measurement) -> dict[str, tuple[str, Any]]:
+    loa = {} if of.loa is None else {"LevelOfAccuracy": ("IfcLabel", of.loa)}
+    return {
+        **loa, "Conclusive": ("IfcBoolean", of.conclusive), "ShareSeen": ("IfcNormalisedRatioMeasure", of.seen),
+        "Views": ("IfcInteger", of.views),
+    }  # fmt: skip
 
 
 def _describe(model: ifcopenshell.file, product: Entity, properties: dict[str, tuple[str, Any]]) -> None:

@@ -1,7 +1,7 @@
 """The elements of an IFC model that are compared with the building: walls, columns, slabs, ceilings, doors, windows."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -10,6 +10,7 @@ import numpy as np
 from ifcopenshell.util.element import get_container
 from numpy.typing import NDArray
 
+from data.ifc.grid import grid_families, grid_reference
 from data.ifc.products import IfcProduct, open_ifc, products, triangulated
 
 Kind = Literal["solid", "opening"]
@@ -21,7 +22,8 @@ FILLINGS = ("IfcDoor", "IfcWindow")
 class PlannedElement:
     """One element; `triangles` (M, 3, 3) metres in the BIM frame are its body.
 
-    Those of an opening, which a door or a window fills, are the body that is cut out of the wall.
+    Those of an opening, which a door or a window fills, are the body that is cut out of the wall. `grid` names the grid
+    lines at which it stands, such as B/3; empty in a model without any.
     """
 
     global_id: str
@@ -30,6 +32,7 @@ class PlannedElement:
     storey: str
     kind: Kind
     triangles: NDArray[np.float64]
+    grid: str = ""
 
 
 def planned_elements(ifc: Path | str) -> list[PlannedElement]:
@@ -37,7 +40,11 @@ def planned_elements(ifc: Path | str) -> list[PlannedElement]:
     model = open_ifc(ifc)
     storeys = {storey.GlobalId: storey.Name or storey.GlobalId for storey in model.by_type("IfcBuildingStorey")}
     found = [_element(product, storeys, "solid") for product in products(model, SOLID)]
-    return [*found, *_openings(model, storeys)]
+    families = grid_families(model)
+    return [
+        replace(element, grid=grid_reference(families, element.triangles.reshape(-1, 3)[:, :2]))
+        for element in (*found, *_openings(model, storeys))
+    ]
 
 
 def _element(product: IfcProduct, storeys: dict[str, str], kind: Kind) -> PlannedElement:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from data.common.errors import UserError
 from data.common.files import write_atomically, write_json
 from data.imu import ImuSamples, write_imu
 from data.scans.writers import SCAN_WRITERS
@@ -128,8 +129,11 @@ def write_run(
     run: SimulatedRun, taken: Taken, world: World, scan_format: str, settings: Settings, bim: Path | str
 ) -> None:
     """Casts the rays and writes to a temporary folder, which is then renamed: all or nothing."""
-    run.out_dir.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
+    try:
+        run.out_dir.parent.mkdir(parents=True, exist_ok=True)
+        unfinished = Path(tempfile.mkdtemp(dir=run.out_dir.parent, prefix=f".{run.out_dir.name}."))
+    except OSError as error:
+        raise UserError(f"{run.out_dir}: cannot be written ({error.strerror}); give another --out") from None
     try:
         (scans := unfinished / "scans").mkdir()
         for i, T_bim_sensor in enumerate(run.truth.poses):

@@ -103,6 +103,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "anchored_carriers": "evaluation.studies.carried.anchored_carriers",
     "as_built": "evaluation.studies.as_built",
     "carriers": "evaluation.studies.carried.carriers",
+    "degradation": "evaluation.studies.carried.degradation",
     "elements": "evaluation.studies.carried.elements",
     "growth": "evaluation.studies.growth",
     "inertial": "evaluation.studies.carried.inertial",

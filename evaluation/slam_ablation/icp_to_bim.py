@@ -1,10 +1,10 @@
-"""Baseline: registers each scan to the surfaces of the BIM, from the true initial pose.
+"""Baselines: register each scan to the surfaces of the BIM, from the true initial pose.
 
-GICP (Segal et al., RSS 2009) of small_gicp with constant-velocity prediction. It builds no map, needs no matching and
-assumes that the plan is correct.
+GICP (Segal et al., RSS 2009) of small_gicp, or multi-scale point-to-plane ICP of Open3D, with constant-velocity
+prediction. They build no map, need no matching and assume that the plan is correct.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from data.scans import Scan
 from data.scene_graph import SceneGraph
 from data.trajectory import Trajectory
 from evaluation.drives import Sequence
+from sgslam.cloud_to_model import load_open3d
 
 Array = NDArray[np.float64]
 CLASSES = (
@@ -26,30 +27,29 @@ DENSITY = 400.0  # points per square metre of the target: enough for both sides 
 SOURCE_VOXEL_M = 0.2
 CORRESPONDENCE_M = 0.3  # below the height of furniture
 BELOW_M, ABOVE_M = 2.5, 4.0  # extent of the target below and above the sensor
+SCALES_M, ITERATIONS = (0.4, 0.2, 0.1), (20, 15, 10)  # voxels of the multi-scale ICP, and its steps in each
+Align = Callable[[Array, Array], Array]  # T_target_sensor of points (N, 3), sensor frame, from a guess
 
 
-def register_to_bim(scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: Array) -> Trajectory:
+def register_to_bim(
+    scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: Array, aligner: Callable[[Array], Align]
+) -> Trajectory:
     """T_bim_sensor of all scans, from `surfaces_in_bim` (M, 3, 3) triangles and `T_bim_first` (4, 4), the true first
-    pose. Raises UserError if there is no surface around the start."""
-    import small_gicp
-
+    pose; `aligner` is one of ALIGNERS. Raises UserError if there is no surface around the start, and as the aligner
+    does."""
     z = surfaces_in_bim[:, :, 2] - T_bim_first[2, 3]
     near = surfaces_in_bim[(z.max(axis=1) > -BELOW_M) & (z.min(axis=1) < ABOVE_M)]
     if not len(near):
         raise UserError("variant icp-to-bim: the BIM has no surface around the start; use another sequence")
     origin = T_bim_first[:3, 3].copy()  # a site may lie kilometres from zero
-    target, tree = small_gicp.preprocess_points(_sampled(near) - origin, downsampling_resolution=0.05)
+    align = aligner(_sampled(near) - origin)
     T = T_bim_first.copy()
     T[:3, 3] -= origin
     step = np.eye(4)
     stamps: list[int] = []
     poses: list[Array] = []
     for scan in scans:
-        source, _ = small_gicp.preprocess_points(scan.points, downsampling_resolution=SOURCE_VOXEL_M)
-        guess = T @ step if poses else T
-        found = small_gicp.align(
-            target, source, tree, guess, registration_type="GICP", max_correspondence_distance=CORRESPONDENCE_M
-        ).T_target_source
+        found = align(scan.points, T @ step if poses else T)
         if poses:
             step = np.linalg.inv(T) @ found
         T = found
@@ -58,6 +58,44 @@ def register_to_bim(scans: Iterable[Scan], surfaces_in_bim: Array, T_bim_first: 
     in_bim = np.array(poses)
     in_bim[:, :3, 3] += origin
     return Trajectory(np.array(stamps, dtype=np.int64), in_bim)
+
+
+def gicp(target: Array) -> Align:
+    """GICP to points (N, 3) of the surfaces."""
+    import small_gicp
+
+    points, tree = small_gicp.preprocess_points(target, downsampling_resolution=0.05)
+
+    def align(scan: Array, guess: Array) -> Array:
+        source, _ = small_gicp.preprocess_points(scan, downsampling_resolution=SOURCE_VOXEL_M)
+        found = small_gicp.align(
+            points, source, tree, guess, registration_type="GICP", max_correspondence_distance=CORRESPONDENCE_M
+        )
+        return np.asarray(found.T_target_source)
+
+    return align
+
+
+def multi_scale_icp(target: Array) -> Align:
+    """Point-to-plane ICP to points (N, 3) of the surfaces, first of coarse voxels, then of fine ones. Raises UserError
+    without Open3D."""
+    o3d = load_open3d()
+    steps = o3d.t.pipelines.registration
+    surface = o3d.t.geometry.PointCloud(o3d.core.Tensor(target))
+    surface.estimate_normals(max_nn=20, radius=SCALES_M[-1])
+    voxels, reaches = (o3d.utility.DoubleVector(own) for own in (SCALES_M, [2 * voxel for voxel in SCALES_M]))
+    criteria = [steps.ICPConvergenceCriteria(1e-6, 1e-6, count) for count in ITERATIONS]
+    planes = steps.TransformationEstimationPointToPlane()
+
+    def align(scan: Array, guess: Array) -> Array:
+        source = o3d.t.geometry.PointCloud(o3d.core.Tensor(scan))
+        found = steps.multi_scale_icp(source, surface, voxels, criteria, reaches, o3d.core.Tensor(guess), planes)
+        return np.asarray(found.transformation.numpy())
+
+    return align
+
+
+ALIGNERS = {"icp-to-bim": gicp, "multi-scale-icp-to-bim": multi_scale_icp}  # by variant
 
 
 def surfaces_of(sequence: Sequence) -> Array:

@@ -20,6 +20,7 @@ DRIVES = {
 }  # fmt: skip
 README = {
     "kiss-icp": "KISS-ICP alone", "small_gicp": "small_gicp alone", "icp-to-bim": "each scan to the BIM by ICP",
+    "multi-scale-icp-to-bim": "each scan to the BIM by ICP of several scales",
     "graph": "our map without the plan", "anchored:voting": "anchored by voting",
     "anchored": "**anchored by learned**", "oracle": "oracle",
 }  # fmt: skip

@@ -15,7 +15,7 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import storey_of
 from evaluation.drives.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.drives.weakened import within_range
-from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of
+from evaluation.slam_ablation.icp_to_bim import ALIGNERS, register_to_bim, surfaces_of
 from evaluation.slam_ablation.peers import kiss_icp_alone, small_gicp_alone
 from evaluation.slam_ablation.scores import Scores, scores_of
 from matching import Matcher
@@ -30,11 +30,11 @@ Array = NDArray[np.float64]
 
 PEERS: dict[str, Callable[[Iterable[Scan]], Trajectory]] = {"kiss-icp": kiss_icp_alone, "small_gicp": small_gicp_alone}
 WITHOUT_PLAN = (*PEERS, "graph")
-WITHOUT_ANCHORS = (*WITHOUT_PLAN, "icp-to-bim")
-VARIANTS = (*PEERS, "icp-to-bim", "graph", "planes", "rooms", "anchored:voting", "anchored", "oracle")
+WITHOUT_ANCHORS = (*WITHOUT_PLAN, *ALIGNERS)
+VARIANTS = (*PEERS, *ALIGNERS, "graph", "planes", "rooms", "anchored:voting", "anchored", "oracle")
 """`graph` is our map without the plan, `planes` and `rooms` have anchors of one kind only, `anchored:METHOD` has
 another matcher than the default one, `oracle` the true matches. Those without a plan get the true first pose, and
-`icp-to-bim` starts from it."""
+those of each scan to the BIM start from it; the one of several scales needs the extra `open3d`."""
 
 
 def check_variant(variant: str) -> str:
@@ -49,7 +49,7 @@ def check_variant(variant: str) -> str:
 
 def run_variant(variant: str, sequence: Sequence) -> Scores:
     """Runs a variant on a sequence and measures it. Raises UserError as the run does."""
-    run = _registration if variant in (*PEERS, "icp-to-bim") else _mapping
+    run = _registration if variant in (*PEERS, *ALIGNERS) else _mapping
     return run(variant, sequence, _Scans(sequence))
 
 
@@ -79,12 +79,12 @@ def shortened_scan(scan: Scan) -> Scan:
 
 def _registration(variant: str, sequence: Sequence, scans: _Scans) -> Scores:
     first = sequence.truth.poses[0]
-    surfaces = surfaces_of(sequence) if variant == "icp-to-bim" else None
+    surfaces = surfaces_of(sequence) if variant in ALIGNERS else None
     began = perf_counter()
     if surfaces is None:
         estimate = _from_first(PEERS[variant](scans), first)
     else:
-        estimate = register_to_bim(scans, surfaces, first)
+        estimate = register_to_bim(scans, surfaces, first, ALIGNERS[variant])
     return scores_of(sequence, estimate, None, perf_counter() - began, scans.seconds)
 
 

@@ -1,4 +1,4 @@
-"""The deviations of a run by wall, in formats for BIM viewers."""
+"""The findings of a run by element, in formats for BIM viewers."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph, WallSurface
 
 if TYPE_CHECKING:
-    from data.ifc.deviations import Status, UnplannedWall, WallFinding
+    from data.ifc.deviations import ElementFinding, Status, UnplannedWall
 
 Floats = NDArray[np.float64]
 Deviation = Mapping[str, Any]  # an entry of deviations.json
@@ -46,12 +46,12 @@ def wall_status(entries: list[Deviation], tolerance: float) -> tuple["Status", D
     standing = [d for d in moved if abs(d["offset_m"]) <= max(tolerance, 3 * d["sigma_m"])]
     if standing:
         return "as planned", min(standing, key=lambda d: d["sigma_m"])
-    return "unclear", min(moved, key=lambda d: d["sigma_m"])
+    return "uncertain", min(moved, key=lambda d: d["sigma_m"])
 
 
-def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph, tolerance: float) -> list["WallFinding"]:
-    """The finding for each planned wall with entries."""
-    from data.ifc.deviations import WallFinding
+def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph, tolerance: float) -> list["ElementFinding"]:
+    """The finding for each planned wall with entries, of a run that has no verdicts on elements."""
+    from data.ifc.deviations import ElementFinding
 
     findings = []
     for source, entries in by_wall(deviations).items():
@@ -59,8 +59,25 @@ def wall_findings(deviations: Sequence[Deviation], a_graph: SceneGraph, toleranc
         shift = None
         if d["offset_m"] is not None:
             nx, ny = a_graph.surface_by_id[d["a_id"]].normal
-            shift = (d["offset_m"] * nx, d["offset_m"] * ny)
-        findings.append(WallFinding(source, status, shift, d["sigma_m"], d["tilt_rad"], d.get("reason", "")))
+            shift = (d["offset_m"] * nx, d["offset_m"] * ny, 0.0)
+        findings.append(ElementFinding(source, status, shift, d["sigma_m"], d["tilt_rad"], d.get("reason", "")))
+    return findings
+
+
+def element_findings(elements: Sequence[Mapping[str, Any]]) -> list["ElementFinding"]:
+    """The finding for each entry of elements.json."""
+    from data.ifc.deviations import ElementFinding, Measurement
+
+    findings = []
+    for told in elements:
+        shift = None
+        if told["offset_m"] is not None:
+            x, y, z = (told["offset_m"] * axis for axis in told["direction"])
+            shift = (x, y, z)
+        measurement = Measurement(told["loa"], told["conclusive"], told["seen"], told["views"])
+        findings.append(ElementFinding(
+            told["global_id"], told["verdict"], shift, told["sigma_m"], told["turn_rad"], told["reason"], measurement,
+        ))  # fmt: skip
     return findings
 
 

@@ -26,6 +26,7 @@ COMMANDS = {
     "live": Command("sgslam.live.__main__", "answer scans as they come with pose, health and anchors"),
     "anchor": Command("sgslam.other_slam.anchor", "anchor another SLAM system's finished output to a plan"),
     "view": Command("sgslam.cli.view", "show finished runs in the browser"),
+    "show": Command("sgslam.cli.show", "show a finished run in Open3D's viewer"),
     "match": Command("matching.match", "match an S-graph with a plan's A-graph"),
     "inspect-bim": Command("sgslam.cli.inspect_bim", "check a plan: gaps, symmetries, rooms needed to localise"),
     "export": Command("sgslam.cli.export", "export a finished run to the formats of other programs"),

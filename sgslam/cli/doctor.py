@@ -31,6 +31,7 @@ EXTRAS = {
     "view": "runs shown in the browser",
     "evalio": "evalio's data sets, and our tracking beside its odometries",
     "foxglove": "finished runs as MCAP for Foxglove",
+    "open3d": "distances of the map from the model, and a desktop viewer",
     "rerun": "runs as recordings for the Rerun viewer",
     "rko_lio": "the LiDAR-inertial odometry RKO-LIO",
     "genz_lio": "the LiDAR-inertial odometry GenZ-LIO (GPL-2)",

@@ -1,9 +1,10 @@
 """`python -m sgslam.cli.export --out OUT --format NAME ...`: exports a finished run to the formats of other programs.
 
 All files are written to the run's folder, in the frame of its `trajectory.tum`. The default formats are `ifc` and
-`bcf`, which need the building's model (`--bim`): `as_built.ifc` is a copy of the model with the measured deviations of
-its walls (property set `AsBuilt`, and colours); `deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for
-each wall that deviates from the plan.
+`bcf`, which need the building's model (`--bim`): `as_built.ifc` is a copy of the model with the verdict on
+each element (property set `AsBuilt`, and colours); `deviations.bcf` (BCF 2.1) and `deviations_3.0.bcf` have a topic for
+each wall that deviates from the plan. `cloud-to-model` needs it too, and the extra `open3d`: the distance of every
+point of the map from the planned face that it was measured on.
 """
 
 import argparse
@@ -76,21 +77,20 @@ def _ply(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.scans.ply import write_ply
 
     voxel = voxel or run.config.clouds.map_voxel
-    points, keyframes = _map_points(run, voxel)
+    points, _, keyframes = map_points(run, voxel)
     write_ply(run.path / PLY, points, f"{run.frame} frame, metres, voxels of {voxel:g} m")
     return [f"{run.path / PLY}: {len(points)} points of {keyframes} keyframes, voxels of {voxel:g} m"]
 
 
-def _map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], int]":
-    """The point cloud map (N, 3) in the run's frame, and the number of keyframes that it is made of."""
-    from sgslam.export.cloud_map import cloud_map
+def map_points(run: "RunFolder", voxel: float) -> "tuple[NDArray[np.float64], NDArray[np.float64], int]":
+    """The point cloud map (N, 3) in the run's frame, unit vectors (N, 3) towards the sensor, and the number of
+    keyframes that it is made of."""
     from sgslam.mapping import KeyframeClouds
+    from sgslam.mapping.cloud_map import cloud_map
     from sgslam.mapping.keyframe_clouds import FILE
 
     clouds = KeyframeClouds.open(run.path / FILE)
-    named = zip(run.s_graph.keyframes, run.keyframe_poses, strict=True)
-    poses = {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
-    return cloud_map(clouds, poses, voxel), len(clouds)
+    return *cloud_map(clouds, run.poses_by_keyframe, voxel), len(clouds)
 
 
 def _pdf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -103,7 +103,7 @@ def _pdf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 def _mcap(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from sgslam.export.foxglove import FILE, write_mcap
 
-    points, _ = _map_points(run, voxel or run.config.clouds.map_voxel)
+    points, *_ = map_points(run, voxel or run.config.clouds.map_voxel)
     trajectory = _trajectory(run)
     count = write_mcap(run.path / FILE, run, trajectory, points)
     return [f"{run.path / FILE}: {count} messages, {len(trajectory)} poses, {len(points)} points"]
@@ -136,18 +136,20 @@ def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.deviations import write_as_built
-    from sgslam.as_built.findings import storeys_of, unplanned_walls, wall_findings
+    from sgslam.as_built.findings import element_findings, storeys_of, unplanned_walls, wall_findings
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
-    findings = wall_findings(run.deviations, a_graph, run.config.as_built.tolerance)
+    findings = element_findings(run.elements) or wall_findings(
+        run.deviations, a_graph, run.config.as_built.tolerance
+    )
     unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, storeys_of(run.matches, run.s_graph))
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
     if findings and not marked:
         target.unlink()
-        raise UserError(f"{bim}: has none of the walls of {run.path}; give the model of that run")
-    return [f"{target}: {marked} walls with the property set AsBuilt, {len(unplanned)} unplanned walls added"]
+        raise UserError(f"{bim}: has none of the elements of {run.path}; give the model of that run")
+    return [f"{target}: {marked} elements with the property set AsBuilt, {len(unplanned)} unplanned walls added"]
 
 
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
@@ -163,12 +165,33 @@ def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     return [f"{run.path / name}: {count} topics, BCF {version}" for version, name in BCF.items()]
 
 
+def _cloud_to_model(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
+    from data.plans.elements import planned_elements
+    from sgslam.as_built.elements.files import write_tables
+    from sgslam.cloud_to_model import distances_to_model, load_open3d
+    from sgslam.cloud_to_model.files import write_cloud_to_model
+
+    assert bim is not None
+    run.anchored()
+    load_open3d()  # refused before anything is computed
+    points, towards, _ = map_points(run, voxel or run.config.clouds.map_voxel)
+    elements = planned_elements(bim)
+    settings = run.config.as_built
+    found = distances_to_model(points, towards, elements, settings.cloud_reach)
+    cloud, table, *others = write_cloud_to_model(run.path, found, elements, settings.tolerance)
+    if run.elements:
+        write_tables(run.path, run.elements)  # with the pictures
+    share = f"{found.compared.mean():.0%}" if len(points) else "none"
+    lines = [f"{cloud}: {len(points)} points, {share} of them within {found.reach:g} m of a planned face", str(table)]
+    return [*lines, *map(str, others)]
+
+
 FORMATS: dict[str, Callable[["RunFolder", Path | None, float | None], list[str]]] = {
     "kitti": _kitti, "euroc": _euroc, "ply": _ply, "dsg": _dsg, "graphml": _graphml, "g2o": _g2o, "mcap": _mcap,
-    "pdf": _pdf, "ifc": _ifc, "bcf": _bcf,
+    "pdf": _pdf, "ifc": _ifc, "bcf": _bcf, "cloud-to-model": _cloud_to_model,
 }  # fmt: skip
-_NEED_MODEL = {"ifc", "bcf"}
-_NEED_PACKAGE = {"mcap": "mcap"}
+_NEED_MODEL = {"ifc", "bcf", "cloud-to-model"}
+_NEED_PACKAGE = {"mcap": "mcap", "cloud-to-model": "open3d"}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -178,7 +201,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--out", type=Path, required=True, metavar="DIR", help="a run's folder; the files are written there")
     add("--format", nargs="+", choices=[*FORMATS, "all"], default=["ifc", "bcf"], metavar="NAME",
         help=f"one or more of {', '.join(FORMATS)}, or all (default: ifc bcf)")  # fmt: skip
-    add("--bim", type=Path, metavar="FILE", help="the run's IFC model; needed for ifc and bcf")
+    add("--bim", type=Path, metavar="FILE", help="the run's IFC model; needed for ifc, bcf and cloud-to-model")
     add("--voxel", type=float, metavar="M", help="voxel of the point cloud map (default: the run's clouds.map_voxel)")
     return parser
 

@@ -225,6 +225,9 @@ class AsBuiltSettings(Settings):
 
     tolerance: float = Field(0.03, ge=0.001, le=0.2)
     """m, largest offset of an element that counts as planned (option --tolerance)"""
+    cloud_reach: float = Field(0.3, gt=0, le=5)
+    """m, distance from the nearest planned face up to which a point of the map is compared with it; what is farther is
+    furniture, or not planned"""
 
 
 class MatchingSettings(Settings):

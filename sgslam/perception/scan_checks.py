@@ -35,7 +35,7 @@ def checked_scan(
     """
     where = f"scan at {stamp_ns} ns"
     try:
-        checked: Floats = np.ascontiguousarray(points, dtype=np.float64)
+        checked: Floats = np.ascontiguousarray(_array_of(points), dtype=np.float64)
     except (TypeError, ValueError):
         raise UserError(f"{where}: points must be an array (N, 3) of numbers") from None
     if checked.ndim != 2 or checked.shape[1] != 3 or not len(checked):
@@ -49,6 +49,13 @@ def checked_scan(
     if T_odom_sensor is not None and not is_rigid(T_odom_sensor):
         raise UserError(f"{where}: T_odom_sensor must be a finite rigid motion (4, 4)")
     return checked
+
+
+def _array_of(points: Any) -> Any:
+    """The points of an Open3D cloud, legacy or tensor; anything else as it is."""
+    if hasattr(points, "point"):
+        return points.point.positions.cpu().numpy()
+    return getattr(points, "points", points)
 
 
 def checked_times(point_times: ArrayLike, count: int, stamp_ns: int) -> Floats:

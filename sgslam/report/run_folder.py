@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.geometry.poses import xyzquat_to_poses
 from data.scene_graph import SceneGraph, WallSurface, Xy
+from sgslam.as_built.elements.files import JSON as ELEMENTS
 from sgslam.config import Config
 from sgslam.config.loading import load_config
 
@@ -55,6 +56,19 @@ class RunFolder:
             raise UserError(f"{path / 's_graph.json'}: a keyframe's pose is not x y z qx qy qz qw") from None
         return run
 
+    @property
+    def elements(self) -> list[dict[str, Any]]:
+        """The entries of elements.json; empty where the run has none. Raises UserError for a damaged file."""
+        path = self.path / ELEMENTS
+        if not path.is_file():
+            return []
+        try:
+            entries: list[dict[str, Any]] = json.loads(path.read_text())["elements"]
+            _ = [entry["outline"] for entry in entries]  # runs of older versions have none
+        except (ValueError, KeyError, TypeError):
+            raise UserError(f"{path}: is damaged or of an older version; run it again") from None
+        return entries
+
     def anchored(self) -> tuple[SceneGraph, Floats]:
         """The A-graph and T_bim_map; raises UserError where the run was not anchored."""
         if self.a_graph is None or self.T_bim_map is None:
@@ -80,6 +94,12 @@ class RunFolder:
         """(K, 4, 4) T_frame_sensor of the keyframes."""
         poses = np.array([k.pose for k in self.s_graph.keyframes], dtype=float)
         return self._T_frame_map @ xyzquat_to_poses(poses if len(poses) else poses.reshape(0, 7))
+
+    @property
+    def poses_by_keyframe(self) -> dict[int, Floats]:
+        """T_frame_sensor (4, 4) by the number of the keyframe; those of a foreign graph may have none."""
+        named = zip(self.s_graph.keyframes, self.keyframe_poses, strict=True)
+        return {int(k.id[1:]): T for k, T in named if k.id[1:].isdecimal()}
 
     @cached_property
     def planned_rooms(self) -> dict[str, str]:

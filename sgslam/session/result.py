@@ -25,9 +25,10 @@ from sgslam.backend.pose_graph import FILE as POSE_GRAPH
 from sgslam.config import Config
 from sgslam.config.loading import save_config
 from sgslam.mapping import KeyframeClouds
+from sgslam.mapping.cloud_map import cloud_map
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.registration import Health
-from sgslam.report import ReportData
+from sgslam.report import ReportData, RunFolder
 from sgslam.session.soundness.quality import Quality
 from sgslam.session.soundness.scan_uncertainty import FILE as SIGMA
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
@@ -129,6 +130,16 @@ class Result:
     advice: tuple[str, ...] = ()
     trajectory_live: Trajectory | None = None
 
+    def to_open3d(self) -> list[Any]:
+        """The map's points, the way of the sensor and the walls, in the frame of `trajectory`, as geometries for
+        `open3d.visualization.draw_geometries`. Needs the extra `open3d`; raises UserError without it."""
+        from sgslam.cloud_to_model import open3d_scene
+
+        run = RunFolder(Path(), self.s_graph, self.a_graph, self.T_bim_map, {}, [])
+        points, _ = cloud_map(self.clouds, run.poses_by_keyframe, self.config.clouds.map_voxel)
+        walls = [run.corners(surface) for surface in self.s_graph.wall_surfaces]
+        return open3d_scene(points, self.trajectory.positions, walls)
+
     def save(self, out: Path | str) -> None:
         """Writes all results to the folder `out`. Raises UserError if it cannot be written to or the disk is full."""
         save_result(self, prepare_folder(Path(out)))
@@ -146,6 +157,7 @@ class Result:
             "scans_skipped": 0,
             "tracked": dict(self.tracked),
             "keyframes": self.keyframes,
+            "floors": len(self.s_graph.floors),
             "rooms": len(self.s_graph.rooms),
             "wall_surfaces": len(self.s_graph.wall_surfaces),
             "first_anchor_s": self.first_anchor_s,

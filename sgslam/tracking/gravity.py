@@ -61,11 +61,6 @@ class Gravity:
         """Whether surfaces and expected mount together tell which end is up."""
         return self.sign_odds >= SIGN_SURE
 
-    @property
-    def sign_told(self) -> bool:
-        """Whether the surfaces tell the sign; else it is that of the expected mount."""
-        return self.sign_seen >= SIGN_SURE
-
 
 @dataclass(frozen=True)
 class _Candidate:

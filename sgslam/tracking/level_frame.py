@@ -20,6 +20,7 @@ Ints = NDArray[np.int64]
 _log = logging.getLogger(__name__)
 SIDE = 0.1  # m between the points of a scan that are used
 _BETWEEN_NS = 1_000_000_000  # between two attempts
+_LIES = np.radians(45)  # of tilt: beyond it the usual mount says nothing of the sign, which surfaces alone show badly
 
 
 class LevelFrame(Stateful):
@@ -45,6 +46,12 @@ class LevelFrame(Stateful):
         self._next_ns = 0
         self._measured: Floats | None = None  # up by an accelerometer
         self._chosen: list[tuple[Floats, Ints]] = []  # of each scan, some points (N, 3) and their indices (N,)
+
+    @property
+    def is_way_up_assumed(self) -> bool:
+        """Whether the sensor is taken not to hang upside down, without a stated mount or an accelerometer: in one
+        building of three the surfaces of the first seconds look alike both ways up, or worse."""
+        return self._settings.mount is None and self._measured is None
 
     @property
     def T_level_first(self) -> Floats:  # noqa: N802
@@ -97,7 +104,7 @@ class LevelFrame(Stateful):
                 "stated; state roll, pitch and yaw in degrees by --mount"
             )
         elif not self._contradicts_mount(up, tilt, "its surroundings show") and (
-            not (found.axis_sure and found.sign_sure) or (not found.sign_told and tilt > np.radians(45))
+            not (found.axis_sure and found.sign_sure) or tilt > _LIES
         ):
             _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
         if found is not None:
@@ -133,10 +140,7 @@ class LevelFrame(Stateful):
         if self._settings.mount is not None:
             _log.info("the sensor begins %.0f degrees off its stated mount, as its surroundings show", tilt_deg)
             return
-        _log.info(  # in one building of three the surfaces of the first seconds look alike both ways up, or worse
-            "the sensor begins %.0f degrees off upright, as its surroundings show; whether it hangs upside down they "
-            "do not tell for sure: if so, state --mount 180,0,0", tilt_deg,
-        )  # fmt: skip
+        _log.info("the sensor begins %.0f degrees off upright, as its surroundings show", tilt_deg)
 
     def _estimate(self, results: list[Registration]) -> Gravity | None:
         """What the surfaces of all scans tell, in the frame of the first pose."""

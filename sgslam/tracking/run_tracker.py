@@ -91,6 +91,11 @@ class RunTracker:
         newest = self._tracker.advice
         return [*self._advice, *([newest] if newest else [])]
 
+    @property
+    def is_way_up_assumed(self) -> bool:
+        """Whether nothing but the usual mount says that the sensor does not hang upside down."""
+        return self._tracker.is_way_up_assumed
+
     def times_of(self, points: Floats, point_times: Floats | None) -> Floats | None:
         """(N,) the times of a scan's points (N, 3), told or not, by what is known now; None for a snapshot."""
         return self._tracker.times_of(points, point_times)

@@ -129,6 +129,11 @@ class ScanTracker(Stateful):
         return self._level.advice
 
     @property
+    def is_way_up_assumed(self) -> bool:
+        """Whether nothing but the usual mount says that the sensor does not hang upside down."""
+        return self._level.is_way_up_assumed
+
+    @property
     def newest(self) -> Floats | None:
         """(4, 4) T_odom_sensor of the newest scan that waits, as far as known; None if none does."""
         return self._T_level_now() @ self._found[-1].T_odom_sensor if self._waiting else None

@@ -14,7 +14,7 @@ from data.geometry.raycast import TriangleScene
 from data.plans.elements import PlannedElement
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
-from sgslam.as_built.elements.files import write_elements
+from sgslam.as_built.elements.files import PICTURES, picture_of, write_elements
 from sgslam.as_built.elements.sightings import View
 from sgslam.as_built.elements.tolerance_classes import angle_compliance, angle_limit, loa_class, parse_length
 
@@ -138,7 +138,19 @@ def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     assert rows[0]["LOA"] == told["elements"][0]["loa"] == "LOA30" and rows[0]["DIN 18202 limit (m)"] == "0.012"
     openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
     sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
-    assert sheet.max_row == 4 and [cell.value for cell in sheet[2]][5:10:3] == ["as planned", "LOA30"]
+    assert sheet.max_row == 4 and [cell.value for cell in sheet[2]][6:11:3] == ["as planned", "LOA30"]
+
+
+def test_a_picture_that_is_there_is_linked(tmp_path: Path) -> None:
+    (tmp_path / PICTURES).mkdir()
+    (tmp_path / picture_of("far")).write_bytes(b"png")
+    write_elements(tmp_path, element_verdicts(ELEMENTS, _views(WALL, FAR), PLAN, 0.01, SHARED), 0.01)
+    rows = list(csv.DictReader((tmp_path / "elements.csv").open()))
+    assert [row["picture"] for row in rows] == ["", "heat_maps/far.png", ""]
+    assert picture_of("../x") == "heat_maps/___x.png"
+    openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
+    sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
+    assert [row[-1].hyperlink and row[-1].hyperlink.target for row in sheet] == [None, None, "heat_maps/far.png", None]
 
 
 @pytest.mark.parametrize("text", ["15mm", "0.015", "15 mm", "1.5cm", "0.015 m"])

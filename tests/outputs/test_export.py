@@ -13,13 +13,15 @@ import ifcopenshell.util.unit
 import numpy as np
 import pytest
 from commands import called
+from element_samples import verdict
 from small_ifc import STOREY, write_small_ifc
 
 from data import Floor, SceneGraph, WallSurface
 from data.common.errors import UserError
 from data.ifc.bcf import Version
-from data.ifc.deviations import WallFinding, write_as_built
+from data.ifc.deviations import ElementFinding, write_as_built
 from data.plans import load_bim
+from sgslam.as_built.elements.files import write_elements
 from sgslam.as_built.findings import BCF
 from sgslam.cli.export import IFC, export
 from sgslam.config import Config
@@ -61,7 +63,7 @@ def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     (out / "config.yaml").write_text(save_config(Config()))
     done = called("sgslam.cli.export", "--out", out, "--bim", building.path)
     assert done.returncode == 0, done.stderr
-    assert "3 walls" in done.stdout and "3 topics" in done.stdout
+    assert "3 elements" in done.stdout and "3 topics" in done.stdout
     return out, building.path
 
 
@@ -87,6 +89,30 @@ def test_walls_of_the_copy_tell_how_they_were_built(run: tuple[Path, Path]) -> N
     again = load_bim(out / IFC, out / "cache").graph
     assert again.wall_surfaces == graph.wall_surfaces and again.rooms == graph.rooms
     assert len(ifcopenshell.open(str(bim)).by_type("IfcWall")) == len(copy.by_type("IfcWall"))
+
+
+def test_where_there_are_verdicts_every_element_has_its_own(run: tuple[Path, Path], tmp_path: Path) -> None:
+    out, bim = run
+    for name in ("a_graph.json", "s_graph.json", "deviations.json", "metrics.json", "matches.json", "config.yaml"):
+        (tmp_path / name).write_bytes((out / name).read_bytes())
+    model = ifcopenshell.open(str(bim))
+    door, slab, wall = (model.by_type(kind)[0].GlobalId for kind in ("IfcDoor", "IfcSlab", "IfcWall"))
+    surface = SceneGraph.load(out / "a_graph.json").wall_surfaces[0]
+    write_elements(tmp_path, [
+        verdict(door, "Door", "absent", surface, ifc_class="IfcDoor"), verdict(slab, "Slab", "not seen", surface),
+        verdict(wall, "Wall", "moved", surface, 0.05, direction=(0.0, 0.6, 0.8)),
+    ], 0.03)  # fmt: skip
+    (line, *_) = export(tmp_path, ["ifc"], bim)
+    assert "3 elements" in line
+    copy = ifcopenshell.open(str(tmp_path / IFC))
+    metre = ifcopenshell.util.unit.calculate_unit_scale(copy)
+    told = [ifcopenshell.util.element.get_pset(copy.by_guid(name), "AsBuilt") for name in (door, slab, wall)]
+    assert [t["Status"] for t in told] == ["absent", "not seen", "moved"]
+    assert [t["ShareSeen"] for t in told] == [0.85, 0.0, 0.85] and "LevelOfAccuracy" not in told[0]
+    assert (told[2]["LevelOfAccuracy"], told[2]["Conclusive"], told[2]["Views"]) == ("LOA30", True, 7)
+    moved = [told[2][f"Offset{axis}"] * metre for axis in "XYZ"]
+    np.testing.assert_allclose(moved, [0.0, 0.03, 0.04], atol=1e-9)
+    assert ifcopenshell.util.element.get_pset(copy.by_type("IfcWall")[1], "AsBuilt") is None
 
 
 def test_a_wall_that_the_plan_lacks_stands_in_the_copy(run: tuple[Path, Path]) -> None:
@@ -191,7 +217,7 @@ def test_what_is_no_run_is_refused(run: tuple[Path, Path], tmp_path: Path) -> No
     other = write_small_ifc(tmp_path / "other.ifc").path
     foreign = [d | {"source": "0" * 22} for d in json.loads((out / "deviations.json").read_text()) if d["source"]]
     (tmp_path / "deviations.json").write_text(json.dumps(foreign))
-    with pytest.raises(UserError, match="none of the walls"):
+    with pytest.raises(UserError, match="none of the elements"):
         export(tmp_path, ["ifc"], other)
     assert not (tmp_path / IFC).exists()
 
@@ -200,7 +226,7 @@ def test_what_is_no_run_is_refused(run: tuple[Path, Path], tmp_path: Path) -> No
 def test_models_of_the_older_schema_too(tmp_path: Path) -> None:
     model = ifcopenshell.open(str(SHARED_2X3))
     wall = model.by_type("IfcWall")[0]
-    finding = WallFinding(wall.GlobalId, "moved", (0.1, 0.0), 0.01, 0.0, "because")
+    finding = ElementFinding(wall.GlobalId, "moved", (0.1, 0.0, 0.0), 0.01, 0.0, "because")
     assert write_as_built(SHARED_2X3, [finding], [], tmp_path / "copy.ifc") == 1
     copy = ifcopenshell.open(str(tmp_path / "copy.ifc"))
     again = copy.by_guid(wall.GlobalId)

@@ -24,9 +24,9 @@ from data.trajectory.formats import write_euroc, write_kitti
 from sgslam.backend import FactorLog, write_pose_graph
 from sgslam.backend.factor_log import Entry
 from sgslam.cli.export import export, main
-from sgslam.export.cloud_map import VoxelMap
 from sgslam.export.dsg import dsg
 from sgslam.export.graphml import graphml
+from sgslam.mapping.cloud_map import VoxelMap
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.report import RunFolder
 from sgslam.slam import SceneGraphSlam

@@ -12,6 +12,7 @@ from plans import a_graph, offices
 from scipy.spatial.transform import Rotation
 
 from data import SceneGraph, UserError
+from sgslam.config import Config, TrackingSettings
 from sgslam.registration import Registration
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
@@ -133,6 +134,12 @@ def test_without_a_plan_there_is_still_a_map(drive: Drive) -> None:
     result = fed(SceneGraphSlam(), drive.scans[:60]).finish()
     assert not result.anchored and result.a_graph is None and result.matches is None
     assert result.s_graph.rooms and result.s_graph.wall_surfaces and result.s_graph.keyframes
+    assert len(result.advice) == 1 and "--mount 180,0,0" in result.advice[0]
+
+
+def test_a_stated_mount_is_not_asked_for_without_a_plan(drive: Drive) -> None:
+    upright = Config(tracking=TrackingSettings(mount=(0.0, 0.0, 0.0)))
+    assert not fed(SceneGraphSlam(config=upright), drive.scans[:60]).finish().advice
 
 
 @dataclass(frozen=True)
@@ -201,6 +208,7 @@ def test_only_a_unique_answer_of_a_matcher_anchors(drive: Drive, status: str) ->
     assert result.anchored == slam.anchored == (status == "unique")
     assert result.reason == "I was told"
     helps = {"unique": [], "ambiguous": ["--start X,Y,YAW"], "none": ["the model of the scanned building"]}[status]
+    helps = [*helps, "--mount 180,0,0"] if helps else []  # only a place in the plan shows which way up the sensor was
     assert len(result.advice) == len(helps) and all(text in "".join(result.advice) for text in helps)
     if result.anchored:
         assert np.sqrt(np.mean(drive.errors(result) ** 2)) < 0.03

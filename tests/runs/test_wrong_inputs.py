@@ -12,6 +12,7 @@ from test_run import process
 
 from data.scene_graph import Floor, Room, SceneGraph, WallSurface
 from data.simulation import SpinningSensor
+from data.trajectory import Trajectory
 
 SENSOR = SpinningSensor(azimuths=240, beams=32, lowest_deg=-45, highest_deg=45)
 FOOT = 0.3048  # m
@@ -189,3 +190,23 @@ def test_metres_are_not_taken_for_feet_in_a_room_nor_in_a_hall(
     known = [] if planned is None else ["--bim", write_plan(tmp_path / "plan.json", planned)]
     done = called("sgslam.run", "--scan-dir", scans, "--out", tmp_path / "out", *known)
     assert done.returncode == 0 and not any("0.3048" in line for line in advice_of(tmp_path / "out"))
+
+
+@pytest.mark.slow
+def test_a_truth_of_another_drive_is_noted(tmp_path: Path) -> None:
+    def way(bend: float) -> list[Array]:
+        return [pose(0.1 * k - 1, 0.5 + bend * np.sin(k / 8), 1.4, 0.2) for k in range(25)]
+
+    scene = scene_of(room(-5, -4, 5, 4, 2.7))
+    (scans := tmp_path / "scans").mkdir()
+    for k, T_room_sensor in enumerate(way(0.5)):
+        np.save(scans / f"{k}.npy", scan(scene, T_room_sensor, SENSOR, seed=k))
+    notes = {}
+    for name, bend in (("own", 0.5), ("other", -1.5)):
+        truth = Trajectory(np.arange(25) * 100_000_000, np.array(way(bend)))
+        truth.write_tum(tmp_path / f"{name}.tum")
+        out = tmp_path / name
+        done = called("sgslam.run", "--scan-dir", scans, "--ground-truth", tmp_path / f"{name}.tum", "--out", out)
+        assert done.returncode == 0, done.stderr
+        notes[name] = json.loads((out / "metrics.json").read_text())["accuracy"].get("note", "")
+    assert "is the truth of this drive?" in notes["other"] and not notes["own"]

@@ -334,6 +334,8 @@ def test_the_command_line(building: SmallBuilding, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert len(list((out / "scans").glob("*.ply"))) == len(Trajectory.read_tum(out / "truth.tum"))
     assert "not an empty" in refused("data.simulate", *asked, "--out", out)
+    (tmp_path / "file").touch()
+    assert "give another --out" in refused("data.simulate", *asked, *sizes, "--out", tmp_path / "file" / "out")
 
 
 @pytest.mark.long

@@ -1,6 +1,7 @@
 """What the ablation makes harder, and what it compares with: weak odometry, wrong matches, ICP to the BIM; growth."""
 
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,14 @@ from evaluation.drives.conditions import NORMAL
 from evaluation.drives.stand_in_matchers import OracleMatcher, WrongMatches
 from evaluation.drives.weakened import LEAST_ERROR_M, RANGE_M, shortened, weaken_odometry
 from evaluation.metrics.trajectories import ape, error_in_bim
-from evaluation.slam_ablation.icp_to_bim import register_to_bim, surfaces_of_graph, surfaces_of_ifc
+from evaluation.slam_ablation.icp_to_bim import ALIGNERS, register_to_bim, surfaces_of_graph, surfaces_of_ifc
 from evaluation.slam_ablation.scores import Scores
 from evaluation.slam_ablation.study import Run
 from evaluation.slam_ablation.variants import shortened_scan
 from evaluation.studies import growth, wrong_matches
 from matching import MatchResult
+
+needs_open3d = pytest.mark.skipif(find_spec("open3d") is None, reason="needs the extra open3d")
 
 
 def scores(**values: Any) -> Scores:
@@ -173,13 +176,18 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> tuple[SmallBuilding, Sim
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("of", ["ifc", "graph"])
-def test_scans_are_registered_to_the_buildings_surfaces(driven: tuple[SmallBuilding, SimulatedRun], of: str) -> None:
+@pytest.mark.parametrize(
+    ("of", "variant"),
+    [("ifc", "icp-to-bim"), ("graph", "icp-to-bim"), pytest.param("ifc", "multi-scale-icp-to-bim", marks=needs_open3d)],
+)
+def test_scans_are_registered_to_the_buildings_surfaces(
+    driven: tuple[SmallBuilding, SimulatedRun], of: str, variant: str
+) -> None:
     building, run = driven
     path: Path = building.path
     surfaces = surfaces_of_ifc(path) if of == "ifc" else surfaces_of_graph(load_bim(path).graph)
     scans = [scan for scan in ScanFolder(run.out_dir / "scans") if scan.index < 40]
-    estimate = register_to_bim(scans, surfaces, run.truth.poses[0])
+    estimate = register_to_bim(scans, surfaces, run.truth.poses[0], ALIGNERS[variant])
     assert len(estimate) == 40
     error = error_in_bim(estimate, run.truth)
     assert error.horizontal.rmse < 0.02 and error.yaw.max < 0.01

@@ -28,7 +28,7 @@ class ElementVerdict:
     for the deviation that the turn makes over the wall's length, `din_18202` whether it is kept; None for other
     elements. `seen` is the share of the cells of its visible surface at which it stands or that are seen through;
     `views` the number of keyframes. `outline` are the corners of the rectangle around it in plan view (BIM frame,
-    metres).
+    metres). `grid` names the plan's grid lines at which it stands, such as B/3; empty without any.
     """
 
     global_id: str
@@ -50,6 +50,7 @@ class ElementVerdict:
     views: int
     reason: str
     outline: tuple[Xy, ...]
+    grid: str = ""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def entry(element: "PlannedElement", f: Finding, plan: SceneGraph) -> ElementVer
         element.global_id, element.name, element.ifc_class, element.storey, _rooms(element.storey, envelope, plan),
         f.verdict, f.offset, f.direction, f.sigma, None if f.sigma is None else loa_class(f.sigma), f.conclusive,
         None if turn is None else turn.angle, None if turn is None else turn.sigma, limit, kept,
-        round(f.seen, 3), f.views, f.reason, _corners(envelope),
+        round(f.seen, 3), f.views, f.reason, _corners(envelope), element.grid,
     )  # fmt: skip
 
 

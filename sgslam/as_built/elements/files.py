@@ -4,20 +4,23 @@ import csv
 import io
 import logging
 import math
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from data.common.files import write_atomically, write_json
 from sgslam.as_built.elements import ElementVerdict
 
 _log = logging.getLogger(__name__)
 JSON, CSV, XLSX = "elements.json", "elements.csv", "elements.xlsx"
+PICTURES = "heat_maps"  # a folder, of the export cloud-to-model
 COLUMNS = (
-    "name", "GlobalId", "class", "storey", "room", "verdict", "offset (m)", "sigma (m)", "LOA", "conclusive",
-    "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views", "reason",
+    "name", "GlobalId", "class", "storey", "room", "grid", "verdict", "offset (m)", "sigma (m)", "LOA", "conclusive",
+    "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views", "reason", "picture",
 )  # fmt: skip
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a spreadsheet reads a text
 Cell = str | float | int | None
@@ -28,7 +31,12 @@ def write_elements(out: Path, verdicts: Sequence[ElementVerdict], tolerance: flo
     counts = Counter(verdict.verdict for verdict in verdicts)
     entries = [asdict(verdict) for verdict in verdicts]
     write_json(out / JSON, {"tolerance_m": tolerance, "counts": dict(counts), "elements": entries})
-    rows = [_row(verdict) for verdict in verdicts]
+    write_tables(out, entries)
+
+
+def write_tables(out: Path, entries: Sequence[Mapping[str, Any]]) -> None:
+    """Writes the entries of elements.json as tables, with the pictures that are there."""
+    rows = [[*_row(entry), _picture(out, entry["global_id"])] for entry in entries]
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
     write_atomically(out / CSV, text.getvalue())
@@ -45,13 +53,26 @@ def remove_elements(out: Path) -> None:
         (out / name).unlink(missing_ok=True)
 
 
-def _row(v: ElementVerdict) -> list[Cell]:
-    texts = [_text(text) for text in (v.name, v.global_id, v.ifc_class, v.storey, ", ".join(v.rooms))]
-    sure = "yes" if v.conclusive else "no"
+def _row(of: Mapping[str, Any]) -> list[Cell]:
+    """All columns but the picture."""
+    named = [of[name] for name in ("name", "global_id", "ifc_class", "storey")]
+    texts = [_text(text) for text in (*named, ", ".join(of["rooms"]), of.get("grid", ""))]
     return [
-        *texts, v.verdict, _rounded(v.offset_m, 4), _rounded(v.sigma_m, 4), v.loa, sure, _degrees(v.turn_rad),
-        _degrees(v.turn_sigma_rad), v.din_18202_limit_m, v.din_18202, v.seen, v.views, v.reason,
+        *texts, of["verdict"], _rounded(of["offset_m"], 4), _rounded(of["sigma_m"], 4), of["loa"],
+        "yes" if of["conclusive"] else "no", _degrees(of["turn_rad"]), _degrees(of["turn_sigma_rad"]),
+        of["din_18202_limit_m"], of["din_18202"], of["seen"], of["views"], of["reason"],
     ]  # fmt: skip
+
+
+def picture_of(global_id: str) -> str:
+    """The file of an element's heat map, within the run's folder; another model's ids may hold what no file may."""
+    safe = re.sub(r"[^\w$-]", "_", global_id)
+    return f"{PICTURES}/{safe}.png"
+
+
+def _picture(out: Path, global_id: str) -> str:
+    name = picture_of(global_id)
+    return name if (out / name).is_file() else ""
 
 
 def _degrees(radians: float | None) -> float | None:
@@ -69,12 +90,15 @@ def _text(text: str) -> str:
 
 def _workbook(rows: list[list[Cell]]) -> bytes:
     from openpyxl import Workbook
+    from openpyxl.utils import get_column_letter
 
     book = Workbook()
     sheet = book.active
     sheet.title = "elements"
     for row in (COLUMNS, *rows):
         sheet.append(row)
+    for picture in sheet[get_column_letter(len(COLUMNS))][1:]:
+        picture.hyperlink = picture.value or None
     sheet.freeze_panes = "A2"
     sheet.auto_filter.ref = sheet.dimensions
     file = io.BytesIO()

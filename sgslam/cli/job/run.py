@@ -34,6 +34,7 @@ from sgslam.session.result import save_result
 from sgslam.slam import SceneGraphSlam
 
 _log = logging.getLogger("sgslam")
+_FAR = 10.0  # standard deviations: a truth that is so far off even after alignment is hardly of this drive
 ALL_POSES = "trajectory_all.tum"
 _DATED = 946_684_800_000_000_000  # ns, 2000-01-01 in Unix time; smaller stamps are none
 
@@ -141,4 +142,11 @@ def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str,
     known = np.array([health != "lost" for health in told.health])
     in_one_frame = result.trajectory_map.only((told.part == 0) & known)  # other parts were not joined to the map
     in_bim = result.trajectory if result.anchored else None
-    return accuracy(in_bim, in_one_frame, result.trajectory_odometry if in_one_part else None, truth)
+    errors = accuracy(in_bim, in_one_frame, result.trajectory_odometry if in_one_part else None, truth)
+    aligned, sigma = errors["rmse_map_aligned_m"], result.quality.get("position_sigma_m")
+    if aligned is not None and sigma is not None and aligned > _FAR * sigma.value:
+        errors.setdefault(
+            "note", f"aligned to the truth, the trajectory is off by {aligned:.2f} m, far more than its own standard "
+            f"deviations of {sigma.value:.3f} m say: is the truth of this drive?",
+        )  # fmt: skip
+    return errors

@@ -54,7 +54,7 @@ def _cells(entry: Entry) -> tuple[Cell, ...]:
     return (
         Cell(element_name(entry)),
         Cell(kind(entry["ifc_class"])),
-        Cell(entry["storey"] or NOTHING),
+        Cell(", ".join(filter(None, (entry["storey"], entry.get("grid")))) or NOTHING),
         Cell(", ".join(entry["rooms"]) or NOTHING),
         Cell(shown, VERDICTS.index(verdict)),
         Cell(NOTHING) if offset is None else Cell(signed_mm(offset), abs(offset)),

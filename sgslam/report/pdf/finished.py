@@ -1,15 +1,12 @@
 """What the report says of a finished run, read from its folder."""
 
 import csv
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from data.common.errors import UserError
 from data.trajectory import Trajectory
-from sgslam.as_built.elements.files import JSON
 from sgslam.report.contents import ReportData
 from sgslam.report.run_folder import RunFolder
 from sgslam.report.scan_states import ScanStates
@@ -23,20 +20,8 @@ def report_data(run: RunFolder) -> ReportData:
     states = _states(run.path / SIGMA)
     return ReportData(
         run.a_graph, run.s_graph, in_map, odometry, None, run.T_bim_map, run.matches, run.metrics, run.deviations,
-        states if states is not None and len(states.seconds) == len(in_map) else None, elements=_elements(run.path),
+        states if states is not None and len(states.seconds) == len(in_map) else None, elements=run.elements,
     )  # fmt: skip
-
-
-def _elements(out: Path) -> list[dict[str, Any]]:
-    path = out / JSON
-    if not path.is_file():
-        return []
-    try:
-        entries: list[dict[str, Any]] = json.loads(path.read_text())["elements"]
-        _ = [entry["outline"] for entry in entries]  # runs of older versions have none
-    except (ValueError, KeyError, TypeError):
-        raise UserError(f"{path}: is damaged or of an older version; run it again") from None
-    return entries
 
 
 def _states(path: Path) -> ScanStates | None:
