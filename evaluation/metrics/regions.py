@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from sgslam.report.accuracy import yaw_errors
+from sgslam.session import Result
 
 Array = NDArray[np.float64]
 _OF_TWO, _OF_ONE = 5.991, 3.841  # 95 % quantiles of chi-squared with two degrees of freedom and with one
@@ -21,6 +22,12 @@ class Inside(BaseModel):
     plan_view: float
     height: float
     yaw: float
+
+
+def inside(result: Result, truth: Trajectory) -> Inside | None:
+    """The shares for the poses of a run's `trajectory`, in the frame of the truth. None where none is known."""
+    told = result.uncertainty
+    return inside_95(result.trajectory, truth, told.sigma[np.isin(told.stamps_ns, result.trajectory.stamps_ns)])
 
 
 def inside_95(estimate: Trajectory, truth: Trajectory, sigma: Array) -> Inside | None:

@@ -28,7 +28,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> CarriedDrive:
     stamps = np.arange(SECONDS, dtype=np.int64) * 1_000_000_000
     for stamp in stamps.tolist():
         SCAN_WRITERS["ply"](folder / f"{stamp:020d}.ply", points, np.linspace(0.0, 0.1, len(points)))
-    return CarriedDrive(folder, Trajectory(stamps, np.tile(np.eye(4), (SECONDS, 1, 1))), SECONDS, times=True)
+    return CarriedDrive(folder, Trajectory(stamps, np.tile(np.eye(4), (SECONDS, 1, 1))), SECONDS, 0.0, times=True)
 
 
 def perturbed(drive: CarriedDrive, perturbation: Perturbation, severity: int, count: int = 1) -> list[Scan]:

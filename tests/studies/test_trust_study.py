@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from small_ifc import write_small_ifc
 from study_rows import rows_of
 
@@ -13,7 +14,8 @@ from data.scans.writers import SCAN_WRITERS
 from data.trajectory import Trajectory
 from evaluation.drives import SequenceSpec
 from evaluation.drives.carried import CarriedDrive
-from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, Trouble, TroubledDrive
+from evaluation.drives.sequences import plan_of
+from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, Trouble, TroubledDrive, twin_plan
 from evaluation.studies.carried.trust import Choice, Told, Troubled, cases, claims, measure, tables, wrong_poses
 
 SECONDS = 40.0
@@ -42,6 +44,34 @@ def test_mirrored_scans_and_feet(drive: CarriedDrive) -> None:
     np.testing.assert_allclose(feet[0].points, plain[0].points / 0.3048)
 
 
+def test_levelled_scans_lie_where_an_upright_sensor_sees_them(tmp_path: Path) -> None:
+    turns = np.tile(np.eye(4), (2, 1, 1))
+    turns[:, :3, :3] = Rotation.from_euler("zyx", [[40.0, 10.0, -5.0], [50.0, -10.0, 15.0]], degrees=True).as_matrix()
+    turns[1, :3, 3] = [0.3, 0.0, 0.1]
+    motion, times = Trajectory(np.array([0, 100_000_000]), turns), np.array([0.0, 0.05, 0.1])
+    seen, at = np.array([[2.0, 1.0, -0.5], [0.0, 3.0, 1.0], [-4.0, 0.0, 0.2]]), np.round(1e9 * times).astype(np.int64)
+    SCAN_WRITERS["ply"](tmp_path / f"{0:020d}.ply", seen, times)
+    (scan,) = TroubledDrive(CarriedDrive(tmp_path, motion, 1, 0.0, times=True), "levelled", SECONDS).scans()
+    true = motion.at(at)
+    world = np.einsum("nij,nj->ni", true[:, :3, :3], seen)
+    headings = Rotation.from_euler("z", np.arctan2(true[:, 1, 0], true[:, 0, 0])[:, None]).as_matrix()
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", headings, scan.points), world, atol=1e-4)
+
+
+def test_a_twin_plan_has_everything_twice_and_apart(tmp_path: Path) -> None:
+    plan = plan_of(SequenceSpec(name="flat", bim="generated/apartment_3"), tmp_path)
+    both, count = twin_plan(plan), len(plan.wall_surfaces)
+    assert both.wall_surfaces[:count] == plan.wall_surfaces and len(both.wall_surfaces) == 2 * count
+    assert len(both.rooms) == 2 * len(plan.rooms) and len(both.doors) == 2 * len(plan.doors)
+    for own, twin in zip(plan.wall_surfaces, both.wall_surfaces[count:], strict=True):
+        assert own.plane is not None and twin.plane is not None
+        assert np.dot(twin.plane[:2], twin.centroid) + twin.plane[3] == pytest.approx(
+            np.dot(own.plane[:2], own.centroid) + own.plane[3]
+        )
+    first, second = ([wall.centroid[0] for wall in half] for half in (plan.wall_surfaces, both.wall_surfaces[count:]))
+    assert min(second) - max(first) > 4.0
+
+
 def test_a_cover_hides_everything_for_a_while(drive: CarriedDrive) -> None:
     scans, truth = told(drive, "covered")
     near = [scan.stamp_ns / 1e9 for scan in scans if np.linalg.norm(scan.points, axis=1).max() < 0.3]
@@ -67,7 +97,8 @@ def test_what_is_wrong(drive: CarriedDrive, metres: float, degrees: float, wrong
 
 def test_every_trouble_meets_every_drive_and_foreign_plans_are_foreign() -> None:
     runs = cases(Choice(sequences=("demo", "house-1"), seeds=(0,), carriers=("wheeled",), sensors=("VLP-16",)))
-    assert len({run.key for run in runs}) == len(runs) == 2 * 2 * 8
+    assert len({run.key for run in runs}) == len(runs) == 2 * 2 * 10 - 2  # house-1 has one storey
+    assert {run.sequence.name for run in runs if run.trouble == "wrong storey"} == {"demo"}
     assert all((run.plan.bim != run.sequence.bim) == (run.trouble == "foreign") for run in runs)
 
 
@@ -90,7 +121,7 @@ def test_a_run_under_a_cover_calls_it_lost(tmp_path: Path) -> None:
 def test_the_tables_count_wrong_runs(tmp_path: Path) -> None:
     given: dict[str, Any] = {
         "scans": 100, "anchored": 100, "lost": 0, "wrong": 0, "wrong_live": 0, "worst_m": 0.05, "rmse_m": 0.01,
-        "first_anchor_s": 5.0, "kidnaps": 0, "alarms": (), "reason": "",
+        "first_anchor_s": 5.0, "kidnaps": 0, "inside": None, "alarms": (), "reason": "",
     }  # fmt: skip
     path = tmp_path / "a.ifc"
     rows = rows_of([

@@ -15,12 +15,12 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
-from evaluation.metrics.regions import Inside, inside_95
+from evaluation.metrics.regions import Inside, inside
 from evaluation.metrics.trajectories import error_in_bim
 from evaluation.studies.carried.carriers import RECORDING, ate
 from evaluation.studies.carried.carriers_tables import NO_EFFECT, named
 from evaluation.studies.carried.trust import wrong_poses
-from sgslam.session import Result, Stopwatch
+from sgslam.session import Stopwatch
 from sgslam.slam import SceneGraphSlam
 
 LEVEL_CARRIER = "wheeled"
@@ -107,7 +107,7 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
             height_m=None if error is None else _mean_height(result.trajectory, drive.truth),
             worst_m=None if error is None else error.position.max,
             wrong=wrong_poses(result.trajectory, drive.truth) if result.anchored else 0,
-            inside=_inside(result, drive.truth) if result.anchored else None,
+            inside=inside(result, drive.truth) if result.anchored else None,
             map_m=ate(result.trajectory_map, drive.truth), odometry_m=ate(result.trajectory_odometry, drive.truth),
             lost=result.tracked.get("lost", 0), kidnaps=slam.kidnaps, floors=len(result.s_graph.floors),
             rooms=len(result.s_graph.rooms), scans_per_s=drive.count / sum(stopwatch.seconds.values()),
@@ -117,11 +117,6 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
 def _mean_height(found: Trajectory, truth: Trajectory) -> float:
     """The mean magnitude (m) of the error in height."""
     return float(np.abs(found.positions[:, 2] - truth.at(found.stamps_ns)[:, 2, 3]).mean())
-
-
-def _inside(result: Result, truth: Trajectory) -> Inside | None:
-    told = result.uncertainty
-    return inside_95(result.trajectory, truth, told.sigma[np.isin(told.stamps_ns, result.trajectory.stamps_ns)])
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:

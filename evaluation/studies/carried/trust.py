@@ -1,20 +1,23 @@
 """Whether a run is ever anchored at a wrong place, whatever goes wrong with the recording, the carrier or the plan."""
 
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from pydantic import PositiveFloat
+from pydantic import Field, PositiveFloat
 
+from data import SceneGraph, UserError
 from data.simulation.effects.names import ALL
 from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, carried
 from evaluation.drives.second_run import WRONG
 from evaluation.drives.sequences import DriveOptions, SequenceSpec, plan_of, storey_of
-from evaluation.drives.troubles import BEGINS, NO_PLACE, TROUBLES, Trouble, TroubledDrive
+from evaluation.drives.troubles import BEGINS, NO_PLACE, TROUBLES, Trouble, TroubledDrive, twin_plan
 from evaluation.harness import Claim, Record, Study
 from evaluation.harness.tables import grouped, of, rare, spread
+from evaluation.metrics.regions import Inside, inside
 from evaluation.metrics.trajectories import error_in_bim
 from evaluation.studies.carried.carriers import RECORDING
 from evaluation.studies.carried.carriers_tables import named
@@ -24,15 +27,16 @@ from sgslam.slam import SceneGraphSlam
 
 
 class Choice(DriveOptions):
-    """Each of `troubles`, of each of `carriers` (or a recorded motion) with each of `sensors`, without effects or with
-    all of them, over all `sequences` and `seeds`, `seconds` long. Foreign plans are those of the next sequence in the
-    list; a wrong storey is stated where the plan has another."""
+    """Each of `troubles`, of each of `carriers` (or a recorded motion) with each of `sensors` and each of `effects`, in
+    `per_cell` drives (building and seed) drawn in turn, all of them for None; each is `seconds` long. A foreign plan is
+    that of another sequence; a wrong storey is stated where the building has several."""
 
     sequences: tuple[str, ...] = ("institute", "office", "fzk-haus", "niedriha", "jesse", "sample-house")
     troubles: tuple[Trouble, ...] = TROUBLES
     carriers: tuple[str, ...] = ("wheeled", "handheld", RECORDING)
     sensors: tuple[str, ...] = ("VLP-16", "Mid-360")
     effects: tuple[tuple[str, ...], ...] = ((), (ALL,))
+    per_cell: int | None = Field(None, ge=1)
     seconds: PositiveFloat = 60.0
 
 
@@ -50,7 +54,8 @@ class Troubled(CarriedCase):
 class Told(Record):
     """What the run says of `scans` scans: how many it calls `anchored` and how many `lost` at the end; of the anchored
     ones how many are `wrong` (0.5 m or 5 degrees off, or in a plan that is not theirs), and the error (m) of the worst
-    and the RMSE. `wrong_live` were so when they came. `alarms` are the signals out of their limits."""
+    and the RMSE, and how many are `inside` their 95 % regions. `wrong_live` were so when they came. `alarms` are the
+    signals out of their limits."""
 
     scans: int
     anchored: int
@@ -61,42 +66,42 @@ class Told(Record):
     rmse_m: float | None
     first_anchor_s: float | None
     kidnaps: int
+    inside: Inside | None
     alarms: tuple[str, ...]
     reason: str
 
 
 def cases(options: Choice) -> list[Troubled]:
     """Every trouble, in turn over all drives."""
-    return list(_cases(options))
+    return list({case.key: case for case in _cases(options)}.values())
 
 
 def _cases(options: Choice) -> Iterator[Troubled]:
     drives = list(options.drives())
-    for spec, seed in drives:
+    cells = product(options.carriers, options.sensors, options.effects, options.troubles)
+    fields = ({"carrier": c, "sensor": s, "effects": e, "trouble": t} for c, s, e, t in cells)
+    for spec, seed, cell in options.in_turn(fields, options.per_cell):
         others = [other for other, _ in drives if other.bim != spec.bim]
-        for carrier in options.carriers:
-            for sensor in options.sensors:
-                for effects in options.effects:
-                    for trouble in options.troubles:
-                        if trouble == "foreign" and not others:
-                            continue
-                        plan = others[seed % len(others)] if trouble == "foreign" else spec
-                        yield Troubled(
-                            sequence=spec, seed=seed, carrier=carrier, sensor=sensor, effects=effects,
-                            seconds=options.seconds, trouble=trouble, plan=plan,
-                        )  # fmt: skip
+        plan = others[seed % len(others)] if cell["trouble"] == "foreign" and others else spec
+        if (cell["trouble"] != "foreign" or others) and (cell["trouble"] != "wrong storey" or _has_storeys(spec)):
+            yield Troubled(sequence=spec, seed=seed, seconds=options.seconds, plan=plan, **cell)
+
+
+def _has_storeys(spec: SequenceSpec) -> bool:
+    return spec.storey is not None or spec.bim == "demo"
 
 
 def measure(case: Troubled, work: Path) -> Told:
-    """Simulates the drive and runs it with the plan."""
+    """Simulates the drive and runs it with the plan. Raises UserError where a wrong storey is to be stated and the
+    building has one only."""
     plan = plan_of(case.plan, work)
+    plan = twin_plan(plan) if case.trouble == "twin" else plan
     shaken = BEGINS * case.seconds if case.trouble == "shaken" else None
     with carried(case, work, shaken) as drive:
         troubled = TroubledDrive(drive, case.trouble, case.seconds)
         truth, storey = troubled.truth, None
         if case.trouble == "wrong storey":
-            own = storey_of(plan, truth.poses[0])
-            storey = next((floor.id for floor in plan.floors if floor.id != own), None)
+            storey = _another_storey(plan, storey_of(plan, truth.poses[0]))
         slam = SceneGraphSlam(plan, storey=storey)
         live = [slam.add_scan(scan.stamp_ns, scan.points, scan.point_times) for scan in troubled.scans()]
         result = slam.finish()
@@ -107,8 +112,16 @@ def measure(case: Troubled, work: Path) -> Told:
         lost=result.tracked.get("lost", 0), wrong=count_wrong(result.trajectory, truth) if result.anchored else 0,
         wrong_live=count_wrong(_anchored_live(live), truth), worst_m=None if error is None else error.max,
         rmse_m=None if error is None else error.rmse, first_anchor_s=result.first_anchor_s, kidnaps=slam.kidnaps,
+        inside=inside(result, truth) if result.anchored and case.trouble not in NO_PLACE else None,
         alarms=tuple(name for name, signal in result.quality.items() if not signal.ok), reason=result.reason,
     )  # fmt: skip
+
+
+def _another_storey(plan: SceneGraph, own: str | None) -> str:
+    storey = next((floor.id for floor in plan.floors if floor.id != own), None)
+    if storey is None:
+        raise UserError("a wrong storey cannot be stated of a building with one; leave it out")
+    return storey
 
 
 def _anchored_live(live: list[Update]) -> Trajectory:
