@@ -1,7 +1,6 @@
 """Runs in which something goes wrong: what the system gets, what counts as wrong, and the tables."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,14 +8,16 @@ from scipy.spatial.transform import Rotation
 from small_ifc import write_small_ifc
 from study_rows import rows_of
 
+from data import UserError
 from data.scans import Scan
 from data.scans.writers import SCAN_WRITERS
 from data.trajectory import Trajectory
 from evaluation.drives import SequenceSpec
 from evaluation.drives.carried import CarriedDrive
 from evaluation.drives.sequences import plan_of
-from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, Trouble, TroubledDrive, twin_plan
-from evaluation.studies.carried.trust import Choice, Told, Troubled, cases, claims, measure, tables, wrong_poses
+from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, TROUBLES, Trouble, TroubledDrive, twin_plan
+from evaluation.metrics.regions import Inside
+from evaluation.studies.carried.trust import Choice, Runs, Told, Troubled, cases, claims, measure, tables, wrong_poses
 
 SECONDS = 40.0
 
@@ -96,42 +97,61 @@ def test_what_is_wrong(drive: CarriedDrive, metres: float, degrees: float, wrong
 
 
 def test_every_trouble_meets_every_drive_and_foreign_plans_are_foreign() -> None:
-    runs = cases(Choice(sequences=("demo", "house-1"), seeds=(0,), carriers=("wheeled",), sensors=("VLP-16",)))
-    assert len({run.key for run in runs}) == len(runs) == 2 * 2 * 10 - 2  # house-1 has one storey
-    assert {run.sequence.name for run in runs if run.trouble == "wrong storey"} == {"demo"}
-    assert all((run.plan.bim != run.sequence.bim) == (run.trouble == "foreign") for run in runs)
+    drives = cases(Choice(sequences=("demo", "house-1"), seeds=(0,), carriers=("wheeled",), sensors=("VLP-16",)))
+    assert len({drive.key for drive in drives}) == len(drives) == 2 * 2
+    assert all(drive.foreign.bim != drive.sequence.bim for drive in drives)
+    troubles = {drive.sequence.name: set(drive.troubles) for drive in drives}
+    assert troubles == {"demo": set(TROUBLES), "house-1": set(TROUBLES) - {"wrong storey"}}  # it has one storey
+    (alone,) = cases(Choice(sequences=("demo",), seeds=(0,), carriers=("pole",), sensors=("VLP-16",), effects=((),)))
+    assert set(alone.troubles) == set(TROUBLES) - {"foreign"}
 
 
-def small(path: Path, trouble: Trouble) -> Troubled:
+def small(path: Path, *troubles: Trouble, carrier: str = "handheld") -> Troubled:
     building = SequenceSpec(name="small", bim=str(path), storey="Ground")
     return Troubled(
-        sequence=building, plan=building, seed=1, carrier="handheld", sensor="VLP-16", seconds=12.0, trouble=trouble
+        sequence=building, foreign=building, seed=1, carrier=carrier, sensor="VLP-16", seconds=12.0, troubles=troubles
     )
 
 
 @pytest.mark.long
-def test_a_run_under_a_cover_calls_it_lost(tmp_path: Path) -> None:
+def test_a_run_under_a_cover_calls_it_lost_and_a_shaken_one_is_another_drive(tmp_path: Path) -> None:
     path = write_small_ifc(tmp_path / "small.ifc").path
     (tmp_path / "work").mkdir()
-    own = measure(small(path, "covered"), tmp_path / "work")
+    found = measure(small(path, "covered", "shaken"), tmp_path / "work").found
+    own = found["covered"]
     assert own.scans == 120 and 50 <= own.lost <= 60 and own.anchored + own.lost <= own.scans
     assert "lost_scans" in own.alarms and own.wrong == 0
+    assert found["shaken"].scans == 120 and found["shaken"].lost < 50
+
+
+def test_a_wrong_storey_needs_two(tmp_path: Path) -> None:
+    (tmp_path / "work").mkdir()
+    flat = SequenceSpec(name="flat", bim="generated/apartment_3")
+    case = small(tmp_path / "none.ifc", "wrong storey").model_copy(update={"sequence": flat})
+    with pytest.raises(UserError, match="building with one"):
+        measure(case, tmp_path / "work")
 
 
 def test_the_tables_count_wrong_runs(tmp_path: Path) -> None:
-    given: dict[str, Any] = {
-        "scans": 100, "anchored": 100, "lost": 0, "wrong": 0, "wrong_live": 0, "worst_m": 0.05, "rmse_m": 0.01,
-        "first_anchor_s": 5.0, "kidnaps": 0, "inside": None, "alarms": (), "reason": "",
-    }  # fmt: skip
-    path = tmp_path / "a.ifc"
+    told = Told(
+        scans=100, anchored=100, lost=0, wrong=0, wrong_live=0, worst_m=0.05, rmse_m=0.01, first_anchor_s=5.0,
+        kidnaps=0, inside=Inside(poses=100, plan_view=0.9, height=1.0, yaw=0.8), alarms=(), reason="",
+    )  # fmt: skip
+    path, nowhere = tmp_path / "a.ifc", told.model_copy(update={"anchored": 0, "inside": None})
+    mirrored = told.model_copy(update={"wrong": 100, "wrong_live": 3, "inside": None})
+    covered = told.model_copy(update={"anchored": 40, "lost": 60, "alarms": ("lost_scans",)})
     rows = rows_of([
-        (small(path, "none"), Told(**given)),
-        (small(path, "mirrored"), Told(**{**given, "wrong": 100, "wrong_live": 3})),
-        (small(path, "covered"), Told(**{**given, "anchored": 40, "lost": 60, "alarms": ("lost_scans",)})),
+        (small(path, *TROUBLES), Runs(found={"none": nowhere, "levelled": told, "mirrored": mirrored})),
+        (small(path, *TROUBLES, carrier="pole"), Runs(found={"none": told, "levelled": nowhere, "covered": covered})),
     ])  # fmt: skip
-    line = tables(rows)["troubles"].set_index("trouble")
-    assert line["drives wrong"].to_dict() == {"none": "0/1", "mirrored": "1/1", "covered": "0/1"}
+    found = tables(rows)
+    line = found["troubles"].set_index("trouble")
+    assert line["drives wrong"].to_dict() == {"none": "0/2", "levelled": "0/2", "mirrored": "1/1", "covered": "0/1"}
     assert line.loc["covered", "scans anchored"] == "40.0%" and line.loc["covered", "scans lost"] == "60.0%"
     assert line.loc["mirrored", "wrong and no alarm"] == "1/1"
+    assert found["levelled"].to_dict("records") == [
+        {"carrier": "handheld", "anchored with the true attitude": "1", "and without": "0/1"}
+    ]
+    assert found["inside"].set_index("trouble").loc["covered", "yaw"] == "80.0%"
     (claim,) = claims(rows)
-    assert claim.value.startswith("1 of 3")
+    assert claim.value.startswith("1 of 6")
