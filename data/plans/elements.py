@@ -10,8 +10,8 @@ import numpy as np
 from ifcopenshell.util.element import get_container
 from numpy.typing import NDArray
 
-from data.ifc.grid import grid_families, grid_reference
 from data.ifc.products import IfcProduct, open_ifc, products, triangulated
+from data.plans.grid_lines import grid_families, grid_reference
 
 Kind = Literal["solid", "opening"]
 SOLID = ("IfcWall", "IfcColumn", "IfcSlab", "IfcCovering", "IfcCurtainWall")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from small_ifc import write_small_ifc
 
-from data.ifc.grid import GridLine, grid_families, grid_reference
 from data.plans.elements import planned_elements
+from data.plans.grid_lines import GridLine, grid_families, grid_reference
 
 YAW = 0.4
 
