@@ -26,6 +26,7 @@ from evaluation.studies.real.hilti import POINTS
 from evaluation.studies.real.known import data_set_in
 from evaluation.studies.real.study import Choice, End, Measured, Recorded, cases, measure
 from evaluation.studies.real.tables import claims, tables
+from evaluation.studies.real.whole_files import defect
 
 T0 = 1_700_000_000_000_000_000
 
@@ -213,3 +214,15 @@ def test_runs_that_are_not_anchored_are_no_success() -> None:
     assert (pieces["anchored"], pieces["within 3 m, 5 deg"], pieces["within 0.3 m, 1 deg"]) == ("3/4", "2/4", "1/4")
     (claim,) = claims(rows)
     assert (claim.value, claim.cases) == ("1/3", "3 recordings")
+
+
+@pytest.mark.parametrize("head", [b"", b"POINTS \n", b"POINTS many\nSIZE 4\n", b"POINTS 5\nSIZE 4 4\nCOUNT 1\n"])
+def test_a_header_that_states_no_size_is_left_to_the_reader(tmp_path: Path, head: bytes) -> None:
+    path = tmp_path / "0.pcd"
+    path.write_bytes(head + b"DATA binary\n1234")
+    assert defect(path) is None
+    path.write_bytes(b"FIELDS x y z\nSIZE 4 4 4\nPOINTS 2\nDATA binary\n" + bytes(23))
+    assert defect(path) == f"is cut off: {path.stat().st_size} of {path.stat().st_size + 1} bytes"
+    for suffix in ("bag", "db3", "e57"):
+        (tmp_path / f"short.{suffix}").write_bytes(b"ASTM-E57")
+        assert defect(tmp_path / f"short.{suffix}") is None

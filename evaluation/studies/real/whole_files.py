@@ -62,7 +62,7 @@ def _pcd(path: Path) -> int | None:
         sizes = [int(size) for size in fields[b"SIZE"]]
         counts = [int(count) for count in fields.get(b"COUNT", [b"1"] * len(sizes))]
         return found.end() + int(fields[b"POINTS"][0]) * sum(s * c for s, c in zip(sizes, counts, strict=True))
-    except (KeyError, ValueError):
+    except (KeyError, IndexError, ValueError):
         return None
 
 
