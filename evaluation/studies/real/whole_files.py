@@ -19,7 +19,7 @@ def check_whole(paths: Iterable[Path], advice: str) -> None:
     broken = [(path, reason) for path in paths if (reason := defect(path)) is not None]
     if broken:
         (path, reason), more = broken[0], len(broken) - 1
-        others = f" (and something with {more} more)" if more else ""
+        others = f" (and {more} more)" if more else ""
         raise UserError(f"{path}: {reason}{others}; {advice}")
 
 
