@@ -39,9 +39,11 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="list | run | render")
     commands.add_parser("list", help="list the studies")
     run = commands.add_parser("run", help="compute the rows of studies")
-    run.add_argument("studies", nargs="+", metavar="NAME", help="studies, or 'all'")
+    run.add_argument("studies", nargs="+", metavar="NAME", help="studies, or 'all' that need no data of yours")
     run.add_argument("--quick", action="store_true", help="the short version, compared with its rows before")
     run.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="options of the study; see 'list'")
+    about = "folder of a data set, for the study 'real': short for --set dataset=DIR"
+    run.add_argument("--dataset", metavar="DIR", help=about)
     run.add_argument("--rows", type=Path, metavar="DIR", help="folder of the rows (default: the project's own)")
     run.add_argument("--work", type=Path, default=WORK, metavar="DIR", help="folder for drives (default %(default)s)")
     add_options(run, "--jobs", "processes (default: the number of cores)")
@@ -73,8 +75,9 @@ def _run(options: argparse.Namespace) -> int:
 
     if options.jobs < 1:
         raise UserError(f"--jobs {options.jobs}: must be at least 1")
-    names = list(STUDIES) if options.studies == ["all"] else options.studies
-    studies = [load_study(name) for name in names]
+    if options.dataset is not None:
+        options.set = [f"dataset={options.dataset}", *options.set]
+    studies = _studies(options.studies)
     chosen = [_options(study, options.quick, options.set) for study in studies]
     folder = options.rows or ROWS
     work = options.work / content_hash(("data",))  # drives of another simulator are not used
@@ -84,6 +87,13 @@ def _run(options: argparse.Namespace) -> int:
         lines += run_study(study, own, not options.set, place, _command(study.name, options)).lines()
     print("\n".join(lines))
     return 0
+
+
+def _studies(names: list[str]) -> list[Study]:
+    """The studies of these names; `all` is every one that needs no data of the user's."""
+    if names == ["all"]:
+        return [study for study in map(load_study, STUDIES) if not study.brought]
+    return [load_study(name) for name in names]
 
 
 def _command(study: str, options: argparse.Namespace) -> str:

@@ -72,7 +72,8 @@ class Study:
 
     A case has a process of its own, unless it is `small`: then many share a process of one thread. Where seconds are
     what is measured, the study is `timed`: nothing runs beside it. Cases that differ in the field `apart` may be
-    measured on builds of their own, such as peers that our build does not change.
+    measured on builds of their own, such as peers that our build does not change. A study whose data are `brought` by
+    its user is not one of `all`.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Study:
     small: bool = False
     timed: bool = False
     apart: str | None = None
+    brought: bool = False
 
 
 STUDIES = {  # by name, the module whose `STUDY` it is
@@ -110,6 +112,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",
     "odometries": "evaluation.studies.odometries",
+    "real": "evaluation.studies.real.study",
     "relocalisation": "evaluation.studies.relocalisation",
     "resume": "evaluation.studies.resume",
     "rooms_to_localise": "evaluation.studies.rooms_to_localise",

@@ -10,6 +10,7 @@ from evaluation.harness.row_file import read_rows, rows_path
 from evaluation.harness.running import QUICK, ROWS
 from evaluation.harness.study import STUDIES, load_study
 
+NOT_MEASURED = "\nNothing was measured: "  # on the page of a study without rows, in place of its tables
 RENDER = "written by hand, or rows changed: python -m evaluation render"
 
 
@@ -45,7 +46,7 @@ def test_every_study_has_a_page_with_its_tables(name: str) -> None:
     study, text = load_study(name), (PLOTS / f"{name}.md").read_text()
     assert study.name == name and len(study.asks.split()) > 3
     assert f"python -m evaluation run {name}" in text and f"({name}.md)" in (PLOTS / "index.md").read_text()
-    assert f"<!-- rows: {name}/" in text
+    assert f"<!-- rows: {name}/" in text or (NOT_MEASURED in text and not Renderer().has_rows(name))
 
 
 @pytest.mark.parametrize("name", STUDIES)
