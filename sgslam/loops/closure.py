@@ -18,7 +18,7 @@ from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse, se2_to_se3, transform_points
 from sgslam.loops.candidates import Pass, Ties, passes_near, tied_by_walls, way_driven
 from sgslam.loops.likeness import Widths, similar, similar_rooms
-from sgslam.loops.registration import register, submap
+from sgslam.loops.registration import Submap, register
 from sgslam.loops.search import SeenSpace, agreement, search
 from sgslam.mapping import Closure, KeyframeNode, Scene, WallMap
 
@@ -197,7 +197,7 @@ class LoopCloser:
         T_level = se2_to_se3(*fit.motion.tolist()) @ known.T_level_sensor[i]
         j = int(earlier.keyframes[np.argmin(np.linalg.norm(known.places[earlier.keyframes] - T_level[:2, 3], axis=1))])
         target, source = (
-            submap([known.clouds[k] for k in own.tolist()], known.T_level_sensor[own], known.T_level_frame(at))
+            Submap.of([known.clouds[k] for k in own.tolist()], known.T_level_sensor[own], known.T_level_frame(at))
             for own, at in ((_nearest(known, earlier.keyframes, j), j), (_nearest(known, later, i), i))
         )
         T_frame_sensor = inverse(known.T_level_frame(i)) @ known.T_level_sensor[i]

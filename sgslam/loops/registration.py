@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from sgslam.config.loop_settings import LoopSettings
 from sgslam.geometry.frames import inverse, squared_up, transform_points
@@ -33,17 +34,38 @@ class Registration:
     held: float
 
 
-def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettings) -> Registration | None:
-    """Registers `source` (N, 3) to `target` (M, 3) from a guess T_target_source (4, 4); None without convergence.
+@dataclass(frozen=True)
+class Submap:
+    """`points` (N, 3) in one level frame, and from where (N, 3) each was seen."""
 
-    Both are in level frames.
+    points: Floats
+    seen_from: Floats
+
+    @staticmethod
+    def of(clouds: list[NDArray[np.float32]], T_map_sensor: Floats, T_map_frame: Floats) -> "Submap":
+        """The clouds of K keyframes at T_map_sensor (K, 4, 4), in the frame of T_map_frame (4, 4)."""
+        T = inverse(T_map_frame) @ T_map_sensor
+        points = [transform_points(pose, cloud.astype(float)) for pose, cloud in zip(T, clouds, strict=True)]
+        return Submap(np.concatenate(points), np.repeat(T[:, :3, 3], [len(own) for own in points], axis=0))
+
+    def outward(self, points: Floats, normals: Floats) -> Floats:
+        """The normals (M, 3) at points (M, 3), each towards where the nearest point of the submap was seen from."""
+        _, nearest = KDTree(self.points).query(points)
+        towards = np.sum(normals * (self.seen_from[nearest] - points), axis=1)
+        return np.asarray(normals * np.where(towards < 0, -1.0, 1.0)[:, None])
+
+
+def register(target: Submap, source: Submap, guess: Floats, settings: LoopSettings) -> Registration | None:
+    """Registers `source` to `target` from a guess T_target_source (4, 4); None without convergence.
+
+    A surface that the two saw from opposite sides is not the same one: they are the two faces of a wall.
     """
     import small_gicp
 
-    if min(len(target), len(source)) < _FEWEST:
+    if min(len(target.points), len(source.points)) < _FEWEST:
         return None
-    there, tree = small_gicp.preprocess_points(target, _VOXEL, _NEIGHBOURS, 1)
-    here, _ = small_gicp.preprocess_points(source, _VOXEL, _NEIGHBOURS, 1)
+    there, tree = small_gicp.preprocess_points(target.points, _VOXEL, _NEIGHBOURS, 1)
+    here, _ = small_gicp.preprocess_points(source.points, _VOXEL, _NEIGHBOURS, 1)
     if min(there.size(), here.size()) < _FEWEST:
         return None
     T = guess
@@ -54,17 +76,20 @@ def register(target: Floats, source: Floats, guess: Floats, settings: LoopSettin
         T = squared_up(np.asarray(found.T_target_source))
     if not found.converged or not np.isfinite(T).all():
         return None
-    placed = transform_points(T, np.asarray(here.points())[:, :3])
+    own, theirs = np.asarray(here.points())[:, :3], np.asarray(there.points())[:, :3]
+    facing = source.outward(own, np.asarray(here.normals())[:, :3]) @ T[:3, :3].T
+    theirs_facing = target.outward(theirs, np.asarray(there.normals())[:, :3])
+    placed = transform_points(T, own)
     nearest, squared = tree.batch_nearest_neighbor_search(np.column_stack([placed, np.ones(len(placed))]))
     known = np.asarray(squared) < _KNOWN**2  # the other pass saw nothing further away
     nearest = np.asarray(nearest)[known]
-    normals, points = np.asarray(there.normals())[nearest, :3], np.asarray(there.points())[nearest, :3]
+    normals, points = theirs_facing[nearest], theirs[nearest]
     near = np.abs(np.sum(normals * (placed[known] - points), axis=1))
-    inlying = near < settings.inlier_distance
+    inlying = (near < settings.inlier_distance) & (np.sum(normals * facing[known], axis=1) > 0)
     inliers = near[inlying]
     if len(inliers) < _FEWEST:
         return None
-    H = _information(T, np.asarray(here.points())[known, :3][inlying], normals[inlying])
+    H = _information(T, own[known][inlying], normals[inlying])
     return Registration(
         T, _covariance(H, settings), len(inliers) / len(near), float(np.sqrt(np.mean(inliers**2))),
         _held(H) / len(inliers),
@@ -106,9 +131,3 @@ def _covariance(H: Floats, settings: LoopSettings) -> Floats:
     wide = vectors @ np.diag(1.0 / np.maximum(values, 1e-2)) @ vectors.T
     least = [settings.sigma_rotation**2] * 3 + [settings.sigma_translation**2] * 3
     return np.asarray((wide + wide.T) / 2 + np.diag(least))
-
-
-def submap(clouds: list[NDArray[np.float32]], T_map_sensor: Floats, T_map_frame: Floats) -> Floats:
-    """(N, 3) the clouds of K keyframes at T_map_sensor (K, 4, 4), in the frame of T_map_frame (4, 4)."""
-    T = inverse(T_map_frame) @ T_map_sensor
-    return np.concatenate([transform_points(pose, cloud.astype(float)) for pose, cloud in zip(T, clouds, strict=True)])
