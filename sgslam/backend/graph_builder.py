@@ -22,6 +22,7 @@ from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode
 
 Floats = NDArray[np.float64]
 _PARALLEL = 0.003  # rad between two floors or ceilings of a building
+_SHORTEST = 0.1  # m of a wall
 
 
 class GraphBuilder:
@@ -87,7 +88,6 @@ class GraphBuilder:
                 keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
         before, entries = self._log.held("wall"), dict[Key, Entry]()
-        sigmas = self._config.backend.sigma_normal, self._config.backend.sigma_offset
         observations: Counter[int] = Counter()  # of each keyframe so far
         for s, out in zip(seen, wrong, strict=True):
             number = observations[s.keyframe]
@@ -95,12 +95,21 @@ class GraphBuilder:
             if s.wall not in anchor_of or out:
                 continue
             key = (s.keyframe, number, s.wall, anchor_of[s.wall])
-            build = partial(self._observation, s, P(s.wall), anchor_of[s.wall], sigmas)
+            build = partial(self._observation, s, P(s.wall), anchor_of[s.wall], self._of_wall(s))
             why = f"keyframe {s.keyframe} saw wall {s.wall}"
             entries |= self._entry("wall", key, "wall extraction", why, build, before)
         gone = "it belongs to another wall or is an outlier, or the wall is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "wall", entries, gone)
         return anchor_of
+
+    def _of_wall(self, seen: SeenWall) -> tuple[float, float]:
+        """Lower bounds (rad, m) of the standard deviations of an observed wall: what its points err together turns it
+        about the middle of the piece that was seen, the more the shorter that is."""
+        settings, (first, last) = self._config.backend, seen.ends
+        turn = np.sqrt(12.0) * settings.sigma_wall / max(float(np.linalg.norm(last - first)), _SHORTEST)
+        foot = -seen.plane[3] * seen.plane[:3]  # of the sensor, where the offset is measured
+        aside = float(np.linalg.norm((first + last) / 2 - foot))
+        return turn, float(np.hypot(settings.sigma_offset, turn * aside))
 
     def _observation(
         self, seen: SeenWall | SeenLevel, plane: int, anchor: int, sigmas: tuple[float, float]

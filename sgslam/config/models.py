@@ -173,8 +173,9 @@ class BackendSettings(Settings):
     """least number of keyframes between two optimisations"""
     growth: float = Field(0.08, ge=0)
     """least growth between two optimisations, as a share of all keyframes"""
-    sigma_normal: float = Field(0.004, gt=0)
-    """rad, lower bound of the standard deviation of an observed wall normal"""
+    sigma_wall: float = Field(0.006, gt=0)
+    """m, standard deviation of what the points of an observed wall err together along it: a short piece shows the
+    normal poorly"""
     sigma_offset: float = Field(0.008, gt=0)
     """m, lower bound of the standard deviation of an observed wall offset"""
     sigma_floor_offset: float = Field(0.01, gt=0)
