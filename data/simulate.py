@@ -30,25 +30,25 @@ from data.simulation.simulate import simulate
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Simulates a LiDAR carried through a building by a robot or a person: IFC in, scans and truth out."
+    about = "Simulate a LiDAR carried through a building; writes scans and ground truth."
     effects = "effects:\n" + "".join(f"  {name:<10} {what}\n" for name, what in EFFECTS.items())
-    effects += f"  {ALL:<10} all of these, rolling unless told otherwise\n"
+    effects += f"  {ALL:<10} all of these, with rolling unless another is named\n"
     formatter = argparse.RawDescriptionHelpFormatter
     parser = Parser(prog="python -m data.simulate", description=about, epilog=effects, formatter_class=formatter)
     add = parser.add_argument
     add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
     add("--storey", action="append", default=[], metavar="NAME",
-        help="name or GlobalId of the storey to drive (a mesh needs none); again: the next, by the stairs")
+        help="name or GlobalId of the storey (not for a mesh); repeat it to go on by the stairs to the next storey")
     add("--out", required=True, metavar="DIR", help="new folder for scans and truth")
     add("--seed", type=int, default=0, help="same seed, same bytes (default 0)")
-    add("--min-rooms", type=int, default=8, metavar="N", help="rooms to enter (default 8; all, where fewer)")
+    add("--min-rooms", type=int, default=8, metavar="N", help="number of rooms to enter (default 8, or all if fewer)")
     add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
-    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, moved 10 to 30 cm (default 0)")
+    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="moved by 10 to 30 cm (default 0)")
     add("--moved-by", type=float, metavar="M", help="metres by which each of them is moved")
-    add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="of the walls, never built (default 0)")
-    add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that stand and no plan shows (default 0)")
+    add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="that are absent (default 0)")
+    add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that no plan shows (default 0)")
     add("--and-back", action="store_true", help="drive the whole way back again")
-    add("--seconds", type=float, metavar="S", help="end the drive after so long")
+    add("--seconds", type=float, metavar="S", help="duration of the drive in seconds")
     add("--carrier", default="wheeled", metavar="NAME",
         help=f"{', '.join(CARRIERS)}, or FILE.tum: a recorded motion, put along the way (default wheeled)")
     add("--pace", type=float, default=1.0, help="factor of the recorded motion's pace (default 1)")
@@ -57,11 +57,11 @@ def _parser() -> argparse.ArgumentParser:
         help="roll, pitch and yaw of the sensor in the carrier's frame, degrees (default 0,0,0; 180,0,0: upside down)")
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
     add("--imu", metavar="NAME", help=f"writes scans/imu.csv of an IMU in the sensor: {', '.join(IMUS)} (default none)")
-    add("--azimuths", type=int, metavar="N", help="of a spinning sensor, a turn (default: the sensor's)")
-    add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="names with commas between, see below")
+    add("--azimuths", type=int, metavar="N", help="azimuth steps per turn of a spinning sensor (default: the sensor's)")
+    add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names, see below")
     add("--speed", type=float, help="metres a second (default: the carrier's; wheeled 0.8, on foot 1.1)")
     add("--sensor-height", type=float, help="metres above the floor (default: the carrier's; wheeled 0.8)")
-    add("--format", choices=SCAN_WRITERS, help="of the scans (default bin; ply for points with times)")
+    add("--format", choices=SCAN_WRITERS, help="format of the scans (default bin; ply for points with times)")
     return parser
 
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command and returns 0 whatever the status of the match is. Raises UserError."""
-    parser = Parser(prog="python -m matching.match", description="Finds where a map lies in a building's plan.")
+    parser = Parser(prog="python -m matching.match", description="Find the place of a map in a building's plan.")
     parser.add_argument("--s-graph", type=Path, required=True, metavar="FILE", help="the map's scene graph, JSON")
     parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="the plan's scene graph, JSON")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write the match to, JSON")

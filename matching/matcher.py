@@ -46,7 +46,7 @@ class VotingMatcher:
         found = search(walls, candidates, None if start is None else partial(near_start, start))
         if not found:
             near = "" if start is None else " near the start that was given (its yaw is in radians)"
-            reason = f"no wall corner of the map has its like in the plan{near}"
+            reason = f"no wall corner of the map matches one in the plan{near}"
             return MatchResult("none", reason, seconds=_since(began))
         return _answer(found, candidates, began)
 

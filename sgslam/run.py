@@ -102,7 +102,7 @@ def add_options(parser: argparse.ArgumentParser, live: bool = False) -> None:
     add("--ground-truth", type=Path, metavar="FILE", help="true sensor poses in the BIM frame, TUM, clock of the scans")
     add("--start", metavar="X,Y,YAW", help="rough initial pose in the BIM frame (m, rad); resolves ambiguous matches")
     add("--storey", metavar="NAME", help="storey on which the run begins, if known")
-    add("--mount", metavar="R,P,Y", help="roll, pitch, yaw of the sensor, degrees; needed beyond 40; 180,0,0: hangs")
+    add("--mount", metavar="R,P,Y", help="roll, pitch, yaw of the sensor, degrees; needed above 40 (180,0,0: inverted)")
     add("--tolerance", metavar="LENGTH", help="offset up to which an element is as planned, e.g. 15mm (default: 30mm)")
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")

@@ -36,8 +36,8 @@ def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) ->
     either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
     either.add_argument(
         "--scheduler", type=reached, metavar="tcp://HOST:PORT",
-        help="of a Dask cluster whose workers do it instead; they need the same sgslam, and files that are named must "
-        "lie at the same paths there: see docs/cluster.md",
+        help="address of a Dask cluster to run it on; its workers need the same sgslam, and named files at the same "
+        "paths: see docs/cluster.md",
     )  # fmt: skip
 
 

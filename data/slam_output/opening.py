@@ -29,7 +29,7 @@ def open_slam_output(
     Raises UserError.
     """
     if scans is not None and cloud is not None:
-        raise UserError("--scans and --cloud: both tell what the poses saw; leave one out")
+        raise UserError("--scans and --cloud: give only one of them")
     if times is not None and path.is_dir():
         raise UserError(f"{times}: only a file of poses needs times; leave it out")
     if scans is not None:
@@ -42,7 +42,7 @@ def open_slam_output(
         return glim_scans(path)
     if path.is_dir():
         raise UserError(f"{path}: neither KISS-SLAM's folder of results nor GLIM's dump; give a file of poses")
-    raise UserError(f"{path}: what did these poses see? give --scans (a folder or a bag) or --cloud (a map)")
+    raise UserError(f"{path}: poses alone are not enough; give --scans (a folder or a bag) or --cloud (a map)")
 
 
 def _poses(path: Path, times: Path | None) -> PoseList:

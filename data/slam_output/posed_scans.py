@@ -58,7 +58,7 @@ class PosedScans(ScanSource):
         if self._scans.stamps_ns is not None and self._scans.note != NOTE_INDICES:
             return self._scans.stamps_ns
         if self._scans.stamps_ns is None:
-            raise UserError(f"{self._name_of_poses}: poses have no stamps; give --times, a line of seconds for each")
+            raise UserError(f"{self._name_of_poses}: poses have no stamps; give --times, in seconds, one per line")
         self.note = f"neither poses nor scans have stamps; the sensor is taken to move at {_SPEED:g} m/s"
         return walking_stamps(poses.poses)
 

@@ -59,7 +59,7 @@ def _answered(found: DeformedHypotheses, began: float, start: Start | None) -> M
     if len(found):
         return answer(found, began)
     near = "" if start is None else " near the start that was given (its yaw is in radians)"
-    reason = f"no wall corner of the map has its like in the plan{near}"
+    reason = f"no wall corner of the map matches one in the plan{near}"
     return MatchResult("none", reason, seconds=time.perf_counter() - began)
 
 

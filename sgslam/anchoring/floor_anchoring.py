@@ -234,7 +234,7 @@ class FloorAnchoring(Stateful):
     def _withdraw(self, scene: Scene, why: str) -> None:
         self.commitment.clear()
         self.log.withdraw_all(scene.graph.keyframes[-1].stamp_ns, why)
-        _log.warning("the match that the anchors stood on is withdrawn: %s", why)
+        _log.warning("the match behind the anchors is withdrawn: %s", why)
 
     def _check_conflict(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> None:
         """Withdraws a commitment to a partial plan where a grown map conflicts with it."""

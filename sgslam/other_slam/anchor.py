@@ -46,9 +46,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m sgslam.other_slam.anchor", description=about)
     add = parser.add_argument
     add("slam_output", type=Path, metavar="OUTPUT", help="poses (TUM, KITTI, EuRoC), KISS-SLAM, GLIM, or a .g2o file")
-    add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="the scans, or a cloud a pose: a folder or a bag")
-    add("--cloud", type=Path, metavar="FILE", help="the map instead, in the frame of the poses: .ply, .pcd, .las, ...")
-    add("--times", type=Path, metavar="FILE", help="stamps of KITTI's poses, a line of seconds for each")
+    add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="folder or bag: scans, or one cloud per pose")
+    add("--cloud", type=Path, metavar="FILE", help="map in the poses' frame, instead of scans: .ply, .pcd, .las, ...")
+    add("--times", type=Path, metavar="FILE", help="stamps of the KITTI poses, in seconds, one per line")
     add_options(parser)
     parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0, second_pass=None)
     return parser
