@@ -121,8 +121,8 @@ class FloorAnchoring(Stateful):
         """
         if self.committed is None:
             self._ask(scene, walls, None, last=True)
-            if self.committed is None and not self.matching.rejection:
-                self.matching.reject_mirrored(scene)  # for the reason in the report
+            if self.committed is None and not self.matching.rejection:  # for the reason in the report
+                _ = self.matching.reject_given_storey(scene) or self.matching.reject_mirrored(scene)
             return self.committed is None
         self._ask(scene, walls, T_map_local, last=True)
         if self.committed is self.match:

@@ -35,6 +35,7 @@ MIRRORED_REASON = (
     "--mount 180,0,0, and one that does not must not have it"
 )
 _NEARLY = 0.88  # of the best place's evidence, that of another place, from which on they are nearly equal
+STOREY_REASON = "storey '{}' of the plan explains the map better than the one that was given; check --storey"
 NEARLY_REASON = "another place explains the map nearly as well: what was built a little off decides between them"
 _SEVERAL = 8  # matched wall surfaces, about two rooms', for an answer to confirm a later one
 
@@ -62,6 +63,7 @@ class FloorMatching(Stateful):
 
     def __init__(self, plan: Plan, matcher: AnyMatcher, settings: AnchorSettings) -> None:
         self._plan, self._matcher, self._settings = plan, matcher, settings
+        self._is_given = False  # whether the storey follows from a statement of the user
         self.storey: str | None = None
         self.possible_storeys: list[str] = []
         self.match: Match | None = None
@@ -79,6 +81,7 @@ class FloorMatching(Stateful):
     def restrict_storeys(self, storeys: list[str], known: str | None) -> None:
         """Sets the storeys that this floor can be, all where the list is empty, and the only one to match if known."""
         self.possible_storeys = storeys
+        self._is_given = known is not None
         self.storey = known or self.storey
 
     def match_only(self, storey: str) -> None:
@@ -124,7 +127,11 @@ class FloorMatching(Stateful):
         self.count += 1
         _log.info("match %d, of %d rooms: %s, %s", self.count, len(s.rooms), match.status, match.reason)
         place = self._verified_place(match, scene, walls) if match.status == "unique" else None
-        if place is not None and (self.reject_nearly_equal(scene) or (relocalise and self.reject_mirrored(scene))):
+        if place is not None and (
+            self.reject_nearly_equal(scene)
+            or self.reject_given_storey(scene)
+            or (relocalise and self.reject_mirrored(scene))
+        ):
             place = None
         if place is None:
             self._last_unique = None if self._plan.partial else self._last_unique
@@ -142,6 +149,22 @@ class FloorMatching(Stateful):
         if all(p.floor == near[0].floor and not differ(p.T_a_s, near[0].T_a_s, scene) for p in near[1:]):
             return False
         self.rejection = NEARLY_REASON
+        _log.info("match %d is rejected: %s", self.count, self.rejection)
+        return True
+
+    def reject_given_storey(self, scene: Scene) -> bool:
+        """Rejects the newest answer if another storey than the given one explains the map better; returns whether one
+        does. Storeys that are nearly alike leave it to the user."""
+        if not self._is_given or self.match is None:
+            return False
+        anywhere = self._matcher.match(scene.graph, self._plan.a_graph)
+        if anywhere.status == "none" or not (places := candidate_places(anywhere)):
+            return False
+        best = max(places, key=lambda place: place.score)
+        if best.floor in (None, self.storey) or evidence(self.match) >= _NEARLY * best.score:
+            return False
+        names = {floor.id: floor.name for floor in self._plan.a_graph.floors}
+        self.rejection = STOREY_REASON.format(names.get(best.floor) or best.floor)
         _log.info("match %d is rejected: %s", self.count, self.rejection)
         return True
 

@@ -73,6 +73,9 @@ class TrackingSettings(Settings):
     """rad, standard deviation of an attitude, about any axis, beyond which a scan is degraded"""
     kidnapped: float = Field(0.5, gt=0)
     """s, time for which lost scans must agree with one another until the sensor counts as carried elsewhere"""
+    unseen: float = Field(2.0, gt=0)
+    """s, time after which a lost sensor begins a new part of the map, wherever it is found again: one walks two metres
+    in it, and rooms that look the same are farther apart"""
     unconfirmed: float = Field(10.0, ge=0)
     """s, time for which a sensor that was lost for `kidnapped` and found again may prove to be in a like room instead;
     its scans wait so long until they join the map; one walks out of a room in less"""

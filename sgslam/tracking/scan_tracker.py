@@ -173,6 +173,7 @@ class ScanTracker(Stateful):
         if scan.health == "lost":
             self._lost_from_ns = stamp if self._lost_from_ns is None else self._lost_from_ns
             return scan
+        self._lost_since_ns = stamp if self._was_unseen(stamp) else None
         if self._lost_from_ns is not None and stamp - self._lost_from_ns >= 1e9 * settings.kidnapped:
             self._again_ns, self._found_ns = stamp, stamp if self._found_ns is None else self._found_ns
         elif self._again_ns is not None and stamp - self._again_ns > 1e9 * settings.unconfirmed:
@@ -180,15 +181,20 @@ class ScanTracker(Stateful):
         self._lost_from_ns = None
         return replace(scan, unconfirmed=self._again_ns is not None)
 
+    def _was_unseen(self, stamp_ns: int) -> bool:
+        """Whether the sensor was lost for so long that it may be in another room by now, which looks the same."""
+        since = self._lost_from_ns
+        return since is not None and stamp_ns - since >= 1e9 * self._config.tracking.unseen
+
     def was_carried_elsewhere(self, scan: TrackedScan) -> bool:
         """Whether the sensor was carried elsewhere: lost scans fit one another, for some time, and not the map near
-        the place where it was lost.
+        the place where it was lost. Or nothing was seen of its way for long, which is no different.
 
         To be asked for each scan.
         """
         if scan.health != "lost":
-            self._other, self._lost_since_ns = None, None
-            return False
+            self._other = None
+            return self._lost_since_ns is not None
         if self._other is None or self._lost_since_ns is None:
             self._other = make_odometry(self._config.odometry, self._config.tracking, self._imu)
             self._lost_since_ns = scan.raw.stamp_ns
@@ -198,7 +204,7 @@ class ScanTracker(Stateful):
             return False
         if scan.raw.stamp_ns - self._lost_since_ns < 1e9 * self._config.tracking.kidnapped:
             return False
-        is_here = self._odometry.rejoin(self._other)
+        is_here = not self._was_unseen(self._lost_since_ns) and self._odometry.rejoin(self._other)
         if is_here:
             self._found_ns = self._lost_since_ns if self._found_ns is None else self._found_ns
             self._other, self._lost_since_ns = None, None

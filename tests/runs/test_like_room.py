@@ -34,8 +34,9 @@ def scans(*, stays: bool) -> list[tuple[int, Array]]:
     return [(10**8 * k, own) for k, own in enumerate(points)]
 
 
-def slam(unconfirmed: float) -> SceneGraphSlam:
-    return SceneGraphSlam(config=Config(tracking=TrackingSettings(unconfirmed=unconfirmed, gravity_until=5.0)))
+def slam(unconfirmed: float, unseen: float = 2.0) -> SceneGraphSlam:
+    settings = TrackingSettings(unconfirmed=unconfirmed, unseen=unseen, gravity_until=5.0)
+    return SceneGraphSlam(config=Config(tracking=settings))
 
 
 @pytest.mark.parametrize(("unconfirmed", "part_of_like_room"), [(LIKE / 10 - 0.5, 0), (10.0, 1)])
@@ -53,6 +54,13 @@ def test_a_sensor_that_stayed_is_not_sure_for_a_time_and_goes_on() -> None:
     result = run.finish()
     assert run.kidnaps == 0 and not result.uncertainty.part.any()
     assert set(result.uncertainty.health[FOUND:]) == {"good"}
+
+
+@pytest.mark.parametrize(("unseen", "part"), [(CAPPED / 10 + 0.05, 0), (CAPPED / 10 - 0.05, 1)])
+def test_a_sensor_whose_way_was_unseen_for_long_begins_a_new_part(unseen: float, part: int) -> None:
+    told = fed(slam(2.0, unseen), scans(stays=True)).finish().uncertainty
+    assert told.part.tolist() == [0] * FOUND + [part] * (LIKE + ELSEWHERE)
+    assert set(told.health[SEEN:FOUND]) == {"lost"} and "lost" not in told.health[FOUND:]
 
 
 @pytest.mark.long
