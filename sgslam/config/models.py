@@ -63,8 +63,8 @@ class OdometrySettings(Settings):
     """m/s, standard deviation of an external odometry along unconstrained directions"""
     external_turn_error: float = Field(0.01, gt=0)
     """rad/s, standard deviation of an external odometry about unconstrained axes"""
-    sigma_rotation: float = Field(0.001, gt=0)
-    """rad, standard deviation of the rotation between two keyframes, by our own odometry"""
+    sigma_rotation: float = Field(0.002, gt=0)
+    """rad, standard deviation of the rotation between two keyframes, by our own odometry, whose map shares its errors"""
     sigma_translation: float = Field(0.004, gt=0)
     """m, standard deviation of the translation between two keyframes, by our own odometry"""
     other_sigma_rotation: float = Field(0.004, gt=0)
@@ -173,7 +173,7 @@ class BackendSettings(Settings):
     """least number of keyframes between two optimisations"""
     growth: float = Field(0.08, ge=0)
     """least growth between two optimisations, as a share of all keyframes"""
-    sigma_wall: float = Field(0.006, gt=0)
+    sigma_wall: float = Field(0.008, gt=0)
     """m, standard deviation of what the points of an observed wall err together along it: a short piece shows the
     normal poorly"""
     sigma_offset: float = Field(0.008, gt=0)
