@@ -174,7 +174,7 @@ def _chosen(by_layer: dict[str, _Drawn], layers: Sequence[str], path: Path) -> t
         return known, []
     chosen = [name for name in by_layer if is_wall_layer(name)] or (list(by_layer) if len(by_layer) == 1 else [])
     if not chosen:
-        raise UserError(f"{path}: no layer is named after walls; give --layer NAME; there are: {listed}")
+        raise UserError(f"{path}: no layer is named after walls; choose by --layer; there are: {listed}")
     return chosen, [f"walls are taken from the layers {', '.join(sorted(chosen))}"]
 
 

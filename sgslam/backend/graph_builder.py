@@ -106,9 +106,9 @@ class GraphBuilder:
         """Lower bounds (rad, m) of the standard deviations of an observed wall: what its points err together turns it
         about the middle of the piece that was seen, the more the shorter that is."""
         settings, (first, last) = self._config.backend, seen.ends
-        turn = np.sqrt(12.0) * settings.sigma_wall / max(float(np.linalg.norm(last - first)), _SHORTEST)
-        foot = -seen.plane[3] * seen.plane[:3]  # of the sensor, where the offset is measured
-        aside = float(np.linalg.norm((first + last) / 2 - foot))
+        length = max(float(np.linalg.norm(last - first)), _SHORTEST)
+        turn = float(np.sqrt(12.0)) * settings.sigma_wall / length
+        aside = abs(float((first + last) @ (last - first))) / (2 * length)  # of the middle from abreast of the sensor
         return turn, float(np.hypot(settings.sigma_offset, turn * aside))
 
     def _observation(

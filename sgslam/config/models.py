@@ -64,7 +64,7 @@ class OdometrySettings(Settings):
     external_turn_error: float = Field(0.01, gt=0)
     """rad/s, standard deviation of an external odometry about unconstrained axes"""
     sigma_rotation: float = Field(0.002, gt=0)
-    """rad, standard deviation of the rotation between two keyframes, by our own odometry, whose map shares its errors"""
+    """rad, standard deviation of the rotation between two keyframes, by our own odometry, errors of its map included"""
     sigma_translation: float = Field(0.004, gt=0)
     """m, standard deviation of the translation between two keyframes, by our own odometry"""
     other_sigma_rotation: float = Field(0.004, gt=0)

@@ -77,7 +77,8 @@ def test_errors_are_as_large_as_the_graph_takes_them_to_be() -> None:
         T = pose(0.7 + 0.02 * seed, -0.4, 0.8, 0.2 * seed)
         for observation in walls_in(room(*ROOM), T, seed=seed):
             _, angle, offset, _ = place(observation, T)
-            angles.append(angle / np.hypot(observation.sigma_normal, GRAPH.sigma_normal))
+            bent = np.sqrt(12) * GRAPH.sigma_wall / np.linalg.norm(np.diff(observation.ends, axis=0))
+            angles.append(angle / np.hypot(observation.sigma_normal, bent))
             offsets.append(offset / np.hypot(observation.sigma_offset, GRAPH.sigma_offset))
     assert len(angles) >= 120
     for ratio in (angles, offsets):

@@ -43,6 +43,13 @@ def visible(T: Array) -> list[int]:
     return [0, 1, 2, 3] if T[0, 3] < 6.1 else [2, 3, 4, 5]
 
 
+def _ends(plane: Array) -> Array:
+    """(2, 3) the ends of a piece of 5 m of an upright wall (4,), abreast of the sensor."""
+    along = np.cross(plane[:3], [0.0, 0.0, 1.0])
+    return np.array([-plane[3] * plane[:3] + step * along for step in (-2.5, 2.5)])
+
+
+
 class Run:
     """What a robot measured: `truth` are poses in its first sensor's frame, the map."""
 
@@ -64,7 +71,7 @@ class Run:
             for wall in visible(self.in_building[i]):
                 plane = self._noisy(self._in_sensor(WALLS[wall], i))
                 plane[3] += 0.1 * (self.rng.random() < outliers)
-                self.seen.append(SeenWall(i, wall, plane, np.zeros((2, 3)), (0.1, 2.0), 0.001, 0.003))
+                self.seen.append(SeenWall(i, wall, plane, _ends(plane), (0.1, 2.0), 0.001, 0.003))
 
     def _slipped(self, step: Array) -> Array:
         """A step of the odometry that drags by 2 % and turns by 0.1 degrees."""

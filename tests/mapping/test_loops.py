@@ -16,11 +16,11 @@ from evaluation.drives.loop_buildings import LoopBuilding, long_corridor, ring
 from sgslam.backend import Backend
 from sgslam.config import Config, SurfaceSettings
 from sgslam.config.loop_settings import LoopSettings
-from sgslam.geometry.frames import inverse, transform_points
+from sgslam.geometry.frames import inverse
 from sgslam.loops import LoopCloser
 from sgslam.loops.candidates import Ties, passes_near, tied_by_walls, way_driven
 from sgslam.loops.likeness import Widths, similar
-from sgslam.loops.registration import register
+from sgslam.loops.registration import Submap, register
 from sgslam.loops.search import SeenSpace, agreement, search
 from sgslam.mapping import Closure, KeyframeNode, SeenWall, WallMap
 from sgslam.tracking.front_end import FrontEnd
@@ -107,35 +107,50 @@ def test_free_space_counts_against_a_place_and_unknown_space_does_not() -> None:
     assert agreement(space, space.points + 30.0)[0] == 0.0
 
 
-def scan_points(building: LoopBuilding, places: list[tuple[float, float]], seed: int) -> Array:
+def scanned(
+    building: LoopBuilding, places: list[tuple[float, float]], seed: int, T_map_frame: Array | None = None
+) -> Submap:
     scene, rng = TriangleScene(building.triangles), np.random.default_rng(seed)
-    poses = [pose(x, y, 0.8, 0.0) for x, y in places]
-    return np.concatenate([transform_points(T, SENSOR.scan(scene, T, rng).astype(float)) for T in poses])
+    poses = np.stack([pose(x, y, 0.8, 0.0) for x, y in places])
+    clouds = [SENSOR.scan(scene, T, rng).astype(np.float32) for T in poses]
+    return Submap.of(clouds, poses, np.eye(4) if T_map_frame is None else T_map_frame)
 
 
 def test_registration_recovers_a_motion_and_knows_its_error() -> None:
     building = ring(5, 4)
     x, y = building.way[1]
-    there = scan_points(building, [(x - 2, y), (x, y), (x, y + 2)], 0)
-    here = scan_points(building, [(x - 1, y), (x, y + 1)], 1)
     T_true = pose(0.2, -0.15, 0.03, 0.03)
-    found = register(there, transform_points(inverse(T_true), here), np.eye(4), SETTINGS)
+    there = scanned(building, [(x - 2, y), (x, y), (x, y + 2)], 0)
+    here = scanned(building, [(x - 1, y), (x, y + 1)], 1, T_true)
+    found = register(there, here, np.eye(4), SETTINGS)
     assert found is not None
     assert np.linalg.norm(found.T_target_source[:3, 3] - T_true[:3, 3]) < 0.02
     assert found.inliers > 0.9 and found.error < 0.03 and found.held > 2 * SETTINGS.held
 
 
 def test_without_points_nothing_is_registered() -> None:
-    some = np.random.default_rng(0).normal(size=(500, 3))
-    assert register(np.empty((0, 3)), some, np.eye(4), SETTINGS) is None
-    assert register(some, np.empty((0, 3)), np.eye(4), SETTINGS) is None
+    some = np.random.default_rng(0).normal(size=(500, 3)).astype(np.float32)
+    none, many = (Submap.of([own], np.eye(4)[None], np.eye(4)) for own in (some[:0], some))
+    assert register(none, many, np.eye(4), SETTINGS) is None
+    assert register(many, none, np.eye(4), SETTINGS) is None
+
+
+def test_the_faces_of_a_wall_are_not_the_same_surface() -> None:
+    """The same points, but seen from behind: nothing of them fits."""
+    room = ring(5, 4)
+    x, y = room.way[1]
+    seen = scanned(room, [(x - 2, y), (x, y), (x, y + 2)], 0)
+    behind = Submap(seen.points, 2 * seen.points - seen.seen_from)
+    same, other = (register(seen, own, np.eye(4), SETTINGS) for own in (seen, behind))
+    assert same is not None and same.inliers > 0.99
+    assert other is None or other.inliers < 0.3
 
 
 def test_along_a_bare_corridor_a_registration_holds_nothing() -> None:
     walls = ring(5, 4)
     bare = np.concatenate([_wall(1.0), _wall(-1.0), walls.triangles[np.ptp(walls.triangles[:, :, 2], axis=1) == 0]])
     building = replace(walls, triangles=bare)
-    there, here = (scan_points(building, [(-1.0, 0.0), (1.0, 0.1)], seed) for seed in (0, 1))
+    there, here = (scanned(building, [(-1.0, 0.0), (1.0, 0.1)], seed) for seed in (0, 1))
     found = register(there, here, np.eye(4), SETTINGS)
     assert found is not None and found.held < SETTINGS.held
     assert found.covariance[3, 3] > 1.5 * found.covariance[4, 4], "it knows less along the corridor"

@@ -39,7 +39,7 @@ def test_poses_are_better_than_the_live_ones_which_are_kept(
     assert np.array_equal(second.trajectory_live.stamps_ns, second.trajectory.stamps_ns)
     assert drive.rmse(second) < drive.rmse(single) + 0.003
     off = np.linalg.norm(second.trajectory_live.positions - drive.truth.positions, axis=1)
-    assert drive.rmse(second) < 0.7 * np.sqrt(np.mean(off**2))
+    assert drive.rmse(second) < 0.9 * np.sqrt(np.mean(off**2))
     assert second.seconds["smoothing"] > 0 == single.seconds["smoothing"]
 
 
