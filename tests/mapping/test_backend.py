@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from time import process_time
+from typing import Any
 
+import gtsam
 import numpy as np
 import pytest
-from boxes import pose
+from boxes import Array, pose
 from two_rooms import CONFIG, HEIGHT, WALLS, Run, anchors_of, angle_between, built_otherwise
 
 from sgslam.backend import Backend
@@ -124,6 +126,24 @@ def test_walls_seen_once_are_left_to_the_wall_map() -> None:
     run.seen.append(SeenWall(5, 99, np.array([0, -1.0, 0, 2]), np.zeros((2, 3)), (0.1, 2.0), 0.001, 0.003))
     run.optimise()
     assert 99 not in run.backend.planes_in_map
+
+
+def test_a_glimpse_of_a_wall_shows_its_direction_poorly() -> None:
+    """Of the same wall, seen as well each time: all of it, a short piece abreast of the sensor, and one aside."""
+    run, along = Run(), np.array([0.0, 1.0, 0.0])
+    for keyframe, first, last in ((5, -2.5, 2.5), (6, -0.25, 0.25), (7, 3.0, 3.5)):
+        ends = np.array([2.0, 0.0, 0.0]) + np.array([[first], [last]]) * along
+        run.seen.append(SeenWall(keyframe, 99, np.array([-1.0, 0, 0, 2]), ends, (0.1, 2.0), 0.001, 0.003))
+    run.optimise()
+    held = {key[0]: entry.factor for key, entry in run.backend.log.held("wall").items() if key[2] == 99}
+    whole, short, aside = (_sigmas(held[k]) for k in (5, 6, 7))
+    assert short[0] > 5 * whole[0] and short[2] == pytest.approx(whole[2])
+    assert aside[0] == pytest.approx(short[0]) and aside[2] > 5 * whole[2]
+
+
+def _sigmas(factor: Any) -> Array:
+    noise = factor.noiseModel()
+    return np.asarray((noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise).sigmas())
 
 
 def test_relabelled_walls_are_used() -> None:
