@@ -130,13 +130,16 @@ def test_walls_seen_once_are_left_to_the_wall_map() -> None:
 
 def test_a_glimpse_of_a_wall_shows_its_direction_poorly() -> None:
     """Of the same wall, seen as well each time: all of it, a short piece abreast of the sensor, and one aside."""
-    run, along = Run(), np.array([0.0, 1.0, 0.0])
-    for keyframe, first, last in ((5, -2.5, 2.5), (6, -0.25, 0.25), (7, 3.0, 3.5)):
-        ends = np.array([2.0, 0.0, 0.0]) + np.array([[first], [last]]) * along
-        run.seen.append(SeenWall(keyframe, 99, np.array([-1.0, 0, 0, 2]), ends, (0.1, 2.0), 0.001, 0.003))
+    run = Run()
+    own = [number for number, seen in enumerate(run.seen) if seen.wall == 0][1:4]  # not the anchor's
+    for number, first, last in zip(own, (-2.5, -0.25, 3.0), (2.5, 0.25, 3.5), strict=True):
+        abreast, other = np.mean(run.seen[number].ends, axis=0), run.seen[number].ends[1]
+        along = (other - abreast) / np.linalg.norm(other - abreast)
+        ends = abreast + np.array([[first], [last]]) * along
+        run.seen[number] = replace(run.seen[number], ends=ends)
     run.optimise()
-    held = {key[0]: entry.factor for key, entry in run.backend.log.held("wall").items() if key[2] == 99}
-    whole, short, aside = (_sigmas(held[k]) for k in (5, 6, 7))
+    held = {key[0]: entry.factor for key, entry in run.backend.log.held("wall").items() if key[2] == 0}
+    whole, short, aside = (_sigmas(held[run.seen[number].keyframe]) for number in own)
     assert short[0] > 5 * whole[0] and short[2] == pytest.approx(whole[2])
     assert aside[0] == pytest.approx(short[0]) and aside[2] > 5 * whole[2]
 
