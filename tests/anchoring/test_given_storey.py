@@ -51,6 +51,7 @@ def test_a_given_storey_is_contradicted_where_another_explains_the_map_better(dr
     assert "storey 'Ground' of the plan explains the map better" in wrong.reason and "--storey" in wrong.reason
 
 
+@pytest.mark.long
 def test_a_given_storey_decides_between_two_that_look_alike(drive: Drive) -> None:
     for storey, height in (("Ground", 0.0), ("Upper", HIGHER)):
         result = run(drive, 0.0, storey)
