@@ -14,13 +14,13 @@ _REGIONS = tuple(f"inside.{name}" for name in ("poses", *_PARTS))
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
-    """A line for each trouble; for each trouble, carrier and sensor; and for each set of effects. How many of the runs
+    """A line for each trouble; for each trouble and carrier; and for each set of effects. How many of the runs
     that anchor with scans levelled by the truth do so without, and how many errors are where they are said to be."""
     runs = _by_trouble(rows)
     plain = runs[runs.trouble == "none"]
     return {
         "troubles": grouped(runs, ["trouble"], _cells),
-        "carriers": grouped(runs, ["trouble", "carrier", "sensor"], _cells),
+        "carriers": grouped(runs, ["trouble", "carrier"], _cells),
         "effects": grouped(plain, ["effects"], _cells),
         "levelled": grouped(_with_levelled(runs), ["carrier"], _still),
         "inside": grouped(runs[runs["inside.poses"].notna()], ["trouble"], _inside),
