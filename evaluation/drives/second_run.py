@@ -14,6 +14,7 @@ from data.trajectory import Trajectory
 from evaluation.drives.buildings import locked
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import Sequence
+from evaluation.metrics.trajectories import WRONG
 from sgslam.config import Config
 from sgslam.geometry.frames import inverse
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
@@ -22,7 +23,6 @@ from sgslam.session.checkpoints import FILE
 from sgslam.slam import SceneGraphSlam
 
 Array = NDArray[np.float64]
-WRONG = 0.5, np.radians(5)  # m and rad off the true pose; beyond, the run was relocalised at a wrong place
 
 
 def first_run(sequence: Sequence, anchored: bool, config: Config, work: Path) -> tuple[Path, Trajectory]:

@@ -18,6 +18,7 @@ from sgslam.report import associate
 from sgslam.report.accuracy import TOLERANCE_NS, align_se3, yaw_errors
 
 Array = NDArray[np.float64]
+WRONG = 0.5, np.radians(5)  # m and rad: beyond, a pose in the BIM frame is at a wrong place
 RELATIVE_TOLERANCE = 0.1  # of the length between the poses of a pair
 SUB_LENGTHS_M = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)  # a tenth of KITTI's, for buildings
 
@@ -106,6 +107,15 @@ def error_in_bim(estimate_in_bim: Trajectory, truth_in_bim: Trajectory) -> Error
         Statistics.of(np.linalg.norm(offset, axis=1)), Statistics.of(np.linalg.norm(offset[:, :2], axis=1)),
         Statistics.of(offset[:, 2]), Statistics.of(yaw_errors(both.estimate, both.truth)), len(offset),
     )  # fmt: skip
+
+
+def wrong_poses(estimate_in_bim: Trajectory, truth_in_bim: Trajectory) -> int:
+    """How many poses are off by more than `WRONG`, in space or in attitude; the truth is interpolated."""
+    if not len(estimate_in_bim):
+        return 0
+    off = inverse(truth_in_bim.at(estimate_in_bim.stamps_ns)) @ estimate_in_bim.poses
+    turned = np.arccos(np.clip((np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1.0, 1.0))
+    return int(((np.linalg.norm(off[:, :3, 3], axis=1) > WRONG[0]) | (turned > WRONG[1])).sum())
 
 
 def rpe(estimate: Trajectory, truth: Trajectory, delta_m: float = 1.0) -> Rpe:

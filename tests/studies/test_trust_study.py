@@ -17,7 +17,8 @@ from evaluation.drives.carried import CarriedDrive
 from evaluation.drives.sequences import plan_of
 from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, TROUBLES, Trouble, TroubledDrive, twin_plan
 from evaluation.metrics.regions import Inside
-from evaluation.studies.carried.trust import Choice, Runs, Told, Troubled, cases, claims, measure, tables, wrong_poses
+from evaluation.metrics.trajectories import wrong_poses
+from evaluation.studies.carried.trust import Choice, Runs, Told, Troubled, cases, claims, measure, tables
 
 SECONDS = 40.0
 

@@ -16,10 +16,9 @@ from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
 from evaluation.metrics.regions import Inside, inside
-from evaluation.metrics.trajectories import error_in_bim
+from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried.carriers import RECORDING, ate
 from evaluation.studies.carried.carriers_tables import NO_EFFECT, named
-from evaluation.studies.carried.trust import wrong_poses
 from sgslam.session import Stopwatch
 from sgslam.slam import SceneGraphSlam
 

@@ -13,10 +13,9 @@ from evaluation.drives.perturbations import PERTURBATIONS, Perturbation, Perturb
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Record, Study
-from evaluation.metrics.trajectories import error_in_bim
+from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried.carriers import METHODS, RECORDING, Errors, Method, errors_of, instants
 from evaluation.studies.carried.degradation_tables import claims, plots, tables
-from evaluation.studies.carried.trust import wrong_poses
 from sgslam.slam import SceneGraphSlam
 
 

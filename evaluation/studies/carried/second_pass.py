@@ -14,10 +14,9 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
-from evaluation.metrics.trajectories import error_in_bim
+from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried import anchored_carriers
 from evaluation.studies.carried.carriers_tables import named
-from evaluation.studies.carried.trust import wrong_poses
 from sgslam.slam import SceneGraphSlam
 
 NO_WORSE_M = 0.001  # by which an RMSE may grow and counts as the same

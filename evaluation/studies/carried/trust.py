@@ -10,15 +10,13 @@ from data import SceneGraph, UserError
 from data.simulation.effects.names import ALL
 from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
-from evaluation.drives.second_run import WRONG
 from evaluation.drives.sequences import DriveOptions, SequenceSpec, plan_of, storey_of
 from evaluation.drives.troubles import BEGINS, NO_PLACE, TROUBLES, Trouble, TroubledDrive, twin_plan
 from evaluation.harness import Record, Study
 from evaluation.metrics.regions import Inside, inside
-from evaluation.metrics.trajectories import error_in_bim
+from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried.carriers import RECORDING
 from evaluation.studies.carried.trust_tables import claims, tables
-from sgslam.geometry.frames import inverse
 from sgslam.session import Update
 from sgslam.slam import SceneGraphSlam
 
@@ -151,15 +149,6 @@ def _anchored_live(live: list[Update]) -> Trajectory:
 
 def _all(told: Trajectory, truth: Trajectory) -> int:
     return len(told)
-
-
-def wrong_poses(told: Trajectory, truth: Trajectory) -> int:
-    """How many poses in the BIM frame are off by more than `WRONG`, in space or in attitude."""
-    if not len(told):
-        return 0
-    off = inverse(truth.at(told.stamps_ns)) @ told.poses
-    turned = np.arccos(np.clip((np.trace(off[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1.0, 1.0))
-    return int(((np.linalg.norm(off[:, :3, 3], axis=1) > WRONG[0]) | (turned > WRONG[1])).sum())
 
 
 STUDY = Study(
