@@ -1,6 +1,7 @@
 """Whether the standard deviations of poses are true: how often errors lie inside their 95 % regions."""
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
@@ -10,6 +11,7 @@ from sgslam.report.accuracy import yaw_errors
 from sgslam.session import Result
 
 Array = NDArray[np.float64]
+PARTS = "plan_view", "height", "yaw"
 _OF_TWO, _OF_ONE = 5.991, 3.841  # 95 % quantiles of chi-squared with two degrees of freedom and with one
 
 
@@ -28,6 +30,13 @@ def inside(result: Result, truth: Trajectory) -> Inside | None:
     """The shares for the poses of a run's `trajectory`, in the frame of the truth. None where none is known."""
     told = result.uncertainty
     return inside_95(result.trajectory, truth, told.sigma[np.isin(told.stamps_ns, result.trajectory.stamps_ns)])
+
+
+def pooled(rows: pd.DataFrame) -> dict[str, str]:
+    """The shares of all poses of these runs as cells of a table; their columns `inside.*` are those of `Inside`."""
+    poses = rows["inside.poses"].astype(float)
+    shares = {name: rows[f"inside.{name}"].astype(float) @ poses / poses.sum() for name in PARTS}
+    return {"poses": f"{poses.sum():.0f}", **{name.replace("_", " "): f"{share:.1%}" for name, share in shares.items()}}
 
 
 def inside_95(estimate: Trajectory, truth: Trajectory, sigma: Array) -> Inside | None:

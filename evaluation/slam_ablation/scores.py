@@ -17,6 +17,7 @@ from evaluation.drives.sequences import storey_of
 from evaluation.harness import Cost, Record
 from evaluation.metrics.maps import room_scores, wall_scores
 from evaluation.metrics.matches import matching_scores
+from evaluation.metrics.regions import Inside, inside
 from evaluation.metrics.statistics import Statistics
 from evaluation.metrics.trajectories import drift, error_in_bim, matched, rpe
 from evaluation.metrics.true_matches import true_matches
@@ -34,8 +35,9 @@ class Scores(Record):
     """Errors are in the BIM frame without alignment, over all scans; None if there is nothing to measure.
 
     Walls and rooms compare the S-graph with the storey's A-graph under the true motion; their recall is over the rooms
-    that were entered. Matches are those of the final answer. `driven_m` is the length of the drive. `seconds` excludes
-    loading the plan; `peak_memory_mb` is that of the whole process. `times_s` (from the first scan) and `errors_m` are
+    that were entered. Matches are those of the final answer. `inside` says how often the 95 % regions hold the errors.
+    `driven_m` is the length of the drive. `seconds` excludes loading the plan; `peak_memory_mb` is that of the whole
+    process. `times_s` (from the first scan) and `errors_m` are
     the error over time, thinned out. `weakening` says how the front end was weakened; variants that use odometry of
     their own, or none, have the short range only.
     """
@@ -65,6 +67,7 @@ class Scores(Record):
     keyframes: int | None = None
     rooms: int | None = None
     wall_surfaces: int | None = None
+    inside: Inside | None = None
     seconds: Cost
     seconds_reading: Cost
     seconds_odometry: Cost = None
@@ -153,6 +156,7 @@ def _of_run(result: Result, sequence: Sequence) -> dict[str, Any]:
         "room_precision": rooms.score.precision, "room_recall": rooms.score.recall,
         "room_centroid_m": _median(rooms.centroid), "keyframes": result.keyframes, "rooms": len(result.s_graph.rooms),
         "wall_surfaces": len(result.s_graph.wall_surfaces), **_of_matches(result, floor, T_bim_map),
+        "inside": inside(result, sequence.truth) if result.anchored else None,
     }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from evaluation.drives import Conditions
 from evaluation.harness import Claim
 from evaluation.harness.tables import bootstrapped, grouped, interval, mean, of
 from evaluation.metrics.bootstrap import ratio, upper_bound
+from evaluation.metrics.regions import pooled
 from evaluation.slam_ablation.variants import WITHOUT_ANCHORS, WITHOUT_PLAN
 
 NORMAL = Conditions().name
@@ -42,14 +43,16 @@ COST = {
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame | str]:
-    """README's table, those of accuracy, map, cost, the oracle and the weakened front ends; the least and
-    the largest length of a drive (m)."""
+    """README's table, those of accuracy, map, cost, the oracle, errors in their regions, and the weakened front ends;
+    the least and the largest length of a drive (m)."""
     rows = prepared(rows)
     normal = rows[rows.conditions == NORMAL]
+    regions = rows[rows["inside.poses"].notna()] if "inside.poses" in rows else rows[:0]
     weakened = rows[rows.weakening != ""].drop_duplicates(DRIVE)
     return {
         "readme": _readme(normal), "accuracy": _means(rows, ACCURACY),
         "map": _means(rows[rows.keyframes.notna()], MAP), "cost": _means(rows, COST), "oracle": _behind_oracle(rows),
+        "regions": grouped(regions, KEY, pooled).rename(columns={"sequence.name": "sequence"}),
         "weakened": weakened[["sequence.name", "seed", "weakening"]],
         "lengths": f"{normal.driven_m.min():.0f} to {normal.driven_m.max():.0f}", **_texts(rows),
     }  # fmt: skip

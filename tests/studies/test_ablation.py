@@ -65,6 +65,8 @@ def test_tables_plots_and_claims_of_runs(own: SequenceSpec, measured: dict[str, 
     assert oracle is not None and graph is not None
     assert reduction["oracle"] == pytest.approx(100 * (1 - oracle / graph)) and reduction.isna().sum() == 3
     found = STUDY.tables(rows)
+    regions = found["regions"].set_index("variant")
+    assert regions.index.tolist() == ["oracle"] and regions.poses["oracle"] == str(measured["oracle"].poses)
     assert found["map"].variant.tolist() == ["graph", "oracle"]
     assert found["cost"].seconds.astype(float).gt(0).all()
     STUDY.plots(rows, tmp_path)

@@ -76,7 +76,7 @@ def test_the_tables_count_drives_with_an_anchored_twin() -> None:
     assert made["not_anchored"].building.tolist() == ["a", "b", "b"]
     told = made["calibration"].set_index(["carrier", "effects"])
     assert told.loc[("handheld", "none")].to_dict() == {
-        "drives": "1", "plan view (%)": "90.0", "height (%)": "100.0", "yaw (%)": "2.0",
+        "poses": "100", "plan view": "90.0%", "height": "100.0%", "yaw": "2.0%",
     }  # fmt: skip
     (against,) = made["against_odometry"].to_dict("records")
     assert against["no worse"] == "5/6" and against["worse by 1 cm"] == "1/6" and against["false kidnappings"] == "1/6"

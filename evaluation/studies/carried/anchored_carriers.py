@@ -15,7 +15,7 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
-from evaluation.metrics.regions import Inside, inside
+from evaluation.metrics.regions import Inside, inside, pooled
 from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried.carriers import RECORDING, ate
 from evaluation.studies.carried.carriers_tables import NO_EFFECT, named
@@ -132,7 +132,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         "anchored": grouped(rows, by, _cell),
         "not_anchored": rows[~rows.anchored].sort_values(["building", *by])[["building", *by[:4], "reason"]],
         "against_odometry": grouped(rows, ["sensor"], _against_odometry),
-        "calibration": grouped(rows[rows.anchored], ["carrier", "effects"], _calibration),
+        "calibration": grouped(rows[rows.anchored], ["carrier", "effects"], pooled),
     }  # fmt: skip
 
 
@@ -156,15 +156,6 @@ def _against_odometry(own: pd.DataFrame) -> dict[str, str]:
         "worse by 1 cm": of((whole.map_m > whole.odometry_m + 0.01).sum(), len(whole)),
         "false kidnappings": of((own.kidnaps > 0).sum(), len(own)), "scans a second": spread(own.scans_per_s),
     }  # fmt: skip
-
-
-def _calibration(own: pd.DataFrame) -> dict[str, str]:
-    """The shares (%) of all anchored poses inside their 95 % regions."""
-    poses = own["inside.poses"].sum()
-    return {"drives": str(len(own))} | {
-        f"{name.replace('_', ' ')} (%)": f"{100 * (own[f'inside.{name}'] * own['inside.poses']).sum() / poses:.1f}"
-        for name in ("plan_view", "height", "yaw")
-    }
 
 
 STUDY = Study(

@@ -7,10 +7,10 @@ import pandas as pd
 from evaluation.drives.troubles import TROUBLES
 from evaluation.harness import Claim
 from evaluation.harness.tables import grouped, of, rare, spread
+from evaluation.metrics.regions import PARTS, pooled
 from evaluation.studies.carried.carriers_tables import named
 
-_PARTS = ("plan_view", "height", "yaw")
-_REGIONS = tuple(f"inside.{name}" for name in ("poses", *_PARTS))
+_REGIONS = tuple(f"inside.{name}" for name in ("poses", *PARTS))
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
@@ -23,7 +23,7 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         "carriers": grouped(runs, ["trouble", "carrier"], _cells),
         "effects": grouped(plain, ["effects"], _cells),
         "levelled": grouped(_with_levelled(runs), ["carrier"], _still),
-        "inside": grouped(runs[runs["inside.poses"].notna()], ["trouble"], _inside),
+        "inside": grouped(runs[runs["inside.poses"].notna()], ["trouble"], pooled),
     }
 
 
@@ -52,12 +52,6 @@ def _with_levelled(runs: pd.DataFrame) -> pd.DataFrame:
 
 def _still(own: pd.DataFrame) -> dict[str, str]:
     return {"anchored with the true attitude": str(len(own)), "and without": of((own.anchored > 0).sum(), len(own))}
-
-
-def _inside(own: pd.DataFrame) -> dict[str, str]:
-    poses = own["inside.poses"].astype(float)
-    shares = {name: (own[f"inside.{name}"].astype(float) @ poses) / poses.sum() for name in _PARTS}
-    return {"poses": f"{poses.sum():.0f}", **{name.replace("_", " "): f"{share:.1%}" for name, share in shares.items()}}
 
 
 def _cells(own: pd.DataFrame) -> dict[str, str]:
