@@ -56,9 +56,9 @@ class TroubledDrive:
         """At the stamps of `scans`."""
         stamps, poses = self.drive.truth.stamps_ns, self.drive.truth.poses
         before, after = stamps < self._begin_ns, stamps >= self._begin_ns + self._gap_ns
-        told = np.concatenate([stamps[before], stamps[after] - self._gap_ns])
+        passed = np.concatenate([stamps[before], stamps[after] - self._gap_ns])
         poses = poses if self.trouble != "levelled" else np.stack([level_at(pose) for pose in poses])
-        return Trajectory(told, np.concatenate([poses[before], poses[after]]))
+        return Trajectory(passed, np.concatenate([poses[before], poses[after]]))
 
     def scans(self) -> Iterator[Scan]:
         """The scans; after a gap, the stamps go on as if there were none."""
@@ -67,16 +67,16 @@ class TroubledDrive:
             late = scan.stamp_ns - self._begin_ns
             if 0 <= late < self._gap_ns:
                 continue
-            told = replace(scan, stamp_ns=scan.stamp_ns - self._gap_ns * (late >= 0))
+            sent = replace(scan, stamp_ns=scan.stamp_ns - self._gap_ns * (late >= 0))
             if self.trouble == "mirrored":
-                told = replace(told, points=scan.points * [1.0, -1.0, 1.0])
+                sent = replace(sent, points=scan.points * [1.0, -1.0, 1.0])
             elif self.trouble == "feet":
-                told = replace(told, points=scan.points * FEET)
+                sent = replace(sent, points=scan.points * FEET)
             elif self.trouble == "levelled":
-                told = replace(told, points=self._levelled(scan))
+                sent = replace(sent, points=self._levelled(scan))
             elif self.trouble == "covered" and 0 <= late < 1e9 * COVERED_S:
-                told = replace(told, points=_cover(len(scan.points), rng))
-            yield told
+                sent = replace(sent, points=_cover(len(scan.points), rng))
+            yield sent
 
     def _levelled(self, scan: Scan) -> Array:
         """(N, 3) the points as a sensor sees them that is held level, and turns only about the vertical."""

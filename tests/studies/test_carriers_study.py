@@ -114,7 +114,7 @@ def test_the_tables_tell_each_cell_and_compare_with_the_better_peer(building: Se
     assert made["effects"].effects.tolist() == ["none", "glass", "all"]
     assert made["mounts"]["mount"].tolist() == ["0, 0, 0", "0, 12, 0"] and made["mounts"].drives.tolist() == ["2", "1"]
     (recorded,) = made["recording"].to_dict("records")
-    assert (recorded["carrier"], recorded["times"]) == ("recording, backwards, pace 2", "not told")
+    assert (recorded["carrier"], recorded["times"]) == ("recording, backwards, pace 2", "not given")
     compared = made["ratios"].set_index("part").loc["carriers"]
     assert (compared["no worse"], compared["tracked"], compared["tracked by the better peer"]) == ("1/2", "1/2", "0/2")
     ours = made["errors"].set_index("method").loc["sgslam"]

@@ -18,7 +18,7 @@ from evaluation.drives.sequences import plan_of
 from evaluation.drives.troubles import BEGINS, CARRIED_S, COVERED_S, TROUBLES, Trouble, TroubledDrive, twin_plan
 from evaluation.metrics.regions import Inside
 from evaluation.metrics.trajectories import wrong_poses
-from evaluation.studies.carried.trust import Choice, Runs, Told, Troubled, cases, claims, measure, tables
+from evaluation.studies.carried.trust import Choice, Outcome, Runs, Troubled, cases, claims, measure, tables
 
 SECONDS = 40.0
 
@@ -134,7 +134,7 @@ def test_a_wrong_storey_needs_two(tmp_path: Path) -> None:
 
 
 def test_the_tables_count_wrong_runs(tmp_path: Path) -> None:
-    told = Told(
+    told = Outcome(
         scans=100, anchored=100, lost=0, wrong=0, wrong_live=0, worst_m=0.05, rmse_m=0.01, first_anchor_s=5.0,
         kidnaps=0, inside=Inside(poses=100, plan_view=0.9, height=1.0, yaw=0.8), alarms=(), reason="",
     )  # fmt: skip

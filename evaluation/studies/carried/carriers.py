@@ -41,7 +41,7 @@ class Choice(DriveOptions):
     `sequences` and `seeds`: each of `carriers` with each of `sensors`; each of `effects` alone, on a hand with
     each of `few_sensors`; all effects together with each of `sensors`; each of `mounts` (roll, pitch, yaw in
     degrees) of the first sensor on the first carrier; the `recording` at each of `paces` (negative: backwards), with
-    each of `few_sensors`, times told and not. Each is `seconds` long."""
+    each of `few_sensors`, with the times given and not. Each is `seconds` long."""
 
     sequences: tuple[str, ...] = ("demo", "institute", "office", "basement", "house-1", "house-2")
     per_cell: int = Field(2, ge=1)

@@ -36,9 +36,9 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     made = {**found, "ratios": pd.DataFrame(ratios), "errors": errors}
     if RELIABILITY + "good" not in rows:
         return made
-    told = rows[rows[RELIABILITY + "good"].notna()]
-    told = told.rename(columns=lambda name: name.removeprefix(RELIABILITY))
-    return {**made, "reliability": grouped(told, ["carrier", "mount", "effects"], _reliability)}
+    known = rows[rows[RELIABILITY + "good"].notna()]
+    known = known.rename(columns=lambda name: name.removeprefix(RELIABILITY))
+    return {**made, "reliability": grouped(known, ["carrier", "mount", "effects"], _reliability)}
 
 
 def claims(rows: pd.DataFrame) -> list[Claim]:
@@ -62,12 +62,12 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
 def _by_drive_and_method(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each drive and method that tracked it: the drive in words, and the errors. Methods may have tracked a
     drive in rows of their own: it is the same one, since its seed is. The newest row of a method counts."""
-    told, lines = named(rows), []
+    whole, lines = named(rows), []
     for method in METHODS:
         before = f"found.{method}."
         if any(name.startswith(before) for name in rows):
-            own = {name: name.removeprefix(before) for name in told} | {f"scans_per_s.{method}": "scans_per_s"}
-            lines.append(told.rename(columns=own).assign(method=method))
+            own = {name: name.removeprefix(before) for name in whole} | {f"scans_per_s.{method}": "scans_per_s"}
+            lines.append(whole.rename(columns=own).assign(method=method))
     found = pd.concat(lines, ignore_index=True).dropna(subset="second_m")
     found = found.assign(ate_m=found.ate_m.astype(float).fillna(np.inf))  # lost: hardly a motion was found to align
     newest = found.sort_values("made.date", kind="stable").drop_duplicates(["drive", "method"], keep="last")
@@ -77,13 +77,13 @@ def _by_drive_and_method(rows: pd.DataFrame) -> pd.DataFrame:
 def named(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows with the drive in words, and as `drive` all that tells one from another."""
     carriers = zip(rows.carrier, rows.pace, rows.backwards, strict=True)
-    told = rows[[name for name in _DRIVE if name in rows]]
+    drive = rows[[name for name in _DRIVE if name in rows]]
     return rows.assign(
-        drive=told.astype(str).agg("; ".join, axis=1), building=rows["sequence.name"],
+        drive=drive.astype(str).agg("; ".join, axis=1), building=rows["sequence.name"],
         recorded=rows.carrier.str.endswith(".tum"), carrier=[_carrier(*carrier) for carrier in carriers],
         mount=[", ".join(f"{angle:g}" for angle in mount) for mount in rows.mount_deg],
         effects=[" + ".join(own) or NO_EFFECT for own in rows.effects],
-        times=rows.times.map({True: "told", False: "not told"}), seconds=rows.seconds.map("{:g}".format),
+        times=rows.times.map({True: "given", False: "not given"}), seconds=rows.seconds.map("{:g}".format),
     )  # fmt: skip
 
 
@@ -112,11 +112,11 @@ def _side_by_side(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each carrier and effect, a column for each sensor: the median ATE (m) of ours, in brackets relative to
     that of the better of the others in the same drives, and a star where ours is worse by more than `WORSE_M`. Drives
     without others are left out."""
-    told = rows[(rows["mount"] == LEVEL) & (rows.times == "told")]
-    told = told[told.drive.isin(told.drive[told.method != OURS])]
+    given = rows[(rows["mount"] == LEVEL) & (rows.times == "given")]
+    given = given[given.drive.isin(given.drive[given.method != OURS])]
     lines: list[dict[str, str]] = [
         {"carrier": carrier, "effects": effects, **{name: _against_peer(own) for name, own in line.groupby("sensor")}}
-        for (carrier, effects), line in told.groupby(["carrier", "effects"], sort=False)
+        for (carrier, effects), line in given.groupby(["carrier", "effects"], sort=False)
     ]
     return pd.DataFrame(lines).fillna("")
 

@@ -47,7 +47,7 @@ class Troubled(CarriedCase):
         return super().files() | (self.foreign.files() if "foreign" in self.troubles else set())
 
 
-class Told(BaseModel):
+class Outcome(BaseModel):
     """What a run says of `scans` scans: how many it calls `anchored` and how many `lost` at the end; of the anchored
     ones how many are `wrong` (0.5 m or 5 degrees off, or in a plan that is not theirs), and the error (m) of the worst
     and the RMSE, and how many are `inside` their 95 % regions. `wrong_live` were so when they came. `alarms` are the
@@ -72,7 +72,7 @@ class Told(BaseModel):
 class Runs(Record):
     """The runs of a drive, by their trouble."""
 
-    found: dict[Trouble, Told]
+    found: dict[Trouble, Outcome]
 
 
 def cases(options: Choice) -> list[Troubled]:
@@ -98,17 +98,17 @@ def measure(case: Troubled, work: Path) -> Runs:
     """Simulates the drive, again where the sensor is shaken, and runs it with each trouble. Raises UserError where a
     wrong storey is to be stated and the building has one only."""
     still = [trouble for trouble in case.troubles if trouble != "shaken"]
-    found: dict[Trouble, Told] = {}
+    found: dict[Trouble, Outcome] = {}
     if still:
         with carried(case, work) as drive:
-            found |= {trouble: _told(case, trouble, drive, work) for trouble in still}
+            found |= {trouble: _run(case, trouble, drive, work) for trouble in still}
     if "shaken" in case.troubles:
         with carried(case, work, BEGINS * case.seconds) as drive:
-            found["shaken"] = _told(case, "shaken", drive, work)
+            found["shaken"] = _run(case, "shaken", drive, work)
     return Runs(found=found)
 
 
-def _told(case: Troubled, trouble: Trouble, drive: CarriedDrive, work: Path) -> Told:
+def _run(case: Troubled, trouble: Trouble, drive: CarriedDrive, work: Path) -> Outcome:
     """Runs the drive with a trouble."""
     plan, troubled = _plan(case, trouble, work), TroubledDrive(drive, trouble, case.seconds)
     truth = troubled.truth
@@ -118,7 +118,7 @@ def _told(case: Troubled, trouble: Trouble, drive: CarriedDrive, work: Path) -> 
     result = slam.finish()
     count_wrong = _all if trouble in NO_PLACE else wrong_poses
     error = error_in_bim(result.trajectory, truth).position if result.anchored and len(result.trajectory) else None
-    return Told(
+    return Outcome(
         scans=len(live), anchored=len(result.trajectory) if result.anchored else 0,
         lost=result.tracked.get("lost", 0), wrong=count_wrong(result.trajectory, truth) if result.anchored else 0,
         wrong_live=count_wrong(_anchored_live(live), truth), worst_m=None if error is None else error.max,
@@ -147,8 +147,8 @@ def _anchored_live(live: list[Update]) -> Trajectory:
     return Trajectory(stamps, np.reshape([update.T_bim_sensor for update in placed], (-1, 4, 4)))
 
 
-def _all(told: Trajectory, truth: Trajectory) -> int:
-    return len(told)
+def _all(found: Trajectory, truth: Trajectory) -> int:
+    return len(found)
 
 
 STUDY = Study(
