@@ -94,6 +94,16 @@ def test_only_a_way_that_was_followed_crosses_walls() -> None:
     assert judged(tilt=0.0, plan=plan, left_out=(crossed[0],))["planned_walls_crossed"].value == 1
 
 
+def test_two_scans_that_follow_one_another_cross_a_wall() -> None:
+    plan = SceneGraph("bim", (), (replace(WALL, centroid=(3.05, 0.0)),))
+    alone = (judged(tilt=0.0, plan=plan, begins=(0, k))["planned_walls_crossed"].value for k in range(SCANS))
+    after = next(k for k, crossed in enumerate(alone) if not crossed)
+    for kept in ((after - 1, after), (after - 1,), (after,)):
+        others = tuple(k for k in range(SCANS) if k not in kept)
+        crossed = judged(tilt=0.0, plan=plan, left_out=others)["planned_walls_crossed"].value
+        assert crossed == (len(kept) == 2)
+
+
 def test_a_place_is_contradicted_by_crossed_walls_and_by_a_tilt() -> None:
     walls = tuple(replace(WALL, id=f"w{x}", centroid=(x, 0.0)) for x in (3.0, 5.0))
     assert contradiction(judged(sigma=9.0)) is None  # it has no place in a plan
