@@ -1,5 +1,7 @@
 """The place that most walls agree on, while many of them disagree."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boxes import Array
@@ -46,6 +48,17 @@ def test_a_third_of_the_walls_moved_does_not_move_the_place(seed: int, moved: fl
     np.testing.assert_allclose(pairs.offsets(found.T_plan_map), shift, atol=0.03)
     np.testing.assert_array_equal(found.agree, np.abs(shift) < 0.05)
     assert found.share == pytest.approx(1.0) if not moved else 0.4 < found.share < 0.9
+
+
+@pytest.mark.parametrize(("degrees", "agrees"), [(5.5, True), (6.5, False)])
+def test_a_wall_that_is_turned_has_no_vote(degrees: float, agrees: bool) -> None:
+    pairs, true, _ = storey(4)
+    turn = np.radians(degrees)
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    normals = pairs.seen_normal.copy()
+    normals[0] = R @ normals[0]
+    found = find_consensus(replace(pairs, seen_normal=normals), true, max_turn=0.2)
+    assert found is not None and found.agree[0] == agrees and found.agree[1:].all()
 
 
 def test_many_pieces_of_one_moved_wall_have_one_vote() -> None:

@@ -75,6 +75,12 @@ def test_alternatives_are_counted_by_storeys(place: Placement) -> None:
     assert reason(place, place, upper).startswith("3 places on 2 storeys explain")
 
 
+@pytest.mark.parametrize(("rooms", "named"), [(0, "0 rooms"), (1, "1 room"), (2, "2 rooms")])
+def test_a_reason_counts_walls_and_rooms(rooms: int, named: str) -> None:
+    pairs = Pairs(tuple((k, k, 1.0) for k in range(rooms)), FEW.surfaces)
+    assert rigid.matched(pairs, 7) == f"4 of 7 wall surfaces and {named} matched"
+
+
 @pytest.fixture(scope="module")
 def found() -> bent.DeformedHypotheses:
     walls = PlanWalls.of(SMALL)
