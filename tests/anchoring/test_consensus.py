@@ -61,6 +61,18 @@ def test_a_wall_that_is_turned_has_no_vote(degrees: float, agrees: bool) -> None
     assert found is not None and found.agree[0] == agrees and found.agree[1:].all()
 
 
+@pytest.mark.parametrize(("noise", "off", "agrees"), [
+    (0.0, 0.024, True), (0.0, 0.027, False), (0.03, 0.045, True), (0.03, 0.08, False),
+])  # fmt: skip
+def test_the_gate_follows_the_scatter_of_the_walls(noise: float, off: float, agrees: bool) -> None:
+    pairs, true, _ = storey(6, rooms=8, noise=0.0)
+    rng, seen = np.random.default_rng(0), pairs.seen.copy()
+    seen += rng.normal(0.0, noise, len(seen))[:, None] * pairs.seen_normal
+    seen[2] = pairs.seen[2] + off * pairs.seen_normal[2]
+    found = find_consensus(replace(pairs, seen=seen), true, TURNED)
+    assert found is not None and found.agree[2] == agrees
+
+
 def test_many_pieces_of_one_moved_wall_have_one_vote() -> None:
     pairs, true, _ = storey(3)
     pieces = 30
