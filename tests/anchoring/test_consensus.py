@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from boxes import Array
 
-from sgslam.anchoring.se2_consensus import Pairs, find_consensus
+from sgslam.anchoring.se2_consensus import Pairs, determined, find_consensus
 
 TURNED = 0.07
 
@@ -112,6 +112,19 @@ def test_walls_of_one_direction_leave_the_place_open() -> None:
     parallel = Pairs(*(getattr(pairs, name)[along] for name in
                        ("seen", "seen_normal", "planned", "planned_normal", "length", "unit")))  # fmt: skip
     assert find_consensus(parallel, true, TURNED) is None
+
+
+@pytest.mark.parametrize(("degrees", "is_determined"), [(41.0, False), (42.0, True), (90.0, True)])
+def test_walls_fix_a_place_that_are_not_nearly_parallel(degrees: float, is_determined: bool) -> None:
+    angle = np.radians(degrees)
+    assert determined(np.array([[1.0, 0.0], [np.cos(angle), np.sin(angle)]])) == is_determined
+
+
+@pytest.mark.parametrize(("units", "is_found"), [(2, False), (3, True)])
+def test_three_walls_of_the_building_must_agree(units: int, is_found: bool) -> None:
+    pairs, true, _ = storey(0)
+    few = pairs.only(np.arange(units + 1)[-units:])  # one of each direction at least
+    assert (find_consensus(few, true, TURNED) is not None) == is_found
 
 
 def test_walls_that_agree_on_nothing_give_no_place() -> None:
