@@ -28,6 +28,7 @@ ANCHORING = tuple(
         "storey_hypotheses",
     )
 )  # fmt: skip
+BUILDING = ("tests/anchoring/test_building_anchoring.py",)
 VERDICTS = ("tests/matching/test_verdicts.py",)
 TESTS = {  # of each module; what is compiled once must not be compiled for each mutant
     **{f"sgslam/anchoring/{name}.py": ANCHORING for name in (
@@ -35,8 +36,8 @@ TESTS = {  # of each module; what is compiled once must not be compiled for each
         "local_drift", "se2_consensus",
     )},
     "sgslam/anchoring/room_relocalisation.py": ("tests/anchoring/test_room_relocalisation.py",),
-    "sgslam/anchoring/building_anchoring.py": ("tests/anchoring/test_trusted_anchors.py",),
-    "sgslam/anchoring/floor_anchoring.py": ("tests/anchoring/test_trusted_anchors.py",),
+    "sgslam/anchoring/building_anchoring.py": BUILDING,
+    "sgslam/anchoring/floor_anchoring.py": (*BUILDING, "tests/anchoring/test_trusted_anchors.py"),
     "sgslam/registration/health.py": ("tests/registration/test_health_limits.py", "tests/registration/test_health.py"),
     "sgslam/session/soundness/quality.py": ("tests/outputs/test_quality.py",),
     "matching/search/verification.py": VERDICTS,
