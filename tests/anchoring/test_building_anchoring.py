@@ -67,7 +67,7 @@ def two_floors(floors: Floors, apart: float = HIGHER) -> Floors:
     walls = copy(below.walls)
     walls.T_level_map = below.walls.T_level_map.copy()
     walls.T_level_map[2, 3] -= apart
-    both.maps = [below, replace(below, number=1, walls=walls)]
+    both.maps = [copy(below), replace(below, number=1, walls=walls)]
     return both
 
 
@@ -125,6 +125,25 @@ def test_floors_that_are_ambiguous_alone_are_placed_together(mapped: tuple[Scene
     assert storeys_of(anchoring)[0] is None and asked > 2
     anchoring.update(both, T_map_local, last=True)
     assert storeys_of(anchoring) == [ground.floors[0].id, "storey 1"]
+
+
+@pytest.mark.parametrize(("walls", "joint"), [(20, 0), (19, 0), (18, 4)])
+def test_floors_are_matched_together_again_when_they_have_grown(
+    mapped: tuple[SceneGraph, Floors, Array], walls: int, joint: int
+) -> None:
+    """From so many walls on each of two floors to twenty; each floor is also asked for alone."""
+    ground, floors, T_map_local = mapped
+    (anchoring, matcher), small, whole = anchoring_of(storeys(ground, 0.0, 0.0)), two_floors(floors), two_floors(floors)
+    for floor in small.maps:
+        assert floor.scene is not None and len(floor.scene.graph.wall_surfaces) == 20
+        floor.scene = replace(
+            floor.scene, graph=replace(floor.scene.graph, wall_surfaces=floor.scene.graph.wall_surfaces[:walls])
+        )
+    anchoring.update(small, T_map_local, last=True)
+    asked = len(matcher.asked)
+    assert asked == 2 + 4  # two floors, each with two storeys
+    anchoring.update(whole, T_map_local, last=True)
+    assert len(matcher.asked) - asked == 2 + joint
 
 
 def test_a_single_floor_is_not_placed_by_its_height(mapped: tuple[SceneGraph, Floors, Array]) -> None:
