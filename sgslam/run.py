@@ -118,7 +118,7 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sgslam.report.tables import accuracy_rows, badge, known_rows, stages_and_total
+    from sgslam.report.tables import accuracy_rows, badge, known_rows, relocalised, stages_and_total
 
     table = Table(show_header=False, title=badge(metrics))
     rows = {"reason": metrics["reason"], "quality of the map": _quality(metrics["quality"])}
@@ -128,8 +128,7 @@ def _print_summary(metrics: dict[str, Any], out: Path) -> None:
     floors = "1 floor" if metrics["floors"] == 1 else f"{metrics['floors']} floors"
     rows["map"] = f"{floors}, {metrics['rooms']} rooms, {metrics['wall_surfaces']} wall surfaces"
     if (outcome := metrics["returned"]) is not None:
-        found = f"after {outcome['found_s']:.1f} s" if outcome["found"] else "the last part was not placed"
-        rows["relocalisation"] = f"{found}: {outcome['reason']}"
+        rows["relocalisation"] = relocalised(outcome)
     if metrics["first_anchor_s"] is not None:
         rows["first anchor"] = f"{metrics['first_anchor_s']:.1f} s after the start"
     rows |= dict(accuracy_rows(metrics.get("accuracy", {})))

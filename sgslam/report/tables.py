@@ -84,7 +84,17 @@ def known_rows(metrics: dict[str, Any]) -> list[tuple[str, str]]:
     signal = (metrics.get("quality") or {}).get("position_sigma_m")
     if signal is None:
         return []
-    return [("95 % of the positions", f"have a standard deviation of at most {metres(signal['value'])}")]
+    whose = "anchored positions" if metrics.get("anchored") else "positions"
+    return [(f"95 % of the {whose}", f"have a standard deviation of at most {metres(signal['value'])}")]
+
+
+def relocalised(outcome: dict[str, Any]) -> str:
+    """When and why the last part of a run was placed in the map, or why it was not."""
+    if not outcome["found"]:
+        return f"the last part was not placed: {outcome['reason']}"
+    if outcome["found_s"] is None:
+        return str(outcome["reason"])
+    return f"{outcome['found_s']:.1f} s after the last part began: {outcome['reason']}"
 
 
 def accuracy_rows(accuracy: dict[str, Any]) -> list[tuple[str, str]]:

@@ -44,7 +44,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Relocalisation:
-    """Whether a run was relocalised in the prior map, `found_s` seconds after its start (None if not), and why."""
+    """Whether a run was relocalised in the prior map, `found_s` seconds after its start, and why. `found_s` is None if
+    it was not, or only after the last scan."""
 
     found: bool
     found_s: float | None

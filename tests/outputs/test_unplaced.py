@@ -22,6 +22,7 @@ from sgslam.report.number_formats import signal_texts
 from sgslam.report.page import report_html
 from sgslam.report.plan_drawing import plan_drawing
 from sgslam.report.plan_png import LOST, WITHDRAWN, write_plan_png
+from sgslam.report.tables import known_rows, relocalised
 from sgslam.session.soundness.quality import quality_of
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
 
@@ -319,3 +320,20 @@ def test_why_the_last_part_was_not_placed_is_in_the_report(found: bool) -> None:
     outcome = {"found": found, "found_s": 2.0 if found else None, "reason": "the plan does not explain the map"}
     page = Page(report_html(dataclasses.replace(data, metrics=data.metrics | {"returned": outcome})))
     assert ("Why the last part was not placed\nthe plan does not explain the map" in page.text) == (not found)
+
+
+@pytest.mark.parametrize(
+    ("found", "found_s", "text"),
+    [
+        (True, 9.04, "9.0 s after the last part began: why"), (True, None, "why"),
+        (False, None, "the last part was not placed: why"),
+    ],
+)  # fmt: skip
+def test_the_terminal_says_when_the_last_part_was_placed(found: bool, found_s: float | None, text: str) -> None:
+    assert relocalised({"found": found, "found_s": found_s, "reason": "why"}) == text
+
+
+@pytest.mark.parametrize(("anchored", "whose"), [(True, "anchored positions"), (False, "positions")])
+def test_of_an_anchored_run_the_anchored_positions_are_known(anchored: bool, whose: str) -> None:
+    metrics = {"anchored": anchored, "quality": {"position_sigma_m": {"value": 0.0194, "limit": 0.2, "ok": True}}}
+    assert known_rows(metrics) == [(f"95 % of the {whose}", "have a standard deviation of at most 19.4 mm")]

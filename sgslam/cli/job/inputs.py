@@ -19,6 +19,7 @@ from sgslam.cli.job.resume_arguments import restore_arguments
 from sgslam.config import Config
 from sgslam.odometry.choice import check_inertial
 from sgslam.odometry.external import ExternalOdometry
+from sgslam.perception.first_scans import in_metres_and_sensor_frame
 from sgslam.report import associate
 from sgslam.session import PriorMap
 
@@ -86,6 +87,7 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     if options.bim is None and (options.storey is not None or options.start is not None):
         raise UserError("--storey and --start refer to a building; give --bim too")
     scans = _open_scans(options) if scans is None else scans
+    next(in_metres_and_sensor_frame(scans), None)  # wrong ones are refused before the output folder is touched
     imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
     if external is None and scans.given is None:
         check_inertial(config.odometry.method, imu is not None)

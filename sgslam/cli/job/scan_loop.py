@@ -16,7 +16,6 @@ from data import UserError
 from data.imu import ImuSamples
 from data.scans import ScanSource
 from sgslam.odometry.external import ExternalOdometry
-from sgslam.perception.first_scans import in_metres_and_sensor_frame
 from sgslam.session import Checkpoints, Update
 from sgslam.slam import SceneGraphSlam
 
@@ -80,8 +79,7 @@ def run_scans(
     """Adds the scans after `progress.index` and updates `progress`; returns the reason if it stops early, else None.
 
     `odometry` is an external odometry; `imu` holds the samples of an IMU; `on_scan` are called after each scan. Raises
-    UserError if not even one scan could be added or the first ones are in another unit or frame, and KeyboardInterrupt
-    at the second interrupt.
+    UserError if not even one scan could be added, and KeyboardInterrupt at the second interrupt.
     """
     from rich.console import Console
     from rich.progress import Progress as Bar
@@ -91,7 +89,7 @@ def run_scans(
         task = bar.add_task("scans", total=len(scans))
         waiting = perf_counter()
         try:
-            for scan in in_metres_and_sensor_frame(scans):
+            for scan in scans:
                 if scan.index <= progress.index and not interruption:
                     continue
                 progress.seconds["reading"] += perf_counter() - waiting
