@@ -77,8 +77,9 @@ class Session:
         self._anchor(ended)
         if of_this_run and ended.T_bim_map is not None and self.prior.first_anchor_ns is not None:
             ended.first_anchor_ns = self.prior.first_anchor_ns  # the place that it had before is found again
-        if of_this_run and ended.T_bim_map is None and self._begin_with_another_part(ended):
-            return Relocalisation(newest not in self.unplaced, None, "found in the building after the last scan")
+        if of_this_run and ended.T_bim_map is None and (why := self._begin_with_another_part(ended)):
+            is_found = newest not in self.unplaced
+            return Relocalisation(is_found, None, why if is_found else reason)
         if T_prior_map is None or found_ns is None:
             return Relocalisation(False, None, reason)
         return Relocalisation(True, (found_ns - began_ns) / 1e9, reason)
@@ -88,18 +89,27 @@ class Session:
         ended.anchoring = self._anchored_in(self.bim, is_prior=False)
         ended.complete()
 
-    def _begin_with_another_part(self, ended: ActiveMap) -> bool:
-        """Whether a later part of the run is in the building, where the first one is too small to tell: it becomes the
-        map, and the others join it where the building places them."""
+    def _begin_with_another_part(self, ended: ActiveMap) -> str:
+        """Makes a later part of the run the map, and says why: one that is in the building, where the first one is too
+        small to tell, or the largest, where all scans of the first one are lost. The others join it where they can be
+        placed. Empty where the first one stays."""
         assert self.prior is not None
-        for part in sorted(self.unplaced, key=lambda part: -len(part.scans)):
+        parts = sorted(self.unplaced, key=lambda part: -len(part.scans))
+        for part in parts:
             if self.bim is not None and part.find_in(self.bim, self._matcher_in_use, self._config):
-                self.unplaced = [other for other in (self.prior, *self.unplaced) if other is not part]
-                self.prior = part
-                self._adopt_prior(ended, part)
-                self._anchor(ended)
-                return True
-        return False
+                self._begin_with(part, ended)
+                return "found in the building after the last scan"
+        if parts and all(scan.health == "lost" for scan in self.prior.scans):
+            self._begin_with(parts[0], ended)
+            return "all scans before it are lost"
+        return ""
+
+    def _begin_with(self, part: PriorMap, ended: ActiveMap) -> None:
+        assert self.prior is not None
+        self.unplaced = [other for other in (self.prior, *self.unplaced) if other is not part]
+        self.prior = part
+        self._adopt_prior(ended, part)
+        self._anchor(ended)
 
     def T_prior_map(self, active: ActiveMap) -> Floats | None:  # noqa: N802
         """(4, 4) the current pose of a map in the frame of the prior map; None while it is not relocalised there."""

@@ -185,6 +185,22 @@ def test_no_scan_is_missing_where_a_sensor_is_carried_off_in_its_first_seconds(c
     assert told.health[20 : 20 + covered] == ("lost",) * covered and set(told.health[20 + covered :]) != {"lost"}
 
 
+def test_a_beginning_under_a_cover_is_not_the_map() -> None:
+    here = scene_of([*room(20, 0, 29, 7), (23, 2, 0, 24, 4, 2.6), (26, 5, 0, 27, 7, 2.6)])
+    slam = SceneGraphSlam()
+    for k in range(30):
+        slam.add_scan(10**8 * k, 0.2 + 0.02 * np.random.default_rng(k).normal(size=(200, 3)))
+    for k in range(30):
+        slam.add_scan(10**8 * (30 + k), scan(here, pose(25 + 0.03 * k, 2, 1, yaw=1 - 0.03 * k), seed=k))
+    result = slam.finish()
+    known = result.uncertainty
+    assert known.part.tolist() == [1] * 30 + [0] * 30
+    assert known.health[:30] == ("lost",) * 30 and set(known.health[30:]) == {"good"}
+    assert np.isnan(known.sigma[:30]).all() and np.isfinite(known.sigma[30:]).all()
+    assert result.relocalisation is not None and result.relocalisation.reason == "all scans before it are lost"
+    assert len(result.s_graph.rooms) == 1
+
+
 @functools.cache
 def carried_off_without_loops() -> Result:
     config = Config(loops=LoopSettings(enabled=False))

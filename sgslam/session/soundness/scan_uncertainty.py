@@ -29,9 +29,10 @@ class ScanUncertainty:
     """A line for each scan, in the order of their stamps (N,), in nanoseconds.
 
     `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) of the frame of the trajectory; NaN
-    where they are unknown. `part` (N,): 0 for the map, then a number for each submap that was not relocalised: its
-    sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two floors. `anchored` (N,):
-    whether the pose is one in the building: neither of lost scans, nor where it is not known well enough.
+    where they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each
+    submap that was not relocalised: its sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty
+    between two floors. `anchored` (N,): whether the pose is one in the building: neither of lost scans, nor where it
+    is not known well enough.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -82,10 +83,9 @@ def scan_uncertainty(
     own, keyframes = scans[run], backend.keyframes
     stamps = np.array([scan.stamp_ns for scan in own], dtype=np.int64)
     floors = [keyframes[scan.keyframe].storey for scan in own]
-    sigma = np.full((len(own), 6), np.nan)
-    if uncertainty is not None:
+    sigma, is_lost = np.full((len(own), 6), np.nan), np.array([scan.health == "lost" for scan in own])
+    if uncertainty is not None and not is_lost.all():
         sigma[:] = np.sqrt(_variances(scans, own, backend, uncertainty, R_frame_map, config.odometry))
-    is_lost = np.array([scan.health == "lost" for scan in own])
     return ScanUncertainty(
         stamps, sigma, np.full(len(own), part), tuple("" if floor is None else f"floor-{floor}" for floor in floors),
         placed & ~is_lost & np.all(_NORMAL_95 * sigma <= _limits(config.quality), axis=1),
