@@ -10,9 +10,9 @@ from drives import small_run
 
 from data import SceneGraph, WallSurface
 from matching import Matcher, MatchResult
-from sgslam.anchoring.building_anchoring import BuildingAnchoring
+from sgslam.anchoring.building_anchoring import BuildingAnchoring, merged
 from sgslam.config import Config
-from sgslam.mapping import Floors
+from sgslam.mapping import Anchors, Floors
 
 HIGHER = 3.0  # m
 CONFIG = Config()
@@ -85,10 +85,12 @@ def test_a_floor_takes_its_place_from_another_and_from_its_height(mapped: tuple[
     ground, floors, T_map_local = mapped
     both, (anchoring, _) = two_floors(floors), anchoring_of(storeys(ground, 0.6))
     assert anchoring.reason == "too little was seen to try a match" and anchoring.committed is None
+    assert not anchoring.awaits_confirmation
     one = anchoring.update(both, T_map_local, last=True)
     assert storeys_of(anchoring) == [ground.floors[0].id, "storey 1"]
     assert not anchoring.of(0).commitment.follows and anchoring.of(1).commitment.follows
     assert anchoring.committed is anchoring.of(0)
+    assert anchoring.of(1).height - anchoring.of(0).height == pytest.approx(HIGHER)
     assert "no other place explains the map nearly as well" in anchoring.reason
     two = anchoring.update(both, T_map_local, last=False)
     assert one is not None and two is not None
@@ -114,6 +116,28 @@ def test_an_answer_has_the_walls_and_rooms_of_all_floors(mapped: tuple[SceneGrap
     assert any(named) and not all(named)
     first = anchoring.answer(both, {0: alignments[0]})
     assert first is not None and first["floors"] == {"floor-0": ground.floors[0].id}
+
+
+def test_an_answer_that_is_not_sure_is_that_of_the_first_floor(mapped: tuple[SceneGraph, Floors, Array]) -> None:
+    ground, floors, T_map_local = mapped
+    both, (anchoring, _) = two_floors(floors), anchoring_of(storeys(ground, 0.0, 0.0))
+    anchoring.update(both, T_map_local, last=True)
+    answer = anchoring.answer(both, {})
+    assert answer is not None and answer["status"] == "ambiguous" and list(answer["floors"]) == ["floor-0"]
+
+
+def test_the_floor_that_is_left_leads(mapped: tuple[SceneGraph, Floors, Array]) -> None:
+    ground, floors, T_map_local = mapped
+    both, (anchoring, _) = two_floors(floors), anchoring_of(storeys(ground, 0.6))
+    anchoring.update(both, T_map_local, last=True)
+    assert both.maps[0].scene is not None
+    anchoring.of(0).withdraw(both.maps[0].scene, "as a test")
+    assert anchoring.committed is anchoring.of(1)
+
+
+def test_the_height_of_a_building_is_as_uncertain_as_that_of_the_worst_floor() -> None:
+    below, above = (Anchors(np.eye(4), {}, {}, {}, sigma_height=sigma) for sigma in (0.1, 0.3))
+    assert merged([below, above]).sigma_height == merged([above, below]).sigma_height == 0.3
 
 
 def test_floors_that_are_ambiguous_alone_are_placed_together(mapped: tuple[SceneGraph, Floors, Array]) -> None:
@@ -171,13 +195,16 @@ def test_where_heights_fit_no_storeys_each_floor_needs_an_answer(mapped: tuple[S
     assert not anchoring.of(1).commitment.follows
 
 
-def test_a_floor_does_not_follow_where_its_walls_disagree(mapped: tuple[SceneGraph, Floors, Array]) -> None:
+@pytest.mark.parametrize(("walls", "follows"), [(3, False), (6, True)])
+def test_a_floor_follows_where_enough_walls_agree(
+    mapped: tuple[SceneGraph, Floors, Array], walls: int, follows: bool
+) -> None:
     ground, floors, T_map_local = mapped
-    plan = storeys(ground, 0.6)
+    plan = storeys(ground, 0.0)
     upper = [wall for wall in plan.wall_surfaces if wall.floor == "storey 1"]
-    anchoring, _ = anchoring_of(replace(plan, wall_surfaces=(*ground.wall_surfaces, *upper[:3])))
+    anchoring, _ = anchoring_of(replace(plan, wall_surfaces=(*ground.wall_surfaces, *upper[:walls])))
     anchoring.update(two_floors(floors), T_map_local, last=True)
-    assert storeys_of(anchoring) == [ground.floors[0].id, None]
+    assert storeys_of(anchoring) == [ground.floors[0].id, "storey 1" if follows else None]
 
 
 def test_a_floor_that_proves_to_be_elsewhere_is_withdrawn(mapped: tuple[SceneGraph, Floors, Array]) -> None:

@@ -62,7 +62,7 @@ def test_a_wall_that_is_turned_has_no_vote(degrees: float, agrees: bool) -> None
 
 
 @pytest.mark.parametrize(("noise", "off", "agrees"), [
-    (0.0, 0.024, True), (0.0, 0.027, False), (0.03, 0.045, True), (0.03, 0.08, False),
+    (0.0, 0.024, True), (0.0, 0.027, False), (0.04, 0.045, True), (0.04, 0.095, False),
 ])  # fmt: skip
 def test_the_gate_follows_the_scatter_of_the_walls(noise: float, off: float, agrees: bool) -> None:
     pairs, true, _ = storey(6, rooms=8, noise=0.0)
@@ -125,6 +125,18 @@ def test_three_walls_of_the_building_must_agree(units: int, is_found: bool) -> N
     pairs, true, _ = storey(0)
     few = pairs.only(np.arange(units + 1)[-units:])  # one of each direction at least
     assert (find_consensus(few, true, TURNED) is not None) == is_found
+
+
+def test_one_wall_does_not_fix_a_place() -> None:
+    assert not determined(np.array([[1.0, 0.0]]))
+
+
+def test_a_vote_grows_with_the_root_of_a_walls_length_up_to_six_metres() -> None:
+    pairs, _, _ = storey(0, rooms=1)
+    four = pairs.only(np.arange(4))
+    lengths = np.array([1.5, 1.5, 12.0, 4.0])
+    votes = replace(four, length=lengths, unit=np.array([0, 0, 1, 2])).votes()
+    np.testing.assert_allclose(votes, [np.sqrt(3) / 2, np.sqrt(3) / 2, np.sqrt(6), 2.0])
 
 
 def test_walls_that_agree_on_nothing_give_no_place() -> None:

@@ -64,6 +64,28 @@ def test_a_room_that_the_known_map_has_twice_is_not_recognised() -> None:
     assert relocalised(walled("lab", LAB), *BEYOND, known=twice) is None
 
 
+def test_five_rooms_of_six_walls_or_more_are_asked_for() -> None:
+    six = [walled(f"six{k}", moved(STORE, 20.0 * k, 30.0)) for k in range(7)]
+    five: Corners = [(40, 0), (44, 0), (44, 4), (42, 5), (40, 4)]
+    asked: list[str] = []
+
+    def ask(s: SceneGraph) -> MatchResult:
+        asked.extend(room.id for room in s.rooms)
+        return Matcher.load("learned").match(s, KNOWN)
+
+    relocalise_by_rooms(graph(walled("five", five), *BEYOND, *six), ask, lambda _: KNOWN, AnchorSettings())
+    assert len(asked) == 5 and all(name.startswith("six") for name in asked)
+
+
+def test_the_evidence_is_that_of_the_room_that_has_most() -> None:
+    nats = []
+    for seen in ([walled("lab", LAB)], [walled("store", STORE)], [walled("lab", LAB), walled("store", STORE)]):
+        found = relocalised(*seen)
+        assert found is not None
+        nats.append(int(found.reason.split(" nats")[0].split()[-1]))
+    assert nats[2] == max(nats[:2]) > min(nats[:2])
+
+
 def test_the_rooms_near_the_robot_are_matched() -> None:
     far = [walled(f"far{k}", moved([(0, 0), (2 + k / 3, 0), (2 + k / 3, 2), (9, 2), (9, 6), (0, 6)], 30 + 10 * k, 0))
            for k in range(MAX_ROOMS)]  # fmt: skip
