@@ -23,7 +23,7 @@ _DPI = 110
 
 
 def colours(distance: Floats, limit: float) -> NDArray[np.uint8]:
-    """(N, 3) RGB of distances (m), which are told apart up to `limit`; grey for NaN."""
+    """(N, 3) RGB of distances (m), whose colours differ up to `limit`; grey for NaN."""
     from matplotlib import colormaps
 
     share = np.clip(np.nan_to_num(distance) / limit, -1, 1) / 2 + 0.5

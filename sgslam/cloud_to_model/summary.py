@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 PERCENTILES = (1, 5, 25, 50, 75, 95, 99)
 BIN_M = 0.005
-LEAST_POINTS = 50  # of an element that is told of
+LEAST_POINTS = 50  # of an element that is listed
 
 
 def summary(found: CloudToModel, elements: Sequence["PlannedElement"], tolerance: float) -> dict[str, Any]:
