@@ -81,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--resume", type=Path, metavar="DIR", help="resume the interrupted run in this --out folder")
     add("--demo", action="store_true", help="generate a building, simulate a drive through it and run on that")
     add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive")
-    add("--second-pass", action="store_true", default=None, help="register all scans again once the map is known")
+    add("--single-pass", action="store_true", default=None, help="do not register all scans again at the end")
     parser.set_defaults(slam_output=None, cloud=None, times=None)  # see sgslam.other_slam.anchor
     return parser
 

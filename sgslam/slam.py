@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Iterable, Sequence
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -175,14 +176,23 @@ class SceneGraphSlam:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
         session = self._session
+        single = deepcopy(self._map.state()) if scans is not None and self._can_pass_again else None
         again = False
-        if scans is not None and self._can_pass_again:
+        if scans is not None and single is not None:
             again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
         advice = [*self._advice, *self._tracking.advice]
         if not self.anchored and self._tracking.is_way_up_assumed:  # a plan does not fit a map that is upside down
             advice.append(_WAY_UP)
             _log.warning("%s", _WAY_UP)
-        return assemble_result(self._map, session.bim, session.unplaced, relocalisation, self._config, advice, again)
+        finished = session.bim, session.unplaced, relocalisation, self._config, advice
+        result = assemble_result(self._map, *finished, again)
+        if single is None or not again or result.anchored or single["T_bim_map"] is None:
+            return result
+        _log.warning("the second pass is left out: after it, %s", result.reason)
+        self._map = session.begin(self.clouds, self._stopwatch)
+        self._map.restore(single)
+        self._map.complete()
+        return assemble_result(self._map, *finished, passed_again=False)
 
     @property
     def _can_pass_again(self) -> bool:

@@ -108,6 +108,7 @@ def _options(inputs: LiveInputs) -> Namespace:
 
     options = default_options()
     options.out, options.bim, options.layer, options.map = inputs.out, inputs.bim, list(inputs.layers), inputs.map
+    options.single_pass = True  # the scans are gone
     options.storey, options.ground_truth, options.verbose = inputs.storey, inputs.ground_truth, inputs.verbose
     options.start = None if inputs.start is None else ",".join(map(repr, inputs.start))
     return options

@@ -57,7 +57,8 @@ def smoothed(
     seconds, firsts = _knots_of(scans)
     motion = Motion(seconds, np.stack([start.at(second) for second in seconds]))
     weights, sigmas = Weights.of(settings), np.full(len(scans), settings.sigma_point)
-    model = MotionModel(settings)
+    # the first pass knows the way; unknown is how a hand sways up and down, as fast as it turns
+    model = MotionModel(settings.model_copy(update={"vertical_memory": settings.turn_memory}))
     model.level(_UP)
     for number in range(_MAPS):
         surfels = _map_of(scans, firsts, motion, is_known).arrays

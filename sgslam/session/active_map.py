@@ -209,10 +209,12 @@ class ActiveMap:
             self.update(last=True)
 
     def take_tracked(self, poses: Floats) -> None:
-        """Replaces the tracked motion of all scans by that between `poses` (N, 4, 4); the graph's steps follow it."""
+        """Replaces the tracked motion of all scans by that between `poses` (N, 4, 4), of a second pass; the graph's
+        steps follow it."""
         keyframes = self.backend.keyframes
         for keyframe in keyframes:
             keyframe.T_track_sensor = poses[keyframe.scan]
+            keyframe.step_covariance = self._steps.smoothed(keyframe.step_covariance)
         for i, scan in enumerate(self.scans):
             own = keyframes[scan.keyframe]
             scan.T_keyframe_sensor = inverse(poses[own.scan]) @ poses[i]

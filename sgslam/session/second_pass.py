@@ -20,6 +20,7 @@ Floats = NDArray[np.float64]
 TimesOf: TypeAlias = Callable[[Floats, Floats | None], Floats | None]
 _log = logging.getLogger(__name__)
 _LEAST = 3  # scans that a smoothing needs
+_MOST_POINTS = 2e7  # of all scans, 36 bytes each, stay in memory
 
 
 def second_pass(final: ActiveMap, scans: Iterable[Scan], times_of: TimesOf, settings: TrackingSettings) -> bool:
@@ -30,7 +31,8 @@ def second_pass(final: ActiveMap, scans: Iterable[Scan], times_of: TimesOf, sett
     """
     with final.stopwatch("smoothing"):
         stamps = np.array([scan.stamp_ns for scan in final.scans])
-        again = _thinned(scans, stamps, times_of, settings)
+        points = min(settings.points, int(_MOST_POINTS / len(stamps)))
+        again = _thinned(scans, stamps, times_of, settings.model_copy(update={"points": points}))
         if len(again) != len(stamps) or len(stamps) < _LEAST:
             _log.warning("no second pass: %d of %d scans can be read again", len(again), len(stamps))
             return False
@@ -52,5 +54,5 @@ def _thinned(
         if scan.stamp_ns in wanted:
             times = times_of(scan.points, scan.point_times)
             own, side = thinned(scan.points, times, (scan.stamp_ns - stamps[0]) / 1e9, side, settings)
-            found.append(replace(own, points=own.points.astype(np.float32)))  # all stay in memory: 70 kB each
+            found.append(replace(own, points=own.points.astype(np.float32)))
     return found

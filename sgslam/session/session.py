@@ -38,6 +38,7 @@ class Session:
         self.prior = prior
         self.kidnaps = 0
         self.unplaced: list[PriorMap] = []
+        self._relocalisation: Relocalisation | None = None  # once the run has finished
 
     def begin(self, clouds: KeyframeClouds, stopwatch: Stopwatch) -> ActiveMap:
         """A new map, to be relocalised in the prior map or anchored to the building."""
@@ -61,8 +62,14 @@ class Session:
         """Completes the map, merges it with the prior map if it was relocalised there, and anchors the merged map to
         the building. Returns the outcome of the relocalisation, None without a prior map."""
         ended.complete()
-        if self.prior is None:
-            return None
+        if self.prior is None or ended.backend is self.prior.backend:
+            return self._relocalisation
+        self._relocalisation = self._join(ended)
+        return self._relocalisation
+
+    def _join(self, ended: ActiveMap) -> Relocalisation:
+        """Merges a completed map with the prior map, and anchors both."""
+        assert self.prior is not None
         T_prior_map, found_ns, newest = self.T_prior_map(ended), ended.first_anchor_ns, _as_prior(ended)
         reason = "" if ended.anchoring is None else ended.anchoring.reason
         began_ns, of_this_run = ended.scans[0].stamp_ns, self._prior_is_of_this_run

@@ -67,14 +67,21 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def command(*arguments: str | Path) -> list[str]:
+def command(*arguments: str | Path, before: str = "") -> list[str]:
     """`sgslam.run`, which writes its state after every scan."""
-    often = "import sgslam.session.checkpoints as c; c.SHARE = 1e9; from sgslam.run import *; run_command(main)"
-    return [sys.executable, "-c", often, *map(str, arguments)]
+    often = "import sgslam.session.checkpoints as c; c.SHARE = 1e9; from sgslam.run import *; "
+    return [sys.executable, "-c", f"{often}{before}run_command(main)", *map(str, arguments)]
 
 
-def begun(*arguments: str | Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(command(*arguments), text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+def begun(*arguments: str | Path, before: str = "") -> subprocess.Popen[str]:
+    made = command(*arguments, before=before)
+    return subprocess.Popen(made, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+def waits_in_second_pass(says: Path) -> str:
+    """A second pass that creates the file `says` and never ends."""
+    waits = f"lambda *_: (Path({str(says)!r}).touch(), time.sleep(1000))"
+    return f"import sgslam.session.second_pass as p; import time; from pathlib import Path; p.smoothed = {waits}; "
 
 
 def come_to(process: subprocess.Popen[str], out: Path, keyframes: int) -> None:
@@ -97,7 +104,6 @@ def refused(*arguments: str | Path) -> str:
 def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path) -> None:
     out, whole = tmp_path / "out", tmp_path / "whole"
     told = ("--scan-dir", inputs / "scans", "--bim", inputs / "a_graph.json", "--set", "matching.method=voting")
-    told = (*told, "--second-pass")
     process = begun(*told, "--out", out)
     come_to(process, out, 5)
     process.kill()
@@ -110,6 +116,13 @@ def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path
     assert process.returncode == 2 and f"--resume {out}" in said[-1]
     assert not any("overwritten" in line for line in said)
     assert len(Trajectory.read_tum(out / "trajectory.tum")) < PART
+    process = begun("--resume", out, before=waits_in_second_pass(tmp_path / "waits"))
+    while not (tmp_path / "waits").is_file():
+        assert process.poll() is None
+        sleep(0.01)
+    process.kill()
+    process.communicate()
+    assert not about_run(out).get("finished")
     assert begun("--resume", out).wait() == called("sgslam.run", *told, "--out", whole).returncode == 0
     assert len(Trajectory.read_tum(out / "trajectory.tum")) == PART
     for name in ("trajectory.tum", "trajectory_live.tum", "trajectory_odometry.tum", "s_graph.json", "deviations.json"):

@@ -121,11 +121,6 @@ def test_degrees_for_the_start_are_refused_and_given_in_radians(walk: Path) -> N
     assert "give --bim too" in refused("sgslam.run", "--scan-dir", walk, "--start", "1,2,-6.28")
 
 
-def test_a_second_pass_that_could_not_be_made_is_refused(walk: Path) -> None:
-    assert "leave out --odometry" in refused("sgslam.run", "--scan-dir", walk, "--second-pass", "--odometry", "kiss")
-    assert "leave out --map" in refused("sgslam.run", "--scan-dir", walk, "--second-pass", "--map", walk)
-
-
 def test_a_folder_above_the_scans_is_refused_and_theirs_are_named(walk: Path, tmp_path: Path) -> None:
     write_changed(walk, tmp_path / "second")
     done = process("--scan-dir", tmp_path)

@@ -74,11 +74,6 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     external = None
     if config is None:
         config, external = read_config(options, resumed)
-    if options.second_pass and (config.odometry.method != "continuous_time" or options.map is not None):
-        raise UserError(
-            "--second-pass needs our own odometry and a run without --map: it registers all scans again; leave out "
-            f"{'--map' if options.map is not None else '--odometry and odometry.method'}, or --second-pass"
-        )
     start = None if options.start is None else read_start(options.start)
     matcher = _matcher(config.matching.method)
     if options.demo:

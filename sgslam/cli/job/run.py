@@ -82,11 +82,12 @@ class Run:
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
         skipped_scans = len(job.scans.skipped)  # a second reading counts them again
-        if stopped is None and job.options.second_pass:
+        is_last = stopped is not None or job.options.single_pass
+        if not is_last:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
-        result = self.slam.finish(job.scans if stopped is None and job.options.second_pass else None)
-        if job.options.second_pass and result.trajectory_live is None:
-            _log.warning("there was no second pass: it needs poses of our own odometry, and a run in one part")
+        result = self.slam.finish(None if is_last else job.scans)
+        if not is_last and result.trajectory_live is None:
+            _log.info("there was no second pass: it needs our own odometry, and a run in one part without --map")
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         for kind, count in result.factors.counts().items():
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
