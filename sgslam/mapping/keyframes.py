@@ -19,8 +19,9 @@ class KeyframeNode:
 
     `T_track_sensor` (4, 4) accumulates the tracked motion and never jumps; only differences of it are used. `storey` is
     the number of the S-graph's floor that it was taken on, None on a stair. `step_covariance` (6, 6), rotation first,
-    sensor axes, is that of the step to it; `weak_step`: surfaces left some direction of it unconstrained. The surfaces
-    show the vertical `up` (3,), in the sensor frame, with a standard deviation `sigma_up`.
+    sensor axes, is that of the step to it; `weak_step`: surfaces left some direction of it unconstrained; `smoothed`: a
+    second pass has estimated it again. The surfaces show the vertical `up` (3,), in the sensor frame, with a standard
+    deviation `sigma_up`.
     """
 
     scan: int
@@ -32,6 +33,7 @@ class KeyframeNode:
     storey: int | None = 0
     step_covariance: Floats = field(default_factory=lambda: _default_step(OdometrySettings()))
     weak_step: bool = False
+    smoothed: bool = False
     up: Floats = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     sigma_up: float = np.inf  # rad
 

@@ -214,7 +214,9 @@ class ActiveMap:
         keyframes = self.backend.keyframes
         for keyframe in keyframes:
             keyframe.T_track_sensor = poses[keyframe.scan]
-            keyframe.step_covariance = self._steps.smoothed(keyframe.step_covariance)
+            if not keyframe.smoothed:
+                keyframe.step_covariance = self._steps.smoothed(keyframe.step_covariance)
+            keyframe.smoothed = True
         for i, scan in enumerate(self.scans):
             own = keyframes[scan.keyframe]
             scan.T_keyframe_sensor = inverse(poses[own.scan]) @ poses[i]

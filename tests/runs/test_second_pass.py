@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import fed, small_drive
+from scipy.spatial.transform import Rotation
 
 from data.scans import Scan
 from sgslam.config import Config, OdometrySettings
+from sgslam.registration import Motion
+from sgslam.registration.sampling import TimedPoints
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
@@ -69,6 +72,29 @@ def test_scans_that_cannot_all_be_read_again_change_nothing(caplog: pytest.LogCa
     assert again.trajectory_live is None
     assert np.abs(again.trajectory.poses - single.trajectory.poses).max() < 1e-4  # optimised once more
     assert slam.finish(read_again()).trajectory_live is not None  # more scans than the run has do no harm
+
+
+def test_a_result_stays_that_a_second_pass_would_lose(
+    passed_again: tuple[SceneGraphSlam, Result, Result],
+    caplog: pytest.LogCaptureFixture,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A motion that bends, as where a smoothing fails: the map fits the plan no more."""
+    slam, single, _ = passed_again
+
+    def bent(scans: list[TimedPoints], start: Motion, *_: object) -> Motion:
+        knots = start.knots.copy()
+        way = np.linspace(0, 1, len(knots))
+        knots[:, :3, :3] = Rotation.from_rotvec(np.outer(way, [0.0, 0.0, 2.0])).as_matrix() @ knots[:, :3, :3]
+        knots[:, :3, 3] += 8 * way[:, None]
+        return Motion(start.seconds, knots)
+
+    monkeypatch.setattr("sgslam.session.second_pass.smoothed", bent)
+    with caplog.at_level(logging.WARNING):
+        kept = slam.finish(read_again())
+    assert "the second pass is left out" in caplog.text
+    assert kept.anchored and kept.trajectory_live is None
+    assert small_drive().rmse(kept) < small_drive().rmse(single) + 0.01
 
 
 def test_poses_of_another_odometry_are_not_estimated_again() -> None:
