@@ -24,8 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ANCHORING = tuple(
     f"tests/anchoring/test_{name}.py"
     for name in (
-        "anchored_rooms", "commitment", "consensus", "free_space_conflict", "local_drift", "place_verification",
-        "storey_hypotheses",
+        "anchored_rooms", "commitment", "consensus", "free_space_conflict", "place_verification", "storey_hypotheses",
     )
 )  # fmt: skip
 BUILDING = ("tests/anchoring/test_building_anchoring.py",)
@@ -33,7 +32,7 @@ VERDICTS = ("tests/matching/test_verdicts.py",)
 TESTS = {  # of each module; what is compiled once must not be compiled for each mutant
     **{f"sgslam/anchoring/{name}.py": ANCHORING for name in (
         "place_verification", "match_history", "storey_hypotheses", "anchored_rooms", "free_space_conflict",
-        "local_drift", "se2_consensus",
+        "se2_consensus",
     )},
     "sgslam/anchoring/room_relocalisation.py": ("tests/anchoring/test_room_relocalisation.py",),
     "sgslam/anchoring/building_anchoring.py": BUILDING,

@@ -1,6 +1,4 @@
-"""The anchors that aligned walls become, by grade, and the rooms and room anchors that follow from them."""
-
-from dataclasses import dataclass, field
+"""The anchors that aligned walls become, and the rooms and room anchors that follow from them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,9 +55,6 @@ def room_anchors(scene: Scene, by_rooms: dict[tuple[str, str], dict[int, Floats]
     return anchors
 
 
-_Planned = dict[int, dict[str, PlannedWall]]  # by wall and planned surface
-
-
 def anchor_statuses(
     alignment: WallAlignment, scene: Scene, matched: set[Key], match_name: str
 ) -> dict[Key, AnchorStatus]:  # fmt: skip
@@ -70,52 +65,33 @@ def anchor_statuses(
         by, off = match_name if key in matched else "position", f"{1000 * aligned.offset:+.0f} mm off"
         if aligned.agrees:
             statuses[key] = AnchorStatus("tight", by, f"as planned within {1000 * alignment.gate:.0f} mm")
-        elif aligned.drifted:
-            statuses[key] = AnchorStatus("tight", by, f"{off}, like all walls around it: the map has drifted")
         elif key not in statuses:
             statuses[key] = AnchorStatus("loose", by, f"{off} the plan")
     return statuses
 
 
-@dataclass(frozen=True)
-class GradedWalls:
-    """Planned walls by grade; `by_rooms`: planes (4,), local frame, of the walls that fix an (S room, A room)."""
-
-    tight: _Planned = field(default_factory=dict)
-    drifted: _Planned = field(default_factory=dict)
-    loose: _Planned = field(default_factory=dict)
-    by_rooms: dict[tuple[str, str], dict[int, Floats]] = field(default_factory=dict)
-
-    def lists(self) -> tuple[dict[int, list[PlannedWall]], dict[int, list[PlannedWall]], dict[int, list[PlannedWall]]]:
-        """(tight, drifted, loose) by wall, each wall in its best grade only."""
-        tight, drifted, loose = (
-            {wall: list(planned.values()) for wall, planned in grade.items()}
-            for grade in (self.tight, self.drifted, self.loose)
-        )
-        drifted = {wall: planned for wall, planned in drifted.items() if wall not in tight}
-        loose = {wall: p for wall, p in loose.items() if wall not in tight and wall not in self.drifted}
-        return tight, drifted, loose
-
-
-def graded_walls(
+def planned_walls(
     alignment: WallAlignment, scene: Scene, statuses: dict[Key, AnchorStatus], T_local_level: Floats, origin: Floats
-) -> GradedWalls:
-    """Grades the aligned walls; `origin` (3,) is that of the local frame, T_local_level (4, 4) the place of the map in
-    it. A wall that is off alone does not pull the map, however little: the walls around it tell that it was built so.
+) -> tuple[dict[int, list[PlannedWall]], dict[tuple[str, str], dict[int, Floats]]]:
+    """The planned walls at which each wall of the map stands; and, by (S room, A room), the planes (4,) of the walls
+    that agree, in the local frame.
+
+    `origin` (3,) is that of the local frame, T_local_level (4, 4) the place of the map in it.
     """
-    grades, names = GradedWalls(), wall_names([aligned.planned for aligned in alignment.walls])
+    found: dict[int, dict[str, PlannedWall]] = {}
+    by_rooms: dict[tuple[str, str], dict[int, Floats]] = {}
+    names = wall_names([aligned.planned for aligned in alignment.walls])
     for aligned in alignment.walls:
         wall, plane = scene.wall_of_surface[aligned.surface.id], _local_plane(aligned.planned, origin)
         middle = np.array([*aligned.surface.centroid, np.mean(aligned.surface.height or 0.0)])
         status = statuses[wall, aligned.planned.id]
         place = transform_points(T_local_level, middle)
         planned = PlannedWall(plane, place, aligned.planned.id, status.by, status.why, names[aligned.planned.id])
-        grade = grades.tight if aligned.agrees else grades.drifted if aligned.drifted else grades.loose
-        grade.setdefault(wall, {})[aligned.planned.id] = planned
+        found.setdefault(wall, {})[aligned.planned.id] = planned
         rooms = aligned.surface.room, aligned.planned.room
-        if (aligned.agrees or aligned.drifted) and rooms[0] is not None and rooms[1] is not None:
-            grades.by_rooms.setdefault((rooms[0], rooms[1]), {})[wall] = plane
-    return grades
+        if aligned.agrees and rooms[0] is not None and rooms[1] is not None:
+            by_rooms.setdefault((rooms[0], rooms[1]), {})[wall] = plane
+    return {wall: list(planned.values()) for wall, planned in found.items()}, by_rooms
 
 
 def _local_plane(surface: WallSurface, origin: Floats) -> Floats:

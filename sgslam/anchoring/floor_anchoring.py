@@ -11,7 +11,7 @@ from data import SceneGraph
 from matching.protocol import AnyMatcher, Match
 from matching.result import MatchResult
 from sgslam.anchoring.anchor_log import AnchorLog, AnchorStatus, Key
-from sgslam.anchoring.anchored_rooms import anchor_statuses, graded_walls, matched_rooms, room_anchors
+from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
 from sgslam.anchoring.floor_matching import FloorMatching, PlacedMatch, differ
 from sgslam.anchoring.height_alignment import HeightAlignment, align_heights
 from sgslam.anchoring.match_history import Commitment
@@ -93,7 +93,7 @@ class FloorAnchoring(Stateful):
         self.log.rename(walls.current)
         self.commitment.rename(walls.current)
         self._check_conflict(scene, walls, T_map_local)
-        alignment = self._tested_alignment(scene, walls, T_map_local)
+        alignment = self.alignment(scene, walls, T_map_local)
         share = 0.0 if alignment is None else alignment.share
         due = last or self.matching.is_due(scene.graph, committed=self.committed is not None)
         if due and share < self._config.anchors.least_share:
@@ -105,7 +105,6 @@ class FloorAnchoring(Stateful):
         self.matching.note_size(scene.graph)
         if alignment is None:
             return None
-        self.commitment.note_candidates(alignment, scene)
         statuses = anchor_statuses(alignment, scene, self.commitment.pairs, self._match_name)
         self.log.update(scene.graph.keyframes[-1].stamp_ns, statuses)
         anchors = self._anchors(scene, floor, alignment, T_map_local, statuses)
@@ -166,8 +165,7 @@ class FloorAnchoring(Stateful):
         if self.committed is None:
             return None
         place, origin = self.commitment.place_now(walls, T_map_local), self._plan.origin[:2]
-        deviations = self.commitment.confirmed_deviations
-        return align_walls(scene, walls, self.storey, origin, place, self._config.anchors, deviations)
+        return align_walls(scene, walls, self.storey, origin, place, self._config.anchors)
 
     def answer(self, scene: Scene, alignment: WallAlignment | None) -> Mapping[str, Any] | None:
         """The answer in the form of matches.json, by the ids of `scene`.
@@ -248,15 +246,6 @@ class FloorAnchoring(Stateful):
         place = self.commitment.place_now(walls, T_map_local)
         return self._plan.conflicts(scene.graph, place, self.commitment.floor)
 
-    def _tested_alignment(self, scene: Scene, walls: WallMap, T_map_local: Floats | None) -> WallAlignment | None:
-        """The alignment after drift candidates that did not give way became confirmed deviations."""
-        alignment = self.alignment(scene, walls, T_map_local)
-        if alignment is None or not self.commitment.drift_candidates:
-            return alignment
-        if not self.commitment.confirm_deviations(alignment, scene):
-            return alignment
-        return self.alignment(scene, walls, T_map_local)
-
     def _anchors(
         self, scene: Scene, floor: FloorMap, alignment: WallAlignment, T_map_local: Floats | None,
         statuses: dict[Key, AnchorStatus],
@@ -264,16 +253,16 @@ class FloorAnchoring(Stateful):
         settings, (yaw, x, y), walls = self._config.anchors, alignment.place, floor.walls
         heights = self._heights(floor, alignment)
         T_local_level = se2_to_se3(yaw, x, y, self.height if heights is None else heights.raised)
-        grades = graded_walls(alignment, scene, statuses, T_local_level, self._plan.origin)
+        planned, by_rooms = planned_walls(alignment, scene, statuses, T_local_level, self._plan.origin)
         place = self.commitment.place_now(walls, T_map_local)
         valid = T_map_local is not None and not self.commitment.replaced
         moved = differ(alignment.place, place, scene, settings.gate_offset)
         if T_map_local is None or not valid or moved or self._is_raised(T_local_level, walls, T_map_local, heights):
             T_map_local = inverse(T_local_level @ walls.T_level_map)
-        rooms = room_anchors(scene, grades.by_rooms, self.height) if settings.rooms else {}
-        tight, drifted, loose = grades.lists() if settings.planes else ({}, {}, {})
-        planned, sigma = ({}, 0.0) if heights is None else (heights.planned, heights.sigma)
-        return Anchors(T_map_local, tight, rooms, planned, loose, drifted, sigma, self._match_name)
+        rooms = room_anchors(scene, by_rooms, self.height) if settings.rooms else {}
+        elevations, sigma = ({}, 0.0) if heights is None else (heights.planned, heights.sigma)
+        planes = planned if settings.planes else {}
+        return Anchors(T_map_local, planes, rooms, elevations, sigma, self._match_name)
 
     def _is_raised(
         self, T_local_level: Floats, walls: WallMap, T_map_local: Floats, heights: HeightAlignment | None

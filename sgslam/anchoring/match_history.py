@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from data import SceneGraph
 from matching.protocol import Match
 from sgslam.anchoring.anchor_log import Key
-from sgslam.anchoring.wall_alignment import WallAlignment, planar_pose
+from sgslam.anchoring.wall_alignment import planar_pose
 from sgslam.geometry.frames import inverse
 from sgslam.mapping import Scene, WallMap
 from sgslam.serialization import Stateful
@@ -57,7 +57,6 @@ class UniqueMatch:
 
 
 Floats = NDArray[np.float64]
-_STAYS = 2.0  # of the gate; a wall that is still further off after it was pulled is a deviation
 
 
 class Commitment(Stateful):
@@ -66,22 +65,14 @@ class Commitment(Stateful):
     `match` is None while there is none; `place` (3,) is its T_local_level, yaw x y; `pairs` are its walls and planned
     surfaces. `follows`: the place is that of another floor, with its `other_confidence`. `replaced`: the back end's
     estimate is still that of a match that was withdrawn.
-
-    Walls that seem to be off by drift are pulled: the `drift_candidates`. A drifted map gives way, a wall that was
-    built elsewhere does not: such walls become `confirmed_deviations`.
     """
 
-    _STATE = (
-        "match", "place", "pairs", "drift_candidates", "confirmed_deviations", "follows", "other_confidence",
-        "replaced",
-    )  # fmt: skip
+    _STATE = ("match", "place", "pairs", "follows", "other_confidence", "replaced")
 
     def __init__(self) -> None:
         self.match: Match | None = None
         self.place: Floats = np.zeros(3)
         self.pairs: set[Key] = set()
-        self.drift_candidates: set[Key] = set()
-        self.confirmed_deviations: set[Key] = set()
         self.follows = False
         self.other_confidence = 0.0
         self.replaced = False
@@ -103,38 +94,15 @@ class Commitment(Stateful):
         self.pairs = {(scene.wall_of_surface[s], a) for s, a, _ in match.wall_surfaces}
 
     def clear(self) -> None:
-        """Forgets the match and what its walls showed."""
+        """Forgets the match."""
         self.match, self.pairs, self.follows = None, set(), False
-        self.drift_candidates, self.confirmed_deviations = set(), set()
 
     def rename(self, current: Callable[[int], int]) -> None:
         """Follows walls that were joined; `current` gives a wall's number now."""
-        for keys in (self.pairs, self.drift_candidates, self.confirmed_deviations):
-            renamed = {(current(wall), a_id) for wall, a_id in keys}
-            keys.clear()
-            keys.update(renamed)
+        self.pairs = {(current(wall), a_id) for wall, a_id in self.pairs}
 
     def place_now(self, walls: WallMap, T_map_local: Floats | None) -> Floats:
         """(3,) T_local_level by the back end's estimate where it is valid, else that of the match."""
         if T_map_local is None or self.replaced:
             return self.place
         return planar_pose(inverse(walls.T_level_map @ T_map_local))
-
-    def note_candidates(self, alignment: WallAlignment, scene: Scene) -> None:
-        """Takes the walls that are off by drift for drift candidates until the next alignment."""
-        self.drift_candidates = {
-            (scene.wall_of_surface[w.surface.id], w.planned.id) for w in alignment.walls if w.drifted
-        }
-
-    def confirm_deviations(self, alignment: WallAlignment, scene: Scene) -> bool:
-        """Confirms the drift candidates that did not give way as deviations; returns whether any is new."""
-        stay = {
-            (scene.wall_of_surface[w.surface.id], w.planned.id)
-            for w in alignment.walls
-            if abs(w.offset) > _STAYS * alignment.gate
-        }
-        stay &= self.drift_candidates
-        if not stay - self.confirmed_deviations:
-            return False
-        self.confirmed_deviations |= stay
-        return True

@@ -1,14 +1,11 @@
 """Wall alignment: which planned wall each mapped one stands at, how far off, and which agree on the map's place."""
 
-from collections.abc import Set
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data import SceneGraph, WallSurface
-from sgslam.anchoring.anchor_log import Key
-from sgslam.anchoring.local_drift import drifted_neighbourhoods, drifted_rooms
 from sgslam.anchoring.se2_consensus import Pairs, find_consensus
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.config import AnchorSettings
@@ -24,15 +21,13 @@ _GROSS = 0.7, np.radians(10)  # m and rad; matched pairs that are further off ar
 class AlignedWall:
     """A mapped wall surface and the planned one that it stands at.
 
-    `offset` (m) is along the planned inward normal. `agrees`: it agrees with the consensus. `drifted`: it does not, but
-    neither do the walls around it, which are off by the same motion.
+    `offset` (m) is along the planned inward normal. `agrees`: it agrees with the consensus.
     """
 
     surface: WallSurface
     planned: WallSurface
     offset: float
     agrees: bool
-    drifted: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,13 +49,11 @@ class WallAlignment:
 
 
 def align_walls(
-    scene: Scene, walls: WallMap, floor: SceneGraph, origin: Floats, known: Floats, settings: AnchorSettings,
-    confirmed_deviations: Set[Key] = frozenset(),
-) -> WallAlignment | None:  # fmt: skip
+    scene: Scene, walls: WallMap, floor: SceneGraph, origin: Floats, known: Floats, settings: AnchorSettings
+) -> WallAlignment | None:
     """Aligns the walls of `scene` to a storey of the plan by position; None where they do not agree on a place.
 
     `known` (3,) is T_local_level, yaw x y, to half a metre; the local frame is the BIM frame moved by -`origin` (2,).
-    `confirmed_deviations`, by wall and planned surface, were built elsewhere and are no sign of drift.
     """
     seen, planned = list(scene.graph.wall_surfaces), list(floor.wall_surfaces)
     s_rooms = {room.id: k for k, room in enumerate(scene.graph.rooms)}
@@ -78,24 +71,14 @@ def align_walls(
             break
         place = found.T_plan_map
     place = found.T_plan_map
-    deviating = np.array(
-        [
-            (scene.wall_of_surface[seen[i].id], planned[int(which[i])].id) in confirmed_deviations
-            for i in paired.tolist()
-        ],
-        dtype=bool,
-    )
-    off, drifted = pairs.offsets(place).tolist(), drifted_neighbourhoods(pairs, found, settings.gate_angle, deviating)
-    drifted |= drifted_rooms(pairs, found, s.room[paired], deviating)
+    off = pairs.offsets(place).tolist()
     aligned = [
-        AlignedWall(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]), bool(drifted[k]))
+        AlignedWall(seen[i], planned[int(which[i])], off[k], bool(found.agree[k]))
         for k, i in enumerate(paired.tolist())
-    ]  # fmt: skip
-    votes = pairs.votes()
-    share = found.share + float(votes[drifted].sum() / votes.sum())
+    ]
     # a wall that stands nowhere in the plan counts against the place, like one that is off
     length = float(s.half[paired].sum() / s.half.sum())
-    return WallAlignment(aligned, place, found.gate, share * length)
+    return WallAlignment(aligned, place, found.gate, found.share * length)
 
 
 def place_from_match(

@@ -1,5 +1,6 @@
 """Measures how far each aligned wall is from its place in the plan, with the standard deviation."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,19 +66,16 @@ def measured_pieces(
     in the local frame.
     """
     scatter, lows, covered = walls.scatter(), walls.lower_ends(), walls.coverage(STEP)
-    tight: dict[int, int] = {}
-    for aligned in alignment.walls:
-        wall = scene.wall_of_surface[aligned.surface.id]
-        tight[wall] = tight.get(wall, 0) + aligned.agrees
+    anchors = Counter(scene.wall_of_surface[aligned.surface.id] for aligned in alignment.walls)
     pieces = []
     for aligned in alignment.walls:
-        if aligned.drifted or not uncertainty.knows(scene.wall_of_surface[aligned.surface.id]):
+        if not uncertainty.knows(scene.wall_of_surface[aligned.surface.id]):
             continue
         wall, normal = scene.wall_of_surface[aligned.surface.id], np.array([*aligned.planned.normal, 0.0])
         centre = np.array([*aligned.planned.centroid, 0.0]) - origin
         point = np.array([*_along(aligned, alignment.place, centre), height + _HEIGHT])
         offset, variance = uncertainty.wall_offset(wall, np.array([*normal[:3], -normal @ centre]), point)
-        offset, variance = _without_anchor(offset, variance, tight[wall] if aligned.agrees else 0, config)
+        offset, variance = _without_anchor(offset, variance, anchors[wall], config)
         sigma = float(np.sqrt(variance + scatter.get(wall, 0.0) ** 2 + config.anchors.sigma_extraction**2))
         over_parapet = lows.get(wall, 0.0) > _OVER_PARAPET
         seen, whole = along_planned(aligned, covered[wall], walls, wall, alignment.place, centre)

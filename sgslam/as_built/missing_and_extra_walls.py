@@ -41,7 +41,6 @@ def missing_walls(
     """
     gone = {key for key, s in visibility.items() if s.open >= max(_LEAST_OPEN[0], _LEAST_OPEN[1] * s.length)}
     gone -= {p.key for p in pieces if in_place(p, config) and p.length >= _MIN_IN_PLACE}
-    gone -= {(h.planned.id, h.planned.source) for h in alignment.walls if h.drifted}
     for solid in solids:
         own = [(p, v) for p, v in zip(pieces, results, strict=True) if p.key in solid.facing]
         if any(v.significant for _, v in own):
@@ -67,8 +66,6 @@ def _is_gone(
     asked = [key for key in solid.facing if key in visibility]
     open_ = sum(visibility[key].open for key in asked)
     standing = sum(p.length for p in own if in_place(p, config))
-    ids = {a_id for a_id, _ in solid.facing}
-    standing += sum(h.surface.length or 0.0 for h in alignment.walls if h.drifted and h.planned.id in ids)
     at = sum(_unexplained(visibility[key], [p for p in own if p.key == key]) for key in asked)
     return standing < _STANDING * open_ and at <= open_
 

@@ -245,7 +245,7 @@ class Backend:
             return None
         graph, values, inputs = self._optimum
         try:
-            return Uncertainty(graph, values, inputs.anchor_of, inputs.tightly_planned)
+            return Uncertainty(graph, values, inputs.anchor_of, inputs.planned)
         except RuntimeError as error:
             _log.warning("there are no covariances: %s", error)
             return None

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 import factors
 from sgslam.backend.factor_log import Entry, FactorLog, Key, Kind
-from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, middles, planned_walls
-from sgslam.backend.wall_outliers import wall_outliers
+from sgslam.backend.variables import BIM, GROUND, IDENTITY, LEVEL, SAME, middles, planned_walls
 from sgslam.config import Config
 from sgslam.mapping import Anchors, Closure, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
@@ -33,7 +32,8 @@ class GraphBuilder:
         self._is_floor: dict[int, bool] = {}  # of each level surface, whether it was seen from above
         self.found: dict[int, Floats] = {}  # T_map_sensor (4, 4) of keyframes to which no odometry leads
         self.begin = np.eye(4)  # T_map_sensor of the first keyframe
-        log.add(0, "start", ("identity",), Entry(_fixed(IDENTITY, np.eye(4)), "start", "fixed"))
+        for key, name in ((IDENTITY, "identity"), (SAME, "same")):
+            log.add(0, "start", (name,), Entry(_fixed(key, np.eye(4)), "start", "fixed"))
 
     def hold_begin(self, T_map_sensor: Floats) -> None:
         """Fixes the first keyframe at its pose (4, 4) in the map, which is level there."""
@@ -76,29 +76,23 @@ class GraphBuilder:
             return {}
 
     def hold_walls(self, seen: list[SeenWall]) -> dict[int, int]:
-        """Adds the walls seen from two keyframes or more; returns the keyframe in whose frame each is estimated.
-
-        Wall outliers are left out: even with a robust loss they would bias the estimate.
-        """
-        rotations = np.array([k.T_map_sensor[:3, :3] for k in self._keyframes]).reshape(-1, 3, 3)
-        wrong = wall_outliers(seen, rotations)
+        """Adds the walls seen from two keyframes or more; returns the keyframe in whose frame each is estimated."""
         keyframes_of: dict[int, set[int]] = {}
-        for s, out in zip(seen, wrong, strict=True):
-            if not out:
-                keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
+        for s in seen:
+            keyframes_of.setdefault(s.wall, set()).add(s.keyframe)
         anchor_of = {wall: min(k) for wall, k in keyframes_of.items() if len(k) >= 2}
         before, entries = self._log.held("wall"), dict[Key, Entry]()
         observations: Counter[int] = Counter()  # of each keyframe so far
-        for s, out in zip(seen, wrong, strict=True):
+        for s in seen:
             number = observations[s.keyframe]
             observations[s.keyframe] += 1
-            if s.wall not in anchor_of or out:
+            if s.wall not in anchor_of:
                 continue
             key = (s.keyframe, number, s.wall, anchor_of[s.wall])
             build = partial(self._observation, s, P(s.wall), anchor_of[s.wall], self._of_wall(s))
             why = f"keyframe {s.keyframe} saw wall {s.wall}"
             entries |= self._entry("wall", key, "wall extraction", why, build, before)
-        gone = "it belongs to another wall or is an outlier, or the wall is estimated in another keyframe's frame"
+        gone = "it belongs to another wall, or the wall is estimated in another keyframe's frame"
         self._log.hold(len(self._keyframes), "wall", entries, gone)
         return anchor_of
 
@@ -117,11 +111,9 @@ class GraphBuilder:
         """The factor of an observed plane with lower bounds `sigmas` (rad, m); `anchor` is the keyframe in whose frame
         the variable `plane` is."""
         normal, offset = (float(np.hypot(*s)) for s in zip(sigmas, (seen.sigma_normal, seen.sigma_offset), strict=True))
-        if seen.keyframe == anchor:
-            noise = factors.noise_of_plane(normal, offset, None)
-            return factors.observe_own_plane(seen.plane, IDENTITY, plane, noise)
-        robust = factors.noise_of_plane(normal, offset, self._config.backend.huber)
-        return factors.observe_plane(seen.plane, X(seen.keyframe), X(anchor), plane, robust)
+        noise = factors.noise_of_plane(normal, offset, self._config.backend.huber)
+        frames = (IDENTITY, SAME) if seen.keyframe == anchor else (X(seen.keyframe), X(anchor))
+        return factors.observe_plane(seen.plane, *frames, plane, noise)
 
     def hold_levels(self, seen: list[SeenLevel]) -> dict[int, int]:
         """Adds the level surfaces, all of them parallel; returns the keyframe in whose frame each is estimated."""
@@ -210,27 +202,21 @@ class GraphBuilder:
         if anchors is not None:
             prior = gtsam.PriorFactorPose3(BIM, gtsam.Pose3(anchors.T_map_bim), factors.noise_of_pose(1.0, 100.0))
             entries["frame",] = Entry(prior, anchors.by, "a loose prior of the BIM frame")
-            for number, (grade, wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
-                key: Key = (grade, wall, planned.a_id or str(number))
+            for number, (wall, planned) in enumerate(planned_walls(anchors, anchor_of), len(anchors.elevations)):
+                key: Key = ("wall", wall, planned.a_id or str(number))
                 place = partial(factors.frame_at, planned.place, BIM, W(number))
-                held = partial(self._anchor, W(number), grade, wall, planned, anchor_of[wall])
+                held = partial(self._anchor, W(number), wall, planned, anchor_of[wall])
                 entries |= self._entry("anchor", (*key, "place"), planned.by, "a frame near the wall", place)
                 entries |= self._entry("anchor", key, planned.by, planned.why, held)
             entries |= self._anchored_rooms(anchors, rooms) | self._anchored_levels(anchors, anchor_of_level)
         self._log.hold(len(self._keyframes), "anchor", entries, "the anchoring withdrew or changed it")
 
-    def _anchor(
-        self, frame: int, grade: str, wall: int, planned: PlannedWall, anchor: int
-    ) -> gtsam.NonlinearFactor:  # fmt: skip
-        settings, huber = self._config.anchors, self._config.backend.huber
-        if grade == "tight":
-            noise: gtsam.noiseModel.Base = factors.redescending_noise_of_plane(
-                settings.sigma_normal, settings.sigma_offset, settings.redescending
-            )
-        elif grade == "drifted":  # where the map has drifted, a wall far off pulls as hard as a near one
-            noise = factors.noise_of_plane(settings.sigma_normal, settings.sigma_offset, huber)
-        else:
-            noise = factors.noise_of_plane(settings.sigma_loose, settings.sigma_loose, huber)
+    def _anchor(self, frame: int, wall: int, planned: PlannedWall, anchor: int) -> gtsam.NonlinearFactor:
+        """The anchor of a wall. Its loss redescends: a map that has drifted is pulled back by the walls near their
+        places, and then by the next ones; a wall that was built elsewhere hardly pulls."""
+        settings = self._config.anchors
+        sigmas = settings.sigma_normal, settings.sigma_offset
+        noise = factors.redescending_noise_of_plane(*sigmas, settings.redescending)
         plane = factors.plane_from(planned.place, planned.plane)
         return factors.anchor_plane(plane, frame, X(anchor), P(wall), noise)
 

@@ -11,7 +11,8 @@ from sgslam.geometry.frames import inverse, transform_planes
 from sgslam.mapping import Anchors, KeyframeNode, PlannedWall, RoomNode, SeenLevel, SeenWall
 
 Floats = NDArray[np.float64]
-BIM, LEVEL, IDENTITY, GROUND = B(0), L(0), O(0), U(0)  # LEVEL is a frame; GROUND is the plane z = 0 in it
+BIM, LEVEL, GROUND = B(0), L(0), U(0)  # LEVEL is a frame; GROUND is the plane z = 0 in it
+IDENTITY, SAME = O(0), O(1)  # a plane that is seen from its own frame is seen from IDENTITY, in the frame SAME
 
 
 def middles(anchors: Anchors) -> dict[int, Floats]:
@@ -20,11 +21,10 @@ def middles(anchors: Anchors) -> dict[int, Floats]:
     return {level: np.array([*xy, z]) for level, z in sorted(anchors.elevations.items())}
 
 
-def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[str, int, PlannedWall]]:
-    """(grade, wall, planned wall) of all anchored walls in the graph; their frames are W(n), W(n + 1), ..., after those
-    of the n level surfaces."""
-    grades = (("tight", anchors.planes), ("drifted", anchors.drifted), ("loose", anchors.loose))
-    return [(g, wall, p) for g, held in grades for wall, planned in held.items() for p in planned if wall in anchor_of]
+def planned_walls(anchors: Anchors, anchor_of: dict[int, int]) -> list[tuple[int, PlannedWall]]:
+    """(wall, planned wall) of all anchored walls in the graph; their frames are W(n), W(n + 1), ..., after those of the
+    n level surfaces."""
+    return [(wall, p) for wall, planned in anchors.planes.items() for p in planned if wall in anchor_of]
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ class GraphInputs:
     anchors: Anchors | None
 
     @property
-    def tightly_planned(self) -> dict[int, PlannedWall]:
-        """The planned walls of anchors that are not loose, by the keys of their frames."""
+    def planned(self) -> dict[int, PlannedWall]:
+        """The planned walls of all anchors, by the keys of their frames."""
         if self.anchors is None:
             return {}
         all_of_them = enumerate(planned_walls(self.anchors, self.anchor_of), len(self.anchors.elevations))
-        return {W(number): planned for number, (grade, _, planned) in all_of_them if grade != "loose"}
+        return {W(number): planned for number, (_, planned) in all_of_them}
 
 
 def start_values(
@@ -56,7 +56,7 @@ def start_values(
 
     Variables with neither are left out.
     """
-    found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = {IDENTITY: gtsam.Pose3(), LEVEL: gtsam.Pose3()}
+    found: dict[int, gtsam.Pose3 | gtsam.OrientedPlane3] = dict.fromkeys([IDENTITY, SAME, LEVEL], gtsam.Pose3())
     found[GROUND] = gtsam.OrientedPlane3(0.0, 0.0, 1.0, 0.0)
     found |= {X(i): gtsam.Pose3(keyframe.T_map_sensor) for i, keyframe in enumerate(keyframes)}
     for level in inputs.levels:
@@ -78,7 +78,7 @@ def start_values(
     anchors = inputs.anchors
     if anchors is not None:
         found[BIM] = bim = gtsam.Pose3(anchors.T_map_bim)
-        places = [p.place for _, _, p in planned_walls(anchors, inputs.anchor_of)]
+        places = [p.place for _, p in planned_walls(anchors, inputs.anchor_of)]
         for number, place in enumerate([*middles(anchors).values(), *places]):
             found[W(number)] = bim.compose(gtsam.Pose3(gtsam.Rot3(), place))
     values = gtsam.Values()

@@ -187,7 +187,7 @@ class BackendSettings(Settings):
     sigma_floor_normal: float = Field(0.006, gt=0)
     """rad, standard deviation of the floor's normal in a keyframe"""
     huber: float = Field(1.345, gt=0)
-    """whitened residual beyond which a wall observation's weight is reduced (Huber loss)"""
+    """whitened residual beyond which an observation of a wall, a level or a room counts less (Huber loss)"""
 
 
 class AnchorSettings(Settings):
@@ -207,8 +207,6 @@ class AnchorSettings(Settings):
     """m, largest offset in height that counts as planned, and of a wall that is not missing"""
     sigma_room: float = Field(0.03, gt=0)
     """m, standard deviation of a room's position as built"""
-    sigma_loose: float = Field(0.2, gt=0)
-    """m and rad, standard deviation of the anchor of a wall that deviates from the plan"""
     reach: float = Field(0.4, gt=0)
     """m, largest distance between a wall and its planned wall"""
     gate_angle: float = Field(0.07, gt=0)

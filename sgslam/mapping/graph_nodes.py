@@ -1,6 +1,6 @@
 """Inputs of the back end other than keyframes and walls: rooms, loop closures, and anchors to the BIM."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ class Closure:
 class PlannedWall:
     """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame.
 
-    `by` is what paired wall and plane, `why` the reason for the anchor's grade. `wall` names the planned wall that the
+    `by` is what paired wall and plane, `why` the reason. `wall` names the planned wall that the
     plane is a face of, empty where that is not known.
     """
 
@@ -55,15 +55,12 @@ class PlannedWall:
 class Anchors:
     """The anchors of the S-graph to the BIM: walls and rooms by number, in a local frame near the building.
 
-    `planes` are anchored tightly; `drifted` walls are pulled back where the map has drifted; `loose` ones stand
-    elsewhere than planned.
+    `planes` has all walls that stand near a planned one, whether they agree with it or not.
     """
 
     T_map_bim: Floats
     planes: dict[int, list[PlannedWall]]
     rooms: dict[int, Floats]  # room -> T_bim_room (4, 4)
     elevations: dict[int, float]  # m, of the level surfaces by number whose planned heights are known
-    loose: dict[int, list[PlannedWall]] = field(default_factory=dict)
-    drifted: dict[int, list[PlannedWall]] = field(default_factory=dict)
     sigma_height: float = 0.0  # m, standard deviation of what the heights of all level surfaces have in common
     by: str = "given"  # origin of the storey and the rooms

@@ -213,7 +213,7 @@ class PriorMap:
                 floor.scene, floor.walls, plan.on_floor(_id(known)), origin, place, config.anchors
             )  # fmt: skip
             for held in alignment.walls if alignment is not None else ():
-                if held.agrees or held.drifted:
+                if held.agrees:
                     votes = same.setdefault(floor.scene.wall_of_surface[held.surface.id], {})
                     wall = known.scene.wall_of_surface[held.planned.id]
                     votes[wall] = votes.get(wall, 0.0) + (held.surface.length or 0.0)

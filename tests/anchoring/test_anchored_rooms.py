@@ -1,14 +1,15 @@
-"""Which anchors aligned walls become: their grades, and the rooms that follow from them."""
+"""Which anchors aligned walls become, and the rooms that follow from them."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from data import Room, SceneGraph, WallSurface
-from sgslam.anchoring.anchored_rooms import GradedWalls, anchor_statuses, graded_walls, matched_rooms, room_anchors
+from sgslam.anchoring.anchored_rooms import anchor_statuses, matched_rooms, planned_walls, room_anchors
 from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
-from sgslam.mapping import Scene
+from sgslam.mapping import PlannedWall, Scene
 from sgslam.mapping.graph_nodes import RoomNode
 
 GATE = 0.03
@@ -19,10 +20,10 @@ SCENE = Scene(SceneGraph("map", (Room("r", (1.0, 1.0)),), (SEEN,)), {"s": 7, "t"
 
 def wall(
     room: str | None, planned: str | None, length: float | None = 2.0, offset: float = 0.0, agrees: bool = True,
-    drifted: bool = False, ids: tuple[str, str] = ("s", "a"),
+    ids: tuple[str, str] = ("s", "a"),
 ) -> AlignedWall:  # fmt: skip
     seen = replace(SEEN, id=ids[0], room=room, length=length)
-    return AlignedWall(seen, replace(PLANNED, id=ids[1], room=planned), offset, agrees, drifted)
+    return AlignedWall(seen, replace(PLANNED, id=ids[1], room=planned), offset, agrees)
 
 
 def of(*walls: AlignedWall) -> WallAlignment:
@@ -49,7 +50,6 @@ def test_statuses_tell_why_a_wall_anchors_the_map() -> None:
     pair = {(7, "a")}
     for aligned, status, why in (
         (wall("r", "A"), "tight", "as planned within 30 mm"),
-        (wall("r", "A", agrees=False, drifted=True, offset=0.1), "tight", "+100 mm off, like all walls around it"),
         (wall("r", "A", agrees=False, offset=-0.1), "loose", "-100 mm off the plan"),
     ):
         for matched, by in ((pair, "match 3"), (set(), "position")):
@@ -60,43 +60,30 @@ def test_statuses_tell_why_a_wall_anchors_the_map() -> None:
         assert anchor_statuses(of(*walls), SCENE, pair, "match 3")[7, "a"].state == "tight"
 
 
-def graded(*walls: AlignedWall) -> GradedWalls:
-    alignment = of(*walls)
+Rooms = dict[tuple[str, str], dict[int, NDArray[np.float64]]]
+
+
+def anchored(
+    *walls: AlignedWall, T_local_level: NDArray[np.float64] | None = None, origin: float = 0.0
+) -> tuple[dict[int, list[PlannedWall]], Rooms]:
+    alignment, T_local_level = of(*walls), np.eye(4) if T_local_level is None else T_local_level
     statuses = anchor_statuses(alignment, SCENE, set(), "match 1")
-    return graded_walls(alignment, SCENE, statuses, np.eye(4), np.zeros(3))
+    return planned_walls(alignment, SCENE, statuses, T_local_level, np.array([0.0, origin, 0.0]))
 
 
-@pytest.mark.parametrize(
-    ("aligned", "grade"),
-    [
-        (wall("r", "A"), "tight"), (wall("r", "A", offset=0.1, agrees=False, drifted=True), "drifted"),
-        (wall("r", "A", offset=0.03, agrees=False), "loose"), (wall("r", "A", offset=-0.3, agrees=False), "loose"),
-    ],
-)  # fmt: skip
-def test_a_wall_is_graded_by_what_the_walls_around_it_tell(aligned: AlignedWall, grade: str) -> None:
-    found = graded(aligned)
-    grades = dict(zip(("tight", "drifted", "loose"), found.lists(), strict=True))
-    assert {name for name, walls in grades.items() if walls} == {grade} and list(grades[grade]) == [7]
-    assert bool(found.by_rooms) == (grade != "loose")
-    assert not graded(replace(aligned, surface=replace(aligned.surface, room=None))).by_rooms
-    assert not graded(replace(aligned, planned=replace(aligned.planned, room=None))).by_rooms
-
-
-def test_a_wall_is_in_its_best_grade_only() -> None:
-    tight = wall("r", "A")
-    drifted = wall("r", "A", offset=0.1, agrees=False, drifted=True, ids=("s", "b"))
-    loose = wall("r", "A", offset=0.2, agrees=False, ids=("s", "c"))
-    other = wall("r", "A", offset=0.2, agrees=False, ids=("t", "d"))
-    assert [sorted(walls) for walls in graded(tight, drifted, loose, other).lists()] == [[7], [], [8]]
-    assert [sorted(walls) for walls in graded(drifted, loose, other).lists()] == [[], [7], [8]]
+def test_all_walls_are_anchored_and_those_that_agree_anchor_their_rooms() -> None:
+    off, other = wall("r", "A", offset=0.1, agrees=False), wall("r", "A", ids=("t", "d"))
+    found, by_rooms = anchored(off, other)
+    assert {w: [p.a_id for p in planned] for w, planned in found.items()} == {7: ["a"], 8: ["d"]}
+    assert {rooms: list(walls) for rooms, walls in by_rooms.items()} == {("r", "A"): [8]}
+    assert not anchored(replace(other, surface=replace(other.surface, room=None)))[1]
+    assert not anchored(replace(other, planned=replace(other.planned, room=None)))[1]
 
 
 def test_the_plane_of_a_planned_wall_is_in_the_local_frame() -> None:
-    alignment = of(wall("r", "A"))
-    statuses = anchor_statuses(alignment, SCENE, set(), "match 1")
     T_local_level = np.eye(4)
     T_local_level[2, 3] = 5.0
-    found = graded_walls(alignment, SCENE, statuses, T_local_level, np.array([0.0, 3.0, 0.0])).tight[7]["a"]
+    (found,) = anchored(wall("r", "A"), T_local_level=T_local_level, origin=3.0)[0][7]
     assert found.plane == pytest.approx([0.0, 1.0, 0.0, 3.0])
     assert found.place == pytest.approx([1.0, 0.0, 6.0])
 

@@ -11,7 +11,6 @@ from matching.result import Hypothesis
 from sgslam.anchoring.floor_matching import FloorMatching, PlacedMatch
 from sgslam.anchoring.match_history import Commitment, MapSize, UniqueMatch
 from sgslam.anchoring.place_verification import Plan
-from sgslam.anchoring.wall_alignment import AlignedWall, WallAlignment
 from sgslam.config import AnchorSettings, Config
 from sgslam.mapping import Scene, WallMap
 
@@ -66,22 +65,6 @@ def test_a_place_is_the_back_ends_unless_it_has_none_or_that_of_a_withdrawn_matc
     assert own.place_now(walls, None) == pytest.approx([0.0, 5.0, 6.0])
     own.replaced = True
     assert own.place_now(walls, T_map_local) == pytest.approx([0.0, 5.0, 6.0])
-
-
-def aligned(offset: float, drifted: bool = False) -> WallAlignment:
-    return WallAlignment([AlignedWall(WALL, replace(WALL, id="a"), offset, False, drifted)], np.zeros(3), 0.03125, 0.8)
-
-
-@pytest.mark.parametrize(("offset", "confirmed"), [(0.0625, False), (0.063, True), (-0.0625, False), (-0.063, True)])
-def test_a_pulled_wall_that_stays_two_gates_off_is_a_deviation(offset: float, confirmed: bool) -> None:
-    own = Commitment()
-    assert not own.confirm_deviations(aligned(offset), SCENE)  # it was not pulled
-    own.note_candidates(aligned(offset, drifted=True), SCENE)
-    assert own.confirm_deviations(aligned(offset), SCENE) is confirmed
-    assert own.confirmed_deviations == ({(7, "a")} if confirmed else set())
-    assert not own.confirm_deviations(aligned(offset), SCENE)  # it is known
-    own.note_candidates(aligned(offset), SCENE)
-    assert not own.drift_candidates
 
 
 def scene(keyframes: int, walls: int = 10, rooms: int = 1) -> Scene:
