@@ -169,14 +169,16 @@ class SceneGraphSlam:
         """Matches and optimises for the last time. Raises UserError if no scan was added.
 
         If `scans` reads the run's scans again, a second pass registers all of them to the final map: poses then use
-        what was seen later. It needs our own odometry, and a run in one part, without a prior map.
+        what was seen later. It needs a run in one part, without a prior map. Where the map would lose its place in the
+        building, the result of the first pass stays.
         """
         self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
         session = self._session
-        single = deepcopy(self._map.state()) if scans is not None and self._can_pass_again else None
+        is_one = session.prior is None and not session.unplaced
+        single = deepcopy(self._map.state()) if scans is not None and is_one else None
         again = False
         if scans is not None and single is not None:
             again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
@@ -193,12 +195,6 @@ class SceneGraphSlam:
         self._map.restore(single)
         self._map.complete()
         return assemble_result(self._map, *finished, passed_again=False)
-
-    @property
-    def _can_pass_again(self) -> bool:
-        """Whether the run is one chain of scans that our own odometry tracked."""
-        is_one = self._session.prior is None and not self._session.unplaced
-        return is_one and self._config.odometry.method == "continuous_time" and not self._map.is_external
 
     @property
     def anchored(self) -> bool:

@@ -31,10 +31,12 @@ Array = NDArray[np.float64]
 PEERS: dict[str, Callable[[Iterable[Scan]], Trajectory]] = {"kiss-icp": kiss_icp_alone, "small_gicp": small_gicp_alone}
 WITHOUT_PLAN = (*PEERS, "graph")
 WITHOUT_ANCHORS = (*WITHOUT_PLAN, *ALIGNERS)
-VARIANTS = (*PEERS, *ALIGNERS, "graph", "planes", "rooms", "anchored:voting", "anchored", "oracle")
+SINGLE = "single-pass"
+VARIANTS = (*PEERS, *ALIGNERS, "graph", "planes", "rooms", "anchored:voting", SINGLE, "anchored", "oracle")
 """`graph` is our map without the plan, `planes` and `rooms` have anchors of one kind only, `anchored:METHOD` has
-another matcher than the default one, `oracle` the true matches. Those without a plan get the true first pose, and
-those of each scan to the BIM start from it; the one of several scales needs the extra `open3d`."""
+another matcher than the default one, `single-pass` has no second pass, `oracle` has the true matches. Those without a
+plan get the true first pose, and those of each scan to the BIM start from it; the one of several scales needs the extra
+`open3d`."""
 
 
 def check_variant(variant: str) -> str:
@@ -96,7 +98,7 @@ def _mapping(variant: str, sequence: Sequence, scans: _Scans) -> Scores:
     slam = SceneGraphSlam(plan, matcher, config)
     odometry = None if sequence.weak is None else ExternalOdometry(sequence.weak.trajectory)
     began = perf_counter()
-    result = run_through(slam, scans, odometry)
+    result = run_through(slam, scans, odometry, again=variant != SINGLE)
     seconds = perf_counter() - began
     estimate = result.trajectory if result.anchored else None
     if variant == "graph":

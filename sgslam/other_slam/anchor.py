@@ -50,7 +50,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--cloud", type=Path, metavar="FILE", help="map in the poses' frame, instead of scans: .ply, .pcd, .las, ...")
     add("--times", type=Path, metavar="FILE", help="stamps of the KITTI poses, in seconds, one per line")
     add_options(parser)
-    parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0, single_pass=None)
+    parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0, single_pass=True)
     return parser
 
 

@@ -215,7 +215,7 @@ class ActiveMap:
         for keyframe in keyframes:
             keyframe.T_track_sensor = poses[keyframe.scan]
             if not keyframe.smoothed:
-                keyframe.step_covariance = self._steps.smoothed(keyframe.step_covariance)
+                keyframe.step_covariance = self._steps.smoothed(keyframe.step_covariance, self.is_external)
             keyframe.smoothed = True
         for i, scan in enumerate(self.scans):
             own = keyframes[scan.keyframe]

@@ -14,6 +14,7 @@ from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import plan_of
 from evaluation.harness import Record, Study
 from evaluation.harness.tables import grouped, of, spread
+from evaluation.metrics.regions import Inside, inside, pooled
 from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried import anchored_carriers
 from evaluation.studies.carried.carriers_tables import named
@@ -25,7 +26,7 @@ NO_WORSE_M = 0.001  # by which an RMSE may grow and counts as the same
 class Errors(Record):
     """Errors (m) of all anchored scans in the BIM frame: the RMSE in space, in plan view, and of the scans before the
     first anchor, None where there are none; the mean magnitude in height; the largest. `wrong` scans are off by more
-    than 0.5 m or 5 degrees."""
+    than 0.5 m or 5 degrees. `inside`: how often the 95 % regions of the poses hold the errors, None for live poses."""
 
     rmse_m: float
     plan_view_m: float
@@ -33,6 +34,7 @@ class Errors(Record):
     height_m: float
     worst_m: float
     wrong: int
+    inside: Inside | None = None
 
 
 class Passes(Record):
@@ -57,17 +59,16 @@ def measure(case: CarriedCase, work: Path) -> Passes:
         second = slam.finish(drive.scans())
         times.append(process_time())
         anchor_ns = drive.truth.stamps_ns[0] + round(1e9 * (second.first_anchor_s or 0.0))
-        found = {
-            "live": second.trajectory_live if second.anchored else None,
-            "single": single.trajectory if single.anchored else None,
-            "second": second.trajectory if second.anchored else None,
+        live = None if second.trajectory_live is None else _errors(second.trajectory_live, drive.truth, anchor_ns, None)
+        errors = {
+            name: _errors(own.trajectory, drive.truth, anchor_ns, inside(own, drive.truth)) if own.anchored else None
+            for name, own in (("single", single), ("second", second))
         }
-        errors = {name: None if own is None else _errors(own, drive.truth, anchor_ns) for name, own in found.items()}
         single_s, second_s = np.diff(times).tolist()
-        return Passes(scans=drive.count, single_s=single_s, second_s=second_s, **errors)
+        return Passes(scans=drive.count, single_s=single_s, second_s=second_s, live=live, **errors)
 
 
-def _errors(found: Trajectory, truth: Trajectory, anchor_ns: int) -> Errors:
+def _errors(found: Trajectory, truth: Trajectory, anchor_ns: int, known: Inside | None) -> Errors:
     error = error_in_bim(found, truth)
     before = found.only(found.stamps_ns < anchor_ns)
     heights = found.positions[:, 2] - truth.at(found.stamps_ns)[:, 2, 3]
@@ -75,6 +76,7 @@ def _errors(found: Trajectory, truth: Trajectory, anchor_ns: int) -> Errors:
         rmse_m=error.position.rmse, plan_view_m=error.horizontal.rmse,
         before_anchor_m=error_in_bim(before, truth).position.rmse if len(before) > 1 else None,
         height_m=float(np.abs(heights).mean()), worst_m=error.position.max, wrong=wrong_poses(found, truth),
+        inside=known,
     )  # fmt: skip
 
 
@@ -83,7 +85,11 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     rows = named(rows)
     by = ["carrier", "effects", "sensor"]
     longer = pd.concat([_of_pass(rows, name, by) for name in ("live", "single", "second")])
-    return {"errors": grouped(longer, [*by, "result"], _cells), "gain": grouped(rows, ["carrier", "effects"], _gain)}
+    known = longer[longer["inside.poses"].notna()]
+    return {
+        "errors": grouped(longer, [*by, "result"], _cells), "gain": grouped(rows, ["carrier", "effects"], _gain),
+        "regions": grouped(known, ["carrier", "effects", "result"], pooled),
+    }  # fmt: skip
 
 
 def _of_pass(rows: pd.DataFrame, name: str, by: list[str]) -> pd.DataFrame:

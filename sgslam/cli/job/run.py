@@ -87,7 +87,7 @@ class Run:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
         result = self.slam.finish(None if is_last else job.scans)
         if not is_last and result.trajectory_live is None:
-            _log.info("there was no second pass: it needs our own odometry, and a run in one part without --map")
+            _log.info("there was no second pass, or it was left out: it needs a run in one part, without --map")
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         for kind, count in result.factors.counts().items():
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))

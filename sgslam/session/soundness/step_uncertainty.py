@@ -49,7 +49,9 @@ class StepUncertainty(Stateful):
         root = self._other[:, None] * axes * np.sqrt(np.abs(variances))
         return np.asarray(np.diag(base**2) + root @ root.T), bool(np.abs(variances).max() > _DOUBLED)
 
-    def smoothed(self, covariance: Floats) -> Floats:
-        """(6, 6) the covariance of a step of our own odometry that a second pass has estimated again: the same excess
-        over what every step errs."""
-        return np.asarray(covariance + np.diag(self._smoothed**2 - self._base**2))
+    def smoothed(self, covariance: Floats, external: bool) -> Floats:
+        """(6, 6) the covariance of a step that a second pass has estimated again: the same excess over what every step
+        errs. `external`: an external odometry gave it."""
+        base = self._other if external else self._base
+        excess, axes = np.linalg.eigh(covariance - np.diag(base**2))
+        return np.asarray(axes * np.maximum(excess, 0.0) @ axes.T + np.diag(self._smoothed**2))
