@@ -21,17 +21,18 @@ _SCAN_NS = 200_000_000  # as long as a scan lasts at most
 
 
 def run_through(
-    slam: SceneGraphSlam, scans: Iterable[Scan], odometry: ExternalOdometry | None = None, again: bool = False
-) -> Result:
+    slam: SceneGraphSlam, scans: Iterable[Scan], odometry: ExternalOdometry | None = None,
+    again: Iterable[Scan] | None = None,
+) -> Result:  # fmt: skip
     """Adds all scans, with their points' times where they have them, and finishes the run.
 
-    `odometry` replaces that of the run. `again`: the scans, which can be read again, have a second pass. Raises
-    UserError for scans that the odometry does not cover.
+    `odometry` replaces that of the run. `again` reads the scans a second time, for a second pass. Raises UserError
+    for scans that the odometry does not cover.
     """
     for scan in scans:
         T_odom_sensor = None if odometry is None else odometry.at(scan.stamp_ns)
         slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
-    return slam.finish(scans if again else None)
+    return slam.finish(again)
 
 
 @dataclass(frozen=True, eq=False)

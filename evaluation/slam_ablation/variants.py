@@ -98,7 +98,7 @@ def _mapping(variant: str, sequence: Sequence, scans: _Scans) -> Scores:
     slam = SceneGraphSlam(plan, matcher, config)
     odometry = None if sequence.weak is None else ExternalOdometry(sequence.weak.trajectory)
     began = perf_counter()
-    result = run_through(slam, scans, odometry, again=variant != SINGLE)
+    result = run_through(slam, scans, odometry, again=None if variant == SINGLE else scans)
     seconds = perf_counter() - began
     estimate = result.trajectory if result.anchored else None
     if variant == "graph":

@@ -74,7 +74,7 @@ def measure(case: Changed, work: Path) -> Deviations:
     storey = storey_of(sequence.a_graph, sequence.truth.poses[0])
     config = Config(matching=MatchingSettings(method=case.method))
     slam = SceneGraphSlam(sequence.a_graph.on_floor(storey), config=config)
-    result = run_through(slam, ScanFolder(sequence.scan_dir))
+    result = run_through(slam, ScanFolder(sequence.scan_dir), again=ScanFolder(sequence.scan_dir))
     walls = walls_of(case.sequence, sequence)
     scores = deviation_scores(result.deviations, result.s_graph, sequence.a_graph, result.T_bim_map, walls)
     rmse = error_in_bim(result.trajectory, sequence.truth).position.rmse if result.anchored else None

@@ -96,7 +96,7 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
     with carried(case, work) as drive:
         stopwatch = Stopwatch()
         slam = SceneGraphSlam(plan, stopwatch=stopwatch)
-        result = run_through(slam, drive.scans())
+        result = run_through(slam, drive.scans(), again=drive.scans())
         error = error_in_bim(result.trajectory, drive.truth) if result.anchored else None
         return Anchored(
             scans=drive.count, length_m=drive.length, anchored=result.anchored, reason=result.reason,

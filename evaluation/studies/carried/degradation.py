@@ -85,7 +85,7 @@ def measure(case: Degraded, work: Path) -> Measured:
                 found[method] = errors_of(track(perturbed.scans()), came, instants(method, case.times))
             except UserError:
                 found[method] = None
-        result = run_through(SceneGraphSlam(plan), perturbed.scans())
+        result = run_through(SceneGraphSlam(plan), perturbed.scans(), again=perturbed.scans())
         anchored = len(result.trajectory) if result.anchored else 0
         return Measured(
             scans=came.count, found=found, anchored=anchored,

@@ -95,7 +95,7 @@ def measure(case: Built, work: Path) -> Verdicts:
     changes = Changes(moved=case.moved, absent=case.absent, moved_by=case.moved_by_m)
     with carried(case, work, changes=changes) as drive:
         config = Config(as_built=AsBuiltSettings(tolerance=case.tolerance_m))
-        result = run_through(SceneGraphSlam(plan, config=config), drive.scans())
+        result = run_through(SceneGraphSlam(plan, config=config), drive.scans(), again=drive.scans())
         if not result.anchored:
             return Verdicts(rmse_m=None, judged=(), not_seen={})
         walls = [v for v in run_verdicts(result, bim, plan) if v.ifc_class.startswith("IfcWall")]
