@@ -59,7 +59,9 @@ def measure(case: CarriedCase, work: Path) -> Passes:
         second = slam.finish(drive.scans())
         times.append(process_time())
         anchor_ns = drive.truth.stamps_ns[0] + round(1e9 * (second.first_anchor_s or 0.0))
-        live = None if second.trajectory_live is None else _errors(second.trajectory_live, drive.truth, anchor_ns, None)
+        live = None
+        if second.anchored and second.trajectory_live is not None:
+            live = _errors(second.trajectory_live, drive.truth, anchor_ns, None)
         errors = {
             name: _errors(own.trajectory, drive.truth, anchor_ns, inside(own, drive.truth)) if own.anchored else None
             for name, own in (("single", single), ("second", second))
