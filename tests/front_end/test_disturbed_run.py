@@ -46,7 +46,7 @@ def test_all_disturbances_are_reported_and_survived(cut: bool, tmp_path: Path) -
     if cut:
         whole = bag.read_bytes()
         bag.write_bytes(whole[: int(0.97 * len(whole))])
-    done = called("sgslam.run", "--scan-dir", bag, "--out", tmp_path / "out")
+    done = called("sgslam.run", "--single-pass", "--scan-dir", bag, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
     log = (tmp_path / "out" / "run.log").read_text()
@@ -67,5 +67,5 @@ def test_a_bag_of_nothing_but_bad_scans_is_refused(tmp_path: Path) -> None:
     types = store()
     messages = [(k * NS, cloud(types, np.full((9, 3), np.nan, np.float32), k * NS)) for k in range(1, 9)]
     bag = write_bag(tmp_path / "nan", "mcap", {"/p": messages})
-    done = called("sgslam.run", "--scan-dir", bag, "--out", tmp_path / "out")
+    done = called("sgslam.run", "--single-pass", "--scan-dir", bag, "--out", tmp_path / "out")
     assert done.returncode == 2 and "more than a fifth" in done.stderr.splitlines()[-1]

@@ -47,7 +47,7 @@ def test_a_bags_imu_tells_that_the_sensor_hangs_upside_down(tmp_path: Path) -> N
     samples = [(s, imu(types, s, STILL, -UP)) for s in range(START, stamps[-1] + 2 * 10**8, 10**7)]
     clouds = [(s, cloud(types, points, s)) for s, points in zip(stamps, taken, strict=True)]
     bag = write_bag(tmp_path / "a.bag", "ros1", {"/points": clouds, "/imu": samples})
-    done = called("sgslam.run", "--scan-dir", bag, "--imu", bag, "--out", tmp_path / "out")
+    done = called("sgslam.run", "--single-pass", "--scan-dir", bag, "--imu", bag, "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     up = Trajectory.read_tum(tmp_path / "out/trajectory.tum").poses[-1, 2, :3]  # in the sensor's axes
     assert up == pytest.approx([0.0, 0.0, -1.0], abs=0.02)
@@ -70,7 +70,7 @@ def test_a_lidar_inertial_odometry_without_its_library_or_an_imu_is_refused(
 ) -> None:
     scans = write_standing(tmp_path / "scans")
     for method in ("rko_lio", "genz_lio"):
-        told = ("sgslam.run", "--scan-dir", scans, "--odometry", method, "--out", tmp_path / "out")
+        told = ("sgslam.run", "--single-pass", "--scan-dir", scans, "--odometry", method, "--out", tmp_path / "out")
         if find_spec(method) is not None:
             assert f"--odometry {method}: needs an IMU; give its samples with --imu FILE" in refused(*told)
         monkeypatch.setitem(sys.modules, method, None)  # as if it were not installed

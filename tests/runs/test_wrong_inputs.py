@@ -98,7 +98,7 @@ def test_every_warning_is_in_the_metrics_and_in_the_report(walk: Path, tmp_path:
 @pytest.mark.slow
 def test_two_odd_scans_at_the_beginning_prove_nothing(walk: Path, tmp_path: Path) -> None:
     scans = write_changed(walk, tmp_path / "scans", shift=300.0, count=2)
-    assert called("sgslam.run", "--scan-dir", scans, "--out", tmp_path / "out").returncode == 0
+    assert called("sgslam.run", "--single-pass", "--scan-dir", scans, "--out", tmp_path / "out").returncode == 0
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_a_folder_above_the_scans_is_refused_and_theirs_are_named(walk: Path, tm
 @pytest.mark.long
 @pytest.mark.slow
 def test_results_that_are_overwritten_are_named(walk: Path, tmp_path: Path) -> None:
-    first = called("sgslam.run", "--scan-dir", walk, "--out", tmp_path / "out")
+    first = called("sgslam.run", "--single-pass", "--scan-dir", walk, "--out", tmp_path / "out")
     second = process("--scan-dir", walk, "--out", tmp_path / "out")
     assert first.returncode == second.returncode == 0
     assert "overwritten" not in first.stderr
@@ -152,7 +152,7 @@ def test_a_mount_that_the_surroundings_contradict_is_told(tmp_path: Path) -> Non
     assert done.returncode == 0
     words = ("50 degrees from the stated mount", "its pitch 50 degrees")
     assert [all(word in line for word in words) for line in told(done, tmp_path / "out")].count(True) == 1
-    done = called("sgslam.run", "--scan-dir", scans, "--mount", "0,50,0", "--out", tmp_path / "right")
+    done = called("sgslam.run", "--single-pass", "--scan-dir", scans, "--mount", "0,50,0", "--out", tmp_path / "right")
     assert done.returncode == 0 and not any("mount" in line for line in advice_of(tmp_path / "right"))
 
 
@@ -183,7 +183,7 @@ def test_metres_are_not_taken_for_feet_in_a_room_nor_in_a_hall(
 ) -> None:
     scans = write_walk(tmp_path / "scans", height, carried)
     known = [] if planned is None else ["--bim", write_plan(tmp_path / "plan.json", planned)]
-    done = called("sgslam.run", "--scan-dir", scans, "--out", tmp_path / "out", *known)
+    done = called("sgslam.run", "--single-pass", "--scan-dir", scans, "--out", tmp_path / "out", *known)
     assert done.returncode == 0 and not any("0.3048" in line for line in advice_of(tmp_path / "out"))
 
 
@@ -201,7 +201,8 @@ def test_a_truth_of_another_drive_is_noted(tmp_path: Path) -> None:
         truth = Trajectory(np.arange(25) * 100_000_000, np.array(way(bend)))
         truth.write_tum(tmp_path / f"{name}.tum")
         out = tmp_path / name
-        done = called("sgslam.run", "--scan-dir", scans, "--ground-truth", tmp_path / f"{name}.tum", "--out", out)
+        known = ("--ground-truth", tmp_path / f"{name}.tum", "--out", out)
+        done = called("sgslam.run", "--single-pass", "--scan-dir", scans, *known)
         assert done.returncode == 0, done.stderr
         notes[name] = json.loads((out / "metrics.json").read_text())["accuracy"].get("note", "")
     assert "is the truth of this drive?" in notes["other"] and not notes["own"]
