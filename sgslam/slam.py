@@ -169,16 +169,16 @@ class SceneGraphSlam:
         """Matches and optimises for the last time. Raises UserError if no scan was added.
 
         If `scans` reads the run's scans again, a second pass registers all of them to the final map: poses then use
-        what was seen later. It needs a run in one part, without a prior map. Where the map would lose its place in the
-        building, the result of the first pass stays.
+        what was seen later. It needs a run in one part, without a prior map and without an IMU, which it does not use.
+        Where the map would lose its place in the building, the result of the first pass stays.
         """
         self._release()
         if not self._map.scans:
             raise UserError("no scan was added, so there is no result; call add_scan first")
         relocalisation = self._session.finish(self._map)
         session = self._session
-        is_one = session.prior is None and not session.unplaced
-        single = deepcopy(self._map.state()) if scans is not None and is_one else None
+        can_pass_again = session.prior is None and not session.unplaced and self.newest_imu_ns is None
+        single = deepcopy(self._map.state()) if scans is not None and can_pass_again else None
         again = False
         if scans is not None and single is not None:
             again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)

@@ -59,8 +59,10 @@ class Backend:
         else:
             self._builder.hold_step(len(self.keyframes) - 1, self._step(len(self.keyframes) - 1))
 
-    def take_steps(self) -> None:
-        """Holds the steps of the odometry again, as the keyframes' tracked motion has changed."""
+    def take_steps(self, begin: Floats) -> None:
+        """Holds the steps of the odometry again, as the keyframes' tracked motion has changed, and fixes the first
+        keyframe at its pose `begin` (4, 4) in the map: were it fixed where it was, its own error would tilt the map."""
+        self._builder.hold_begin(begin)
         for i in [key[0] for key in self.log.held("odometry") if len(key) == 1]:
             self._builder.hold_step(int(i), self._step(int(i)))
 

@@ -67,10 +67,9 @@ class OdometrySettings(Settings):
     """rad, standard deviation of the rotation between two keyframes, by our own odometry, errors of its map included"""
     sigma_translation: float = Field(0.004, gt=0)
     """m, standard deviation of the translation between two keyframes, by our own odometry"""
-    smoothed_sigma_rotation: float = Field(0.0005, gt=0)
-    """rad, standard deviation of the rotation between two keyframes after a second pass: all scans share one map"""
-    smoothed_sigma_translation: float = Field(0.001, gt=0)
-    """m, standard deviation of the translation between two keyframes after a second pass"""
+    smoothed: float = Field(0.25, gt=0, le=1)
+    """standard deviation of the motion between two keyframes after a second pass, in which all scans share one map, as
+    a share of that before"""
     other_sigma_rotation: float = Field(0.004, gt=0)
     """rad, standard deviation of the rotation between two keyframes, by any odometry but our own"""
     other_sigma_translation: float = Field(0.015, gt=0)

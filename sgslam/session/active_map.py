@@ -209,20 +209,20 @@ class ActiveMap:
             self.update(last=True)
 
     def take_tracked(self, poses: Floats) -> None:
-        """Replaces the tracked motion of all scans by that between `poses` (N, 4, 4), of a second pass; the graph's
-        steps follow it."""
+        """Replaces the tracked motion of all scans by that between their `poses` (N, 4, 4) in the map, by a second pass.
+        The graph's steps follow it."""
         keyframes = self.backend.keyframes
         for keyframe in keyframes:
             keyframe.T_track_sensor = poses[keyframe.scan]
             if not keyframe.smoothed:
-                keyframe.step_covariance = self._steps.smoothed(keyframe.step_covariance, self.is_external)
+                keyframe.step_covariance = keyframe.step_covariance * self._config.odometry.smoothed**2
             keyframe.smoothed = True
         for i, scan in enumerate(self.scans):
             own = keyframes[scan.keyframe]
             scan.T_keyframe_sensor = inverse(poses[own.scan]) @ poses[i]
             if own.scan == i and scan.keyframe:
                 scan.T_previous_sensor = inverse(poses[keyframes[scan.keyframe - 1].scan]) @ poses[i]
-        self.backend.take_steps()
+        self.backend.take_steps(poses[keyframes[0].scan])
 
     def _anchors(self, last: bool) -> Anchors | None:
         """The anchors to the plan; None while the map is not placed."""

@@ -39,6 +39,7 @@ def second_pass(final: ActiveMap, scans: Iterable[Scan], times_of: TimesOf, sett
         at = (stamps - stamps[0]) / 1e9
         start = Motion(at, smooth(final.scans, final.backend.poses))
         is_known = np.array([scan.health != "lost" for scan in final.scans])
+        _log.info("second pass: all %d scans are registered again", len(stamps))
         motion = smoothed(again, start, is_known, settings)
         final.take_tracked(np.stack([motion.at(second) for second in at]))
     final.complete()

@@ -34,18 +34,3 @@ def test_what_is_no_covariance_is_refused() -> None:
         with pytest.raises(UserError, match="step_covariance must be a covariance"):
             checked_covariance(wrong, 5)
     assert checked_covariance(np.eye(6), 5).shape == (6, 6)
-
-
-@pytest.mark.parametrize("external", [False, True])
-def test_a_smoothed_step_keeps_what_it_errs_beyond_the_usual(external: bool) -> None:
-    """Which is nothing for a step whose directions are all known."""
-    settings = OdometrySettings()
-    own = np.repeat([settings.sigma_rotation, settings.sigma_translation], 3)
-    other = np.repeat([settings.other_sigma_rotation, settings.other_sigma_translation], 3)
-    usual = np.diag((other if external else own) ** 2)
-    exact = np.diag(np.repeat([settings.smoothed_sigma_rotation, settings.smoothed_sigma_translation], 3) ** 2)
-    weak = np.outer([0, 0, 0, 0.3, 0.1, 0], [0, 0, 0, 0.3, 0.1, 0])
-    steps = StepUncertainty(settings)
-    assert steps.smoothed(usual, external) == pytest.approx(exact)
-    assert steps.smoothed(usual + weak, external) == pytest.approx(exact + weak)
-    assert np.linalg.eigvalsh(steps.smoothed(usual / 4, external)).min() > 0

@@ -120,6 +120,12 @@ def test_a_command_that_was_stopped_is_gone_on_with(inputs: Path, tmp_path: Path
     while not (tmp_path / "waits").is_file():
         assert process.poll() is None
         sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    assert f"--resume {out}" in process.communicate()[1].splitlines()[-1] and process.returncode == 2
+    process = begun("--resume", out, before=waits_in_second_pass(tmp_path / "again"))
+    while not (tmp_path / "again").is_file():
+        assert process.poll() is None
+        sleep(0.01)
     process.kill()
     process.communicate()
     assert not about_run(out).get("finished")

@@ -85,9 +85,14 @@ class Run:
         is_last = stopped is not None or job.options.single_pass
         if not is_last:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
-        result = self.slam.finish(None if is_last else job.scans)
+        try:
+            result = self.slam.finish(None if is_last else job.scans)
+        except KeyboardInterrupt:
+            if is_last:
+                raise
+            raise UserError(f"interrupted after the last scan; {_hint(out)}") from None
         if not is_last and result.trajectory_live is None:
-            _log.info("there was no second pass, or it was left out: it needs a run in one part, without --map")
+            _log.info("there was no second pass: it needs a run in one part, without --map and --imu")
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         for kind, count in result.factors.counts().items():
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
@@ -120,10 +125,14 @@ class Run:
         if job.scans.given is not None and len(result.trajectory):
             moved_with(job.scans.given, result.trajectory).write_tum(out / ALL_POSES)
         if stopped is not None:
-            hint = f"; 'python -m sgslam.run --resume {out}' continues" if stopped.startswith("interrupted") else ""
+            hint = f"; {_hint(out)}" if stopped.startswith("interrupted") else ""
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
         self.checkpoints.write(self.slam, self.progress.to_dict(), finished=True)
         return metrics
+
+
+def _hint(out: Path) -> str:
+    return f"'python -m sgslam.run --resume {out}' continues"
 
 
 def _about(job: Job, result: Result) -> dict[str, str]:

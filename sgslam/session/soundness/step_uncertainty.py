@@ -23,7 +23,6 @@ class StepUncertainty(Stateful):
         own = settings.sigma_rotation, settings.sigma_translation
         other = settings.other_sigma_rotation, settings.other_sigma_translation
         self._other = np.repeat(other, 3)
-        self._smoothed = np.repeat([settings.smoothed_sigma_rotation, settings.smoothed_sigma_translation], 3)
         self._base = np.repeat(own, 3) if settings.method == "continuous_time" else self._other
         self._last: Floats | None = None
         self._told: Floats | None = None  # since the last keyframe, where an external odometry told it
@@ -48,10 +47,3 @@ class StepUncertainty(Stateful):
         variances, axes = np.linalg.eigh((covariance - before + told) / np.outer(self._other, self._other))
         root = self._other[:, None] * axes * np.sqrt(np.abs(variances))
         return np.asarray(np.diag(base**2) + root @ root.T), bool(np.abs(variances).max() > _DOUBLED)
-
-    def smoothed(self, covariance: Floats, external: bool) -> Floats:
-        """(6, 6) the covariance of a step that a second pass has estimated again: the same excess over what every step
-        errs. `external`: an external odometry gave it."""
-        base = self._other if external else self._base
-        excess, axes = np.linalg.eigh(covariance - np.diag(base**2))
-        return np.asarray(axes * np.maximum(excess, 0.0) @ axes.T + np.diag(self._smoothed**2))
