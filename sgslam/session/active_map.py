@@ -209,8 +209,8 @@ class ActiveMap:
             self.update(last=True)
 
     def take_tracked(self, poses: Floats) -> None:
-        """Replaces the tracked motion of all scans by that between their `poses` (N, 4, 4) in the map, by a second pass.
-        The graph's steps follow it."""
+        """Replaces the tracked motion of all scans by that between their `poses` (N, 4, 4) in the map, which a second
+        pass found. The graph's steps follow it."""
         keyframes = self.backend.keyframes
         for keyframe in keyframes:
             keyframe.T_track_sensor = poses[keyframe.scan]

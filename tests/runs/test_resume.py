@@ -80,8 +80,8 @@ def begun(*arguments: str | Path, before: str = "") -> subprocess.Popen[str]:
 
 def waits_in_second_pass(says: Path) -> str:
     """A second pass that creates the file `says` and never ends."""
-    waits = f"lambda *_: (Path({str(says)!r}).touch(), time.sleep(1000))"
-    return f"import sgslam.session.second_pass as p; import time; from pathlib import Path; p.smoothed = {waits}; "
+    waits = f"lambda *_: (open({str(says)!r}, 'w').close(), time.sleep(1000))"
+    return f"import sgslam.session.second_pass as p, time; p.smoothed = {waits}; "
 
 
 def come_to(process: subprocess.Popen[str], out: Path, keyframes: int) -> None:
