@@ -12,7 +12,7 @@ from data import SceneGraph
 from sgslam.anchoring import BuildingAnchoring
 from sgslam.backend import Backend
 from sgslam.config import Config
-from sgslam.geometry.frames import inverse, level_map, raised, squared_up
+from sgslam.geometry.frames import inverse, level_at, level_map, raised, squared_up
 from sgslam.loops import LoopCloser
 from sgslam.mapping import Anchors, Floors, KeyframeClouds, KeyframeNode, KeyframeRule
 from sgslam.session.scan_poses import ScanPose
@@ -222,7 +222,8 @@ class ActiveMap:
             scan.T_keyframe_sensor = inverse(poses[own.scan]) @ poses[i]
             if own.scan == i and scan.keyframe:
                 scan.T_previous_sensor = inverse(poses[keyframes[scan.keyframe - 1].scan]) @ poses[i]
-        self.backend.take_steps(poses[keyframes[0].scan])
+        first, began = poses[keyframes[0].scan], level_at(keyframes[0].T_map_sensor)
+        self.backend.take_steps(began @ inverse(level_at(first)) @ first)  # only its tilt is new
 
     def _anchors(self, last: bool) -> Anchors | None:
         """The anchors to the plan; None while the map is not placed."""
