@@ -178,9 +178,9 @@ class SceneGraphSlam:
         relocalisation = self._session.finish(self._map)
         session = self._session
         can_pass_again = session.prior is None and not session.unplaced and self.newest_imu_ns is None
-        single = deepcopy(self._map.state()) if scans is not None and can_pass_again else None
-        again = False
-        if scans is not None and single is not None:
+        single, again = None, False
+        if scans is not None and can_pass_again:
+            single = deepcopy(self._map.state())
             again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
         advice = [*self._advice, *self._tracking.advice]
         if not self.anchored and self._tracking.is_way_up_assumed:  # a plan does not fit a map that is upside down

@@ -45,7 +45,8 @@ class GraphBuilder:
         """Adds the odometry's `step` (4, 4) from keyframe i - 1 to keyframe i."""
         keyframe, why = self._keyframes[i], "the step between two keyframes"
         why = f"{why}, poorly constrained by surfaces" if keyframe.weak_step else why
-        noise = factors.noise_of_covariance(keyframe.step_covariance)
+        share = self._config.odometry.smoothed if keyframe.smoothed else 1.0
+        noise = factors.noise_of_covariance(share**2 * keyframe.step_covariance)
         factor = gtsam.BetweenFactorPose3(X(i - 1), X(i), gtsam.Pose3(step), noise)
         self._log.add(i + 1, "odometry", (i,), Entry(factor, "odometry", why))
 

@@ -39,8 +39,8 @@ class Closure:
 class PlannedWall:
     """A planned plane (4,) and the place (3,) near it where the wall was seen, both in the BIM frame.
 
-    `by` is what paired wall and plane, `why` the reason. `wall` names the planned wall that the
-    plane is a face of, empty where that is not known.
+    `by` is what paired wall and plane, `why` the reason. `wall` names the planned wall that the plane is a face of,
+    empty where that is not known.
     """
 
     plane: Floats

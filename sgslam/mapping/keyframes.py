@@ -19,9 +19,9 @@ class KeyframeNode:
 
     `T_track_sensor` (4, 4) accumulates the tracked motion and never jumps; only differences of it are used. `storey` is
     the number of the S-graph's floor that it was taken on, None on a stair. `step_covariance` (6, 6), rotation first,
-    sensor axes, is that of the step to it; `weak_step`: surfaces left some direction of it unconstrained; `smoothed`: a
-    second pass has estimated it again. The surfaces show the vertical `up` (3,), in the sensor frame, with a standard
-    deviation `sigma_up`.
+    sensor axes, is that of the tracked step to it; `weak_step`: surfaces left some direction of it unconstrained;
+    `smoothed`: a second pass has estimated it again. The surfaces show the vertical `up` (3,), in the sensor
+    frame, with a standard deviation `sigma_up`.
     """
 
     scan: int

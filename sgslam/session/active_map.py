@@ -214,8 +214,6 @@ class ActiveMap:
         keyframes = self.backend.keyframes
         for keyframe in keyframes:
             keyframe.T_track_sensor = poses[keyframe.scan]
-            if not keyframe.smoothed:
-                keyframe.step_covariance = keyframe.step_covariance * self._config.odometry.smoothed**2
             keyframe.smoothed = True
         for i, scan in enumerate(self.scans):
             own = keyframes[scan.keyframe]
