@@ -92,7 +92,7 @@ class Run:
                 raise
             raise UserError(f"interrupted after the last scan; {_hint(out)}") from None
         if not is_last and result.trajectory_live is None:
-            _log.info("the result is that of one pass; runs in several parts, with --map or with --imu have no second one")
+            _log.info("no second pass: runs in several parts, with --map or with --imu have none")
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
         for kind, count in result.factors.counts().items():
             _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
