@@ -20,6 +20,7 @@ from sgslam.mapping import KeyframeClouds
 from sgslam.odometry import Odometry
 from sgslam.registration import Health
 from sgslam.session import PriorMap, Result, Session, Snapshot, Stopwatch, Update
+from sgslam.session.adjusting import adjust
 from sgslam.session.finishing import assemble_result
 from sgslam.session.scan_poses import at_stamps
 from sgslam.session.second_pass import second_pass
@@ -182,6 +183,7 @@ class SceneGraphSlam:
         if scans is not None and can_pass_again:
             single = deepcopy(self._map.state())
             again = second_pass(self._map, scans, self._tracking.times_of, self._config.tracking)
+        adjust(self._map, self._config)
         advice = [*self._advice, *self._tracking.advice]
         if not self.anchored and self._tracking.is_way_up_assumed:  # a plan does not fit a map that is upside down
             advice.append(_WAY_UP)
@@ -194,6 +196,7 @@ class SceneGraphSlam:
         self._map = session.begin(self.clouds, self._stopwatch)
         self._map.restore(single)
         self._map.complete()
+        adjust(self._map, self._config)
         return assemble_result(self._map, *finished, passed_again=False)
 
     @property

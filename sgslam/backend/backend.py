@@ -14,6 +14,7 @@ import numpy as np
 from gtsam.symbol_shorthand import F, P, X
 from numpy.typing import NDArray
 
+import factors
 from sgslam.backend.covariances import Uncertainty
 from sgslam.backend.factor_log import FactorLog, Key, Kind
 from sgslam.backend.graph_builder import GraphBuilder
@@ -26,6 +27,7 @@ __all__ = ["Anchors", "Backend", "PlannedWall", "RoomNode"]
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _LONGEST = 100.0  # m from keyframe to keyframe; no robot moves further
+_SETTLED, _FREE = (3e-4, 3e-5), 1.0  # m and rad of a pose that is held in plan view; of what is not held
 _BELIEVABLE = 1e4  # largest error for each factor at an optimum: a hundred sigma
 
 
@@ -181,9 +183,26 @@ class Backend:
             _log.warning("the optimisation of %d keyframes failed: %s", len(self.keyframes), failure)
         _log.warning("the estimates of the last optimum stay")
 
-    def _solve(self, inputs: GraphInputs, steps: int) -> str | None:
-        """Moves the estimates to the optimum, or returns why they stay."""
-        graph = self.log.graph()
+    def has_step(self, i: int) -> bool:
+        """Whether the odometry leads from keyframe i - 1 to keyframe i."""
+        return (i,) in self.log.held("odometry")
+
+    def settle(self, T_bim_sensor: Floats, steps: int = 20) -> None:
+        """Moves the keyframes to where they stand by their poses (K, 4, 4) in plan view, and all other estimates after
+        them. The log stays as it is, and what is known of the poses is what it says."""
+        held = gtsam.NonlinearFactorGraph()
+        for i, T in enumerate(T_bim_sensor):
+            held.add(gtsam.BetweenFactorPose3(BIM, X(i), gtsam.Pose3(T), _in_plan_view(T[:3, :3])))
+        if failure := self._solve(self._inputs, steps, held):
+            _log.warning("the adjustment of %d keyframes failed: %s", len(self.keyframes), failure)
+
+    def _solve(
+        self, inputs: GraphInputs, steps: int, besides: gtsam.NonlinearFactorGraph | None = None
+    ) -> str | None:
+        """Moves the estimates to the optimum, with the factors `besides` those of the log, or returns why they stay."""
+        known, graph = self.log.graph(), self.log.graph()
+        if besides is not None:
+            graph.push_back(besides)
         parameters = gtsam.LevenbergMarquardtParams()
         parameters.setMaxIterations(steps)
         parameters.setRelativeErrorTol(1e-4)
@@ -198,7 +217,7 @@ class Backend:
         if optimizer.error() > _BELIEVABLE * graph.size():
             return f"its error of {optimizer.error():.1e} is implausibly large"
         self._take(result, inputs)
-        self._optimum = graph, result, inputs
+        self._optimum = known, result, inputs
         return None
 
     def _rebuild(self, inputs: GraphInputs, steps: int) -> str | None:
@@ -266,6 +285,13 @@ class Backend:
         }  # fmt: skip
         self.T_map_bim = values.atPose3(BIM).matrix() if values.exists(BIM) else None
         self._sound = len(self.keyframes)
+
+
+def _in_plan_view(R_bim_sensor: Floats) -> gtsam.noiseModel.Base:
+    """The noise of a pose that is known in plan view, and free in height, roll and pitch."""
+    sigmas = np.array([_FREE, _FREE, _SETTLED[1], _SETTLED[0], _SETTLED[0], _FREE])
+    R = np.kron(np.eye(2), R_bim_sensor)
+    return factors.noise_of_covariance(R.T @ np.diag(sigmas**2) @ R)
 
 
 def _usable(step: Floats) -> bool:

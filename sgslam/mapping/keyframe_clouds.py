@@ -17,6 +17,7 @@ from data.common.files import atomic_file
 
 FILE = "keyframe_clouds.bin"  # in a run's folder
 _MAGIC = b"SGKC0001"
+_SHELL = 1.5  # ratio of the distances from the sensor within which cells of directions have one width
 _RECORD = struct.Struct("<II")  # keyframe, points; then so many float32 x y z
 _log = logging.getLogger(__name__)
 
@@ -68,7 +69,7 @@ class KeyframeClouds:
 
     def add(self, keyframe: int, points: NDArray[np.floating]) -> None:
         """Stores the points (N, 3) of a keyframe, numbered as in the back end; at most one for each voxel."""
-        kept = points[one_a_voxel(points, self.voxel)].astype("<f4")
+        kept = points[one_a_direction(points, self.voxel)].astype("<f4")
         record = _RECORD.pack(keyframe, len(kept)) + kept.tobytes()
         try:
             os.ftruncate(self._file.fileno(), self._end)  # drops what an earlier run left beyond
@@ -122,6 +123,17 @@ def voxel_keys(points: NDArray[np.floating], voxel: float) -> NDArray[np.int64]:
     return np.asarray((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2])
 
 
-def one_a_voxel(points: NDArray[np.floating], voxel: float) -> NDArray[np.int64]:
-    """The indices (M,), ascending, of the first point of points (N, 3) in each voxel."""
-    return np.sort(np.unique(voxel_keys(points, voxel), return_index=True)[1])
+def one_a_direction(points: NDArray[np.floating], spacing: float) -> NDArray[np.int64]:
+    """The indices (M,), ascending, of the first of points (N, 3) in each cell of directions from the sensor, which is
+    about `spacing` (m) wide where the point is.
+
+    Cells in space would favour noise: of a surface near the border of two cells, the few points beyond it would count
+    as much as all others.
+    """
+    away = np.maximum(np.linalg.norm(points, axis=1), 1e-3)
+    shell = np.floor(np.log(away) / np.log(_SHELL)).astype(np.int64)
+    width = spacing / _SHELL ** (shell + 0.5)
+    ring = np.floor(np.arcsin(points[:, 2] / away) / width).astype(np.int64)
+    around = np.arctan2(points[:, 1], points[:, 0]) * np.cos((ring + 0.5) * width)
+    cells = np.column_stack([shell, ring, np.floor(around / width).astype(np.int64)])
+    return np.sort(np.unique(cells, axis=0, return_index=True)[1])

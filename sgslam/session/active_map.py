@@ -223,6 +223,13 @@ class ActiveMap:
         first, began = poses[keyframes[0].scan], level_at(keyframes[0].T_map_sensor)
         self.backend.take_steps(began @ inverse(level_at(first)) @ first)  # only its tilt is new
 
+    def settle(self, T_plan_sensor: Floats) -> None:
+        """Moves the keyframes to their poses (K, 4, 4) in the local frame of the plan, in plan view."""
+        with self.stopwatch("optimisation"):
+            self.backend.settle(T_plan_sensor)
+        self.floors.refresh(self.backend, self.front_end.height, last=True)
+        self._cut_scenes()
+
     def _anchors(self, last: bool) -> Anchors | None:
         """The anchors to the plan; None while the map is not placed."""
         if self.anchoring is None:

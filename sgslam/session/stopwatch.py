@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
-STAGES = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation", "smoothing")
+STAGES = ("odometry", "surfaces", "rooms", "loops", "matching", "optimisation", "smoothing", "adjustment")
 
 
 class Stopwatch:

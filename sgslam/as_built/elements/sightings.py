@@ -78,7 +78,8 @@ def _of_view(scene: TriangleScene, owner: Ints, normals: Floats, view: View, num
     _, first, group = np.unique(key, axis=0, return_index=True, return_inverse=True)
     order = np.lexsort((offset, group.ravel()))
     counts = np.bincount(group.ravel(), minlength=len(first))
-    middle = order[np.cumsum(counts) - (counts + 1) // 2]
+    last = np.cumsum(counts) - 1
+    median = (offset[order[last - counts // 2]] + offset[order[last - (counts - 1) // 2]]) / 2
     return np.column_stack([
-        owner[face[good]][first], np.full(len(first), number), offset[middle], normal[first], cell[first],
+        owner[face[good]][first], np.full(len(first), number), median, normal[first], cell[first],
     ])  # fmt: skip

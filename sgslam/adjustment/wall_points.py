@@ -1,0 +1,140 @@
+"""What keyframes saw of planned walls: the points near each, and how far they lie off it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.scene_graph import SceneGraph
+from sgslam.geometry.frames import transform_points
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+SIGMA_RANGE = 0.02  # m, standard deviation of one point's distance from a wall: noise of ranges, texture of surfaces
+_NEAR = 0.15  # m from a planned wall; what is farther is another thing
+_FURTHEST = 12.0  # m from the sensor, beyond which its turn of half a degree moves a point by a decimetre
+_LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the wall's place
+_EDGE = 0.2  # m at a wall's ends, floor and ceiling that are left out: other surfaces begin there
+_HEIGHT = 2.5  # m of a wall whose height the plan does not tell
+_LEAST_POINTS = 6  # of a face in a keyframe
+_PARALLEL = 0.999  # cosine between the faces of one wall
+_BIN = 0.005  # m, of the search for the distance at which most points lie
+
+
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """M upright faces: `wall` numbers the walls that they are of, `sign` (M,) is 1 where a wall's offset is along the
+    face's normal, -1 where it is against it. `centre` and `normal` (M, 2) are in plan view, `half` (M,) half their
+    lengths, `heights` (M, 2) their lower and upper edges, in the plan's frame."""
+
+    wall: Ints
+    sign: Floats
+    centre: Floats
+    normal: Floats
+    half: Floats
+    heights: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class WallPoints:
+    """N means, one for each face that a keyframe saw.
+
+    `face` and `keyframe` (N,) are indices, `offset` (N,) is the mean distance (m) of the `count` points from the face,
+    along its `normal` (N, 2); `lever` (N, 2) is from the sensor to their mean, in plan view.
+    """
+
+    face: Ints
+    keyframe: Ints
+    offset: Floats
+    count: Ints
+    normal: Floats
+    lever: Floats
+
+
+def faces_of(plan: SceneGraph) -> Faces:
+    """The faces of full height of the walls of a plan. Parallel faces of one wall in the plan's source move together,
+    as a wall is built elsewhere as a whole."""
+    level = {floor.id: floor.elevation or 0.0 for floor in plan.floors}
+    rows, axes = list[tuple[float, ...]](), dict[str, list[tuple[int, Floats]]]()
+    for surface in plan.wall_surfaces:
+        half, below = 0.5 * (surface.length or 0.0), level.get(surface.floor or "", 0.0)
+        low, high = surface.height or (below, below + _HEIGHT)
+        (nx, ny), (x, y) = surface.normal, surface.centroid
+        for source, first, last, is_whole in surface.parts or ((surface.source, -half, half, True),):
+            if is_whole and last - first > 2 * _EDGE:
+                middle, own = (first + last) / 2, axes.setdefault(source or surface.id, [])
+                number, sign = _parallel(own, np.array(surface.normal), sum(map(len, axes.values())))
+                place = (x - ny * middle, y + nx * middle)
+                rows.append((number, sign, *place, nx, ny, (last - first) / 2, low, high))
+    of = np.array(rows).reshape(-1, 9)
+    return Faces(of[:, 0].astype(np.int64), of[:, 1], of[:, 2:4], of[:, 4:6], of[:, 6], of[:, 7:])
+
+
+def _parallel(axes: list[tuple[int, Floats]], normal: Floats, following: int) -> tuple[int, float]:
+    """The number of the wall among `axes` that a face with this normal is of, and the sense of its own normal there; a
+    new one, with the number `following`, where none is parallel."""
+    for number, axis in axes:
+        if abs(axis @ normal) > _PARALLEL:
+            return number, float(np.sign(axis @ normal))
+    axes.append((following, normal))
+    return following, 1.0
+
+
+def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]]]) -> WallPoints:
+    """The points of all keyframes, as pairs of T_plan_sensor (4, 4) and points (N, 3) in the sensor frame, at the
+    distance from each face at which most points lie."""
+    parts = [_near_faces(faces, T, points, k) for k, (T, points) in enumerate(clouds)]
+    rows = np.concatenate([part for part in parts if len(part)] or [np.empty((0, 7), np.float32)])
+    found = list[Floats]()
+    order = np.argsort(rows[:, 0], kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(rows[order, 0])) + 1):
+        if len(own):
+            found += _means(rows[own].astype(np.float64))
+    table = np.array(found).reshape(-1, 8)
+    whole = table[:, [0, 1, 3]].astype(np.int64)
+    return WallPoints(whole[:, 0], whole[:, 1], table[:, 2], whole[:, 2], table[:, 4:6], table[:, 6:])
+
+
+def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int) -> NDArray[np.float32]:
+    """(K, 7) of the points near a face: its number, keyframe, distance from the face, its normal, from the sensor to the
+    point in plan view."""
+    sensor = T_plan_sensor[:3, 3]
+    ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
+    own = np.flatnonzero((ahead > 0) & (ahead < _FURTHEST))
+    seen = transform_points(T_plan_sensor, points)
+    away = seen[:, :2] - sensor[:2]
+    length = np.linalg.norm(seen - sensor, axis=1)
+    seen, away, length = seen[length < _FURTHEST], away[length < _FURTHEST], length[length < _FURTHEST]
+    found = []
+    for face in own.tolist():
+        n, to = faces.normal[face], seen[:, :2] - faces.centre[face]
+        off, along, (low, high) = to @ n, to @ np.array([-n[1], n[0]]), faces.heights[face]
+        near = (np.abs(off) < _NEAR) & (np.abs(along) < faces.half[face] - _EDGE)
+        near &= (seen[:, 2] > low + _EDGE) & (seen[:, 2] < high - _EDGE) & (-(away @ n) > _LEAST_COSINE * length)
+        count = int(near.sum())
+        if count:
+            same = np.tile([face, number], (count, 1)), np.tile(n, (count, 1))
+            found.append(np.column_stack([same[0], off[near], same[1], away[near]]).astype(np.float32))
+    return np.concatenate(found or [np.empty((0, 7), np.float32)])
+
+
+def _means(rows: Floats) -> list[Floats]:
+    """The means in each keyframe of what was seen of one face, (K, 7) as from `_near_faces`."""
+    shift = _most(rows[:, 2])
+    rows = rows[np.abs(rows[:, 2] - shift) < 3 * SIGMA_RANGE]
+    found = []
+    for own in np.split(rows, np.flatnonzero(np.diff(rows[:, 1])) + 1):
+        if len(own) >= _LEAST_POINTS:
+            mean = own.mean(axis=0)
+            found.append(np.array([mean[0], mean[1], mean[2], len(own), *mean[3:]]))
+    return found
+
+
+def _most(offset: Floats) -> float:
+    """The distance near which most points lie."""
+    edges = np.arange(-_NEAR, _NEAR + _BIN / 2, _BIN)
+    counts, _ = np.histogram(offset, edges)
+    reach = np.arange(-3 * SIGMA_RANGE, 3 * SIGMA_RANGE + _BIN / 2, _BIN)
+    near = np.convolve(counts, np.exp(-0.5 * (reach / SIGMA_RANGE) ** 2), "same")
+    return float(edges[np.argmax(near)] + _BIN / 2)
