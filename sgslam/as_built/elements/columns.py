@@ -1,6 +1,7 @@
 """The verdict on a column: where in plan view its body explains best what the rays around it met."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,9 @@ Floats = NDArray[np.float64]
 _GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
 _BLURRED = 0.04  # m, noise with which the coarse grid is searched, so that no shift falls between its places
 _LEAST_HITS = 10  # rays that end at the body, or pass its place
-_WIDER = 0.3  # of what is met around a body: a thing that is wider than the body
+_BESIDE = 0.15  # m around a shifted body, where a thing that is wider than the body is met too
+_EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those that pass or meet the column itself
+_WIDER = 0.3  # of what is met there: what the body does not explain
 
 
 def is_column(element: "PlannedElement") -> bool:
@@ -53,16 +56,23 @@ def column_finding(
         return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
     if stands - absent < SURE or at.sum() < _LEAST_HITS:
         return Finding("uncertain" if through.any() else "not seen", "mostly hidden", seen=share, views=count)
-    found = _standing(near, shift, spread, at, views, (tolerance, shared), share)
+    corners = solids[index].triangles.reshape(-1, 3)[:, :2]
+    outline = np.array([corners.min(axis=0), corners.max(axis=0)])
+    found = _standing(near, outline, shift, spread, at, views, (tolerance, shared), share)
+    aimed = near.shown & (at_plan < near.others)
+    if found.verdict == "moved" and np.sum(aimed & (at | told_by)) < _EXPLAINED * aimed.sum():
+        why = f"{found.reason}; but something else hides its place"
+        found = replace(found, verdict="uncertain", conclusive=False, reason=why)
     hidden = found.verdict == "uncertain" and told_by.sum() < _LEAST_HITS
     return Finding("not seen", "something before it hides it", seen=share, views=count) if hidden else found
 
 
 def _standing(
-    near: Passing, shift: Floats, spread: Floats, at: NDArray[np.bool_], views: Sequence[View],
+    near: Passing, outline: Floats, shift: Floats, spread: Floats, at: NDArray[np.bool_], views: Sequence[View],
     limits: tuple[float, float], share: float,
 ) -> Finding:  # fmt: skip
-    """The finding on a column that stands at this shift, with its covariance `spread` (2, 2)."""
+    """The finding on a column of this planned `outline` (2, 2) that stands at this shift, with its covariance `spread`
+    (2, 2)."""
     tolerance, shared = limits
     seen_by = np.unique(near.rays.view[at])
     distance = float(np.linalg.norm(shift))
@@ -72,17 +82,20 @@ def _standing(
     # noise makes a vector longer, never shorter
     verdict, sure = told(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, tolerance)
     reason = f"it stands {1000 * distance:.0f} mm off in plan view, by {int(at.sum())} rays"
-    if verdict == "moved" and _may_be_before(near, at):
+    if verdict == "moved" and _may_be_before(near, outline + shift[:2], at):
         verdict, sure = "uncertain", False
         reason = f"{reason}; wider than it and seen from one side alone: it may be furniture"
     n = (float(direction[0]), float(direction[1]), 0.0)
     return Finding(verdict, reason, distance, n, sigma, None, sure, share, len(seen_by))
 
 
-def _may_be_before(near: Passing, at: NDArray[np.bool_]) -> bool:
-    """Whether what was met is wider than the column, and was seen from one side alone."""
+def _may_be_before(near: Passing, outline: Floats, at: NDArray[np.bool_]) -> bool:
+    """Whether what was met is wider than the column, and was seen from one side alone. `outline` (2, 2) are the lowest
+    and the highest x, y of the shifted body."""
+    places = near.rays.at(near.rays.measured)[:, :2]
+    close = np.all((places > outline[0] - _BESIDE) & (places < outline[1] + _BESIDE), axis=1)
+    clutter = np.sum(near.within & close & ~at)
     from_sensor = near.rays.direction[at]
-    clutter = np.sum(near.within & ~at)
     wider = clutter > _WIDER * (clutter + at.sum())
     return bool(wider and np.all(from_sensor @ from_sensor.mean(axis=0) > 0))
 
