@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from data.plans.elements import PlannedElement
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
 from tests.helpers.two_rooms_seen import (
@@ -69,3 +70,12 @@ def test_a_hidden_column_is_not_seen() -> None:
     assert _column(column(), screen, places=LEFT).verdict == "not seen"
     cladding = box((COLUMN[0] - 0.2, -3.0, 0.0), (COLUMN[0] + 0.2, 3.0, HEIGHT))
     assert _column(column(), cladding, places=LEFT).verdict in ("not seen", "uncertain")
+
+
+def test_a_column_within_a_wall_is_not_seen() -> None:
+    """Whatever stands beside that wall."""
+    inside = PlannedElement("column", "IfcColumn", "", "", "solid", box((3.05, 1.4, 0.0), (3.15, 1.5, HEIGHT)))
+    own = [element for element in planned() if element.kind == "solid" and element.global_id != "column"]
+    post = box((2.8, 1.4, 0.0), (2.9, 1.5, HEIGHT))
+    views = views_of(SHELL, wall_with_door(), post)
+    assert element_verdicts([*own, inside], views, PLAN, TOLERANCE, SHARED)[-1].verdict == "not seen"

@@ -38,7 +38,10 @@ def column_finding(
     body = TriangleScene(solids[index].triangles)
     near = passing(index, solids, rays, list(views))
     at_plan = near.ranges(body, np.zeros((1, 3)))[0]
-    told_by = near.shown & (at_plan < near.others) & (near.rays.measured > at_plan - 3 * NOISE)
+    aimed = near.shown & (at_plan < near.others)
+    if aimed.sum() < _LEAST_HITS:
+        return Finding("not seen", "hidden by what is planned around it, or not in view")
+    told_by = aimed & (near.rays.measured > at_plan - 3 * NOISE)
     if not near.shown.any():
         return Finding("not seen", "no ray reaches it")
     shift, stands, spread = _fit(near, body)
@@ -47,7 +50,7 @@ def column_finding(
     at = visible & (np.abs(near.rays.measured - met) < 3 * NOISE)
     through = told_by & (near.rays.measured > near.leaves)
     seen_by = np.unique(near.rays.view[at | through])
-    count, share = len(seen_by), float((at | told_by).sum() / max((visible | (at_plan < near.others)).sum(), 1))
+    count, share = len(seen_by), float((at | told_by).sum() / max((visible | aimed).sum(), 1))
     if count < LEAST_VIEWS or at.sum() + through.sum() < _LEAST_HITS:
         reason = f"{int(at.sum() + through.sum())} rays from {count} keyframes"
         return Finding("not seen", reason, seen=share, views=count)
@@ -59,7 +62,6 @@ def column_finding(
     corners = solids[index].triangles.reshape(-1, 3)[:, :2]
     outline = np.array([corners.min(axis=0), corners.max(axis=0)])
     found = _standing(near, outline, shift, spread, at, views, (tolerance, shared), share)
-    aimed = near.shown & (at_plan < near.others)
     if found.verdict == "moved" and np.sum(aimed & (at | told_by)) < _EXPLAINED * aimed.sum():
         why = f"{found.reason}; but something else hides its place"
         found = replace(found, verdict="uncertain", conclusive=False, reason=why)
