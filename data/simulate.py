@@ -47,6 +47,14 @@ def _parser() -> argparse.ArgumentParser:
     add("--moved-by", type=float, metavar="M", help="metres by which each of them is moved")
     add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="that are absent (default 0)")
     add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that no plan shows (default 0)")
+    add("--displaced-openings", type=float, default=0.0, metavar="SHARE",
+        help="of doors and windows that are displaced along their wall (default 0)")
+    add("--filled-openings", type=float, default=0.0, metavar="SHARE",
+        help="of doors and windows that are absent, with wall in their place (default 0)")
+    add("--displaced-columns", type=float, default=0.0, metavar="SHARE", help="that are displaced (default 0)")
+    add("--absent-columns", type=float, default=0.0, metavar="SHARE", help="that are absent (default 0)")
+    add("--displaced-by", type=float, default=0.1, metavar="M",
+        help="metres by which these openings and columns are displaced (default 0.1)")
     add("--and-back", action="store_true", help="drive the whole way back again")
     add("--seconds", type=float, metavar="S", help="duration of the drive in seconds")
     add("--carrier", default="wheeled", metavar="NAME",
@@ -99,14 +107,17 @@ def main() -> int:
         args.bim, args.storey or "", args.out, args.seed, args.min_rooms, args.min_length,
         sensor_named(args.sensor, args.azimuths), robot,
         args.sensor_height, args.format,
-        Changes(args.moved_walls, args.absent_walls, args.unplanned_walls, args.moved_by),
+        Changes(
+            args.moved_walls, args.absent_walls, args.unplanned_walls, args.moved_by, args.displaced_openings,
+            args.filled_openings, args.displaced_columns, args.absent_columns, args.displaced_by,
+        ),
         args.and_back, carrier, args.mount, effects, args.seconds, args.imu,
     )  # fmt: skip
     storeys = list(dict.fromkeys(run.storeys))
     reached = {storeys[0], *(room.storey for room in run.rooms)}
     names = ", ".join(f"'{name}'" for name in storeys if name in reached)
     driven = f"{run.length:.1f} m through {run.rooms_entered} room{'' if run.rooms_entered == 1 else 's'} of {names}"
-    changed = f"; {len(run.changes)} walls differ from the plan" if run.changes else ""
+    changed = f"; differences from the plan: {len(run.changes)}" if run.changes else ""
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
     if args.seconds is not None and (missed := [name for name in storeys if name not in reached]):
         print(f"not reached in {args.seconds:g} s: {', '.join(missed)}; give more --seconds, or a lower --min-length")

@@ -10,7 +10,7 @@ import numpy as np
 from ifcopenshell.util.element import get_container
 from numpy.typing import NDArray
 
-from data.ifc.products import IfcProduct, open_ifc, products, triangulated
+from data.ifc.products import IfcProduct, Mesh, open_ifc, products, triangulated
 from data.plans.grid_lines import grid_families, grid_reference
 
 Kind = Literal["solid", "opening"]
@@ -22,8 +22,9 @@ FILLINGS = ("IfcDoor", "IfcWindow")
 class PlannedElement:
     """One element; `triangles` (M, 3, 3) metres in the BIM frame are its body.
 
-    Those of an opening, which a door or a window fills, are the body that is cut out of the wall. `grid` names the grid
-    lines at which it stands, such as B/3; empty in a model without any.
+    Those of an opening, which a door or a window fills, are the body that is cut out of the wall; `wall` is that wall's
+    GlobalId, and `filling` (K, 3, 3) the body of the door or window itself, None where it has none. `grid` names the
+    grid lines at which it stands, such as B/3; empty in a model without any.
     """
 
     global_id: str
@@ -33,6 +34,8 @@ class PlannedElement:
     kind: Kind
     triangles: NDArray[np.float64]
     grid: str = ""
+    wall: str = ""
+    filling: NDArray[np.float64] | None = None
 
 
 def planned_elements(ifc: Path | str) -> list[PlannedElement]:
@@ -62,7 +65,23 @@ def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[Pla
             continue
         container = get_container(filling)
         storey = storeys.get(container.GlobalId, "") if container is not None else ""
-        vertices, faces = body
         yield PlannedElement(
-            filling.GlobalId, filling.is_a(), filling.Name or "", storey, "opening", vertices[faces]
+            filling.GlobalId, filling.is_a(), filling.Name or "", storey, "opening", _corners(body),
+            wall=_wall_around(filling), filling=_body(filling),
         )  # fmt: skip
+
+
+def _wall_around(filling: ifcopenshell.entity_instance) -> str:
+    """The GlobalId of what a door's or window's opening is cut out of, empty where it is not told."""
+    voids = [relation for fills in filling.FillsVoids for relation in fills.RelatingOpeningElement.VoidsElements]
+    return str(voids[0].RelatingBuildingElement.GlobalId) if voids else ""
+
+
+def _body(filling: ifcopenshell.entity_instance) -> NDArray[np.float64] | None:
+    mesh = triangulated(filling)
+    return None if mesh is None else _corners(mesh)
+
+
+def _corners(mesh: Mesh) -> NDArray[np.float64]:
+    vertices, faces = mesh
+    return vertices[faces]

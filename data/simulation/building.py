@@ -27,7 +27,7 @@ TOLERANCE = 0.015  # m, standard deviation of a wall's place
 def storeys_as_built(
     ifc: Path | str, storeys: list[str], changes: Changes | None, seed: int, effects: Collection[str]
 ) -> list[StoreyModel]:
-    """Reads the storeys in the order of the drive, with `changes` and the effect `tolerance` made to their walls.
+    """Reads the storeys in the order of the drive, with `changes`, and with the effect `tolerance` on their walls.
 
     Raises UserError for a file or storey that cannot be driven, and for changes to several storeys or to a mesh.
     """
@@ -36,7 +36,7 @@ def storeys_as_built(
         load = mesh_storey if is_mesh(ifc) else load_storey
         return [load(ifc, storeys[0], changes, seed, tolerance)]
     if changes is not None and changes.any:
-        raise UserError("walls that differ from the plan: give one storey, not several")
+        raise UserError("a building that differs from its plan: give one storey, not several")
     if is_mesh(ifc):
         raise UserError(f"{ifc}: a mesh has no marked stairs; give one storey, or an IFC file")
     return load_storeys(ifc, storeys, seed, tolerance)

@@ -23,10 +23,10 @@ def mesh_storey(
     """Reads the mesh; `storey` is the id or name of a level in its A-graph, empty for the lowest. With a `tolerance`
     (m, standard deviation), each upright plane of the mesh stands off its place.
 
-    Raises UserError for an unknown level, one without rooms, and for changes, since a mesh has no separate walls.
+    Raises UserError for an unknown level, one without rooms, and for changes, since a mesh has no separate elements.
     """
     if changes is not None and changes.any:
-        raise UserError(f"{path}: a mesh has no single walls that could be moved; give an IFC file")
+        raise UserError(f"{path}: a mesh has no single walls, openings or columns to change; give an IFC file")
     building = read_mesh(path)
     names = {f.id: f.name for f in building.graph.floors}
     levels = [v for v in building.levels if v.floor is not None and storey in ("", v.floor, names[v.floor])]

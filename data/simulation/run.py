@@ -14,7 +14,8 @@ from data.common.files import write_atomically, write_json
 from data.imu import ImuSamples, write_imu
 from data.scans.writers import SCAN_WRITERS
 from data.simulation.carriers import Motion
-from data.simulation.changes import Change, write_plan_without
+from data.simulation.changes import Change
+from data.simulation.changes.as_built import write_plan_without
 from data.simulation.effects import Timing
 from data.simulation.effects.world import World
 from data.simulation.imu import ImuModel, measured

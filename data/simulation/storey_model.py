@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from data.common.errors import UserError
 from data.geometry.raycast import TriangleScene
 from data.ifc.products import IfcProduct, open_ifc, products
-from data.simulation.changes import Change, Changes, as_built, draw_changes, draw_tolerances
+from data.simulation.changes import Change, Changes
+from data.simulation.changes.as_built import as_built
+from data.simulation.changes.draws import draw_changes, draw_tolerances, of_class
+from data.simulation.changes.recut_walls import recut
 
 Triangles = NDArray[np.float64]  # (M, 3, 3) metres in the BIM frame
 Xy = NDArray[np.float64]  # (2,)
@@ -68,8 +71,9 @@ class StoreyModel:
 def load_storey(
     ifc: Path | str, storey: str, changes: Changes | None = None, seed: int = 0, tolerance: float = 0.0
 ) -> StoreyModel:
-    """Reads the model; `storey` is a name, long name or GlobalId. `changes` are made to the storey's walls, by `seed`;
-    each stands off its place by a `tolerance` (m, standard deviation) besides, which is no change.
+    """Reads the model; `storey` is a name, long name or GlobalId. `changes` are made to the storey's walls, doors,
+    windows and columns, by `seed`; each wall stands off its place by a `tolerance` (m, standard deviation) besides,
+    which is no change.
 
     Spaces that have hardly a floor or ceiling in the model lend their lower and upper faces as such. Raises
     UserError for an unreadable file, an unknown storey, or a storey with nothing on it.
@@ -115,11 +119,11 @@ def _storey_model(
     tolerance: float, what: str,
 ) -> StoreyModel:  # fmt: skip
     """Returns the model; `what` names the storey in messages."""
-    solid = shapes.solid
-    walls = [p for p in solid if p.storey == entity.GlobalId and model.by_guid(p.global_id).is_a("IfcWall")]
-    made = draw_changes(walls, changes, seed) if changes is not None else ()
+    planned = [p for p in shapes.solid if p.storey == entity.GlobalId]
+    walls = of_class(model, planned, "IfcWall")
+    made = draw_changes(model, planned, shapes.openings, changes, seed) if changes is not None else ()
     shifts = draw_tolerances(walls, tolerance, seed) if tolerance else ()
-    solid = as_built(model, as_built(model, solid, made), shifts)
+    solid = as_built(model, as_built(model, recut(model, shapes.solid, shapes.openings, made), made), shifts)
     own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
     rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
@@ -134,7 +138,7 @@ def _storey_model(
     level = _floor_of_spaces(spaces) if spaces else _elevation(model, entity)
     floors, ceilings = (_missing_faces(triangles, spaces, stairs, sign) for sign in (-1.0, 1.0))
     if floors:
-        floors += [_threshold(p, level) for p in shapes.openings]
+        floors += [_threshold(p, level) for p in as_built(model, shapes.openings, made)]
     solid_triangles = np.concatenate([triangles, *floors, *ceilings])
     extent = (corners.min(axis=0), corners.max(axis=0))
     glazed = np.pad(panes, (0, len(solid_triangles) - len(panes)))

@@ -7,6 +7,7 @@ import argparse
 import csv
 import io
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -48,11 +49,25 @@ def _change(old: Entry, new: Entry) -> str | None:
         return "still absent" if new["verdict"] == "absent" else "built since" if new["verdict"] in _STANDS else None
     if old["verdict"] in _STANDS and new["verdict"] == "absent":
         return "gone since"
-    if old["offset_m"] is None or new["offset_m"] is None or old["direction"] != new["direction"]:
+    between = _moved_by(old, new)
+    if between is None:
         return None
     sigma = (old["sigma_m"] ** 2 + new["sigma_m"] ** 2) ** 0.5
-    moved = abs(new["offset_m"] - old["offset_m"]) > SURE_SIGMAS * sigma
+    moved = between > SURE_SIGMAS * sigma
     return "moved since" if moved and old["verdict"] != new["verdict"] and new["verdict"] in _STANDS else None
+
+
+def _moved_by(old: Entry, new: Entry) -> float | None:
+    """Metres from the old place to the new, None where both were not measured along the same direction.
+
+    A column's direction is that of its shift, so its shifts are compared as vectors.
+    """
+    if old["offset_m"] is None or new["offset_m"] is None:
+        return None
+    if old["direction"] != new["direction"] and not new["ifc_class"].startswith("IfcColumn"):
+        return None
+    shifts = ([entry["offset_m"] * axis for axis in entry["direction"]] for entry in (old, new))
+    return math.dist(*shifts)
 
 
 def _elements(out: Path) -> dict[str, Entry]:

@@ -13,7 +13,7 @@ from data.common.errors import UserError
 from data.ifc.writer import IfcWriter, box
 from data.plans import load_bim
 from data.simulation import Changes
-from data.simulation.changes import write_plan_without
+from data.simulation.changes.as_built import write_plan_without
 from data.simulation.simulate import simulate
 from sgslam.anchoring import AlignedWall, WallAlignment
 from sgslam.anchoring.wall_association import WallArrays, associate_walls

@@ -116,8 +116,9 @@ def test_a_robot_drives_and_scans_in_the_mesh(stl: Path, tmp_path: Path) -> None
     points = np.fromfile(tmp_path / "run" / "scans" / "000000.bin", dtype=np.float32).reshape(-1, 4)[:, :3]
     world = points @ run.truth.poses[0, :3, :3].T + run.truth.poses[0, :3, 3]
     assert surface_distance(world).max() < 0.01
-    with pytest.raises(UserError, match="no single walls"):
-        simulate(stl, "", tmp_path / "moved", changes=Changes(moved=0.3))
+    for changes in (Changes(moved=0.3), Changes(openings_displaced=0.3), Changes(columns_absent=0.3)):
+        with pytest.raises(UserError, match="no single walls, openings or columns"):
+            simulate(stl, "", tmp_path / "moved", changes=changes)
     with pytest.raises(UserError, match=r"no level 'attic'.*level 0\.00"):
         simulate(stl, "attic", tmp_path / "attic")
 

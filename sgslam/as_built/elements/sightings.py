@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 CELL = 0.25  # m, side of the cells of a surface that count once for each keyframe
-_LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the surface's place
-_FURTHEST = 12.0  # m, beyond which a pose's turn of half a degree moves a hit by a decimetre
+LEAST_COSINE = 0.3  # of the angle of incidence; at grazing rays the range says little of the surface's place
+FURTHEST_RAY = 12.0  # m, beyond which a pose's turn of half a degree moves a hit by a decimetre
 _DECIMETRES = 10  # of a normal's components, by which the faces of an element are distinguished
 
 
@@ -70,7 +70,7 @@ def _of_view(scene: TriangleScene, owner: Ints, normals: Floats, view: View, num
     cosine = -np.sum(normal * rays, axis=1)
     normal = np.where(cosine[:, None] < 0, -normal, normal)
     cosine = np.abs(cosine)
-    good = (face >= 0) & (cosine > _LEAST_COSINE) & (planned < _FURTHEST)
+    good = (face >= 0) & (cosine > LEAST_COSINE) & (planned < FURTHEST_RAY)
     rays, normal = rays[good], normal[good]
     offset = (planned[good] - measured[good]) * cosine[good]
     cell = np.floor((origin + planned[good, None] * rays) / CELL).astype(np.int64)

@@ -7,21 +7,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.scene_graph import SceneGraph
+from sgslam.as_built.elements.columns import column_finding, is_column
 from sgslam.as_built.elements.entries import ElementVerdict, Finding, Verdict, entry
+from sgslam.as_built.elements.likelihoods import (
+    BEFORE,
+    BEHIND,
+    DEPTH,
+    LEAST_CELLS,
+    LEAST_VIEWS,
+    NOISE,
+    REACH,
+    SPREAD,
+    SURE,
+    THROUGH,
+    pose_noise,
+)
+from sgslam.as_built.elements.openings import opening_finding
+from sgslam.as_built.elements.rays import rays_of
 from sgslam.as_built.elements.sightings import CELL, Sightings, View, sightings
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
-from sgslam.as_built.elements.turns import PoseNoise, turn_of
+from sgslam.as_built.elements.turns import turn_of
 
 if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
-_LEAST_VIEWS, _LEAST_CELLS = 3, 6  # keyframes, and cells of 0.25 m, that say anything of an element
-_NOISE = 0.02  # m, standard deviation of one sighting of a cell: noise of a range, and texture of a surface
-_REACH = 0.4  # m, largest offset that is looked for; beyond it stands another thing
-_BEHIND = 0.15  # m behind a surface, from which on a ray went through it
-_BEFORE, _THROUGH, _SPREAD = 0.2, 0.03, 0.05  # of the sightings of a surface: things before it, gaps in it, outliers
-_SURE = np.log(100.0)  # log-likelihood of a cell's evidence by which one hypothesis must lead
 
 
 def element_verdicts(
@@ -33,18 +43,23 @@ def element_verdicts(
     all sightings of an element share. An element is moved or as planned by its likeliest offset, and `conclusive` where
     two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
+    solids = [element for element in elements if element.kind == "solid"]
+    rays = rays_of(views, solids) if len(solids) < len(elements) or any(map(is_column, solids)) else None
     found: dict[str, Finding] = {}
-    for kind in ("solid", "opening"):
-        own = [element for element in elements if element.kind == kind]
-        if not own:
-            continue
-        seen = sightings(own, views)
+    if solids:
+        seen = sightings(solids, views)
         order = np.argsort(seen.element, kind="stable")
-        ends = np.searchsorted(seen.element[order], np.arange(len(own) + 1))
-        for k, element in enumerate(own):
-            mine = order[ends[k] : ends[k + 1]]
-            solid = kind == "solid"
-            found[element.global_id] = _solid(seen, mine, views, tolerance, shared) if solid else _opening(seen, mine)
+        ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
+        for k, element in enumerate(solids):
+            if rays is not None and is_column(element):
+                found[element.global_id] = column_finding(k, solids, rays, views, tolerance, shared)
+            else:
+                found[element.global_id] = _solid(seen, order[ends[k] : ends[k + 1]], views, tolerance, shared)
+    index = {element.global_id: k for k, element in enumerate(solids)}
+    for opening in (element for element in elements if element.kind == "opening"):
+        assert rays is not None
+        host, built = index.get(opening.wall), found.get(opening.wall)
+        found[opening.global_id] = opening_finding(opening, solids, host, built, rays, views, tolerance, shared)
     return [entry(element, found[element.global_id], plan) for element in elements]
 
 
@@ -54,7 +69,7 @@ def _solid(
     """The likelihoods of the sightings of a body, if it stands at its best offset, and if it is absent."""
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
-    if count < _LEAST_VIEWS or cells < _LEAST_CELLS:
+    if count < LEAST_VIEWS or cells < LEAST_CELLS:
         return Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
     mine, direction = _main_axis(seen, mine)
     sign = np.sign(seen.normal[mine] @ direction)
@@ -65,18 +80,18 @@ def _solid(
     before = offset - sign * d  # what was met, before (+) or behind (-) the surface that stands at d
     stands = float(np.sum(weight * _log_standing(before)))
     absent = float(np.sum(weight * _log_absent(offset)))
-    at, through = np.abs(before) < 3 * _NOISE, before < -_BEHIND
+    at, through = np.abs(before) < 3 * NOISE, before < -BEHIND
     share = float(np.sum(weight * (at | through)) / np.sum(weight))
-    enough = 0.5 * _LEAST_CELLS
-    if absent - stands > _SURE and np.sum(weight * through) >= enough:  # not only behind it by centimetres: an edge
+    enough = 0.5 * LEAST_CELLS
+    if absent - stands > SURE and np.sum(weight * through) >= enough:  # not only behind it by centimetres: an edge
         return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
-    if stands - absent < _SURE or np.sum(weight * at) < enough:
+    if stands - absent < SURE or np.sum(weight * at) < enough:
         return Finding("not seen" if not through.any() else "uncertain", "mostly hidden", seen=share, views=count)
-    scatter = _NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
-    poses = _pose_noise([views[k] for k in np.unique(seen.view[mine[at]])])
+    scatter = NOISE / np.sqrt(max(np.sum(weight * at), 1.0))
+    poses = pose_noise([views[k] for k in np.unique(seen.view[mine[at]])])
     sigma = float(np.linalg.norm([scatter, shared, poses.position]))
     places = np.asarray(CELL * (seen.cell[mine[at]] + 0.5), dtype=np.float64)
-    turn = turn_of(places, (sign * offset)[at], weight[at], direction, _NOISE, poses)
+    turn = turn_of(places, (sign * offset)[at], weight[at], direction, NOISE, poses)
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
     margin = abs(abs(d) - tolerance)
@@ -85,30 +100,9 @@ def _solid(
     reason = f"its surface is at {1000 * d:+.0f} mm, by {int(at.sum())} sightings"
     if not sure and sigma > tolerance:
         verdict, reason = "uncertain", f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
-    if verdict == "moved" and abs(d) > _BEHIND / 2 and _could_be_furniture(sign[at], d):
+    if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
         verdict, reason, sure = "uncertain", f"{reason}; on one side only and before it: it may be furniture", False
     return Finding(verdict, reason, d, n, sigma, turn, sure, share, count)
-
-
-def _pose_noise(views: list[View]) -> PoseNoise:
-    position, heading = np.median([(view.sigma, view.sigma_heading) for view in views], axis=0).tolist()
-    return PoseNoise(position, heading, len(views))
-
-
-def _opening(seen: Sightings, mine: NDArray[np.int64]) -> Finding:
-    """An opening is there where rays pass; a closed leaf, a pane and a wall that fills it look alike.
-
-    A ray that ends before it says nothing of it: other walls hide it.
-    """
-    mine = mine[seen.offset[mine] < _BEHIND]
-    count = len(np.unique(seen.view[mine]))
-    cells = len(np.unique(seen.cell[mine], axis=0))
-    if count < _LEAST_VIEWS or cells < _LEAST_CELLS:
-        return Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
-    open_ = seen.offset[mine] < -_BEHIND
-    if open_.mean() > 0.5:
-        return Finding("as planned", "rays pass through its opening", conclusive=True, seen=1.0, views=count)
-    return Finding("uncertain", "something closes its opening: a leaf, a pane or a wall", seen=1.0, views=count)
 
 
 def _main_axis(seen: Sightings, mine: NDArray[np.int64]) -> tuple[NDArray[np.int64], Floats]:
@@ -125,23 +119,22 @@ def _main_axis(seen: Sightings, mine: NDArray[np.int64]) -> tuple[NDArray[np.int
 
 def _mode(shift: Floats, weight: Floats) -> float:
     """The shift that most cells agree on."""
-    candidates = np.arange(-_REACH, _REACH + 1e-9, _NOISE / 2)
-    near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / _NOISE) ** 2)
+    candidates = np.arange(-REACH, REACH + 1e-9, NOISE / 2)
+    near = np.exp(-0.5 * ((shift[None] - candidates[:, None]) / NOISE) ** 2)
     return float(candidates[np.argmax(near @ weight)])
 
 
 def _log_standing(before: Floats) -> Floats:
     """Log-densities (1/m) of what is met, if an opaque surface stands: it, things before it, rarely what is behind."""
-    at = np.exp(-0.5 * (before / _NOISE) ** 2) / (_NOISE * np.sqrt(2 * np.pi))
-    else_ = np.where(before > 0, _BEFORE, _THROUGH) / 5.0
-    return np.asarray(np.log((1 - _BEFORE - _THROUGH) * at + else_))
+    at = np.exp(-0.5 * (before / NOISE) ** 2) / (NOISE * np.sqrt(2 * np.pi))
+    else_ = np.where(before > 0, BEFORE, THROUGH) / DEPTH
+    return np.asarray(np.log((1 - BEFORE - THROUGH) * at + else_))
 
 
 def _log_absent(offset: Floats) -> Floats:
     """Log-densities (1/m), if nothing stands there: mostly what is behind."""
-    return np.asarray(np.log(np.where(offset < -_BEHIND, 1 - _BEFORE - _SPREAD, _BEFORE + _SPREAD) / 5.0))
+    return np.asarray(np.log(np.where(offset < -BEHIND, 1 - BEFORE - SPREAD, BEFORE + SPREAD) / DEPTH))
 
 
 def _could_be_furniture(sign: Floats, d: float) -> bool:
     return len(np.unique(sign)) == 1 and float(sign[0]) * d > 0
-

@@ -1,0 +1,130 @@
+"""The verdict on a column: where in plan view its body explains best what the rays around it met."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data.geometry.raycast import TriangleScene
+from sgslam.as_built.elements.entries import Finding
+from sgslam.as_built.elements.likelihoods import LEAST_CELLS, LEAST_VIEWS, NOISE, REACH, SURE, pose_noise, told
+from sgslam.as_built.elements.passing import Passing, passing
+from sgslam.as_built.elements.rays import Rays
+from sgslam.as_built.elements.sightings import View
+
+if TYPE_CHECKING:
+    from data.plans.elements import PlannedElement  # loads ifcopenshell
+
+Floats = NDArray[np.float64]
+_GRIDS = ((REACH, 0.05), (0.05, 0.01), (0.012, 0.003))  # m: half the side and step of grids of shifts, one in another
+_BLURRED = 0.04  # m, noise with which the coarse grid is searched, so that no shift falls between its places
+_LEAST_HITS = 10  # rays that end at the body, or pass its place
+_BESIDE = 0.15  # m around a shifted body, where a thing that is wider than the body is met too
+_EXPLAINED = 0.5  # of the rays towards a moved column's planned place: those that pass or meet the column itself
+_WIDER = 0.3  # of what is met there: what the body does not explain
+
+
+def is_column(element: "PlannedElement") -> bool:
+    """Whether an element is compact and upright, so that it can be shifted in plan view."""
+    return element.ifc_class.startswith("IfcColumn")
+
+
+def column_finding(
+    index: int, solids: list["PlannedElement"], rays: Rays, views: Sequence[View], tolerance: float, shared: float
+) -> Finding:  # fmt: skip
+    """What the `rays` say of the solid with this index. Tolerance and shared error as in `element_verdicts`."""
+    body = TriangleScene(solids[index].triangles)
+    near = passing(index, solids, rays, list(views))
+    at_plan = near.ranges(body, np.zeros((1, 3)))[0]
+    aimed = near.shown & (at_plan < near.others)
+    if aimed.sum() < _LEAST_HITS:
+        return Finding("not seen", "hidden by what is planned around it, or not in view")
+    told_by = aimed & (near.rays.measured > at_plan - 3 * NOISE)
+    if not near.shown.any():
+        return Finding("not seen", "no ray reaches it")
+    shift, stands, spread = _fit(near, body)
+    met = near.ranges(body, shift[None])[0]
+    visible = near.shown & (met < near.others)
+    at = visible & (np.abs(near.rays.measured - met) < 3 * NOISE)
+    through = told_by & (near.rays.measured > near.leaves)
+    seen_by = np.unique(near.rays.view[at | through])
+    count, share = len(seen_by), float((at | told_by).sum() / max((visible | aimed).sum(), 1))
+    if count < LEAST_VIEWS or at.sum() + through.sum() < _LEAST_HITS:
+        reason = f"{int(at.sum() + through.sum())} rays from {count} keyframes"
+        return Finding("not seen", reason, seen=share, views=count)
+    absent = near.absent()
+    if absent - stands > SURE and through.sum() >= LEAST_CELLS:
+        return Finding("absent", "seen through its place", conclusive=True, seen=share, views=count)
+    if stands - absent < SURE or at.sum() < _LEAST_HITS:
+        return Finding("uncertain" if through.any() else "not seen", "mostly hidden", seen=share, views=count)
+    corners = solids[index].triangles.reshape(-1, 3)[:, :2]
+    outline = np.array([corners.min(axis=0), corners.max(axis=0)])
+    found = _standing(near, outline, shift, spread, at, views, (tolerance, shared), share)
+    if found.verdict == "moved" and np.sum(aimed & (at | told_by)) < _EXPLAINED * aimed.sum():
+        why = f"{found.reason}; but something else hides its place"
+        found = replace(found, verdict="uncertain", conclusive=False, reason=why)
+    hidden = found.verdict == "uncertain" and told_by.sum() < _LEAST_HITS
+    return Finding("not seen", "something before it hides it", seen=share, views=count) if hidden else found
+
+
+def _standing(
+    near: Passing, outline: Floats, shift: Floats, spread: Floats, at: NDArray[np.bool_], views: Sequence[View],
+    limits: tuple[float, float], share: float,
+) -> Finding:  # fmt: skip
+    """The finding on a column of this planned `outline` (2, 2) that stands at this shift, with its covariance `spread`
+    (2, 2)."""
+    tolerance, shared = limits
+    seen_by = np.unique(near.rays.view[at])
+    distance = float(np.linalg.norm(shift))
+    direction = shift / distance if distance > 0 else np.array([1.0, 0.0, 0.0])
+    own = float(np.sqrt(direction[:2] @ spread @ direction[:2]))
+    sigma = float(np.linalg.norm([own, shared, pose_noise([views[int(k)] for k in seen_by]).position]))
+    # noise makes a vector longer, never shorter
+    verdict, sure = told(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, tolerance)
+    reason = f"it stands {1000 * distance:.0f} mm off in plan view, by {int(at.sum())} rays"
+    if verdict == "moved" and _may_be_before(near, outline + shift[:2], at):
+        verdict, sure = "uncertain", False
+        reason = f"{reason}; wider than it and seen from one side alone: it may be furniture"
+    n = (float(direction[0]), float(direction[1]), 0.0)
+    return Finding(verdict, reason, distance, n, sigma, None, sure, share, len(seen_by))
+
+
+def _may_be_before(near: Passing, outline: Floats, at: NDArray[np.bool_]) -> bool:
+    """Whether what was met is wider than the column, and was seen from one side alone. `outline` (2, 2) are the lowest
+    and the highest x, y of the shifted body."""
+    places = near.rays.at(near.rays.measured)[:, :2]
+    close = np.all((places > outline[0] - _BESIDE) & (places < outline[1] + _BESIDE), axis=1)
+    clutter = np.sum(near.within & close & ~at)
+    from_sensor = near.rays.direction[at]
+    wider = clutter > _WIDER * (clutter + at.sum())
+    return bool(wider and np.all(from_sensor @ from_sensor.mean(axis=0) > 0))
+
+
+def _fit(near: Passing, body: TriangleScene) -> tuple[Floats, float, Floats]:
+    """As `_best`, from grid to grid; the coarser one of two tells the covariance where it does not fit in the finer."""
+    (furthest, *finer) = _GRIDS
+    shift, stands, spread = _best(near, body, _grid(*furthest), _BLURRED)
+    spread = np.zeros((2, 2))
+    for own in finer:
+        shift, stands, found = _best(near, body, shift + _grid(*own), NOISE)
+        spread = max(spread, found, key=np.trace)
+    return shift, stands, spread
+
+
+def _grid(reach: float, step: float) -> Floats:
+    """(S, 3) shifts in plan view, in a disc."""
+    line = np.arange(-round(reach / step), round(reach / step) + 1) * step
+    x, y = (part.ravel() for part in np.meshgrid(line, line, indexing="ij"))
+    within = np.hypot(x, y) <= reach + step / 2
+    return np.column_stack([x, y, np.zeros(x.size)])[within]
+
+
+def _best(near: Passing, body: TriangleScene, shifts: Floats, noise: float) -> tuple[Floats, float, Floats]:
+    """The likeliest shift (3,), its log-likelihood, and the covariance (2, 2) of the shifts about it."""
+    found = near.standing(body, shifts, noise)
+    best = int(np.argmax(found))
+    density = np.exp(found - found[best])
+    off = shifts[:, :2] - shifts[best, :2]
+    return shifts[best], float(found[best]), (density[:, None] * off).T @ off / density.sum()

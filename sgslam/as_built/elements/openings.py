@@ -1,0 +1,154 @@
+"""The verdict on an opening, by one likelihood over where rays cross the wall around it and what they meet there.
+
+Open or closed, an opening has jambs: outside of them rays end at the wall's face, inside they go on, or end at a leaf,
+a pane or the reveal. Where the wall goes on instead, they all end at its face.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.as_built.elements.crossed_walls import CrossedWall, crossed_walls
+from sgslam.as_built.elements.entries import Finding
+from sgslam.as_built.elements.jambs import PLACES, Inside, displacements, jamb_profile, unbroken, widened
+from sgslam.as_built.elements.likelihoods import LEAST_CELLS, LEAST_VIEWS, NOISE, SURE, pose_noise, told
+from sgslam.as_built.elements.rays import Rays
+from sgslam.as_built.elements.reveals import Reveal, reveal_of
+from sgslam.as_built.elements.sightings import CELL, View
+
+if TYPE_CHECKING:
+    from data.plans.elements import PlannedElement  # loads ifcopenshell
+
+Floats = NDArray[np.float64]
+_SET_BACK = 0.03  # m behind the wall's face, from which on a leaf or pane is told from a wall that goes on
+_UNSURE = 0.05  # m, standard deviation of a displacement, from which on no jamb was seen
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Log-likelihoods that the wall goes on, and that the opening is there, at its best displacement `along` the wall
+    with its standard deviation `sigma` (m). `left` is by how much the jamb that went into the planned wall is likelier
+    there than at its place."""
+
+    filled: float
+    there: float
+    along: float
+    sigma: float
+    left: float
+
+
+def opening_finding(
+    opening: "PlannedElement", solids: list["PlannedElement"], host: int | None, built: Finding | None, rays: Rays,
+    views: Sequence[View], tolerance: float, shared: float,
+) -> Finding:  # fmt: skip
+    """What the `rays` say of an opening in the solid with the index `host`, which was `built` so; both None where the
+    plan has no wall around it. Tolerance and shared error as in `element_verdicts`."""
+    reveal = None if host is None else reveal_of(opening, solids[host])
+    if reveal is None or host is None:
+        return Finding("not seen", "the plan has no upright wall around it")
+    sides = crossed_walls(reveal, host, _shift(built, reveal), rays, list(views))
+    if not sides:
+        return Finding("not seen", "no ray reaches it")
+    within = [side.within for side in sides]
+    seen_by = np.unique(np.concatenate([side.view[own] for side, own in zip(sides, within, strict=True)]))
+    cells = sum(len(np.unique(side.cell[own], axis=0)) for side, own in zip(sides, within, strict=True))
+    count, share = len(seen_by), _share(sides, reveal)
+    if count < LEAST_VIEWS or cells < LEAST_CELLS:
+        return Finding("not seen", f"{cells} cells from {count} keyframes", seen=share, views=count)
+    fit = _fit(sides, reveal)
+    if fit.filled - fit.there > SURE:
+        return Finding("absent", "its wall goes on in its place", conclusive=True, seen=share, views=count)
+    if fit.there - fit.filled < SURE:
+        why = "closed at the wall's face, by a leaf, a pane or the wall"
+        return Finding("uncertain", why, seen=share, views=count)
+    if _wall_is_absent(sides, fit.along):
+        return Finding("uncertain", "rays pass beside it too: its edges are not seen", seen=share, views=count)
+    state = "rays pass" if _open(sides) else "it is closed by a leaf or a pane"
+    if fit.sigma > _UNSURE:
+        return Finding("as planned", f"{state}; its edges are not seen", seen=share, views=count)
+    poses = pose_noise([views[int(k)] for k in seen_by])
+    sigma = float(np.linalg.norm([fit.sigma, shared, poses.position]))
+    verdict, sure = told(abs(fit.along), sigma, tolerance)
+    reason = f"its edges are at {1000 * fit.along:+.0f} mm along the wall; {state}"
+    if verdict == "moved" and fit.left < SURE:  # a leaf, a frame or a curtain narrows an opening, but does not widen it
+        verdict, reason, sure = "uncertain", f"{reason}; one edge alone, which may be a leaf", False
+    direction = (float(reveal.along[0]), float(reveal.along[1]), 0.0)
+    return Finding(verdict, reason, fit.along, direction, sigma, None, sure, share, count)
+
+
+def _shift(built: Finding | None, reveal: Reveal) -> float | None:
+    """Metres across, by which the wall was found off its place; None where it was not measured."""
+    if built is None or built.offset is None or built.direction is None:
+        return None
+    return built.offset * float(np.dot(built.direction, reveal.across))
+
+
+def _fit(sides: list[CrossedWall], reveal: Reveal) -> _Fit:
+    filled = sum(unbroken(side.crossings(jamb)) for side in sides for jamb in (0, 1))
+    profiles = [_profiles(sides, reveal, flush) for flush in _flush_sides(sides, reveal)]
+    fits = [displacements(*own) for own in profiles]
+    s = fits[0][0]
+    likeliest = profiles[int(np.argmax([found.max() for _, found in fits]))]
+    total = np.logaddexp.reduce([found for _, found in fits], axis=0)
+    best = int(np.argmax(total))
+    density = np.exp(total - total[best])
+    sigma = float(np.sqrt(np.sum(density * (s - s[best]) ** 2) / density.sum()))
+    return _Fit(filled, float(total[best]), float(s[best]), sigma, widened(likeliest, float(s[best])))
+
+
+def _flush_sides(sides: list[CrossedWall], reveal: Reveal) -> Iterator[int | None]:
+    """On which of the sides a leaf or pane may lie in the wall's face: on one at most, and not where it is planned
+    behind it."""
+    yield None
+    for k, side in enumerate(sides):
+        planned = reveal.set_back[side.face]
+        if planned is None or planned < _SET_BACK:
+            yield k
+
+
+def _profiles(sides: list[CrossedWall], reveal: Reveal, flush: int | None) -> tuple[Floats, Floats]:
+    """Those of both jambs, by all sides."""
+    found = np.zeros((2, len(PLACES)))
+    for k, side in enumerate(sides):
+        for jamb in (0, 1):
+            rays = side.crossings(jamb)  # a leaf or pane in the face is met as the wall is
+            found[jamb] += unbroken(rays) if k == flush else jamb_profile(rays, _inside(side, reveal))
+    return found[0], found[1]
+
+
+def _inside(side: CrossedWall, reveal: Reveal) -> Inside:
+    """What rays from a side met that passed its face in the planned opening."""
+    depth = side.depth[side.within & (side.depth > _SET_BACK)]
+    beyond = depth > reveal.depth + 2 * NOISE
+    through = float(np.clip((1 + beyond.sum()) / (2 + len(depth)), 0.05, 0.95))
+    return Inside(reveal.depth, through, _densest(depth[~beyond]))
+
+
+def _densest(depth: Floats) -> float | None:
+    """The depth about which most others lie."""
+    if not len(depth):
+        return None
+    tries = np.arange(depth.min(), depth.max() + NOISE, NOISE / 2)
+    return float(tries[np.argmax(np.exp(-0.5 * ((depth - tries[:, None]) / NOISE) ** 2).sum(axis=1))])
+
+
+def _open(sides: list[CrossedWall]) -> bool:
+    through = [side.through[side.within] for side in sides]
+    return float(np.concatenate(through).mean()) > 0.5
+
+
+def _wall_is_absent(sides: list[CrossedWall], along: float) -> bool:
+    """Whether most rays beside the opening, displaced so, pass the wall."""
+    beside = [(side.through[own], side.weight[own]) for side in sides for own in [side.beside(along)]]
+    through, weight = (np.concatenate(part) for part in zip(*beside, strict=True))
+    return bool(len(weight)) and float(through @ weight) > 0.5 * float(weight.sum())
+
+
+def _share(sides: list[CrossedWall], reveal: Reveal) -> float:
+    """Of the cells of the opening and its jambs, how many rays tell of."""
+    cells = np.concatenate([side.cell for side in sides])
+    across, up = (np.ceil(length / CELL) for length in (reveal.width + 2 * CELL, reveal.top - reveal.bottom))
+    return min(1.0, len(np.unique(cells, axis=0)) / (float(across) * float(up)))
