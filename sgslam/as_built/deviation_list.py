@@ -7,8 +7,8 @@ from sgslam.anchoring import WallAlignment
 from sgslam.as_built.deviation_entries import Deviation
 from sgslam.as_built.deviation_tests import moved_walls, run_deviation_tests
 from sgslam.as_built.deviations import Piece
-from sgslam.as_built.filled_openings import filled_openings
 from sgslam.as_built.extra_walls import extra_walls
+from sgslam.as_built.filled_openings import filled_openings
 from sgslam.as_built.missing_walls import missing_walls
 from sgslam.as_built.visibility import wall_visibility
 from sgslam.as_built.wall_solids import sides_of, solids_of

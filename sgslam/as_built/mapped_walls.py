@@ -79,7 +79,7 @@ class MappedWalls:
         return bool(np.any(back & (beside > 0.0) & (self.top > self.top[i] + _HIGHER)))
 
     def closes_a_room(self, i: int) -> bool:
-        """Whether surface i is higher than a screen, and both its ends meet walls across, as those of furniture do not."""
+        """Whether surface i is higher than a screen and both its ends meet walls across, unlike those of furniture."""
         if self.top[i] < _SCREEN:
             return False
         s, t = self.arrays, self.tangent(i)

@@ -12,12 +12,13 @@ from data.scene_graph import SceneGraph, WallSurface, Xy
 from sgslam.as_built.elements.wall_faces import Face, one_wall_each
 
 Floats = NDArray[np.float64]
+UNPLANNED = "unplanned"  # in tables, beside the verdicts on planned elements
 _HEIGHT = 2.5  # m of a wall whose height is not known
 _BEFORE = 0.3  # m in front of a wall, where the room is that it is seen from
 
 
 @dataclass(frozen=True)
-class UnplannedWall:
+class UnplannedEntry:
     """One wall that the plan lacks.
 
     `id` is that of the mapped surface that shows most of it; `surfaces` are all that show it, both faces and pieces.
@@ -39,18 +40,22 @@ class UnplannedWall:
 
 def unplanned_walls(
     deviations: Sequence[Mapping[str, Any]], s_graph: SceneGraph, T_bim_map: Floats,
-    matches: Mapping[str, Any], plan: SceneGraph,
-) -> list[UnplannedWall]:  # fmt: skip
-    """The extra walls of deviations.json, each wall once; `T_bim_map` is (4, 4), `matches` as in matches.json."""
+    matches: Mapping[str, Any] | None, plan: SceneGraph,
+) -> list[UnplannedEntry]:  # fmt: skip
+    """The extra walls of deviations.json, each wall once; `T_bim_map` (4, 4), `matches` as in matches.json."""
+    storeys = _storeys(matches or {}, s_graph)
+    extra = [(d, s_graph.surface_by_id[d["s_id"]]) for d in deviations if d["kind"] == "extra"]
+    by_floor: dict[str, list[Face]] = {}
+    for face in (_face(d, surface, s_graph, T_bim_map) for d, surface in extra):
+        by_floor.setdefault(face.floor, []).append(face)
+    walls = ((floor, wall) for floor, own in by_floor.items() for wall in one_wall_each(own))
+    return [_entry(wall, storeys.get(floor), plan) for floor, wall in walls]
+
+
+def _storeys(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str | None]:
+    """The plan's storey of each floor of the map."""
     placed = matches.get("floors") or {}
-    storeys = {floor.id: placed.get(floor.id, matches.get("floor")) for floor in s_graph.floors}
-    faces = [
-        _face(d, s_graph.surface_by_id[d["s_id"]], s_graph, T_bim_map) for d in deviations if d["kind"] == "extra"
-    ]
-    by_storey: dict[str | None, list[Face]] = {}
-    for face in dict.fromkeys(faces):
-        by_storey.setdefault(storeys.get(face.floor), []).append(face)
-    return [_entry(wall, storey, plan) for storey, own in by_storey.items() for wall in one_wall_each(own)]
+    return {floor.id: placed.get(floor.id, matches.get("floor")) for floor in s_graph.floors}
 
 
 def _face(d: Mapping[str, Any], surface: WallSurface, s_graph: SceneGraph, T_bim_map: Floats) -> Face:
@@ -60,12 +65,12 @@ def _face(d: Mapping[str, Any], surface: WallSurface, s_graph: SceneGraph, T_bim
     corners = np.array([(*xy, floor + z, 1.0) for xy, z in zip(surface.ends(), (low, high), strict=True)])
     first, last = (corners @ T_bim_map.T)[:, :3].tolist()
     nx, ny = (T_bim_map[:2, :2] @ surface.normal).tolist()
-    ends = d.get("trace") or (first[:2], last[:2])
-    (ax, ay), (bx, by) = ends
-    return Face(surface.id, surface.floor or "", ((ax, ay), (bx, by)), (nx, ny), (first[2], last[2]), d["reason"])
+    (ax, ay), (bx, by) = d.get("trace") or (first[:2], last[:2])
+    trace, heights = ((ax, ay), (bx, by)), (first[2], last[2])
+    return Face(surface.id, surface.floor or "", trace, (nx, ny), heights, d.get("reason", ""))
 
 
-def _entry(wall: Sequence[Face], storey: str | None, plan: SceneGraph) -> UnplannedWall:
+def _entry(wall: Sequence[Face], storey: str | None, plan: SceneGraph) -> UnplannedEntry:
     """The entry of the faces of one wall."""
     longest = max(wall, key=lambda face: face.length)
     n = np.array(longest.normal) / np.linalg.norm(longest.normal)
@@ -74,11 +79,11 @@ def _entry(wall: Sequence[Face], storey: str | None, plan: SceneGraph) -> Unplan
     along = (np.concatenate([face.ends for face in wall]) - middle) @ tangent
     first, last = (middle + at * tangent for at in (along.max(), along.min()))
     floor = next((floor for floor in plan.floors if floor.id == storey), None)
-    return UnplannedWall(
+    return UnplannedEntry(
         longest.id, _room((first + last) / 2 + _BEFORE * n, storey, plan),
-        (floor.name or floor.id) if floor is not None else "", (_xy(first), _xy(last)), round(float(np.ptp(along)), 3),
-        (round(min(face.height[0] for face in wall), 3), round(max(face.height[1] for face in wall), 3)),
-        (round(float(n[0]), 4), round(float(n[1]), 4)), tuple(face.id for face in wall), longest.reason,
+        (floor.name or floor.id) if floor is not None else "", (_xy(first), _xy(last)), float(np.ptp(along)),
+        (min(face.height[0] for face in wall), max(face.height[1] for face in wall)), _xy(n),
+        tuple(dict.fromkeys(face.id for face in wall)), longest.reason,
     )  # fmt: skip
 
 
@@ -92,5 +97,5 @@ def _room(place: Floats, storey: str | None, plan: SceneGraph) -> str:
 
 
 def _xy(place: Floats) -> Xy:
-    x, y = np.round(place, 3).tolist()
+    x, y = place.tolist()
     return x, y
