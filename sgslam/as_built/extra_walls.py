@@ -15,6 +15,7 @@ from sgslam.mapping import KeyframeNode, Scene, WallMap
 Floats = NDArray[np.float64]
 Stretch = tuple[int, float, float]  # a surface's number, and where along it, from its middle to the left (m)
 _LEAST = 1.0  # m, of all stretches in one line
+_LEAST_TALL = 0.75  # m, the same of a wall that is taller than cupboards
 _LEAST_STRETCH = 0.5  # m
 _LONGEST_LEAF = 1.3  # m; what is shorter and ends at a door may be its leaf, open
 _HINGE = 0.75  # m from a door's middle
@@ -50,7 +51,7 @@ def extra_walls(
             f"to {mapped.highest[i]:.1f} m above the floor",
         }
         for i, low, high in stretches
-        if _in_line(mapped, i, stretches) >= (_LEAST if not _at_door(mapped, (i, low, high), doors) else _LONGEST_LEAF)
+        if _in_line(mapped, i, stretches) >= _least(mapped, (i, low, high), doors)
     ]  # fmt: skip
 
 
@@ -66,6 +67,13 @@ def _is_wall(mapped: MappedWalls, i: int) -> bool:
 def _in_line(mapped: MappedWalls, i: int, stretches: list[Stretch]) -> float:
     """The length (m) of all stretches of the wall that surface i is of, as the map has it."""
     return sum(high - low for k, low, high in stretches if mapped.wall[k] == mapped.wall[i])
+
+
+def _least(mapped: MappedWalls, stretch: Stretch, doors: Floats) -> float:
+    """The least length (m) of all stretches in the line of this one."""
+    if _at_door(mapped, stretch, doors):
+        return _LONGEST_LEAF
+    return _LEAST_TALL if mapped.top[stretch[0]] >= _NO_FURNITURE else _LEAST
 
 
 def _at_door(mapped: MappedWalls, stretch: Stretch, doors: Floats) -> bool:
