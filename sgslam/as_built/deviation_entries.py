@@ -6,6 +6,8 @@
 
 from typing import Literal, TypedDict
 
+from data.scene_graph import Xy
+
 
 class MovedDeviation(TypedDict):
     """A mapped surface at a planned one.
@@ -40,12 +42,16 @@ class AbsentDeviation(TypedDict):
 
 
 class ExtraDeviation(TypedDict):
-    """A mapped surface where the plan has no wall."""
+    """A mapped surface where the plan has no wall.
+
+    `trace` are the ends in plan view of the part that is not planned (BIM frame, metres).
+    """
 
     s_id: str
     a_id: None
     source: str
     kind: Literal["extra"]
+    trace: tuple[Xy, Xy]
     offset_m: None
     tilt_rad: None
     sigma_m: None

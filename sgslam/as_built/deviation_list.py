@@ -7,8 +7,9 @@ from sgslam.anchoring import WallAlignment
 from sgslam.as_built.deviation_entries import Deviation
 from sgslam.as_built.deviation_tests import moved_walls, run_deviation_tests
 from sgslam.as_built.deviations import Piece
+from sgslam.as_built.extra_walls import extra_walls
 from sgslam.as_built.filled_openings import filled_openings
-from sgslam.as_built.missing_and_extra_walls import extra_walls, missing_walls
+from sgslam.as_built.missing_walls import missing_walls
 from sgslam.as_built.visibility import wall_visibility
 from sgslam.as_built.wall_solids import sides_of, solids_of
 from sgslam.config import Config
@@ -33,5 +34,5 @@ def deviations(
     found += missing_walls(sides, solids, alignment, pieces, results, visibility, config)
     doors = np.array([door.centroid for door in floor.doors]).reshape(-1, 2)
     found += filled_openings(sides, doors, alignment, scene, walls, origin, config)
-    found += extra_walls(scene, walls, floor, alignment, origin)
+    found += extra_walls(scene, walls, keyframes, floor, alignment, origin)
     return found

@@ -2,6 +2,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from data.scene_graph import Xy
 from sgslam.anchoring import AlignedWall, WallAlignment
 from sgslam.as_built.deviation_entries import ExtraDeviation
 from sgslam.as_built.deviations import STEP, along_planned
@@ -11,10 +12,11 @@ from sgslam.mapping import Scene, WallMap
 
 Floats = NDArray[np.float64]
 _LEAST = 1.0  # m in one stretch without margins; closed doors are narrower
-_LEAST_BEYOND = 2.0  # m in one stretch beyond a planned wall's end, where rooms may be divided differently
+_LEAST_BEYOND = 1.2  # m in one stretch beyond a planned wall's end, where rooms may be divided differently
 _DOOR = 0.75  # m around a door's middle
+_DOOR_IN_PLANE = 0.4  # m from it to the surface of its wall; others are doors of walls across
 _MARGIN = 0.1  # m beside a planned wall's end
-_IN_PLANE = 0.05  # m
+_IN_PLANE = 0.12  # m; mapped surfaces may join faces that are a step apart
 
 
 def filled_openings(
@@ -43,14 +45,26 @@ def filled_openings(
         free = ~_beside_planned(aligned, seen, sides) & ~_at_door(aligned, seen, doors)
         inside = np.abs(seen) < 0.5 * (aligned.planned.length or 0.0)
         within, beyond = _longest(seen[free & inside]), _longest(seen[free & ~inside])
-        if within >= _LEAST or beyond >= _LEAST_BEYOND:
-            where = "where the plan has an opening in its wall" if within >= _LEAST else "beyond the end of its wall"
+        fills = _length(within) >= _LEAST
+        if fills or _length(beyond) >= _LEAST_BEYOND:
+            where = "where the plan has an opening in its wall" if fills else "beyond the end of its wall"
+            stretch = within if fills else beyond
             found.append({
-                "s_id": aligned.surface.id, "a_id": None, "source": "", "kind": "extra", "offset_m": None,
-                "tilt_rad": None, "sigma_m": None, "significant": True,
-                "reason": f"{within if within >= _LEAST else beyond:.1f} m of it stand {where}",
+                "s_id": aligned.surface.id, "a_id": None, "source": "", "kind": "extra",
+                "trace": _trace(aligned, stretch), "offset_m": None, "tilt_rad": None, "sigma_m": None,
+                "significant": True, "reason": f"{_length(stretch):.1f} m of it stand {where}",
             })  # fmt: skip
     return found
+
+
+def _trace(aligned: AlignedWall, stretch: Floats) -> tuple[Xy, Xy]:
+    """The ends in the BIM frame of places (N,) along the planned surface, the left one first."""
+    n = np.array(aligned.planned.normal)
+    face = np.array(aligned.planned.centroid) + aligned.offset * n
+    tangent = np.array([-n[1], n[0]])
+    low, high = stretch.min() - STEP / 2, stretch.max() + STEP / 2
+    (ax, ay), (bx, by) = (face + high * tangent).tolist(), (face + low * tangent).tolist()
+    return (ax, ay), (bx, by)
 
 
 def _beside_planned(aligned: AlignedWall, seen: Floats, sides: list[Side]) -> NDArray[np.bool_]:
@@ -70,15 +84,18 @@ def _beside_planned(aligned: AlignedWall, seen: Floats, sides: list[Side]) -> ND
 
 
 def _at_door(aligned: AlignedWall, seen: Floats, doors: Floats) -> NDArray[np.bool_]:
+    """(N,) flags of the places (N,) along the planned surface at which a door of its plane is; `doors` (K, 2)."""
     n = np.array(aligned.planned.normal)
-    places = aligned.planned.centroid + seen[:, None] * np.array([-n[1], n[0]])
-    return np.asarray((np.linalg.norm(places[:, None] - doors, axis=2) < _DOOR).any(axis=1))
+    away = doors - aligned.planned.centroid
+    along = (away @ np.array([-n[1], n[0]]))[np.abs(away @ n) < _DOOR_IN_PLANE]
+    return np.asarray((np.abs(seen[:, None] - along) < _DOOR).any(axis=1))
 
 
-def _longest(places: Floats) -> float:
-    """The longest stretch (m) of places (N,) that are one step apart."""
-    if not len(places):
-        return 0.0
+def _longest(places: Floats) -> Floats:
+    """(M,) the longest stretch of places (N,) that are one step apart."""
     places = np.sort(places)
-    stretches = np.split(places, np.flatnonzero(np.diff(places) > 1.5 * STEP) + 1)
-    return STEP * max(len(stretch) for stretch in stretches)
+    return max(np.split(places, np.flatnonzero(np.diff(places) > 1.5 * STEP) + 1), key=len)
+
+
+def _length(stretch: Floats) -> float:
+    return STEP * len(stretch)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from data.ifc.bcf import Model, Topic, Version, write_bcf
 from data.scene_graph import SceneGraph, WallSurface
+from sgslam.as_built.elements import UnplannedEntry
 
 if TYPE_CHECKING:
     from data.ifc.deviations import ElementFinding, Status, UnplannedWall
@@ -81,32 +82,21 @@ def element_findings(elements: Sequence[Mapping[str, Any]]) -> list["ElementFind
     return findings
 
 
-def storeys_of(matches: Mapping[str, Any], s_graph: SceneGraph) -> dict[str, str | None]:
-    """The storey of each floor of the map as given by matches.json."""
-    placed = matches.get("floors") or {}
-    return {floor.id: placed.get(floor.id, matches.get("floor")) for floor in s_graph.floors}
-
-
-def unplanned_walls(
-    deviations: Sequence[Deviation], s_graph: SceneGraph, T_bim_map: Floats, storeys: Mapping[str, str | None]
-) -> list["UnplannedWall"]:
-    """The extra walls in the BIM frame; `storeys` gives the storey of each floor of the map."""
+def unplanned_findings(walls: Sequence[UnplannedEntry], a_graph: SceneGraph) -> list["UnplannedWall"]:
+    """The finding for each wall that no plan shows."""
     from data.ifc.deviations import UnplannedWall
 
-    walls = []
-    for d in (d for d in deviations if d["kind"] == "extra"):
-        surface = s_graph.surface_by_id[d["s_id"]]
-        first, last = _in_bim(surface, s_graph, T_bim_map)
-        low, high, storey = first[2], last[2], storeys.get(surface.floor or "")
-        walls.append(UnplannedWall(d["s_id"], first[:2], last[:2], low, high, storey, d.get("reason", "")))
-    return walls
+    storeys = {floor.name or floor.id: floor.id for floor in a_graph.floors}
+    return [
+        UnplannedWall(wall.id, *wall.trace, *wall.height_m, storeys.get(wall.storey), wall.reason) for wall in walls
+    ]
 
 
 def write_topics(
-    out: Path, deviations: Sequence[Deviation], a_graph: SceneGraph, s_graph: SceneGraph, T_bim_map: Floats,
+    out: Path, deviations: Sequence[Deviation], unplanned: Sequence[UnplannedEntry], a_graph: SceneGraph,
     model: Model, tolerance: float,
 ) -> int:  # fmt: skip
-    """Writes a BCF topic for each moved or missing wall and each extra surface to the folder `out`, as BCF 2.1 and 3.0;
+    """Writes a BCF topic for each moved, missing or unplanned wall to the folder `out`, as BCF 2.1 and 3.0;
     returns the number of topics."""
     topics = []
     for source, entries in by_wall(deviations).items():
@@ -118,11 +108,11 @@ def write_topics(
             where = f"{room.name or room.id}: " if room is not None else ""
             place = _segment(surface, a_graph)
             topics.append(_topic(title, where + _description(d), status, (source,), place, surface.normal))
-    for d in (d for d in deviations if d["kind"] == "extra"):
-        surface = s_graph.surface_by_id[d["s_id"]]
-        nx, ny = (T_bim_map[:2, :2] @ surface.normal).tolist()
-        ends = _in_bim(surface, s_graph, T_bim_map)
-        topics.append(_topic("Wall is not in the plan", _description(d), "extra", (), ends, (nx, ny)))
+    for wall in unplanned:
+        first, last = ((*end, z) for end, z in zip(wall.trace, wall.height_m, strict=True))
+        where = f"{wall.room}: " if wall.room else ""
+        said = f"{where}{wall.length_m:.1f} m; {wall.reason}"
+        topics.append(_topic("Wall is not in the plan", said, "extra", (), (first, last), wall.facing))
     now = datetime.now(UTC)
     for version, name in BCF.items():
         write_bcf(out / name, topics, model, now, version)
@@ -164,12 +154,3 @@ def _segment(surface: WallSurface, graph: SceneGraph) -> tuple[Any, Any]:
 def _heights(surface: WallSurface, graph: SceneGraph) -> tuple[float, float]:
     elevation = next((f.elevation for f in graph.floors if f.id == surface.floor), None) or 0.0
     return elevation, elevation + _HEIGHT
-
-
-def _in_bim(surface: WallSurface, s_graph: SceneGraph, T_bim_map: Floats) -> tuple[Any, Any]:
-    """The lower first and the upper last corner of a mapped surface; its heights are above the map's floor."""
-    floor = next((f.elevation for f in s_graph.floors if f.id == surface.floor), None) or 0.0
-    low, high = surface.height or (0.0, _HEIGHT)
-    corners = np.array([(*xy, floor + z, 1.0) for xy, z in zip(surface.ends(), (low, high), strict=True)])
-    first, last = (corners @ T_bim_map.T)[:, :3].tolist()
-    return tuple(first), tuple(last)

@@ -136,14 +136,16 @@ def _g2o(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 
 def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.deviations import write_as_built
-    from sgslam.as_built.findings import element_findings, storeys_of, unplanned_walls, wall_findings
+    from sgslam.as_built.elements import unplanned_walls
+    from sgslam.as_built.findings import element_findings, unplanned_findings, wall_findings
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
     findings = element_findings(run.elements) or wall_findings(
         run.deviations, a_graph, run.config.as_built.tolerance
     )
-    unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, storeys_of(run.matches, run.s_graph))
+    walls = unplanned_walls(run.deviations, run.s_graph, T_bim_map, run.matches, a_graph)
+    unplanned = unplanned_findings(walls, a_graph)
     target = run.path / IFC
     marked = write_as_built(bim, findings, unplanned, target)
     if findings and not marked:
@@ -155,13 +157,15 @@ def _ifc(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
 def _bcf(run: "RunFolder", bim: Path | None, voxel: float | None) -> list[str]:
     from data.ifc.bcf import Model
     from data.ifc.deviations import project_of
+    from sgslam.as_built.elements import unplanned_walls
     from sgslam.as_built.findings import BCF, write_topics
 
     assert bim is not None
     a_graph, T_bim_map = run.anchored()
     model = Model(bim.name, project_of(bim))
     tolerance = run.config.as_built.tolerance
-    count = write_topics(run.path, run.deviations, a_graph, run.s_graph, T_bim_map, model, tolerance)
+    unplanned = unplanned_walls(run.deviations, run.s_graph, T_bim_map, run.matches, a_graph)
+    count = write_topics(run.path, run.deviations, unplanned, a_graph, model, tolerance)
     return [f"{run.path / name}: {count} topics, BCF {version}" for version, name in BCF.items()]
 
 
@@ -180,7 +184,7 @@ def _cloud_to_model(run: "RunFolder", bim: Path | None, voxel: float | None) -> 
     found = distances_to_model(points, towards, elements, settings.cloud_reach)
     cloud, table, *others = write_cloud_to_model(run.path, found, elements, settings.tolerance)
     if run.elements:
-        write_tables(run.path, run.elements)  # with the pictures
+        write_tables(run.path, run.elements, run.unplanned)  # with the pictures
     share = f"{found.compared.mean():.0%}" if len(points) else "none"
     lines = [f"{cloud}: {len(points)} points, {share} of them within {found.reach:g} m of a planned face", str(table)]
     return [*lines, *map(str, others)]

@@ -25,7 +25,8 @@ class ReportData:
     `a_graph` and `truth` in the BIM frame. `matches`, `metrics` and `deviations` have the forms of matches.json,
     metrics.json and deviations.json. `scans` tells of the scans of `trajectory_map`; where it is None, all are known.
     `anchors` is the log of all anchors, as in a run's result. `placed` is False for a floor of the map that was not
-    placed in the plan. `elements` are the entries of elements.json.
+    placed in the plan. `elements` are the entries of elements.json, its
+    unplanned walls in the same form.
     """
 
     a_graph: SceneGraph | None

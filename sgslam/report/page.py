@@ -5,7 +5,7 @@ from pathlib import Path
 from data.common.files import write_atomically
 from sgslam.report import tables
 from sgslam.report.contents import ReportData, split_by_floor
-from sgslam.report.elements import COLUMNS, coverage, element_rows, verdict_counts
+from sgslam.report.elements import COLUMNS, coverage, element_rows, planned_count, verdict_counts
 from sgslam.report.error_chart import chart_data, error_chart, error_lines
 from sgslam.report.html_page import TEMPLATES
 from sgslam.report.hypothesis_plans import hypothesis_figures
@@ -39,5 +39,5 @@ def report_html(data: ReportData) -> str:
         hypotheses=[] if anchored else tables.hypothesis_rows(data), rooms=tables.room_rows(data),
         stages=tables.stages_and_total(data.metrics), about=data.metrics.get("about") or {},
         elements=element_rows(data.elements), element_columns=COLUMNS, coverage=coverage(data.elements),
-        verdicts=verdict_counts(data.elements),
+        verdicts=verdict_counts(data.elements), planned=planned_count(data.elements),
     )  # fmt: skip

@@ -59,15 +59,24 @@ class RunFolder:
     @property
     def elements(self) -> list[dict[str, Any]]:
         """The entries of elements.json; empty where the run has none. Raises UserError for a damaged file."""
+        return self._entries["elements"]
+
+    @property
+    def unplanned(self) -> list[dict[str, Any]]:
+        """The walls that no plan shows, of elements.json; empty where the run has none. Raises as `elements`."""
+        return self._entries["unplanned"]
+
+    @property
+    def _entries(self) -> dict[str, list[dict[str, Any]]]:
         path = self.path / ELEMENTS
         if not path.is_file():
-            return []
+            return {"elements": [], "unplanned": []}
         try:
-            entries: list[dict[str, Any]] = json.loads(path.read_text())["elements"]
-            _ = [entry["outline"] for entry in entries]  # runs of older versions have none
-        except (ValueError, KeyError, TypeError):
+            content = json.loads(path.read_text())
+            _ = [entry["outline"] for entry in content["elements"]]  # runs of older versions have none
+            return {"elements": content["elements"], "unplanned": content.get("unplanned", [])}
+        except (ValueError, KeyError, TypeError, AttributeError):
             raise UserError(f"{path}: is damaged or of an older version; run it again") from None
-        return entries
 
     def anchored(self) -> tuple[SceneGraph, Floats]:
         """The A-graph and T_bim_map; raises UserError where the run was not anchored."""

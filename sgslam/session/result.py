@@ -2,7 +2,7 @@
 
 import errno
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -18,7 +18,7 @@ from data.trajectory import Trajectory
 from sgslam.anchoring import AnchorEntry
 from sgslam.as_built import Deviation
 from sgslam.as_built.agreement import agreed
-from sgslam.as_built.elements import ElementVerdict
+from sgslam.as_built.elements import ElementVerdict, UnplannedEntry, unplanned_walls
 from sgslam.as_built.elements.files import remove_elements, write_elements
 from sgslam.backend import FactorLog, write_pose_graph
 from sgslam.backend.pose_graph import FILE as POSE_GRAPH
@@ -29,6 +29,7 @@ from sgslam.mapping.cloud_map import cloud_map
 from sgslam.mapping.keyframe_clouds import FILE as CLOUDS
 from sgslam.registration import Health
 from sgslam.report import ReportData, RunFolder
+from sgslam.report.elements import shown_as_element
 from sgslam.session.soundness.quality import Quality
 from sgslam.session.soundness.scan_uncertainty import FILE as SIGMA
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty
@@ -228,27 +229,35 @@ def _save(
     metrics = {**result.metrics(), **more}
     seconds = metrics["seconds"] = dict(metrics["seconds"])
     began = perf_counter()
-    verdicts = elements()
+    verdicts, unplanned = elements(), list[UnplannedEntry]()
     if verdicts is None:
         remove_elements(out)
     else:
-        write_elements(out, verdicts, result.config.as_built.tolerance)
+        unplanned = _unplanned(result, a_graph)
+        write_elements(out, verdicts, result.config.as_built.tolerance, unplanned)
         result = replace(result, deviations=agreed(result.deviations, verdicts))
         write_json(out / "deviations.json", result.deviations)
         seconds["elements"] = perf_counter() - began
     # the report tells the total, so its own time is not in it
     seconds["total"] = seconds.get("total", sum(result.seconds.values())) + perf_counter() - began
     compared = perf_counter()
-    _write_report(result, out, a_graph, truth, metrics, verdicts or ())
+    shown = [*map(asdict, verdicts or ()), *(shown_as_element(asdict(wall)) for wall in unplanned)]
+    _write_report(result, out, a_graph, truth, metrics, shown)
     seconds["report"] = perf_counter() - compared
     metrics["seconds"] = {name: round(value, 4) for name, value in seconds.items()}
     write_json(out / "metrics.json", metrics)
     return metrics
 
 
+def _unplanned(result: Result, a_graph: SceneGraph | None) -> list[UnplannedEntry]:
+    if result.T_bim_map is None or a_graph is None:
+        return []
+    return unplanned_walls(result.deviations, result.s_graph, result.T_bim_map, result.matches, a_graph)
+
+
 def _write_report(
     result: Result, out: Path, a_graph: SceneGraph | None, truth: Trajectory | None, metrics: dict[str, Any],
-    verdicts: Sequence[ElementVerdict],
+    elements: Sequence[Mapping[str, Any]],
 ) -> None:  # fmt: skip
     # the drawing libraries are slow to import and needed only here
     from sgslam.report.page import write_report
@@ -259,7 +268,7 @@ def _write_report(
     data = ReportData(
         a_graph, result.s_graph, result.trajectory_map, result.trajectory_odometry, truth, result.T_bim_map,
         result.matches, metrics, result.deviations, result.uncertainty.states(), result.anchors,
-        elements=[asdict(verdict) for verdict in verdicts],
+        elements=elements,
     )  # fmt: skip
     write_report(data, out / "report.html")
     write_plan_png(data, out / "plan.png")

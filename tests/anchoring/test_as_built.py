@@ -19,7 +19,8 @@ from sgslam.anchoring import AlignedWall, WallAlignment
 from sgslam.anchoring.wall_association import WallArrays, associate_walls
 from sgslam.as_built import Piece
 from sgslam.as_built.deviation_tests import DeviationTest, run_deviation_tests
-from sgslam.as_built.missing_and_extra_walls import has_other_side, missing_walls
+from sgslam.as_built.mapped_walls import has_other_side
+from sgslam.as_built.missing_walls import missing_walls
 from sgslam.as_built.visibility import Visibility
 from sgslam.as_built.wall_solids import WallSolid, sides_of, solids_of
 from sgslam.config import AnchorSettings, AsBuiltSettings, Config

@@ -1,4 +1,7 @@
-"""Writes the verdicts of all elements: elements.json, and as tables elements.csv and, with openpyxl, elements.xlsx."""
+"""Writes the verdicts of all elements, and the walls that no plan shows.
+
+They are in elements.json, and as tables in elements.csv and, with openpyxl, elements.xlsx.
+"""
 
 import csv
 import io
@@ -13,30 +16,39 @@ from pathlib import Path
 from typing import Any
 
 from data.common.files import write_atomically, write_json
-from sgslam.as_built.elements import ElementVerdict
+from sgslam.as_built.elements import UNPLANNED, ElementVerdict, UnplannedEntry
 
 _log = logging.getLogger(__name__)
 JSON, CSV, XLSX = "elements.json", "elements.csv", "elements.xlsx"
 PICTURES = "heat_maps"  # a folder, of the export cloud-to-model
 COLUMNS = (
     "name", "GlobalId", "class", "storey", "room", "grid", "verdict", "offset (m)", "sigma (m)", "LOA", "conclusive",
-    "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views", "reason", "picture",
+    "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views", "length (m)", "ends x y (m)",
+    "z (m)", "reason", "picture",
 )  # fmt: skip
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a spreadsheet reads a text
 Cell = str | float | int | None
 
 
-def write_elements(out: Path, verdicts: Sequence[ElementVerdict], tolerance: float) -> None:
+def write_elements(
+    out: Path, verdicts: Sequence[ElementVerdict], tolerance: float, unplanned: Sequence[UnplannedEntry] = ()
+) -> None:
     """Writes the files to the folder `out`, each atomically; `tolerance` (m) is that of the verdicts."""
     counts = Counter(verdict.verdict for verdict in verdicts)
     entries = [asdict(verdict) for verdict in verdicts]
-    write_json(out / JSON, {"tolerance_m": tolerance, "counts": dict(counts), "elements": entries})
-    write_tables(out, entries)
+    more = [asdict(wall) for wall in unplanned]
+    write_json(
+        out / JSON, {"tolerance_m": tolerance, "counts": dict(counts), "elements": entries, "unplanned": more}
+    )
+    write_tables(out, entries, more)
 
 
-def write_tables(out: Path, entries: Sequence[Mapping[str, Any]]) -> None:
-    """Writes the entries of elements.json as tables, with the pictures that are there."""
+def write_tables(
+    out: Path, entries: Sequence[Mapping[str, Any]], unplanned: Sequence[Mapping[str, Any]] = ()
+) -> None:
+    """Writes the entries of elements.json as tables, with the pictures that are there; unplanned walls come last."""
     rows = [[*_row(entry), _picture(out, entry["global_id"])] for entry in entries]
+    rows += [_unplanned_row(entry) for entry in unplanned]
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
     write_atomically(out / CSV, text.getvalue())
@@ -60,8 +72,18 @@ def _row(of: Mapping[str, Any]) -> list[Cell]:
     return [
         *texts, of["verdict"], _rounded(of["offset_m"], 4), _rounded(of["sigma_m"], 4), of["loa"],
         "yes" if of["conclusive"] else "no", _degrees(of["turn_rad"]), _degrees(of["turn_sigma_rad"]),
-        of["din_18202_limit_m"], of["din_18202"], of["seen"], of["views"], of["reason"],
+        of["din_18202_limit_m"], of["din_18202"], of["seen"], of["views"], None, None, None, of["reason"],
     ]  # fmt: skip
+
+
+def _unplanned_row(of: Mapping[str, Any]) -> list[Cell]:
+    """All columns; those of what was planned are empty."""
+    named: dict[str, Cell] = {
+        "name": of["id"], "storey": _text(of["storey"]), "room": _text(of["room"]), "verdict": UNPLANNED,
+        "length (m)": of["length_m"], "ends x y (m)": "; ".join(f"{x:.2f} {y:.2f}" for x, y in of["trace"]),
+        "z (m)": " to ".join(f"{z:.2f}" for z in of["height_m"]), "reason": of["reason"],
+    }  # fmt: skip
+    return [named.get(column) for column in COLUMNS]
 
 
 def picture_of(global_id: str) -> str:

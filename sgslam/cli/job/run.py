@@ -15,7 +15,7 @@ from data.ifc.bcf import Model
 from data.trajectory import Trajectory
 from data.trajectory.correction import moved_with
 from sgslam.as_built.agreement import agreed
-from sgslam.as_built.elements import ElementVerdict
+from sgslam.as_built.elements import ElementVerdict, unplanned_walls
 from sgslam.as_built.findings import remove_topics, write_topics
 from sgslam.cli.job.elements import verdicts_of
 from sgslam.cli.job.fingerprint import check_unchanged, run_fingerprint
@@ -118,8 +118,11 @@ class Run:
             remove_topics(out)
         else:
             model = Model(job.options.bim.name)
+            unplanned = unplanned_walls(
+                result.deviations, result.s_graph, result.T_bim_map, result.matches, job.a_graph or job.bim.graph
+            )
             write_topics(
-                out, agreed(result.deviations, verdicts), job.bim.graph, result.s_graph, result.T_bim_map, model,
+                out, agreed(result.deviations, verdicts), unplanned, job.bim.graph, model,
                 result.config.as_built.tolerance,
             )  # fmt: skip
         if job.scans.given is not None and len(result.trajectory):

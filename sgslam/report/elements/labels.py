@@ -4,7 +4,9 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-VERDICTS = ("moved", "absent", "uncertain", "as planned", "not seen")  # what needs a look comes first
+from sgslam.as_built.elements import UNPLANNED
+
+VERDICTS = ("moved", "absent", UNPLANNED, "uncertain", "as planned", "not seen")  # what needs a look comes first
 _SPREAD_OUT = ("IfcSlab", "IfcCovering")  # they lie under or over everything else in plan view
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from sgslam.as_built.deviation_bands import signed_mm
+from sgslam.as_built.elements import UNPLANNED
 from sgslam.report.elements.labels import VERDICTS, element_name, kind
 from sgslam.report.number_formats import NOTHING
 
@@ -43,8 +44,13 @@ def verdict_counts(entries: Sequence[Entry]) -> dict[str, int]:
 
 
 def coverage(entries: Sequence[Entry]) -> float:
-    """The share of the elements that were seen."""
-    return 1 - verdict_counts(entries)["not seen"] / max(len(entries), 1)
+    """The share of the planned elements that were seen."""
+    return 1 - verdict_counts(entries)["not seen"] / max(planned_count(entries), 1)
+
+
+def planned_count(entries: Sequence[Entry]) -> int:
+    """The number of planned elements."""
+    return sum(entry["verdict"] != UNPLANNED for entry in entries)
 
 
 def _cells(entry: Entry) -> tuple[Cell, ...]:
@@ -61,6 +67,6 @@ def _cells(entry: Entry) -> tuple[Cell, ...]:
         Cell(NOTHING) if sigma is None else Cell(f"{1000 * sigma:.1f} mm", sigma),
         Cell(entry["loa"] or NOTHING),
         Cell(entry["din_18202"] or NOTHING),
-        Cell(NOTHING) if verdict == "not seen" else Cell(f"{100 * entry['seen']:.0f} %", entry["seen"]),
+        Cell(NOTHING) if verdict in ("not seen", UNPLANNED) else Cell(f"{100 * entry['seen']:.0f} %", entry["seen"]),
         Cell(entry["reason"]),
     )

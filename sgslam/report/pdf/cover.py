@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from sgslam.report import tables
 from sgslam.report.contents import ReportData
-from sgslam.report.elements import coverage, verdict_counts
+from sgslam.report.elements import coverage, planned_count, verdict_counts
 from sgslam.report.pdf.sheet import INK, MARGIN, MUTED, RIGHT, TOP, VERDICT_COLORS, Sheet, wrapped
 
 _TILE, _BETWEEN = 64.0, 12.0  # points, height of a count's box, and between boxes
@@ -15,6 +15,7 @@ WORDS = (
     ("as planned", "its surface lies within the tolerance of its planned place"),
     ("moved", "it lies further off, by more than two standard deviations of the measurement"),
     ("absent", "the scans see through its place"),
+    ("unplanned", "a wall stands where the plan has none"),
     ("uncertain", "something stands there, but the measurement does not tell"),
     ("not seen", "too little of it was in view; it may stand or not"),
     ("not conclusive", "two standard deviations do not tell the offset from the tolerance"),
@@ -45,7 +46,7 @@ def cover(data: ReportData) -> Sheet:
 
 
 def _counts(sheet: Sheet, y: float, data: ReportData) -> None:
-    counts = [(f"{100 * coverage(data.elements):.0f} %", f"of {len(data.elements)} elements seen", INK)]
+    counts = [(f"{100 * coverage(data.elements):.0f} %", f"of {planned_count(data.elements)} elements seen", INK)]
     counts += [(str(n), name, VERDICT_COLORS[name]) for name, n in verdict_counts(data.elements).items()]
     width = (RIGHT - MARGIN + _BETWEEN) / len(counts) - _BETWEEN
     for k, (number, name, color) in enumerate(counts):

@@ -8,6 +8,7 @@ import numpy as np
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from sgslam.report.contents import ReportData
+from sgslam.report.elements import shown_as_element
 from sgslam.report.run_folder import RunFolder
 from sgslam.report.scan_states import ScanStates
 
@@ -20,7 +21,8 @@ def report_data(run: RunFolder) -> ReportData:
     states = _states(run.path / SIGMA)
     return ReportData(
         run.a_graph, run.s_graph, in_map, odometry, None, run.T_bim_map, run.matches, run.metrics, run.deviations,
-        states if states is not None and len(states.seconds) == len(in_map) else None, elements=run.elements,
+        states if states is not None and len(states.seconds) == len(in_map) else None, 
+        elements=[*run.elements, *map(shown_as_element, run.unplanned)],
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from sgslam.report.plan_drawing import PlanDrawing, plan_drawing
 from sgslam.report.plan_png import draw_names, draw_plan
 
 _MARGIN = 0.02  # of the plan's longer side
-_NUMBERED = ("moved", "absent", "uncertain")
+_NUMBERED = ("moved", "absent", "unplanned", "uncertain")
 
 
 def plan_sheets(data: ReportData, numbers: Mapping[str, int]) -> list[Sheet]:

@@ -8,7 +8,8 @@ TOP, BOTTOM = 74.0, HEIGHT - 44.0  # between them, in points from the upper edge
 RIGHT = WIDTH - MARGIN
 INK, MUTED, RULE = "#1b1f24", "#646c77", "#d5d9de"
 VERDICT_COLORS = {
-    "moved": "#c2410c", "absent": "#1d6fb8", "uncertain": "#8a6d00", "as planned": "#0f7a6d", "not seen": "#727a85",
+    "moved": "#c2410c", "absent": "#1d6fb8", "unplanned": "#a03a78", "uncertain": "#8a6d00", "as planned": "#0f7a6d",
+    "not seen": "#727a85",
 }  # fmt: skip
 _FONT = "DejaVu Sans"  # comes with matplotlib
 _POINTS = 72.0  # in an inch
