@@ -97,8 +97,8 @@ def wall_points(faces: Faces, clouds: Iterable[tuple[Floats, NDArray[np.float32]
 
 
 def _near_faces(faces: Faces, T_plan_sensor: Floats, points: NDArray[np.float32], number: int) -> NDArray[np.float32]:
-    """(K, 7) of the points near a face: its number, keyframe, distance from the face, its normal, from the sensor to the
-    point in plan view."""
+    """(K, 7) of the points near a face: its number, that of the keyframe, the distance from the face, its normal, and
+    the way from the sensor to the point in plan view."""
     sensor = T_plan_sensor[:3, 3]
     ahead = np.sum((sensor[:2] - faces.centre) * faces.normal, axis=1)
     own = np.flatnonzero((ahead > 0) & (ahead < _FURTHEST))

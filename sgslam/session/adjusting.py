@@ -5,7 +5,7 @@ import logging
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.adjustment import Adjusted, Steps, adjusted, faces_of, wall_points
+from sgslam.adjustment import Steps, faces_of, pose_errors, wall_points
 from sgslam.config import AnchorSettings, Config
 from sgslam.geometry.frames import inverse, se2_to_se3
 from sgslam.session.active_map import ActiveMap
@@ -21,18 +21,19 @@ def adjust(final: ActiveMap, config: Config) -> None:
     if T_bim_map is None or anchoring is None or backend.T_map_bim is None:
         return
     with final.stopwatch("adjustment"):
-        found = _adjusted(final, T_bim_map @ backend.poses, config.odometry.smoothed, config.anchors)
+        errors = _pose_errors(final, T_bim_map @ backend.poses, config.odometry.smoothed, config.anchors)
         local = inverse(backend.T_map_bim) @ backend.poses
-        settled = np.stack([_without(T, error) for T, error in zip(local, found.error, strict=True)])
-    _log.info("adjusted by %.1f mm", 1000 * float(np.sqrt(np.mean(np.sum(found.error[:, :2] ** 2, axis=1)))))
+        settled = np.stack([_without(T, error) for T, error in zip(local, errors, strict=True)])
+    moved = float(np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))))
+    _log.info("keyframes and walls are adjusted jointly: the keyframes move by %.1f mm", 1000 * moved)
     final.settle(settled)
 
 
-def _adjusted(final: ActiveMap, poses: Floats, smoothed: float, settings: AnchorSettings) -> Adjusted:
+def _pose_errors(final: ActiveMap, poses: Floats, smoothed: float, settings: AnchorSettings) -> Floats:
     assert final.anchoring is not None
     faces = faces_of(final.anchoring.a_graph)
     seen = wall_points(faces, ((T, final.clouds[k]) for k, T in enumerate(poses)))
-    return adjusted(faces, seen, _steps(final, poses, smoothed), settings.sigma_offset, settings.sigma_extraction)
+    return pose_errors(faces, seen, _steps(final, poses, smoothed), settings.sigma_offset, settings.sigma_extraction)
 
 
 def _steps(final: ActiveMap, poses: Floats, smoothed: float) -> Steps:
