@@ -111,6 +111,35 @@ def test_anchors_do_not_depend_on_the_origin_of_the_bim() -> None:
     np.testing.assert_allclose(in_bim[0], in_bim[1], atol=1e-3)
 
 
+@pytest.mark.parametrize("roll", [0.0, 0.15])
+def test_keyframes_settle_in_plan_view_and_walls_follow(roll: float) -> None:
+    run = Run()
+    anchors, _ = anchors_of(run, pose(3.0, -8.0, 12.5, 2.5))
+    run.optimise(anchors)
+    backend = run.backend
+    assert backend.T_map_bim is not None
+    before, known = inverse(backend.T_map_bim) @ backend.poses, backend.uncertainty()
+    planes = {wall: transform_planes(inverse(backend.T_map_bim), p) for wall, p in backend.planes_in_map.items()}
+    shifted = before.copy()
+    shifted[:, :2, 3] += [0.01, -0.02]
+    backend.settle(shifted @ pose(0.0, 0.0, 0.0, 0.0, roll, 0.0))  # what is told of the tilt does not count
+    after = inverse(backend.T_map_bim) @ backend.poses
+    np.testing.assert_allclose(after[:, :2, 3], shifted[:, :2, 3], atol=1e-3)
+    np.testing.assert_allclose(after[:, 2], before[:, 2], atol=5e-3)  # height and tilt hardly change
+    for wall, plane in backend.planes_in_map.items():
+        now, middle = transform_planes(inverse(backend.T_map_bim), plane), before[:, :3, 3].mean(axis=0)
+        moved = (now - planes[wall]) @ [*middle, 1.0]
+        assert moved == pytest.approx(-planes[wall][:2] @ [0.01, -0.02], abs=3e-3)
+    settled = backend.uncertainty()
+    assert known is not None
+    assert settled is not None
+    ratio = np.sqrt(np.diag(settled.pose_covariances([5])[0]) / np.diag(known.pose_covariances([5])[0]))
+    assert ratio.min() > 0.8  # nobody took the settling for a measurement
+    run.optimise(anchors)
+    back = inverse(backend.T_map_bim) @ backend.poses
+    np.testing.assert_allclose(back[:, :2, 3], before[:, :2, 3], atol=1e-3)
+
+
 def test_anchors_can_be_withdrawn() -> None:
     run = Run()
     anchors, _ = anchors_of(run, pose(3.0, -8.0, 12.5, 2.5))

@@ -32,14 +32,27 @@ def test_points_come_back_by_their_keyframe(three: KeyframeClouds) -> None:
     assert three[2].shape == (0, 3)
 
 
-def test_one_point_of_the_scan_is_left_in_each_voxel() -> None:
-    points, clouds = some_points(7, 3000), KeyframeClouds(voxel=1.0)
-    clouds.add(0, points)
+def test_what_is_dense_is_thinned_and_what_is_sparse_stays() -> None:
+    rng, clouds = np.random.default_rng(7), KeyframeClouds(voxel=0.5)
+    near = np.column_stack([np.full(4000, 2.0), *rng.uniform(-1.0, 1.0, (2, 4000))])
+    far = np.column_stack([np.full(20, 40.0), np.linspace(-15.0, 15.0, 20), np.zeros(20)])
+    clouds.add(0, np.concatenate([near, far]))
     kept = clouds[0]
-    cells = {tuple(cell) for cell in np.floor(points).astype(int).tolist()}
-    assert {tuple(cell) for cell in np.floor(kept).astype(int).tolist()} == cells
-    assert len(kept) == len(cells)
-    assert np.isin(kept, points.astype(np.float32)).all()
+    assert np.sum(kept[:, 0] > 30.0) == 20
+    assert 8 <= np.sum(kept[:, 0] < 30.0) <= 50  # of 2 m by 2 m
+    assert np.isin(kept, np.concatenate([near, far]).astype(np.float32)).all()
+
+
+def test_thinning_does_not_move_a_noisy_wall() -> None:
+    """Cells in space would: of a wall beside the border of two cells, one point beyond counts as much as all others."""
+    rng, clouds = np.random.default_rng(0), KeyframeClouds(voxel=0.1)
+    for keyframe, distance in enumerate(np.arange(2.95, 3.05, 0.01).tolist()):
+        wall = np.column_stack([np.full(60_000, distance), *rng.uniform(-2.0, 2.0, (2, 60_000))])
+        ranges = np.linalg.norm(wall, axis=1)
+        clouds.add(keyframe, wall * (1 + rng.normal(0.0, 0.02, len(wall)) / ranges)[:, None])
+        kept = clouds[keyframe]
+        assert 500 < len(kept) < 3000
+        assert abs(float(kept[:, 0].mean()) - distance) < 0.002  # the standard deviation of the mean is 0.6 mm
 
 
 def test_a_file_that_breaks_off_is_read_as_far_as_it_goes_and_added_to(three: KeyframeClouds) -> None:
