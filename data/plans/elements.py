@@ -85,3 +85,13 @@ def _body(filling: ifcopenshell.entity_instance) -> NDArray[np.float64] | None:
 def _corners(mesh: Mesh) -> NDArray[np.float64]:
     vertices, faces = mesh
     return vertices[faces]
+
+
+def other_bodies(ifc: Path | str) -> NDArray[np.float64]:
+    """(M, 3, 3) the triangles, metres in the BIM frame, of all that the model has besides `planned_elements`: stairs,
+    railings, beams, furniture. Raises UserError as `open_ifc` does."""
+    model = open_ifc(ifc)
+    known = (*SOLID, *FILLINGS, "IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement")
+    others = sorted({e.is_a() for e in model.by_type("IfcElement") if not any(e.is_a(c) for c in known)})
+    bodies = [product.vertices[product.faces] for product in products(model, tuple(others))]
+    return np.concatenate(bodies or [np.empty((0, 3, 3))])

@@ -9,15 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 from element_samples import entries
+from numpy.typing import NDArray
 from report_samples import Page, sample
 
 from data.scene_graph import Floor, Room, SceneGraph, WallSurface
 from sgslam.as_built.elements import UnplannedEntry, unplanned_walls
 from sgslam.as_built.elements.files import write_elements
 from sgslam.as_built.elements.wall_faces import Face, one_wall_each
+from sgslam.as_built.planned_things import without_planned_things
 from sgslam.report.elements import shown_as_element
 from sgslam.report.page import report_html
 
+Array = NDArray[np.float64]
 OFFICE = Room("r", (2.0, 2.0), "F", "Office", ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)))
 PLAN = SceneGraph("bim", (OFFICE,), floors=(Floor("F", "Ground", 10.0),))
 
@@ -98,3 +101,35 @@ def test_the_report_shows_them_and_counts_only_planned_ones_as_seen() -> None:
     assert not page.open and "of 12 planned elements seen" in page.text and "67 %" in page.text
     assert "2.0 m, not planned" in page.text and "Office" in page.text
     assert page.layers["layer-elements", "polygon"] == 13
+
+
+def _bars(x: float, low: float, high: float, spacing: float) -> Array:
+    """A railing of upright bars, 5 cm wide, along y from 0 to 2, in the BIM frame."""
+    bars = []
+    for y in np.arange(0.0, 2.0, spacing):
+        a, b, c, d = (x, y, low), (x, y + 0.05, low), (x, y + 0.05, high), (x, y, high)
+        bars += [(a, b, c), (a, c, d)]
+    return np.array(bars)
+
+
+@pytest.mark.parametrize(
+    ("bodies", "left"),
+    [
+        (_bars(5.0, 10.0, 11.0, 0.1), 1),  # a railing where the wall was seen
+        (_bars(5.0, 10.0, 11.0, 0.5), 2),  # three posts are no railing
+        (_bars(5.4, 10.0, 11.0, 0.1), 2),  # a railing before it
+        (_bars(5.0, 13.0, 14.0, 0.1), 2),  # a railing of the storey above
+        (np.empty((0, 3, 3)), 2),
+    ],
+)
+def test_what_the_plan_has_there_is_no_extra_wall(bodies: Array, left: int) -> None:
+    """The map's frame lies at (4, 0, 9.9) in the BIM frame, its floor 0.1 m above it."""
+    surface = WallSurface("w1", None, (1.0, 1.0), (1.0, 0.0), 2.0, "m", height=(0.1, 1.1))
+    other = WallSurface("w2", None, (9.0, 1.0), (1.0, 0.0), 2.0, "m", height=(0.1, 2.1))
+    s_graph = SceneGraph("map", (), (surface, other), floors=(Floor("m", "", 0.1),))
+    T_bim_map = np.eye(4)
+    T_bim_map[:3, 3] = 4.0, 0.0, 9.9
+    told: list[Any] = [{"kind": "extra", "s_id": name, "reason": "long"} for name in ("w1", "w2")]
+    moved: Any = {"kind": "moved", "s_id": "w1"}
+    kept = without_planned_things([*told, moved], s_graph, T_bim_map, bodies)
+    assert [own["s_id"] for own in kept] == (["w1", "w2", "w1"] if left == 2 else ["w2", "w1"])

@@ -1,5 +1,6 @@
 """The verdicts on all elements of a finished run."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from data.geometry.poses import xyzquat_to_poses
 from data.plans.bim import IFC_SUFFIXES
 from data.scene_graph import SceneGraph
+from sgslam.as_built import planned_things
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
 from sgslam.as_built.elements.sightings import View
 from sgslam.session import Result
@@ -31,6 +33,22 @@ def run_verdicts(result: Result, bim: Path, a_graph: SceneGraph) -> list[Element
 
     tolerance, shared = result.config.as_built.tolerance, result.config.anchors.sigma_extraction
     return element_verdicts(planned_elements(bim), run_views(result), a_graph, tolerance, shared)
+
+
+def without_planned_things(result: Result, bim: Path | None) -> Result:
+    """The result without extra walls that are other things of an IFC model, such as stairs and railings.
+
+    Raises UserError for a model that cannot be read.
+    """
+    is_ifc = bim is not None and bim.suffix.lower() in IFC_SUFFIXES
+    if bim is None or not is_ifc or result.T_bim_map is None or all(d["kind"] != "extra" for d in result.deviations):
+        return result
+    from data.plans.elements import other_bodies  # loads ifcopenshell
+
+    kept = planned_things.without_planned_things(
+        result.deviations, result.s_graph, result.T_bim_map, other_bodies(bim)
+    )  # fmt: skip
+    return replace(result, deviations=kept)
 
 
 def run_views(result: Result) -> list[View]:

@@ -17,7 +17,7 @@ from data.trajectory.correction import moved_with
 from sgslam.as_built.agreement import agreed
 from sgslam.as_built.elements import ElementVerdict, unplanned_walls
 from sgslam.as_built.findings import remove_topics, write_topics
-from sgslam.cli.job.elements import verdicts_of
+from sgslam.cli.job.elements import verdicts_of, without_planned_things
 from sgslam.cli.job.fingerprint import check_unchanged, run_fingerprint
 from sgslam.cli.job.inputs import Job
 from sgslam.cli.job.resume_arguments import run_arguments
@@ -91,6 +91,7 @@ class Run:
             if is_last:
                 raise
             raise UserError(f"interrupted after the last scan; {_hint(out)}") from None
+        result = without_planned_things(result, job.options.bim)
         if not is_last and result.trajectory_live is None:
             _log.info("no second pass: runs in several parts, with --map or with --imu have none")
         total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
