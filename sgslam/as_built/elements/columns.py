@@ -36,7 +36,7 @@ def column_finding(
 ) -> Finding:  # fmt: skip
     """What the `rays` say of the solid with this index. Tolerance and shared error as in `element_verdicts`."""
     body = TriangleScene(solids[index].triangles)
-    near = passing(index, solids, rays, list(views))
+    near = passing(index, solids, rays)
     at_plan = near.ranges(body, np.zeros((1, 3)))[0]
     aimed = near.shown & (at_plan < near.others)
     if aimed.sum() < _LEAST_HITS:

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
-from sgslam.as_built.elements.likelihoods import BEFORE, DEPTH, NOISE, REACH, SPREAD, THROUGH, bell, crossing_blur
+from sgslam.as_built.elements.likelihoods import BEFORE, DEPTH, NOISE, REACH, SPREAD, THROUGH, bell
 from sgslam.as_built.elements.rays import Rays
-from sgslam.as_built.elements.sightings import FURTHEST_RAY, View
+from sgslam.as_built.elements.sightings import FURTHEST_RAY
 
 if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
@@ -24,14 +24,12 @@ _AT_OTHERS = 0.6  # of the rays that miss the body: those that end at what else 
 @dataclass(frozen=True)
 class Passing:
     """N rays that cross the disc in plan view in which the column is looked for; `enters`, `leaves` (N,) are the ranges
-    (m) at its edge, `others` (N,) that of what else is planned, and `blur` (N,) how exactly their place is known in
-    the disc (m)."""
+    (m) at its edge, `others` (N,) that of what else is planned."""
 
     rays: Rays
     enters: Floats
     leaves: Floats
     others: Floats
-    blur: Floats
 
     @property
     def shown(self) -> Flags:
@@ -78,7 +76,7 @@ class Passing:
         return np.asarray(np.where(planned, _AT_OTHERS * at + (1 - _AT_OTHERS) * unplanned, unplanned))
 
 
-def passing(index: int, solids: list["PlannedElement"], rays: Rays, views: list[View]) -> Passing:
+def passing(index: int, solids: list["PlannedElement"], rays: Rays) -> Passing:
     """The rays close to the solid with this index that end in its disc or behind it."""
     corners = solids[index].triangles.reshape(-1, 3)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -99,4 +97,4 @@ def passing(index: int, solids: list["PlannedElement"], rays: Rays, views: list[
     others = np.full(len(chosen), np.inf)
     if rest and len(chosen):
         others = TriangleScene(np.concatenate(rest)).distances(rays.origin, rays.direction)
-    return Passing(rays, enters, leaves, others, crossing_blur(views, rays.view, enters, rays.measured))
+    return Passing(rays, enters, leaves, others)

@@ -1,20 +1,22 @@
 """The rays of all keyframes, in the BIM frame, with what they would meet first in the plan."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
-from sgslam.as_built.elements.sightings import View
+from sgslam.as_built.elements.sightings import FURTHEST_RAY, View
 
 if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_AROUND = 0.9  # m around a body: as far as it may be displaced, and the edges of what it stands in
+_MOST_VIEWS = 150  # the nearest; more tell the same again, and a long run has thousands
 
 
 @dataclass(frozen=True)
@@ -42,16 +44,59 @@ class Rays:
         return self.origin + ranges[:, None] * self.direction
 
 
-def rays_of(views: Sequence[View], solids: list["PlannedElement"]) -> Rays:
-    """The rays of all views, cast against the solid elements."""
-    origin = np.concatenate([np.broadcast_to(v.T_bim_sensor[:3, 3], v.points.shape) for v in views])
-    ends = np.concatenate([v.points.astype(np.float64) @ v.T_bim_sensor[:3, :3].T for v in views])
+class SeenRays:
+    """The rays of all views, with what they would meet first among the `solids`; eight bytes for each ray."""
+
+    def __init__(self, views: Sequence[View], solids: list["PlannedElement"]) -> None:
+        self._views = views
+        self._sensors = np.array([view.T_bim_sensor[:3, 3] for view in views]).reshape(-1, 3)
+        scene = TriangleScene(np.concatenate([e.triangles for e in solids])) if solids else None
+        owner = np.repeat(np.arange(len(solids), dtype=np.int32), [len(e.triangles) for e in solids])
+        self._met = [_met(view, scene, owner) for view in views]
+
+    def near(self, body: Floats) -> Rays:
+        """The rays of the views nearest to a body (M, 3, 3) that pass it closely."""
+        corners = body.reshape(-1, 3)
+        low, high = corners.min(axis=0) - _AROUND, corners.max(axis=0) + _AROUND
+        away = np.linalg.norm(np.maximum(np.maximum(low - self._sensors, self._sensors - high), 0.0), axis=1)
+        own = np.argsort(away, kind="stable")[:_MOST_VIEWS]
+        found = [self._passing(int(k), low, high) for k in np.sort(own[away[own] < FURTHEST_RAY])]
+        return _joined(found or [self._passing(None, low, high)])
+
+    def _passing(self, number: int | None, low: Floats, high: Floats) -> Rays:
+        """Those of one view that pass through a box, None for no view."""
+        if number is None:
+            nothing = np.empty(0, np.int64)
+            return Rays(nothing, np.empty((0, 3)), np.empty((0, 3)), np.empty(0), np.empty(0), nothing)
+        view, (planned, owner) = self._views[number], self._met[number]
+        sensor, direction, measured = self._sensors[number], *_directions(view)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, second = (low - sensor) / direction, (high - sensor) / direction
+        enters, leaves = np.fmin(first, second).max(axis=1), np.fmax(first, second).min(axis=1)
+        which = (enters <= leaves) & (leaves > 0)
+        count = int(which.sum())
+        return Rays(
+            np.full(count, number), np.tile(sensor, (count, 1)), direction[which], measured[which],
+            planned[which].astype(np.float64), owner[which].astype(np.int64),
+        )  # fmt: skip
+
+
+def _directions(view: View) -> tuple[Floats, Floats]:
+    """(N, 3) unit vectors in the BIM frame, and (N,) the measured ranges."""
+    ends = view.points.astype(np.float64) @ view.T_bim_sensor[:3, :3].T
     measured = np.linalg.norm(ends, axis=1)
-    direction = ends / np.maximum(measured, 1e-9)[:, None]
-    view = np.repeat(np.arange(len(views)), [len(v.points) for v in views])
-    if not solids:
-        nothing = np.full(len(view), -1)
-        return Rays(view, origin, direction, measured, np.full(len(view), np.inf), nothing)
-    planned, face = TriangleScene(np.concatenate([e.triangles for e in solids])).faces(origin, direction)
-    owner = np.repeat(np.arange(len(solids)), [len(e.triangles) for e in solids])
-    return Rays(view, origin, direction, measured, planned, np.where(face >= 0, owner[face], -1))
+    return ends / np.maximum(measured, 1e-9)[:, None], measured
+
+
+def _met(
+    view: View, scene: TriangleScene | None, owner: NDArray[np.int32]
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """The range (m) at which each ray would meet a solid, and its index; inf and -1 where there is none."""
+    if scene is None:
+        return np.full(len(view.points), np.inf, np.float32), np.full(len(view.points), -1, np.int32)
+    planned, face = scene.faces(view.T_bim_sensor[:3, 3], _directions(view)[0])
+    return planned.astype(np.float32), np.where(face >= 0, owner[face], -1).astype(np.int32)
+
+
+def _joined(parts: Sequence[Rays]) -> Rays:
+    return Rays(*(np.concatenate([getattr(part, own.name) for part in parts]) for own in fields(Rays)))

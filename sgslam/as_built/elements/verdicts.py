@@ -23,7 +23,7 @@ from sgslam.as_built.elements.likelihoods import (
     pose_noise,
 )
 from sgslam.as_built.elements.openings import opening_finding
-from sgslam.as_built.elements.rays import rays_of
+from sgslam.as_built.elements.rays import SeenRays
 from sgslam.as_built.elements.sightings import CELL, Sightings, View, sightings
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
 from sgslam.as_built.elements.turns import turn_of
@@ -44,7 +44,7 @@ def element_verdicts(
     two sigma do not reach the tolerance; where one sigma is larger than the tolerance, the measurement does not tell.
     """
     solids = [element for element in elements if element.kind == "solid"]
-    rays = rays_of(views, solids) if len(solids) < len(elements) or any(map(is_column, solids)) else None
+    rays = SeenRays(views, solids) if len(solids) < len(elements) or any(map(is_column, solids)) else None
     found: dict[str, Finding] = {}
     if solids:
         seen = sightings(solids, views)
@@ -52,14 +52,18 @@ def element_verdicts(
         ends = np.searchsorted(seen.element[order], np.arange(len(solids) + 1))
         for k, element in enumerate(solids):
             if rays is not None and is_column(element):
-                found[element.global_id] = column_finding(k, solids, rays, views, tolerance, shared)
+                found[element.global_id] = column_finding(
+                    k, solids, rays.near(element.triangles), views, tolerance, shared
+                )
             else:
                 found[element.global_id] = _solid(seen, order[ends[k] : ends[k + 1]], views, tolerance, shared)
     index = {element.global_id: k for k, element in enumerate(solids)}
     for opening in (element for element in elements if element.kind == "opening"):
         assert rays is not None
         host, built = index.get(opening.wall), found.get(opening.wall)
-        found[opening.global_id] = opening_finding(opening, solids, host, built, rays, views, tolerance, shared)
+        found[opening.global_id] = opening_finding(
+            opening, solids, host, built, rays.near(opening.triangles), views, tolerance, shared
+        )
     return [entry(element, found[element.global_id], plan) for element in elements]
 
 
