@@ -114,7 +114,7 @@ def test_poses_err_as_their_covariances_say(times: float) -> None:
 def test_a_run_knows_how_well_it_knows_its_poses(drive: Drive, clean: Result) -> None:
     assert clean.pose_covariances is not None
     known = clean.pose_covariances
-    assert len(known.trajectory) > 20 and 0.2 < nees(known.trajectory, drive.truth, known.covariances) < 3.0
+    assert len(known.trajectory) > 20 and 0.1 < nees(known.trajectory, drive.truth, known.covariances) < 3.0
 
 
 def plan_with(graph: SceneGraph, shifts: dict[str, float]) -> SceneGraph:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.as_built.elements.jambs import Crossings
 from sgslam.as_built.elements.likelihoods import NOISE, REACH, crossing_blur
+from sgslam.as_built.elements.openings.jambs import Crossings
+from sgslam.as_built.elements.openings.reveals import Reveal
 from sgslam.as_built.elements.rays import Rays
-from sgslam.as_built.elements.reveals import Reveal
 from sgslam.as_built.elements.sightings import CELL, FURTHEST_RAY, LEAST_COSINE, View
 
 Floats = NDArray[np.float64]

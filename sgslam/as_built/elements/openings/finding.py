@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from sgslam.as_built.elements.crossed_walls import CrossedWall, crossed_walls
 from sgslam.as_built.elements.entries import Finding
-from sgslam.as_built.elements.jambs import PLACES, Inside, displacements, jamb_profile, unbroken, widened
 from sgslam.as_built.elements.likelihoods import LEAST_CELLS, LEAST_VIEWS, NOISE, SURE, pose_noise, told
+from sgslam.as_built.elements.openings.crossed_walls import CrossedWall, crossed_walls
+from sgslam.as_built.elements.openings.jambs import PLACES, Inside, displacements, jamb_profile, unbroken, widened
+from sgslam.as_built.elements.openings.reveals import Reveal, reveal_of
 from sgslam.as_built.elements.rays import Rays
-from sgslam.as_built.elements.reveals import Reveal, reveal_of
 from sgslam.as_built.elements.sightings import CELL, View
 
 if TYPE_CHECKING:
