@@ -62,6 +62,12 @@ class SimulatedRun:
     stands_off: tuple[Change, ...] = ()
 
     @property
+    def plan(self) -> Path | None:
+        """The plan that lacks the unplanned walls; None where there are none."""
+        path = self.out_dir / PLAN
+        return path if path.exists() else None
+
+    @property
     def rooms_entered(self) -> int:
         """The number of different rooms entered."""
         return len({room.id for room in self.rooms})

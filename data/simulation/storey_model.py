@@ -49,9 +49,9 @@ class StoreyModel:
     """A storey in the BIM frame, in metres; `solid` and `stairs` are those of the whole building.
 
     `level` is the z of the finished floor, `extent` the lowest and highest (x, y), (2,) each. `changes` are the
-    differences from the plan, `stands_off` how far each wall is off its place besides; `walls` are the storey's
-    IfcWalls and, like the spaces, as planned. `glazed` (M,) are the solid triangles of windows and of curtain walls'
-    panels.
+    differences from the plan, `stands_off` how far each wall is off its place besides. The spaces are as planned, and
+    `walls`, the storey's IfcWalls, are at their planned places, with their openings as built. `glazed` (M,) are the
+    solid triangles of windows and of curtain walls' panels.
     """
 
     id: str
@@ -123,7 +123,9 @@ def _storey_model(
     walls = of_class(model, planned, "IfcWall")
     made = draw_changes(model, planned, shapes.openings, changes, seed) if changes is not None else ()
     shifts = draw_tolerances(walls, tolerance, seed) if tolerance else ()
-    solid = as_built(model, as_built(model, recut(model, shapes.solid, shapes.openings, made), made), shifts)
+    cut = recut(model, shapes.solid, shapes.openings, made)
+    pierced = of_class(model, [p for p in cut if p.storey == entity.GlobalId], "IfcWall")
+    solid = as_built(model, as_built(model, cut, made), shifts)
     own = [_triangles(p) for p in solid if p.storey == entity.GlobalId]
     rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
@@ -144,8 +146,8 @@ def _storey_model(
     glazed = np.pad(panes, (0, len(solid_triangles) - len(panes)))
     level = _measured_floor(TriangleScene(solid_triangles), level, extent)
     return StoreyModel(
-        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, glazed, doors, extent, made, tuple(walls),
-        tuple(stairs), shifts,
+        entity.GlobalId, entity.Name or "", level, spaces, solid_triangles, glazed, doors, extent, made,
+        tuple(pierced), tuple(stairs), shifts,
     )  # fmt: skip
 
 

@@ -54,7 +54,8 @@ class CarriedCase(DriveCase):
 @dataclass(frozen=True, eq=False)
 class CarriedDrive:
     """A simulated drive of `count` scans over `length` metres; `truth` is T_bim_sensor at the scans' stamps, and at
-    some after them. `changes` are the differences of the building from its plan."""
+    some after them. `changes` are the differences of the building from its `plan`, a file, and `stands_off` how far
+    each wall is off its place besides."""
 
     folder: Path
     truth: Trajectory
@@ -62,6 +63,8 @@ class CarriedDrive:
     length: float
     times: bool
     changes: tuple[Change, ...] = ()
+    stands_off: tuple[Change, ...] = ()
+    plan: Path = Path()
 
     @property
     def period_s(self) -> float:
@@ -102,4 +105,7 @@ def carried(
             effects=("rolling", *case.effects), seconds=case.seconds + ONE_MORE_S, changes=changes, imu=imu,
         )  # fmt: skip
         count = int(np.searchsorted(run.truth.stamps_ns, round(case.seconds * 1e9)))
-        yield CarriedDrive(Path(name) / "drive/scans", run.truth, count, run.length, case.times, run.changes)
+        yield CarriedDrive(
+            run.out_dir / "scans", run.truth, count, run.length, case.times, run.changes, run.stands_off,
+            run.plan or bim,
+        )  # fmt: skip

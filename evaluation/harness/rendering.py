@@ -1,9 +1,9 @@
 """Writes every number of the pages from the rows.
 
 A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
-its source, or a short text within a sentence. `STUDY/commands` are the commands of all rows: a page that has it does
-not repeat them below each table. `STUDY/older-NAME` are tables of older builds whose rows were not kept,
-`STUDY/older-NAME@ROW,COLUMN` is a cell of one, counted from 0.
+its source, or a short text within a sentence. An empty block stays so until its study has rows. `STUDY/commands` are
+the commands of all rows: a page that has it does not repeat them below each table. `STUDY/older-NAME` are tables of
+older builds whose rows were not kept, `STUDY/older-NAME@ROW,COLUMN` is a cell of one, counted from 0.
 """
 
 import re
@@ -25,7 +25,7 @@ from evaluation.harness.tables import frame, markdown
 ROOT = Path(__file__).resolve().parents[2]
 PLOTS = ROOT / "docs/benchmarks"
 BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w@,-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
-CLAIMS, COMMANDS = "claims", "commands"
+CLAIMS, COMMANDS, OLDER = "claims", "commands", "older-"
 _HEAD = ("claim", "value", "cases", "command", "build")
 
 
@@ -44,7 +44,9 @@ class Renderer:
         apart = {found.group(2) for found in BLOCK.finditer(text) if found.group(3) == COMMANDS}
 
         def block(found: re.Match[str]) -> str:
-            begin, study, name, _, end = found.groups()
+            begin, study, name, content, end = found.groups()
+            if not content and study in STUDIES and not (name.startswith(OLDER) or self.has_rows(study)):
+                return found[0]  # its study is still to be run
             return begin + self._block(study, name, study in apart) + end
 
         return BLOCK.sub(block, text)
@@ -87,7 +89,7 @@ class Renderer:
     def _content(self, study: str, name: str) -> Any:
         """A table or a text. Raises UserError if the study has none of this name."""
         name, _, cell = name.partition("@")
-        tables: Mapping[str, Any] = self._older(study) if name.startswith("older-") else self.tables(study)
+        tables: Mapping[str, Any] = self._older(study) if name.startswith(OLDER) else self.tables(study)
         if name not in tables:
             raise UserError(f"<!-- rows: {study}/{name} -->: {study} has no such table; it has {', '.join(tables)}")
         if not cell:

@@ -109,29 +109,37 @@ def _views(
 ) -> NDArray[np.int64]:  # fmt: skip
     """(N,) from how many of the sensor poses (K, 4, 4) each wall is seen, or, if absent, seen through.
 
-    `whole` is the building with all walls, `built` only with those that were built.
+    `whole` is the building with all walls, `built` only with those that were built; what stands behind an absent wall
+    is seen.
     """
+    views = np.zeros(len(walls), dtype=np.int64)
+    for origin in poses[:, :3, 3]:
+        met = _first_met(built, origin, level)
+        planned = met if all(stands) else _first_met(whole, origin, level)
+        for k, (wall, axis) in enumerate(zip(walls, axes, strict=True)):
+            rays, reached = met if stands[k] else planned
+            its = wall.distances(origin, rays) < reached + _SAME
+            if not stands[k]:
+                beyond = built.distances(origin, rays)
+                its &= np.isfinite(beyond) & (beyond > reached + _BEHIND)
+            hits = origin[:2] + reached[its, None] * rays[its, :2]
+            views[k] += _enough(hits @ axis)
+    return views
+
+
+def _first_met(scene: TriangleScene, origin: Array, level: float) -> tuple[Array, Array]:
+    """For each column the ray (C, 3) with the nearest return in the height band, as in the front end, and its range
+    (C,) in metres; columns without one are left out."""
     azimuth = np.linspace(0, 2 * np.pi, _AZIMUTHS, endpoint=False)
     a, e = np.meshgrid(azimuth, _ELEVATIONS, indexing="ij")
     rays = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=-1).reshape(-1, 3)
-    views = np.zeros(len(walls), dtype=np.int64)
-    for origin in poses[:, :3, 3]:
-        reached = whole.distances(origin, rays)
-        height = origin[2] + np.where(np.isfinite(reached), reached, 0.0) * rays[:, 2] - level
-        there = np.isfinite(reached) & (height > _BAND[0]) & (height < _BAND[1])
-        # the nearest return in the height band for each column, as in the front end
-        away = np.where(there, reached * np.cos(e).ravel(), np.inf).reshape(a.shape)
-        nearest = np.arange(_AZIMUTHS) * a.shape[1] + np.argmin(away, axis=1)
-        nearest = nearest[there[nearest]]
-        if not len(nearest):
-            continue
-        hits = origin[:2] + reached[nearest, None] * rays[nearest, :2]
-        beyond = built.distances(origin, rays[nearest])
-        through = np.isfinite(beyond) & (beyond > reached[nearest] + _BEHIND)
-        for k, (wall, axis) in enumerate(zip(walls, axes, strict=True)):
-            its = wall.distances(origin, rays[nearest]) < reached[nearest] + _SAME
-            views[k] += _enough(hits[its & (through | stands[k])] @ axis)
-    return views
+    reached = scene.distances(origin, rays)
+    height = origin[2] + np.where(np.isfinite(reached), reached, 0.0) * rays[:, 2] - level
+    there = np.isfinite(reached) & (height > _BAND[0]) & (height < _BAND[1])
+    away = np.where(there, reached * np.cos(e).ravel(), np.inf).reshape(a.shape)
+    nearest = np.arange(_AZIMUTHS) * a.shape[1] + np.argmin(away, axis=1)
+    nearest = nearest[there[nearest]]
+    return rays[nearest], np.asarray(reached[nearest])
 
 
 def _enough(along: Array) -> bool:

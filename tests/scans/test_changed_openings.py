@@ -109,6 +109,10 @@ def test_a_filled_door_is_wall_and_an_absent_window_too(tmp_path: Path) -> None:
     door = [9.1, 1.0]  # y and z of a door in the wall at x = 7.46, 12 cm thick
     assert met(built, np.eye(4), [6.9, *door], [1, 0, 0]) == pytest.approx(0.5, abs=1e-3)
     assert met(planned, np.eye(4), [6.9, *door], [1, 0, 0]) > 0.7
+    for model, closed in ((planned, False), (built, True)):
+        walls = TriangleScene(np.concatenate([wall.vertices[wall.faces] for wall in model.walls]))
+        reached = float(walls.distances(np.array([6.9, *door]), np.array([[1.0, 0.0, 0.0]]))[0])
+        assert (abs(reached - 0.5) < 1e-3) == closed
 
 
 def test_what_is_not_asked_for_is_as_before(building: SmallBuilding) -> None:

@@ -151,6 +151,14 @@ def test_blocks_are_rendered_from_rows(tmp_path: Path) -> None:
             renderer.page(f"<!-- rows: {wrong} --><!-- /rows -->")
 
 
+def test_empty_blocks_stay_so_until_their_study_has_rows(tmp_path: Path) -> None:
+    page = "<!-- rows: elements/walls --><!-- /rows -->\n"
+    assert Renderer(tmp_path).page(page) == page
+    for wrong in (page.replace("--><!--", "-->\n| 1 |\n<!--"), page.replace("elements", "no_such_study")):
+        with pytest.raises(UserError):
+            Renderer(tmp_path).page(wrong)
+
+
 def test_a_page_that_lists_the_commands_does_not_repeat_them(tmp_path: Path) -> None:
     run(tmp_path, 0, 1)
     page = "<!-- rows: draws/mean --><!-- /rows -->\n<!-- rows: draws/commands --><!-- /rows -->\n"

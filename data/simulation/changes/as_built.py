@@ -38,9 +38,16 @@ def write_plan_without(ifc: Path | str, walls: Collection[str], path: Path | str
 
     model = open_ifc(ifc)
     for wall in sorted(walls):
-        for gone in [*_fillings(model.by_guid(wall)), wall]:
+        for gone in [*fillings(model.by_guid(wall)), wall]:
             ifcopenshell.api.root.remove_product(model, product=model.by_guid(gone))
     write_atomically(path, model.to_string())
+
+
+def fillings(wall: ifcopenshell.entity_instance) -> Iterator[str]:
+    """GlobalIds of the doors and windows in an IfcWall."""
+    for voids in wall.HasOpenings:
+        for fills in voids.RelatedOpeningElement.HasFillings:
+            yield fills.RelatedBuildingElement.GlobalId
 
 
 def _shifted(product: IfcProduct, change: Change) -> IfcProduct:
@@ -50,16 +57,9 @@ def _shifted(product: IfcProduct, change: Change) -> IfcProduct:
 def _follow(changed: ifcopenshell.entity_instance) -> Iterator[str]:
     """GlobalIds of what moves or is left out with a wall, door, window or column."""
     if changed.is_a("IfcWall"):
-        yield from _fillings(changed)
+        yield from fillings(changed)
         return
     for part in get_decomposition(changed):
         yield part.GlobalId
     for fills in changed.FillsVoids:
         yield fills.RelatingOpeningElement.GlobalId
-
-
-def _fillings(wall: ifcopenshell.entity_instance) -> Iterator[str]:
-    """GlobalIds of the doors and windows in a wall."""
-    for voids in wall.HasOpenings:
-        for fills in voids.RelatedOpeningElement.HasFillings:
-            yield fills.RelatedBuildingElement.GlobalId
