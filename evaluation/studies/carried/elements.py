@@ -26,15 +26,16 @@ from evaluation.studies.carried.elements_truth import (
     with_fillings,
 )
 from sgslam.as_built.elements import unplanned_walls
-from sgslam.cli.job.elements import run_verdicts
+from sgslam.cli.job.elements import run_verdicts, without_planned_things
 from sgslam.config import AsBuiltSettings, Config
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 
 Cell = Literal["15 mm", "30 mm", "absent"]
 POLE = "pole"
+# 97 mm: no multiple of the steps in which displacements are searched
 CHANGES: dict[Cell, Changes] = {
-    "15 mm": Changes(moved=0.2, moved_by=0.015, openings_displaced=0.2, columns_displaced=0.3, displaced_by=0.1),
+    "15 mm": Changes(moved=0.2, moved_by=0.015, openings_displaced=0.2, columns_displaced=0.3, displaced_by=0.097),
     "30 mm": Changes(moved=0.2, moved_by=0.03, openings_filled=0.2, columns_absent=0.3),
     "absent": Changes(absent=0.1, unplanned=0.1),
 }
@@ -101,6 +102,7 @@ def measure(case: Built, work: Path) -> Verdicts:
         plan = load_bim(drive.plan).graph
         config = Config(as_built=AsBuiltSettings(tolerance=case.tolerance_m))
         result = run_through(SceneGraphSlam(plan, config=config), drive.scans(), again=drive.scans())
+        result = without_planned_things(result, drive.plan)
         if not result.anchored or result.T_bim_map is None:
             return Verdicts(rmse_m=None, judged=(), not_seen={}, unplanned=None)
         walls = _true_walls(case, drive, result, work)
