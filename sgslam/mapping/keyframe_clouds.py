@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 class KeyframeClouds:
-    """Points (N, 3) float32 of keyframes, in metres, in each keyframe's sensor frame, one for each `voxel` (m).
+    """Points (N, 3) float32 of keyframes, in metres, in each keyframe's sensor frame, about `voxel` (m) apart.
 
     `path` is the file, which is overwritten; None for an unnamed one that is deleted with the process. Memory holds a
     few numbers for each keyframe. If the disk is full, further clouds are dropped and the run goes on.
@@ -68,7 +68,7 @@ class KeyframeClouds:
         return self
 
     def add(self, keyframe: int, points: NDArray[np.floating]) -> None:
-        """Stores the points (N, 3) of a keyframe, numbered as in the back end; at most one for each voxel."""
+        """Stores the points (N, 3) of a keyframe, numbered as in the back end; see `one_a_direction`."""
         kept = points[one_a_direction(points, self.voxel)].astype("<f4")
         record = _RECORD.pack(keyframe, len(kept)) + kept.tobytes()
         try:
