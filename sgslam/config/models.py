@@ -158,7 +158,7 @@ class CloudSettings(Settings):
     """The keyframes' points, stored on disk for the point cloud map and for comparing keyframes."""
 
     keyframe_voxel: float = Field(0.1, gt=0)
-    """m, spacing of the stored points of keyframes: one is kept in each cell of directions that is so wide at the point"""
+    """m, spacing of the stored points of keyframes: one for each cell of directions that is so wide at the point"""
     map_voxel: float = Field(0.05, gt=0)
     """m, voxel size of the point cloud map"""
 
