@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import shapely
 
-from data.scene_graph import SceneGraph, Xy
+from data.scene_graph import Room, SceneGraph, Xy
 from sgslam.as_built.elements.tolerance_classes import Compliance, angle_compliance, angle_limit, loa_class
 from sgslam.as_built.elements.turns import Turn
 
@@ -68,7 +68,24 @@ class Finding:
     views: int = 0
 
 
-def entry(element: "PlannedElement", f: Finding, plan: SceneGraph) -> ElementVerdict:
+@dataclass(frozen=True, eq=False)
+class PlannedRooms:
+    """The rooms of a plan that have an outline, their `outlines` in the same order, and the ids of `floors` by id and
+    by name."""
+
+    rooms: tuple[Room, ...]
+    outlines: shapely.STRtree
+    floors: dict[str, str]
+
+    @staticmethod
+    def of(plan: SceneGraph) -> "PlannedRooms":
+        """Those of a plan."""
+        rooms = tuple(room for room in plan.rooms if room.polygon)
+        floors = {name: floor.id for floor in reversed(plan.floors) for name in (floor.name, floor.id)}
+        return PlannedRooms(rooms, shapely.STRtree([shapely.Polygon(room.polygon) for room in rooms]), floors)
+
+
+def entry(element: "PlannedElement", f: Finding, plan: PlannedRooms) -> ElementVerdict:
     """The entry of an element, with the rooms of the plan that it bounds."""
     envelope = shapely.oriented_envelope(shapely.multipoints(element.triangles.reshape(-1, 3)[:, :2]))
     turn = f.turn if element.ifc_class.startswith("IfcWall") else None
@@ -91,13 +108,11 @@ def _length(element: "PlannedElement", direction: tuple[float, float, float]) ->
     return float(np.ptp(along))
 
 
-def _rooms(storey: str, outline: shapely.Geometry, plan: SceneGraph) -> tuple[str, ...]:
-    floor = next((floor.id for floor in plan.floors if storey in (floor.id, floor.name)), None)
-    return tuple(
-        room.name or room.id
-        for room in plan.rooms
-        if floor in (None, room.floor) and room.polygon and shapely.Polygon(room.polygon).distance(outline) < _BESIDE
-    )
+def _rooms(storey: str, outline: shapely.Geometry, plan: PlannedRooms) -> tuple[str, ...]:
+    near = plan.outlines.query(outline, "dwithin", _BESIDE)
+    floor = plan.floors.get(storey)
+    own = (plan.rooms[k] for k in sorted(near.tolist()))
+    return tuple(room.name or room.id for room in own if floor in (None, room.floor))
 
 
 def _corners(envelope: shapely.Geometry) -> tuple[Xy, ...]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.columns import column_finding, is_column
-from sgslam.as_built.elements.entries import ElementVerdict, Finding, Verdict, entry
+from sgslam.as_built.elements.entries import ElementVerdict, Finding, PlannedRooms, Verdict, entry
 from sgslam.as_built.elements.likelihoods import (
     BEFORE,
     BEHIND,
@@ -64,7 +64,8 @@ def element_verdicts(
         found[opening.global_id] = opening_finding(
             opening, solids, host, built, rays.near(opening.triangles), views, tolerance, shared
         )
-    return [entry(element, found[element.global_id], plan) for element in elements]
+    rooms = PlannedRooms.of(plan)
+    return [entry(element, found[element.global_id], rooms) for element in elements]
 
 
 def _solid(
