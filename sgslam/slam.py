@@ -30,7 +30,7 @@ from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingS
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_WAY_UP = "whether the sensor hung upside down the scans do not tell for sure; if it did, state --mount 180,0,0"
+_WAY_UP = "the scans do not tell for sure whether the sensor hung upside down; if it did, state --mount 180,0,0"
 
 
 class SceneGraphSlam:
