@@ -115,6 +115,14 @@ def test_a_shelf_before_a_wall_does_not_move_it() -> None:
     assert _verdict(_views(WALL, whole, FAR)).verdict != "moved"
 
 
+@pytest.mark.parametrize(("half_width", "told"), [(0.4, "moved"), (0.8, "uncertain")])
+def test_of_what_is_mostly_hidden_a_small_part_does_not_say_that_it_is_moved(half_width: float, told: str) -> None:
+    """A screen in the middle of the room, before a wall that is 3 cm off; the rays spread over 1 m to either side."""
+    screen = _box((1.0, -2.0, 0.0), (1.1, half_width, 2.6))
+    moved = WALL + np.array([-0.03, 0.0, 0.0])
+    assert _verdict(_views(moved, screen, FAR)).verdict == told
+
+
 def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     verdicts = element_verdicts(ELEMENTS, _views(WALL, FAR), PLAN, 0.01, SHARED)
     verdicts[0] = replace(verdicts[0], name="=1+1")

@@ -98,8 +98,11 @@ def test_what_hides_it_or_its_wall_leaves_it_undecided() -> None:
     screen = box((NEAR - 0.5, -3.0, 0.0), (NEAR - 0.4, 3.0, HEIGHT))
     assert _door(wall_with_door(), screen, places=NEAR_ROOM).verdict == "not seen"
     assert _door(wall_with_door(), places=NEAR_ROOM[:2]).verdict == "not seen"
-    without_wall = _door()
-    assert without_wall.verdict == "uncertain" and without_wall.offset_m is None
+
+
+def test_a_door_goes_with_its_absent_wall() -> None:
+    found = _door()
+    assert found.verdict == "absent" and found.offset_m is None
 
 
 def test_without_its_wall_in_the_plan_it_is_not_judged() -> None:

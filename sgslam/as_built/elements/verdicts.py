@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
+_LEAST_SHARE = 0.3  # of the sightings of a moved surface: if nearly all are before it, so may be what is taken for it
 
 
 def element_verdicts(
@@ -107,6 +108,8 @@ def _solid(
         verdict, reason = "uncertain", f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
         verdict, reason, sure = "uncertain", f"{reason}; on one side only and before it: it may be furniture", False
+    if verdict == "moved" and share < _LEAST_SHARE:
+        verdict, reason, sure = "uncertain", f"{reason}; most of what was met is something before it", False
     return Finding(verdict, reason, d, n, sigma, turn, sure, share, count)
 
 

@@ -58,6 +58,8 @@ def opening_finding(
     count, share = len(seen_by), _share(sides, reveal)
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
         return Finding("not seen", f"{cells} cells from {count} keyframes", seen=share, views=count)
+    if built is not None and built.verdict == "absent":
+        return Finding("absent", "its wall is absent", conclusive=True, seen=share, views=count)
     fit = _fit(sides, reveal)
     if fit.filled - fit.there > SURE:
         return Finding("absent", "its wall goes on in its place", conclusive=True, seen=share, views=count)
