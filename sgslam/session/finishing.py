@@ -2,7 +2,7 @@
 
 import logging
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -28,6 +28,7 @@ from sgslam.session.soundness.scan_uncertainty import (
     what_is_not_anchored,
     why_none_is_anchored,
 )
+from sgslam.session.soundness.standing_walls import standing_walls
 from sgslam.session.soundness.unit_advice import feet_advice
 
 if TYPE_CHECKING:
@@ -61,7 +62,10 @@ def assemble_result(
     known = backend.uncertainty()
     alignments = anchoring.alignments(floors, backend.T_map_bim) if anchoring is not None else {}
     matches = cast("MatchesFile | None", anchoring.answer(floors, alignments) if anchoring is not None else None)
-    place = _judged(final, run, known, _standing(bim, matches), config)
+    standing = None
+    if bim is not None and anchoring is not None and matches is not None:
+        standing = standing_walls(bim, alignments, floors, anchoring.origin)
+    place = _judged(final, run, known, standing, config)
     T_bim_map, reason = place.T_bim_map, place.reason
     in_bim = known if T_bim_map is not None else None
     told = ScanUncertainty.joined([place.own, *_apart(unplaced, config)])
@@ -156,14 +160,6 @@ def _not_anchored_advice(
 def _first_anchor_s(final: ActiveMap, run: RunPoses) -> float | None:
     """Seconds from the run's first scan in the map to its first anchor; None if there is none."""
     return None if final.first_anchor_ns is None else (final.first_anchor_ns - run.scans[0].stamp_ns) / 1e9
-
-
-def _standing(bim: SceneGraph | None, matches: "MatchesFile | None") -> SceneGraph | None:
-    """The plan with those walls that the map has too: one may walk where a planned wall was not built."""
-    if bim is None or matches is None:
-        return None
-    seen = {planned for _, planned, _ in matches["wall_surfaces"]}
-    return replace(bim, wall_surfaces=tuple(wall for wall in bim.wall_surfaces if wall.id in seen))
 
 
 def _quality(

@@ -12,6 +12,7 @@ from data.trajectory import Trajectory
 from sgslam.config import QualitySettings
 from sgslam.session.soundness.quality import Quality, contradiction, quality_of, walls_crossed
 from sgslam.session.soundness.scan_uncertainty import ScanUncertainty, what_is_not_anchored
+from sgslam.session.soundness.standing_walls import seen_parts
 
 SCANS = 100
 WALL = WallSurface("w", None, (5.0, 0.0), (1.0, 0.0), 4.0)
@@ -184,3 +185,13 @@ def test_scans_that_are_not_anchored_are_counted_by_cause() -> None:
     assert what_is_not_anchored(told(9, 0, 3, 0)) == "of 12 scans 3 lie in parts that were not placed"
     everything = what_is_not_anchored(told(3, 2, 4, 1))
     assert everything.startswith("of 10 scans 2 are lost, 4 lie in parts") and "1 have poses" in everything
+
+
+def test_a_wall_stands_where_the_map_has_it_too() -> None:
+    """Two walls in one plane, a door between them; the map has the left end and the middle of the right one."""
+    parts = (("left", -4.0, -1.0, True), ("right", 0.0, 4.0, False))
+    seen = np.concatenate([np.arange(-4.2, -2.95, 0.1), np.arange(1.0, 2.05, 0.1)])
+    found = seen_parts(parts, seen)
+    assert [(source, whole) for source, _, _, whole in found] == [("left", True), ("right", False)]
+    np.testing.assert_allclose([own[1:3] for own in found], [(-4.0, -2.95), (0.95, 2.05)], atol=1e-6)
+    assert seen_parts(parts, np.empty(0)) == []
