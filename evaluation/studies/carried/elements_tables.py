@@ -65,18 +65,19 @@ def _walls(own: pd.DataFrame) -> dict[str, str]:
 
 
 def _absent(own: pd.DataFrame) -> dict[str, str]:
-    """Absent walls that were seen through, and the elements of all drives that stand or were not seen through."""
+    """Absent walls that were seen through, those that were not, and the elements of all drives that stand."""
     elements = _elements(own)
     visible = elements[(elements.element == "wall") & (elements.built == "absent") & (elements.views >= LEAST_VIEWS)]
     hidden = elements[(elements.element == "wall") & (elements.built == "absent") & (elements.views < LEAST_VIEWS)]
-    others = pd.concat([hidden, elements[~elements.built.isin(GONE)]])
+    standing = elements[~elements.built.isin(GONE)]
     not_seen = own.filter(items=["not_seen.as planned"]).sum().sum()  # no column where no drive is anchored
     return {
         "absent walls, called absent": of((visible.verdict == "absent").sum(), len(visible)),
         "called moved": of((visible.verdict == "moved").sum(), len(visible)),
         "not seen": of((visible.verdict == "not seen").sum(), len(visible)),
-        "elements that stand or were not seen, called absent": of(
-            (others.verdict == "absent").sum(), len(others) + not_seen
+        "absent walls that were not seen through, called absent": of((hidden.verdict == "absent").sum(), len(hidden)),
+        "elements that stand, called absent": of(
+            (standing.verdict == "absent").sum(), len(standing) + not_seen
         ),
     }
 
