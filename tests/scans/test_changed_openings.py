@@ -218,7 +218,11 @@ def test_the_command_line_has_the_options(building: SmallBuilding, tmp_path: Pat
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "storey", "count"),
-    [("AC20-FZK-Haus.ifc", "Erdgeschoss", 14), ("Jesse.1.ifc", "Level 1", 15), ("SampleHouse4.ifc", "Ground Floor", 7)],
+    [
+        pytest.param("AC20-FZK-Haus.ifc", "Erdgeschoss", 14, marks=pytest.mark.long),
+        ("Jesse.1.ifc", "Level 1", 15),
+        pytest.param("SampleHouse4.ifc", "Ground Floor", 7, marks=pytest.mark.long),
+    ],
 )
 def test_openings_of_real_models_are_displaced_as_told(name: str, storey: str, count: int) -> None:
     """In the last two, some walls' own shapes have the holes too."""

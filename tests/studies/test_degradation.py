@@ -121,7 +121,7 @@ def test_each_cell_of_the_matrix_is_there_once() -> None:
     assert paces == set(SEVERITIES["motion distortion"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drive_is_measured_and_lands_in_tables_and_figure(tmp_path: Path) -> None:
     building = SequenceSpec(name="small", bim=str(write_small_ifc(tmp_path / "small.ifc").path), storey="Ground")
     (tmp_path / "work").mkdir()

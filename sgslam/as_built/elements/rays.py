@@ -53,14 +53,21 @@ class SeenRays:
         scene = TriangleScene(np.concatenate([e.triangles for e in solids])) if solids else None
         owner = np.repeat(np.arange(len(solids), dtype=np.int32), [len(e.triangles) for e in solids])
         self._met = [_met(view, scene, owner) for view in views]
+        self._seen_by: dict[int, list[int]] = {}
+        for k, (_, owners) in enumerate(self._met):
+            for solid in np.unique(owners).tolist():
+                self._seen_by.setdefault(solid, []).append(k)
 
-    def near(self, body: Floats) -> Rays:
-        """The rays of the views nearest to a body (M, 3, 3) that pass it closely."""
+    def near(self, body: Floats, solid: int) -> Rays:
+        """The rays that pass a body (M, 3, 3) closely, of the nearest views that would see the `solid` (index) in which
+        it lies."""
         corners = body.reshape(-1, 3)
         low, high = corners.min(axis=0) - _AROUND, corners.max(axis=0) + _AROUND
-        away = np.linalg.norm(np.maximum(np.maximum(low - self._sensors, self._sensors - high), 0.0), axis=1)
+        views = np.array(self._seen_by.get(solid, []), dtype=np.int64)
+        sensors = self._sensors[views]
+        away = np.linalg.norm(np.maximum(np.maximum(low - sensors, sensors - high), 0.0), axis=1)
         own = np.argsort(away, kind="stable")[:_MOST_VIEWS]
-        found = [self._passing(int(k), low, high) for k in np.sort(own[away[own] < FURTHEST_RAY])]
+        found = [self._passing(int(k), low, high) for k in np.sort(views[own[away[own] < FURTHEST_RAY]])]
         return _joined(found or [self._passing(None, low, high)])
 
     def _passing(self, number: int | None, low: Floats, high: Floats) -> Rays:

@@ -54,17 +54,19 @@ def element_verdicts(
         for k, element in enumerate(solids):
             if rays is not None and is_column(element):
                 found[element.global_id] = column_finding(
-                    k, solids, rays.near(element.triangles), views, tolerance, shared
+                    k, solids, rays.near(element.triangles, k), views, tolerance, shared
                 )
             else:
                 found[element.global_id] = _solid(seen, order[ends[k] : ends[k + 1]], views, tolerance, shared)
     index = {element.global_id: k for k, element in enumerate(solids)}
     for opening in (element for element in elements if element.kind == "opening"):
         assert rays is not None
-        host, built = index.get(opening.wall), found.get(opening.wall)
-        found[opening.global_id] = opening_finding(
-            opening, solids, host, built, rays.near(opening.triangles), views, tolerance, shared
-        )
+        host = index.get(opening.wall)
+        if host is None:
+            found[opening.global_id] = Finding("not seen", "the plan has no wall around it")
+            continue
+        near, built = rays.near(opening.triangles, host), found[opening.wall]
+        found[opening.global_id] = opening_finding(opening, solids, host, built, near, views, tolerance, shared)
     rooms = PlannedRooms.of(plan)
     return [entry(element, found[element.global_id], rooms) for element in elements]
 

@@ -41,13 +41,13 @@ class _Fit:
 
 
 def opening_finding(
-    opening: "PlannedElement", solids: list["PlannedElement"], host: int | None, built: Finding | None, rays: Rays,
+    opening: "PlannedElement", solids: list["PlannedElement"], host: int, built: Finding, rays: Rays,
     views: Sequence[View], tolerance: float, shared: float,
 ) -> Finding:  # fmt: skip
-    """What the `rays` say of an opening in the solid with the index `host`, which was `built` so; both None where the
-    plan has no wall around it. Tolerance and shared error as in `element_verdicts`."""
-    reveal = None if host is None else reveal_of(opening, solids[host])
-    if reveal is None or host is None:
+    """What the `rays` say of an opening in the solid with the index `host`, which was `built` so. Tolerance and shared
+    error as in `element_verdicts`."""
+    reveal = reveal_of(opening, solids[host])
+    if reveal is None:
         return Finding("not seen", "the plan has no upright wall around it")
     sides = crossed_walls(reveal, host, _shift(built, reveal), rays, list(views))
     if not sides:
@@ -58,7 +58,7 @@ def opening_finding(
     count, share = len(seen_by), _share(sides, reveal)
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
         return Finding("not seen", f"{cells} cells from {count} keyframes", seen=share, views=count)
-    if built is not None and built.verdict == "absent":
+    if built.verdict == "absent":
         return Finding("absent", "its wall is absent", conclusive=True, seen=share, views=count)
     fit = _fit(sides, reveal)
     if fit.filled - fit.there > SURE:
@@ -81,9 +81,9 @@ def opening_finding(
     return Finding(verdict, reason, fit.along, direction, sigma, None, sure, share, count)
 
 
-def _shift(built: Finding | None, reveal: Reveal) -> float | None:
+def _shift(built: Finding, reveal: Reveal) -> float | None:
     """Metres across, by which the wall was found off its place; None where it was not measured."""
-    if built is None or built.offset is None or built.direction is None:
+    if built.offset is None or built.direction is None:
         return None
     return built.offset * float(np.dot(built.direction, reveal.across))
 
