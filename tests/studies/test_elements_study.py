@@ -136,7 +136,7 @@ def test_the_tables_count_what_was_told() -> None:
     assert list(made["drives"].anchored) == ["1/1", "1/1", "0/1"]
     walls = made["walls"].set_index("cell").loc["15 mm"]
     assert list(walls)[2:] == ["1/2", "1", "1/3", "2/3", "0/3"]
-    assert list(made["absent"].iloc[0])[2:] == ["1/2", "0/2", "1/2", f"2/{(11 + 7) + (2 + 5)}"]
+    assert list(made["absent"].iloc[0])[2:] == ["1/2", "0/2", "1/2", "1/1", f"1/{(11 + 7) + (1 + 5)}"]
     assert list(made["openings"].iloc[0])[2:] == ["door", "1/1", "", "", "1/2", "1/3 (33 %)"]
     assert list(made["unplanned"].iloc[0])[2:] == ["1", "2/3", "1", "4", "40"]
     offsets = made["offsets"].set_index("measured")
