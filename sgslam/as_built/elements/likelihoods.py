@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.elements.entries import Verdict
-from sgslam.as_built.elements.sightings import View
+from sgslam.as_built.elements.sightings import CELL, View
 from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
 from sgslam.as_built.elements.turns import PoseNoise
 
@@ -48,3 +48,9 @@ def told(distance: float, sigma: float, tolerance: float) -> tuple[Verdict, bool
     if not sure and sigma > tolerance:
         return "uncertain", False
     return ("as planned" if distance <= tolerance else "moved"), sure
+
+
+def too_little(cells: int, views: int) -> str:
+    """Why an element is not seen: the reason for the reader."""
+    needed = f"{LEAST_CELLS} and {LEAST_VIEWS} are needed"
+    return f"too little of it was seen: {cells} cells of {1000 * CELL:.0f} mm from {views} keyframes; {needed}"

@@ -21,6 +21,7 @@ from sgslam.as_built.elements.likelihoods import (
     SURE,
     THROUGH,
     pose_noise,
+    too_little,
 )
 from sgslam.as_built.elements.openings import opening_finding
 from sgslam.as_built.elements.rays import SeenRays
@@ -78,7 +79,7 @@ def _solid(
     count = len(np.unique(seen.view[mine]))
     cells = len(np.unique(seen.cell[mine], axis=0))
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
-        return Finding("not seen", f"{cells} cells from {count} keyframes", views=count)
+        return Finding("not seen", too_little(cells, count), views=count)
     mine, direction = _main_axis(seen, mine)
     sign = np.sign(seen.normal[mine] @ direction)
     offset = seen.offset[mine]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.elements.entries import Finding
-from sgslam.as_built.elements.likelihoods import LEAST_CELLS, LEAST_VIEWS, NOISE, SURE, pose_noise, told
+from sgslam.as_built.elements.likelihoods import LEAST_CELLS, LEAST_VIEWS, NOISE, SURE, pose_noise, told, too_little
 from sgslam.as_built.elements.openings.crossed_walls import CrossedWall, crossed_walls
 from sgslam.as_built.elements.openings.jambs import PLACES, Inside, displacements, jamb_profile, unbroken, widened
 from sgslam.as_built.elements.openings.reveals import Reveal, reveal_of
@@ -57,7 +57,7 @@ def opening_finding(
     cells = sum(len(np.unique(side.cell[own], axis=0)) for side, own in zip(sides, within, strict=True))
     count, share = len(seen_by), _share(sides, reveal)
     if count < LEAST_VIEWS or cells < LEAST_CELLS:
-        return Finding("not seen", f"{cells} cells from {count} keyframes", seen=share, views=count)
+        return Finding("not seen", too_little(cells, count), seen=share, views=count)
     if built.verdict == "absent":
         return Finding("absent", "its wall is absent", conclusive=True, seen=share, views=count)
     fit = _fit(sides, reveal)
@@ -75,6 +75,8 @@ def opening_finding(
     sigma = float(np.linalg.norm([fit.sigma, shared, poses.position]))
     verdict, sure = told(abs(fit.along), sigma, tolerance)
     reason = f"its edges are at {1000 * fit.along:+.0f} mm along the wall; {state}"
+    if verdict == "uncertain":
+        reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and fit.left < SURE:  # a leaf, a frame or a curtain narrows an opening, but does not widen it
         verdict, reason, sure = "uncertain", f"{reason}; one edge alone, which may be a leaf", False
     direction = (float(reveal.along[0]), float(reveal.along[1]), 0.0)
