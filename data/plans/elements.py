@@ -72,7 +72,7 @@ def _openings(model: ifcopenshell.file, storeys: dict[str, str]) -> Iterator[Pla
 
 
 def _wall_around(filling: ifcopenshell.entity_instance) -> str:
-    """The GlobalId of what a door's or window's opening is cut out of, empty where it is not told."""
+    """The GlobalId of what a door's or window's opening is cut out of, empty where the model does not say."""
     voids = [relation for fills in filling.FillsVoids for relation in fills.RelatingOpeningElement.VoidsElements]
     return str(voids[0].RelatingBuildingElement.GlobalId) if voids else ""
 

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from data.plans.elements import PlannedElement
+from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.sightings import View
 
 Floats = NDArray[np.float64]
@@ -19,6 +20,9 @@ COLUMN = (0.6, 1.4)  # x, y of its middle
 SIDE = 0.3  # m
 NEAR_ROOM: Places = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-2.0, -0.7, 0.7, 2.3))
 FAR_ROOM: Places = tuple((x, y) for x in (4.4, 5.5, 6.6) for y in (-1.7, 0.0, 1.7))
+BOTH = NEAR_ROOM + FAR_ROOM
+PLAN = SceneGraph("bim", (), (), (), ())
+SHARED, TOLERANCE = 0.004, 0.01  # m
 
 
 def box(low: Corner, high: Corner) -> Floats:

@@ -122,7 +122,7 @@ def test_keyframes_settle_in_plan_view_and_walls_follow(roll: float) -> None:
     planes = {wall: transform_planes(inverse(backend.T_map_bim), p) for wall, p in backend.planes_in_map.items()}
     shifted = before.copy()
     shifted[:, :2, 3] += [0.01, -0.02]
-    backend.settle(shifted @ pose(0.0, 0.0, 0.0, 0.0, roll, 0.0))  # what is told of the tilt does not count
+    backend.settle(shifted @ pose(0.0, 0.0, 0.0, 0.0, roll, 0.0))  # the tilt given does not count
     after = inverse(backend.T_map_bim) @ backend.poses
     np.testing.assert_allclose(after[:, :2, 3], shifted[:, :2, 3], atol=1e-3)
     np.testing.assert_allclose(after[:, 2], before[:, 2], atol=5e-3)  # height and tilt hardly change
@@ -134,7 +134,7 @@ def test_keyframes_settle_in_plan_view_and_walls_follow(roll: float) -> None:
     assert known is not None
     assert settled is not None
     ratio = np.sqrt(np.diag(settled.pose_covariances([5])[0]) / np.diag(known.pose_covariances([5])[0]))
-    assert ratio.min() > 0.8  # nobody took the settling for a measurement
+    assert ratio.min() > 0.8  # settling is no measurement
     run.optimise(anchors)
     back = inverse(backend.T_map_bim) @ backend.poses
     np.testing.assert_allclose(back[:, :2, 3], before[:, :2, 3], atol=1e-3)

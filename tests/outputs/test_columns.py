@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 
 from data.plans.elements import PlannedElement
-from data.scene_graph import SceneGraph
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
 from tests.helpers.two_rooms_seen import (
+    BOTH,
     COLUMN,
-    FAR_ROOM,
     HEIGHT,
-    NEAR_ROOM,
+    PLAN,
+    SHARED,
     SHELL,
+    TOLERANCE,
     Floats,
     Places,
     box,
@@ -21,9 +22,6 @@ from tests.helpers.two_rooms_seen import (
     wall_with_door,
 )
 
-PLAN = SceneGraph("bim", (), (), (), ())
-SHARED, TOLERANCE = 0.004, 0.01  # m
-BOTH = NEAR_ROOM + FAR_ROOM
 LEFT = ((-1.5, 1.2), (-2.0, 1.5), (-1.0, 0.8), (-2.0, 1.8), (-1.2, 1.5))  # of the column
 
 

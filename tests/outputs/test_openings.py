@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from data.plans.elements import PlannedElement
-from data.scene_graph import SceneGraph
 from sgslam.as_built.elements import ElementVerdict, element_verdicts
 from tests.helpers.two_rooms_seen import (
+    BOTH,
     FAR,
     FAR_ROOM,
     FILLED,
@@ -15,7 +15,10 @@ from tests.helpers.two_rooms_seen import (
     LINTEL,
     NEAR,
     NEAR_ROOM,
+    PLAN,
+    SHARED,
     SHELL,
+    TOLERANCE,
     Floats,
     Places,
     box,
@@ -24,10 +27,6 @@ from tests.helpers.two_rooms_seen import (
     views_of,
     wall_with_door,
 )
-
-PLAN = SceneGraph("bim", (), (), (), ())
-SHARED, TOLERANCE = 0.004, 0.01  # m
-BOTH = NEAR_ROOM + FAR_ROOM
 
 
 def _door(

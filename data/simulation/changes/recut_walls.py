@@ -1,4 +1,4 @@
-"""Walls whose doors and windows are displaced or absent: cut anew, in a copy of the model."""
+"""Walls whose doors and windows are displaced or absent: cut again, in a copy of the model."""
 
 from dataclasses import replace
 

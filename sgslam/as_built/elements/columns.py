@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from data.geometry.raycast import TriangleScene
 from sgslam.as_built.elements.entries import Finding
-from sgslam.as_built.elements.likelihoods import LEAST_CELLS, LEAST_VIEWS, NOISE, REACH, SURE, pose_noise, told
+from sgslam.as_built.elements.likelihoods import (
+    LEAST_CELLS,
+    LEAST_VIEWS,
+    NOISE,
+    REACH,
+    SURE,
+    pose_noise,
+    verdict_on_offset,
+)
 from sgslam.as_built.elements.passing import Passing, passing
 from sgslam.as_built.elements.rays import Rays
 from sgslam.as_built.elements.sightings import View
@@ -82,7 +90,7 @@ def _standing(
     own = float(np.sqrt(direction[:2] @ spread @ direction[:2]))
     sigma = float(np.linalg.norm([own, shared, pose_noise([views[int(k)] for k in seen_by]).position]))
     # noise makes a vector longer, never shorter
-    verdict, sure = told(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, tolerance)
+    verdict, sure = verdict_on_offset(float(np.sqrt(max(distance**2 - sigma**2, 0.0))), sigma, tolerance)
     reason = f"it stands {1000 * distance:.0f} mm off in plan view, by {int(at.sum())} rays"
     if verdict == "moved" and _may_be_before(near, outline + shift[:2], at):
         verdict, sure = "uncertain", False

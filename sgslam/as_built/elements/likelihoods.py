@@ -1,4 +1,4 @@
-"""What the tests of all elements share: how rays scatter about a surface, and when a hypothesis is told."""
+"""What the tests of all elements share: how rays scatter about a surface, and when a hypothesis is believed."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,7 @@ def pose_noise(views: list[View]) -> PoseNoise:
     return PoseNoise(position, heading, len(views))
 
 
-def told(distance: float, sigma: float, tolerance: float) -> tuple[Verdict, bool]:
+def verdict_on_offset(distance: float, sigma: float, tolerance: float) -> tuple[Verdict, bool]:
     """The verdict on an offset (m) with its standard deviation, and whether it is sure."""
     sure = abs(distance - tolerance) > SURE_SIGMAS * sigma
     if not sure and sigma > tolerance:

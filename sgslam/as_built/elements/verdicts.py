@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from data.scene_graph import SceneGraph
 from sgslam.as_built.elements.columns import column_finding, is_column
-from sgslam.as_built.elements.entries import ElementVerdict, Finding, PlannedRooms, Verdict, entry
+from sgslam.as_built.elements.entries import ElementVerdict, Finding, PlannedRooms, entry
 from sgslam.as_built.elements.likelihoods import (
     BEFORE,
     BEHIND,
@@ -22,11 +22,11 @@ from sgslam.as_built.elements.likelihoods import (
     THROUGH,
     pose_noise,
     too_little,
+    verdict_on_offset,
 )
 from sgslam.as_built.elements.openings import opening_finding
 from sgslam.as_built.elements.rays import SeenRays
 from sgslam.as_built.elements.sightings import CELL, Sightings, View, sightings
-from sgslam.as_built.elements.tolerance_classes import SURE_SIGMAS
 from sgslam.as_built.elements.turns import turn_of
 
 if TYPE_CHECKING:
@@ -103,12 +103,10 @@ def _solid(
     turn = turn_of(places, (sign * offset)[at], weight[at], direction, NOISE, poses)
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
-    margin = abs(abs(d) - tolerance)
-    sure = margin > SURE_SIGMAS * sigma
-    verdict: Verdict = "as planned" if abs(d) <= tolerance else "moved"
+    verdict, sure = verdict_on_offset(abs(d), sigma, tolerance)
     reason = f"its surface is at {1000 * d:+.0f} mm, by {int(at.sum())} sightings"
-    if not sure and sigma > tolerance:
-        verdict, reason = "uncertain", f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
+    if verdict == "uncertain":
+        reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
         verdict, reason, sure = "uncertain", f"{reason}; on one side only and before it: it may be furniture", False
     if verdict == "moved" and share < _LEAST_SHARE:

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sgslam.as_built.elements.entries import Finding
-from sgslam.as_built.elements.likelihoods import LEAST_CELLS, LEAST_VIEWS, NOISE, SURE, pose_noise, told, too_little
+from sgslam.as_built.elements.likelihoods import (
+    LEAST_CELLS,
+    LEAST_VIEWS,
+    NOISE,
+    SURE,
+    pose_noise,
+    too_little,
+    verdict_on_offset,
+)
 from sgslam.as_built.elements.openings.crossed_walls import CrossedWall, crossed_walls
 from sgslam.as_built.elements.openings.jambs import PLACES, Inside, displacements, jamb_profile, unbroken, widened
 from sgslam.as_built.elements.openings.reveals import Reveal, reveal_of
@@ -23,7 +31,7 @@ if TYPE_CHECKING:
     from data.plans.elements import PlannedElement  # loads ifcopenshell
 
 Floats = NDArray[np.float64]
-_SET_BACK = 0.03  # m behind the wall's face, from which on a leaf or pane is told from a wall that goes on
+_SET_BACK = 0.03  # m behind the wall's face, from which on a leaf or pane is distinct from a wall that goes on
 _UNSURE = 0.05  # m, standard deviation of a displacement, from which on no jamb was seen
 
 
@@ -73,7 +81,7 @@ def opening_finding(
         return Finding("as planned", f"{state}; its edges are not seen", seen=share, views=count)
     poses = pose_noise([views[int(k)] for k in seen_by])
     sigma = float(np.linalg.norm([fit.sigma, shared, poses.position]))
-    verdict, sure = told(abs(fit.along), sigma, tolerance)
+    verdict, sure = verdict_on_offset(abs(fit.along), sigma, tolerance)
     reason = f"its edges are at {1000 * fit.along:+.0f} mm along the wall; {state}"
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
