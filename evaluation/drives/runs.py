@@ -1,35 +1,36 @@
 """Runs the system, or its tracker alone, on a folder of scans."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data.imu import ImuSamples
 from data.scans import Scan
 from data.trajectory import Trajectory
 from sgslam.config import Config
 from sgslam.geometry.frames import level_at
-from sgslam.inertial import ImuBuffer
 from sgslam.odometry.external import ExternalOdometry
 from sgslam.session import Result
 from sgslam.slam import SceneGraphSlam
 from sgslam.tracking import TrackedScan
 from sgslam.tracking.run_tracker import CarriedElsewhere, RunTracker, TrackingStep
 
+AddImu = Callable[[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]], None]
 _SCAN_NS = 200_000_000  # as long as a scan lasts at most
 
 
 def run_through(
     slam: SceneGraphSlam, scans: Iterable[Scan], odometry: ExternalOdometry | None = None,
-    again: Iterable[Scan] | None = None,
+    again: Iterable[Scan] | None = None, samples: ImuSamples | None = None,
 ) -> Result:  # fmt: skip
     """Adds all scans, with their points' times where they have them, and finishes the run.
 
-    `odometry` replaces that of the run. `again` reads the scans a second time, for a second pass. Raises UserError
-    for scans that the odometry does not cover.
+    `odometry` replaces that of the run. `again` reads the scans a second time, for a second pass. `samples` are those
+    of an IMU. Raises UserError for scans that the odometry does not cover.
     """
-    for scan in scans:
+    for scan in scans if samples is None else with_samples(scans, samples, slam.add_imu):
         T_odom_sensor = None if odometry is None else odometry.at(scan.stamp_ns)
         slam.add_scan(scan.stamp_ns, scan.points, scan.point_times, T_odom_sensor)
     return slam.finish(again)
@@ -53,7 +54,7 @@ class TrackedDrive:
 def tracked_by_run(scans: Iterable[Scan], config: Config, samples: ImuSamples | None = None) -> TrackedDrive:
     """Tracks all scans, with their points' times where they have them, and with the samples of an IMU where given."""
     tracker = RunTracker(config)
-    given = scans if samples is None else with_samples(scans, samples, tracker.imu)
+    given = scans if samples is None else with_samples(scans, samples, tracker.add_imu)
     found, T_odom_part, kidnaps = dict[int, TrackedScan](), np.eye(4), 0
     for step in _steps(tracker, given):
         if isinstance(step, CarriedElsewhere):
@@ -71,12 +72,12 @@ def _steps(tracker: RunTracker, scans: Iterable[Scan]) -> Iterator[TrackingStep]
     yield from tracker.release()
 
 
-def with_samples(scans: Iterable[Scan], samples: ImuSamples, imu: ImuBuffer) -> Iterator[Scan]:
+def with_samples(scans: Iterable[Scan], samples: ImuSamples, add_imu: AddImu) -> Iterator[Scan]:
     """The scans; before each of them the samples until its end, as a run adds them."""
     first = 0
     for scan in scans:
         last = int(np.searchsorted(samples.stamps_ns, scan.stamp_ns + _SCAN_NS, side="right"))
         if last > first:
-            imu.add(ImuSamples(samples.stamps_ns[first:last], samples.gyro[first:last], samples.accel[first:last]))
+            add_imu(samples.stamps_ns[first:last], samples.gyro[first:last], samples.accel[first:last])
             first = last
         yield scan

@@ -24,8 +24,10 @@ needs_both = pytest.mark.skipif(
 def test_each_drive_of_the_design_is_there_once() -> None:
     design = Choice(sequences=("demo", "house-1"), seeds=(0, 1))
     found = cases(design)
-    assert len({case.key for case in found}) == len(found) == 3 * 2 * 2 * 4
-    assert len(cases(QUICK)) == 4 and {case.imu for case in cases(QUICK)} == {"mid360"}
+    assert len({case.key for case in found}) == len(found) == (3 + 3) * 2 * 2 * 4
+    as_long = {case.seconds * case.pace for case in found}
+    assert as_long == {design.seconds} and {case.pace for case in found if case.recorded} == {1.0, 2.0, 4.0}
+    assert {case.imu for case in cases(QUICK)} == {"mid360"}
 
 
 @needs_both
@@ -36,7 +38,7 @@ def test_a_drive_is_tracked_by_each_method(tmp_path: Path) -> None:
     work.mkdir()
     case = Run(
         sequence=building, seed=1, carrier="handheld", sensor="VLP-16", imu="mid360", seconds=6.0,
-        methods=("sgslam", "sgslam_imu", *LIBRARIES),
+        methods=("sgslam", "sgslam_imu", *LIBRARIES), anchored=("sgslam_imu",),
     )  # fmt: skip
     found = measure(case, work)
     assert found.scans == 60 and all(errors.missing == 0 for errors in found.found.values())
@@ -47,6 +49,8 @@ def test_a_drive_is_tracked_by_each_method(tmp_path: Path) -> None:
     }  # fmt: skip
     made = tables(rows_of([(case, found)]))
     assert made["ate"].iloc[0]["GenZ-LIO: ATE (m)"].startswith(f"{ate['genz_lio']:.3f}")
+    assert 0 < found.turn_deg_s <= found.fastest_deg_s < 90
+    assert found.with_plan["sgslam_imu"].scans == 60 and list(made["anchored"]["method"]) == ["sgslam with the IMU"]
     assert list(made["errors"]["method"]) == ["sgslam", "sgslam with the IMU", "RKO-LIO", "GenZ-LIO"]
     assert not list(work.iterdir())
 

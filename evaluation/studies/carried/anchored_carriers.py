@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveFloat
 
+from data.imu import ImuSamples
+from data.scene_graph import SceneGraph
 from data.simulation.effects.names import ALL, EFFECTS, TIMINGS
 from data.trajectory import Trajectory
-from evaluation.drives.carried import CarriedCase, carried
+from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
 from evaluation.harness import Record, Study
@@ -94,23 +96,28 @@ def measure(case: CarriedCase, work: Path) -> Anchored:
     """Simulates the drive and runs it with the whole building as its plan."""
     plan = plan_of(case.sequence, work)
     with carried(case, work) as drive:
-        stopwatch = Stopwatch()
-        slam = SceneGraphSlam(plan, stopwatch=stopwatch)
-        result = run_through(slam, drive.scans(), again=drive.scans())
-        error = error_in_bim(result.trajectory, drive.truth) if result.anchored else None
-        return Anchored(
-            scans=drive.count, length_m=drive.length, anchored=result.anchored, reason=result.reason,
-            first_anchor_s=result.first_anchor_s,
-            rmse_m=None if error is None else error.position.rmse,
-            plan_view_m=None if error is None else error.horizontal.rmse,
-            height_m=None if error is None else _mean_height(result.trajectory, drive.truth),
-            worst_m=None if error is None else error.position.max,
-            wrong=wrong_poses(result.trajectory, drive.truth) if result.anchored else 0,
-            inside=inside(result, drive.truth) if result.anchored else None,
-            map_m=ate(result.trajectory_map, drive.truth), odometry_m=ate(result.trajectory_odometry, drive.truth),
-            lost=result.tracked.get("lost", 0), kidnaps=slam.kidnaps, floors=len(result.s_graph.floors),
-            rooms=len(result.s_graph.rooms), scans_per_s=drive.count / sum(stopwatch.seconds.values()),
-        )  # fmt: skip
+        return run_with_plan(drive, plan)
+
+
+def run_with_plan(drive: CarriedDrive, plan: SceneGraph, samples: ImuSamples | None = None) -> Anchored:
+    """Runs a drive from an unknown start, with the samples of an IMU if given."""
+    stopwatch = Stopwatch()
+    slam = SceneGraphSlam(plan, stopwatch=stopwatch)
+    result = run_through(slam, drive.scans(), again=drive.scans(), samples=samples)
+    error = error_in_bim(result.trajectory, drive.truth) if result.anchored else None
+    return Anchored(
+        scans=drive.count, length_m=drive.length, anchored=result.anchored, reason=result.reason,
+        first_anchor_s=result.first_anchor_s,
+        rmse_m=None if error is None else error.position.rmse,
+        plan_view_m=None if error is None else error.horizontal.rmse,
+        height_m=None if error is None else _mean_height(result.trajectory, drive.truth),
+        worst_m=None if error is None else error.position.max,
+        wrong=wrong_poses(result.trajectory, drive.truth) if result.anchored else 0,
+        inside=inside(result, drive.truth) if result.anchored else None,
+        map_m=ate(result.trajectory_map, drive.truth), odometry_m=ate(result.trajectory_odometry, drive.truth),
+        lost=result.tracked.get("lost", 0), kidnaps=slam.kidnaps, floors=len(result.s_graph.floors),
+        rooms=len(result.s_graph.rooms), scans_per_s=drive.count / sum(stopwatch.seconds.values()),
+    )  # fmt: skip
 
 
 def _mean_height(found: Trajectory, truth: Trajectory) -> float:
