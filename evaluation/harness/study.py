@@ -109,6 +109,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "elements": "evaluation.studies.carried.elements",
     "growth": "evaluation.studies.growth",
     "inertial": "evaluation.studies.carried.inertial",
+    "live": "evaluation.studies.live",
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",
     "odometries": "evaluation.studies.odometries",

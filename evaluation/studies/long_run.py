@@ -24,6 +24,7 @@ from data.trajectory import Trajectory
 from evaluation.drives.buildings import demo_building
 from evaluation.drives.endless_drive import DriveSpec, endless_drive
 from evaluation.harness import Case, Claim, Cost, Options, Record, Study
+from evaluation.metrics.memory import memory_in_use
 from evaluation.metrics.trajectories import error_in_bim
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE
@@ -141,12 +142,6 @@ def _run(bim: Path, parts: Iterable[Path], truth: Trajectory, folder: Path) -> W
 def _clock() -> NDArray[np.float64]:
     """(2,) seconds of wall clock and CPU."""
     return np.array([perf_counter(), process_time()])
-
-
-def memory_in_use() -> float:
-    """The resident memory (MB) of this process."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 2**20
 
 
 def tables(rows: "pd.DataFrame") -> Mapping[str, Any]:

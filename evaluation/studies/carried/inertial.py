@@ -193,7 +193,7 @@ def _anchored(own: pd.DataFrame) -> dict[str, str]:
 
 QUICK = Choice(
     sequences=("institute", "office", "fzk-haus", "niedriha"), seeds=(1,), carriers=(LEVEL_CARRIER, RECORDING),
-    imus=("mid360",),
+    imus=("mid360",), methods=("sgslam_imu", "rko_lio", "genz_lio"), anchored=("sgslam_imu",),
 )  # fmt: skip
 STUDY = Study(
     "inertial", "how well scans are tracked and runs anchored with an IMU, beside LiDAR-inertial odometries",
