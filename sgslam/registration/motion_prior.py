@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data.common.compiled import compiled
+from sgslam.geometry.rotations import rotated_by, turn_between
 from sgslam.inertial import Turns
-from sgslam.registration.moving_points import rotated_by, turn_between
 
 Floats = NDArray[np.float64]
 

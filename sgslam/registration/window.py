@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
+from sgslam.geometry.rotations import rotated_by
 from sgslam.inertial import NO_TURNS, Turns
 from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import add_height, add_pose, add_turns, add_velocities, velocity_between
-from sgslam.registration.moving_points import placed, rotated_by
+from sgslam.registration.moving_points import placed
 from sgslam.registration.point_to_plane import add_points
 from sgslam.surfels import Surfels
 
