@@ -1,8 +1,13 @@
-"""An IMU beside the LiDAR: its newest samples, how the sensor turned by its gyroscope, and where up is."""
+"""An IMU beside the LiDAR: its newest samples, how the sensor moved by them, and where up is."""
 
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.gyroscope import Gyroscope
-from sgslam.inertial.preintegration import NO_TURNS, Turns
+from sgslam.inertial.measured_motion import MeasuredMotion
+from sgslam.inertial.preintegration import NO_TURNS, Changes, Turns, no_changes
+from sgslam.inertial.unsteady import UnsteadyTurn
 from sgslam.inertial.vertical import measured_up
 
-__all__ = ["NO_TURNS", "Gyroscope", "ImuBuffer", "Turns", "measured_up"]
+__all__ = [
+    "NO_TURNS", "Changes", "Gyroscope", "ImuBuffer", "MeasuredMotion", "Turns", "UnsteadyTurn", "measured_up",
+    "no_changes",
+]  # fmt: skip

@@ -62,11 +62,27 @@ class ImuBuffer(Stateful):
     def _take_newer(self) -> None:
         if not self._newer:
             return
-        newer = [np.hstack([own.gyro @ self._R_sensor_imu.T, own.accel @ self._R_sensor_imu.T]) for own in self._newer]
-        stamps = np.concatenate([self._stamps, *(own.stamps_ns for own in self._newer)])
+        gyro, accel = (
+            np.concatenate([getattr(own, name) for own in self._newer]) @ self._R_sensor_imu.T
+            for name in ("gyro", "accel")
+        )
+        newer = np.concatenate([own.stamps_ns for own in self._newer])
+        accel = accel - self._beside(newer, gyro)
+        stamps = np.concatenate([self._stamps, newer])
         kept = stamps >= stamps[-1] - _KEPT_NS
-        self._stamps, self._values = stamps[kept], np.concatenate([self._values, *newer])[kept]
+        self._stamps, self._values = stamps[kept], np.concatenate([self._values, np.hstack([gyro, accel])])[kept]
         self._newer = []
+
+    def _beside(self, stamps_ns: NDArray[np.int64], gyro: Floats) -> Floats:
+        """(N, 3) how much more acceleration the IMU feels than the sensor, as it turns about it."""
+        place = np.array(self.settings.translation)
+        seconds = np.concatenate([self._stamps[-1:], stamps_ns]) / 1e9
+        if not place.any() or len(seconds) < 2:
+            return np.zeros_like(gyro)
+        rates = np.concatenate([self._values[-1:, :3], gyro])
+        changed = np.gradient(rates, seconds, axis=0)
+        both = np.cross(changed, place) + np.cross(rates, np.cross(rates, place))
+        return np.asarray(both[len(both) - len(gyro) :])
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`."""

@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from data.imu import ImuSamples
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.preintegration import NO_TURNS, Turns, preintegrated
+from sgslam.inertial.unsteady import UnsteadyTurn, unsteady
 from sgslam.serialization import Stateful
 
 Floats = NDArray[np.float64]
@@ -40,10 +42,34 @@ class Gyroscope(Stateful):
         other._direction, other._seen = -self._direction, None
         return other
 
+    @property
+    def runs_backwards(self) -> bool:
+        """Whether time runs backwards."""
+        return self._direction < 0
+
+    def forward(self, seconds: Floats) -> Floats:
+        """Times (K,) in the order in which they passed."""
+        return -seconds[::-1] if self.runs_backwards else seconds
+
+    def samples(self, begin: float, end: float) -> tuple[Floats, ImuSamples] | None:
+        """The samples between two times, as they passed, with their seconds (N,); None where some are missing."""
+        found = self._imu.around(*(self._first_ns + round(second * 1e9) for second in (begin, end)))
+        return None if found is None else ((found.stamps_ns - self._first_ns) / 1e9, found)
+
+    def unsteady(self, knots: Floats) -> UnsteadyTurn | None:
+        """How unsteadily the sensor turns between knots at times (K,); None where samples are missing."""
+        samples = self.samples(float(knots[0]), float(knots[-1])) if len(knots) > 1 else None
+        return None if samples is None else UnsteadyTurn(*unsteady(samples[0], samples[1].gyro, self.bias, knots))
+
+    def turn(self, begin: float, end: float) -> Floats | None:
+        """(3, 3) the turn between two times; None where samples are missing."""
+        found = self._preintegrated(begin, end)
+        return None if found is None else found[0]
+
     def between(self, seconds: Floats) -> Turns:
         """The turns between knots at times (K,) that increase."""
         settings, lasted = self._imu.settings, np.diff(seconds)
-        found = [self._turn(a, b) for a, b in pairwise(seconds)]
+        found = [self._preintegrated(a, b) for a, b in pairwise(seconds)]
         known = np.array([own is not None for own in found])
         if not known.any():
             return NO_TURNS
@@ -55,7 +81,7 @@ class Gyroscope(Stateful):
         """Knots (K, 4, 4) at times (K,), with the attitudes that follow from the first one, as far as is measured."""
         result = knots.copy()
         for k in range(1, len(knots)):
-            found = self._turn(seconds[k - 1], seconds[k])
+            found = self._preintegrated(seconds[k - 1], seconds[k])
             if found is None:
                 break
             result[k, :3, :3] = result[k - 1, :3, :3] @ found[0]
@@ -70,7 +96,7 @@ class Gyroscope(Stateful):
         if second - before < _BETWEEN:
             return
         self._seen = second, R_odom_sensor.copy()
-        found = self._turn(before, second)
+        found = self._preintegrated(before, second)
         if found is not None:
             R, J = found
             off = Rotation.from_matrix(R.T @ R_before.T @ R_odom_sensor).as_rotvec()
@@ -89,13 +115,11 @@ class Gyroscope(Stateful):
         """To be called where attitudes are not known any more."""
         self._seen = None
 
-    def _turn(self, begin: float, end: float) -> tuple[Floats, Floats] | None:
+    def _preintegrated(self, begin: float, end: float) -> tuple[Floats, Floats] | None:
         """See `preintegrated`; None where samples are missing."""
         low, high = sorted((self._direction * begin, self._direction * end))
-        at = [self._first_ns + round(second * 1e9) for second in (low, high)]
-        samples = self._imu.around(*at)
+        samples = self.samples(low, high)
         if samples is None:
             return None
-        seconds = (samples.stamps_ns - self._first_ns) / 1e9
-        R, J = preintegrated(seconds, samples.gyro, self.bias, low, high)
+        R, J = preintegrated(samples[0], samples[1].gyro, self.bias, low, high)
         return (R, J) if self._direction > 0 else (R.T.copy(), -R @ J)

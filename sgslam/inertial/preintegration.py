@@ -1,4 +1,4 @@
-"""Preintegrated turns of a gyroscope (Forster et al., T-RO 2017, equations 35 and A.20)."""
+"""What an IMU measures between knots; preintegrated turns (Forster et al., T-RO 2017, equations 35 and A.20)."""
 
 import math
 from typing import NamedTuple
@@ -20,6 +20,19 @@ class Turns(NamedTuple):
 
 
 NO_TURNS = Turns(np.empty((0, 3, 3)), np.empty(0))  # without a gyroscope
+
+
+class Changes(NamedTuple):
+    """How much the mean velocity after a knot is more than that before: `values` (K, 3), m/s, of K knots, and the
+    `information` (K,) about each axis, s2/m2; zero where nothing was measured."""
+
+    values: Floats
+    information: Floats
+
+
+def no_changes(count: int) -> Changes:
+    """At so many knots nothing was measured."""
+    return Changes(np.zeros((count, 3)), np.zeros(count))
 
 
 @compiled

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
-from sgslam.inertial import NO_TURNS, Gyroscope
+from sgslam.inertial import NO_TURNS, Changes, MeasuredMotion, no_changes
 from sgslam.odometry.base import Odometry, State
 from sgslam.registration import Health, Motion, Registration
 from sgslam.registration.attempts import best_attempt
@@ -47,7 +47,7 @@ class _Found:
 class ContinuousTimeOdometry:
     """State: the sensor's pose at knots, at most `knot_interval` apart, where each scan begins and ends.
 
-    Two scans are estimated together. The older of them is then added to the map. A `gyro` tells how the sensor turns.
+    Two scans are estimated together. The older of them is then added to the map. An `imu` tells how the sensor moves.
     """
 
     _STATE = (
@@ -55,8 +55,8 @@ class ContinuousTimeOdometry:
         "residual", "_up", "_early", "_lost_at", "_held_at",
     )  # fmt: skip
 
-    def __init__(self, settings: TrackingSettings, gyro: Gyroscope | None = None) -> None:
-        self._gyro = gyro
+    def __init__(self, settings: TrackingSettings, imu: MeasuredMotion | None = None) -> None:
+        self._imu = imu
         self._settings, self._model, self._weights = settings, MotionModel(settings), Weights.of(settings)
         self._map, self._side = SurfelMap(), 0.0
         self._first_ns: int | None = None
@@ -87,10 +87,12 @@ class ContinuousTimeOdometry:
         """See `Odometry.register`."""
         if self._first_ns is None:
             self._first_ns = stamp_ns
-            if self._gyro is not None:
-                self._gyro.begin(stamp_ns)
+            if self._imu is not None:
+                self._imu.begin(stamp_ns)
         began = (stamp_ns - self._first_ns) / 1e9
         scan, side = thinned(points, point_times, began, self._side, self._settings)
+        unsteady = None if self._imu is None else self._imu.unsteady(scan.knot_seconds)
+        scan = scan if unsteady is None else scan.steadied(unsteady)
         found = self._lose(scan, 0.0) if len(scan.points) < _BLIND else self._found(scan, side)
         if self._early is not None:
             self._early.append(scan)
@@ -98,8 +100,9 @@ class ContinuousTimeOdometry:
                 self._early = None
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
-            motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained
-        )
+            motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
+            None if unsteady is None else unsteady.later(-began),
+        )  # fmt: skip
 
     def _found(self, scan: TimedPoints, side: float) -> _Found:
         """A scan that sees something; `side` as in `thinned`."""
@@ -149,26 +152,36 @@ class ContinuousTimeOdometry:
         known = [belief.T] if len(scans) == 1 else [*[belief.T][: firsts[0]], *self._older_knots]
         newest, after = self._beliefs[-1], seconds[len(known) - 1 :]
         moved = [known[-1], *(moved_on(known[-1], newest.velocity, s - after[0]) for s in after[1:])]
-        ahead = list(self._turned(after, np.stack(moved)))[1:]
+        predicted = np.stack([*known, *self._turned(after, np.stack(moved))[1:]])
+        changes = self._changes(belief, seconds, predicted)
+        ahead = _pushed(seconds, predicted, len(known), newest.velocity[3:], changes)
         knot, share = zip(*(scan.between(first) for scan, first in zip(scans, firsts, strict=True)), strict=True)
         points = np.concatenate([scan.points for scan in scans])
-        prior = self._model.expected(belief, seconds, self._height)
+        prior = self._model.expected(belief, seconds, self._height, changes)
         newest_point = len(points) - len(scans[-1].points)
         fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), newest_point
         local = self._map.arrays, self._way - settings.local_map
-        turns = NO_TURNS if self._gyro is None else self._gyro.between(seconds)
+        turns = NO_TURNS if self._imu is None else self._imu.turns(seconds)
 
         def attempt(guess: list[Floats], kernel: float, iterations: int) -> Solved:
             weights = self._weights._replace(iterations=iterations)
-            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, weights, turns)
+            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, weights, turns, changes)
 
         stopped = list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
+        if (changes.information[len(known) - 1 :] > 0).all():
+            stopped = ahead
         turn_known = len(turns.information) > 0 and bool(np.all(turns.information[len(known) - 1 :] > 0))
         return best_attempt(attempt, self._fits, ahead, stopped, self._lost, turn_known, settings), firsts
 
     def _turned(self, seconds: Floats, knots: Floats) -> Floats:
         """Predicted knots (K, 4, 4) at times (K,), as far as a gyroscope tells how the sensor turned."""
-        return knots if self._gyro is None else self._gyro.turned(seconds, knots)
+        return knots if self._imu is None else self._imu.turned(seconds, knots)
+
+    def _changes(self, belief: Belief, seconds: Floats, predicted: Floats) -> Changes:
+        """The changes of velocity at all but the last of the predicted knots (K, 4, 4), as an accelerometer tells."""
+        if self._imu is None:
+            return no_changes(len(seconds) - 1)
+        return self._imu.changes(seconds, predicted, belief.lasted, self._model.up)
 
     def _fits(self, solved: Solved) -> bool:
         """Whether about as many points of the newest scan as usual lie on known surfaces."""
@@ -205,10 +218,12 @@ class ContinuousTimeOdometry:
         self._lost, self._held_at = False, ends
         self._way += float(np.linalg.norm(knots[-1, :3, 3] - self._beliefs[-1].T[:3, 3]))
         before = firsts[0] + len(self._older_knots) - 1 if self._older is not None else 0
+        if self._imu is not None:
+            changes = self._changes(self._beliefs[0], solved.seconds, solved.predicted)
+            later = Changes(changes.values[before:], changes.information[before:])
+            self._imu.follow(solved.seconds[before:], solved.knots[before:], later)
         self._beliefs = [self._beliefs[-1].smoothed(solved, before), Belief.of(solved)]
         self._older, self._older_knots, self.residual = scan, knots, solved.residual
-        if self._gyro is not None:
-            self._gyro.follow(ends, knots[-1, :3, :3])
         follow = 1 - np.exp(-interval / self._settings.sway_memory)
         self._height += follow * (float(self._model.up @ knots[-1, :3, 3]) - self._height)
         weight = max(1 - np.exp(-interval / self._settings.usual_memory), 1 / self._scans)
@@ -234,10 +249,10 @@ class ContinuousTimeOdometry:
             self._add(self._older, self._older_knots)
         before = self._beliefs[-1] if self._beliefs else self._model.begin(float(scan.knot_seconds[0]))
         belief = self._model.unobserved(before, float(scan.knot_seconds[-1]))
-        if self._gyro is not None:
-            T = self._gyro.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))[1]
+        if self._imu is not None:
+            T = self._imu.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))[1]
             belief = replace(belief, T=T)
-            self._gyro.lose()
+            self._imu.lose()
         self._lost, self._lost_at, self._older = True, float(scan.knot_seconds[-1]), None
         self._beliefs = [belief] if self._beliefs else []
         knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
@@ -253,14 +268,15 @@ class ContinuousTimeOdometry:
         count = int(np.searchsorted(ages, _UNSURE))
         if len(early) - count < 2 or ages[-1] < _UNSURE + _KNOWN:
             return results
-        back = ContinuousTimeOdometry(self._settings, None if self._gyro is None else self._gyro.backwards())
+        back = ContinuousTimeOdometry(self._settings, None if self._imu is None else self._imu.backwards())
         if self._up is not None:
             back.level(self._up)
         for scan, result in zip(early[count:-1], results[count:-1], strict=True):
             back._add(scan, result.motion.knots)
         knots = np.concatenate([result.motion.knots for result in results[count : count + 2]])
         seconds = np.concatenate([scan.knot_seconds for scan in early[count : count + 2]])
-        back._beliefs = [back._model.moving(-float(seconds[0]), knots[0], -Motion(seconds, knots).velocity(0))]
+        velocity, lasted = -Motion(seconds, knots).velocity(0), float(seconds[1] - seconds[0])
+        back._beliefs = [back._model.moving(-float(seconds[0]), knots[0], velocity, lasted)]
         back._scans, back._usual, back._height = self._scans, self._usual, self._height
         again = []
         for scan, result in zip(early[:count][::-1], results[:count][::-1], strict=True):
@@ -315,15 +331,29 @@ class ContinuousTimeOdometry:
 
     def state(self) -> dict[str, Any]:
         """See `Odometry.state`."""
-        gyro = None if self._gyro is None else self._gyro.state()
-        return {"map": self._map.state(), "gyro": gyro} | {name: getattr(self, name) for name in self._STATE}
+        imu = None if self._imu is None else self._imu.state()
+        return {"map": self._map.state(), "imu": imu} | {name: getattr(self, name) for name in self._STATE}
 
     def restore(self, state: State) -> None:
         """See `Odometry.restore`."""
         self._map.restore(state["map"])
-        if self._gyro is not None:
-            self._gyro.restore(state["gyro"])
+        if self._imu is not None:
+            self._imu.restore(state["imu"])
         for name in self._STATE:
             setattr(self, name, state[name])
         if self._up is not None:
             self._model.level(self._up)
+
+
+def _pushed(seconds: Floats, predicted: Floats, known: int, velocity: Floats, changes: Changes) -> list[Floats]:
+    """The predicted knots (4, 4) after the first `known` ones, where the velocity (3,) before them changes as measured.
+
+    Where no change is measured, the velocity remains.
+    """
+    place, ahead = predicted[known - 1, :3, 3], []
+    for k in range(known, len(seconds)):
+        velocity = velocity + changes.values[k - 1]
+        place = place + velocity * (seconds[k] - seconds[k - 1])
+        ahead.append(predicted[k].copy())
+        ahead[-1][:3, 3] = place
+    return ahead

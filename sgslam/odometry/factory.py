@@ -4,7 +4,7 @@ from functools import partial
 from typing import get_args
 
 from sgslam.config import OdometrySettings, TrackingSettings
-from sgslam.inertial import Gyroscope, ImuBuffer
+from sgslam.inertial import ImuBuffer, MeasuredMotion
 from sgslam.odometry.base import Odometry
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import TimedOdometry
@@ -16,8 +16,8 @@ INERTIAL = ("rko_lio", "genz_lio")  # those that need an IMU
 
 def make_odometry(odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None = None) -> Odometry:
     """Creates the odometry of `odometry.method`, which finds out the times of points that are not given as
-    `tracking.point_times` says. Our own takes turns from an `imu`, where there is one; LiDAR-inertial ones need it.
-    Raises UserError if it or the library is missing."""
+    `tracking.point_times` says. Our own takes the motion from an `imu`, where there is one; LiDAR-inertial ones
+    need it. Raises UserError if it or the library is missing."""
     return TimedOdometry(partial(_make, odometry, tracking, imu), tracking.point_times)
 
 
@@ -32,7 +32,7 @@ def _make(odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer
         return KissOdometry(odometry)
     if odometry.method in INERTIAL:
         return _lidar_inertial(odometry, imu)
-    return ContinuousTimeOdometry(tracking, None if imu is None else Gyroscope(imu))
+    return ContinuousTimeOdometry(tracking, None if imu is None else MeasuredMotion(imu))
 
 
 def _lidar_inertial(odometry: OdometrySettings, imu: ImuBuffer | None) -> Odometry:

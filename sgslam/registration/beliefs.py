@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import levelling
+from sgslam.inertial import Changes
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.window import MotionPrior, Prior, Solved
 
@@ -18,7 +19,8 @@ _LEVEL_START = 0.25  # share of the vertical speeds that stairs need
 class Belief:
     """At `seconds`: the pose `T` (4, 4) in `odom`, the velocity (6,), and the covariances (6, 6) of both.
 
-    Rotation first, in axes of `odom`. While nothing is observed, `observed` is the last belief that was.
+    Rotation first, in axes of `odom`. The velocity is the mean of the `lasted` seconds before; 0 where it is not known
+    of which. While nothing is observed, `observed` is the last belief that was.
     """
 
     seconds: float
@@ -26,6 +28,7 @@ class Belief:
     covariance: Floats
     velocity: Floats
     velocity_covariance: Floats
+    lasted: float = 0.0
     observed: "Belief | None" = None
 
     @staticmethod
@@ -37,6 +40,7 @@ class Belief:
         return Belief(
             float(solved.seconds[-1]), solved.knots[-1], C[6:, 6:].copy(),  # as it is restored: bit by bit
             velocity_between(solved.knots[-2], solved.knots[-1], interval), (ends - between - between.T) / interval**2,
+            interval,
         )  # fmt: skip
 
     def smoothed(self, solved: Solved, knot: int) -> "Belief":
@@ -44,11 +48,13 @@ class Belief:
 
         Without it, windows that overlap by half would follow two courses in a direction that nothing measures.
         """
-        velocity = self.velocity
+        velocity, lasted = self.velocity, self.lasted
         if knot:
-            interval = float(solved.seconds[knot] - solved.seconds[knot - 1])
-            velocity = velocity_between(solved.knots[knot - 1], solved.knots[knot], interval)
-        return replace(self, seconds=float(solved.seconds[knot]), T=solved.knots[knot], velocity=velocity)
+            lasted = float(solved.seconds[knot] - solved.seconds[knot - 1])
+            velocity = velocity_between(solved.knots[knot - 1], solved.knots[knot], lasted)
+        return replace(
+            self, seconds=float(solved.seconds[knot]), T=solved.knots[knot], velocity=velocity, lasted=lasted
+        )
 
 
 class MotionModel:
@@ -86,9 +92,9 @@ class MotionModel:
         spread[5] *= _LEVEL_START if self.up.any() else 1.0
         return spread
 
-    def moving(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
-        """A known pose with a roughly known velocity."""
-        return Belief(seconds, T, np.eye(6) * 1e-4, velocity, self._along((self.prior.spread / 3) ** 2))
+    def moving(self, seconds: float, T: Floats, velocity: Floats, lasted: float) -> Belief:
+        """A known pose with a roughly known velocity, the mean of so many seconds before."""
+        return Belief(seconds, T, np.eye(6) * 1e-4, velocity, self._along((self.prior.spread / 10) ** 2), lasted)
 
     def near(self, seconds: float, T: Floats, velocity: Floats) -> Belief:
         """A pose known to a step of the grid on which a lost sensor is searched, with a roughly known velocity."""
@@ -101,18 +107,22 @@ class MotionModel:
         after, memory = seconds - last.seconds, self.prior.memory
         moved = self.prior.spread**2 * 2 * memory * (after - memory * (1 - np.exp(-after / memory)))
         covariance = last.covariance + self._along(moved) + np.diag((last.velocity * after) ** 2)
-        return Belief(seconds, belief.T, covariance, np.zeros(6), self._along(self.prior.spread**2), last)
+        return Belief(seconds, belief.T, covariance, np.zeros(6), self._along(self.prior.spread**2), 0.0, last)
 
-    def expected(self, belief: Belief, seconds: Floats, height: float) -> Prior:
+    def expected(self, belief: Belief, seconds: Floats, height: float, changes: Changes) -> Prior:
         """The prior of a window whose knots have these times (K,); the belief is about the first one, the usual height
-        (m) about all."""
+        (m) about all. Where it is among the measured `changes`, the velocity's change replaces what is usual."""
         kept = np.exp(-(seconds[1] - seconds[0]) / self.prior.memory)
-        decay = self._along(kept)
-        C = decay @ belief.velocity_covariance @ decay.T + self._along((1 - kept**2) * self.prior.spread**2)
+        decay, grown = self._along(kept), self._along((1 - kept**2) * self.prior.spread**2)
+        changed = np.zeros(6)
+        if len(changes.information) and changes.information[0] > 0:
+            changed[3:] = changes.values[0]
+            decay[3:, 3:], grown[3:, 3:] = np.eye(3), np.eye(3) / changes.information[0]
+        C = decay @ belief.velocity_covariance @ decay.T + grown
         known, steady = (np.linalg.inv(M).astype(np.float64) for M in (belief.covariance, C))
         known, steady = (known + known.T) / 2, (steady + steady.T) / 2
         variance = float(self.up @ belief.covariance[3:, 3:] @ self.up)
-        return Prior(belief.T, known, decay @ belief.velocity, steady, self.up, height, variance)
+        return Prior(belief.T, known, decay @ belief.velocity + changed, steady, self.up, height, variance)
 
     def _along(self, values: Floats) -> Floats:
         """(6, 6) in axes of `odom`, with values (6,) along those of the prior."""

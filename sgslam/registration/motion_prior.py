@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from data.common.compiled import compiled
 from sgslam.geometry.rotations import rotated_by, turn_between
-from sgslam.inertial import Turns
+from sgslam.inertial import Changes, Turns
 
 Floats = NDArray[np.float64]
 
@@ -89,6 +89,28 @@ def add_turns(knots: Floats, turns: Turns, H: Floats, g: Floats) -> None:
             H[b, b] += weight
             H[a, b] -= weight
             H[b, a] -= weight
+
+
+@compiled
+def add_changes(times: Floats, knots: Floats, changes: Changes, H: Floats, g: Floats) -> None:
+    """Adds an accelerometer's changes of velocity at all but the last knot to normal equations H (6K, 6K), g (6K,).
+
+    That at the first one, of the velocity before the window, is left out.
+    """
+    J = np.empty(3)
+    for k in range(1, len(changes.information)):
+        rate, earlier = 1 / (times[k + 1] - times[k]), 1 / (times[k] - times[k - 1])
+        J[0], J[1], J[2] = earlier, -earlier - rate, rate
+        weight = changes.information[k]
+        for c in range(3):
+            off = -changes.values[k, c]
+            for a in range(3):
+                off += J[a] * knots[k - 1 + a, c, 3]
+            for a in range(3):
+                row = 6 * (k - 1 + a) + 3 + c
+                g[row] += weight * J[a] * off
+                for b in range(3):
+                    H[row, 6 * (k - 1 + b) + 3 + c] += weight * J[a] * J[b]
 
 
 @compiled

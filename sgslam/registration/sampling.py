@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import eigen
+from sgslam.inertial import UnsteadyTurn
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,6 +41,11 @@ class TimedPoints:
     def reversed(self) -> "TimedPoints":
         """The same points, as time runs backwards."""
         return TimedPoints(self.points, -self.seconds, -self.knot_seconds[::-1])
+
+    def steadied(self, turn: UnsteadyTurn) -> "TimedPoints":
+        """The same points, of a sensor that turns steadily between the knots."""
+        parts = [turn.steadied(own, self.seconds) for own in np.hsplit(self.points, 2)]
+        return TimedPoints(np.hstack(parts), self.seconds, self.knot_seconds)
 
     def between(self, first: int) -> tuple[Ints, Floats]:
         """The knot (N,) before each point, the scan's first one being number `first`, and the share (N,) of the way

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sgslam.inertial import UnsteadyTurn
 from sgslam.registration.motion_prior import moved_on, velocity_between
 from sgslam.registration.moving_points import placed
 
@@ -62,7 +63,8 @@ class Registration:
     "degraded" where some direction is held by the motion prior alone: unit twists `unconstrained` (M, 6), rotation
     first, in the sensor's axes; and "lost" where the scan does not fit the map: the pose is then a prediction.
     `share` is the share of the scan's points that lie on known surfaces. `motion` is that during the scan, by seconds
-    after its stamp; `point_times` (N,) are the times that were used, None for a snapshot.
+    after its stamp; `point_times` (N,) are the times that were used, None for a snapshot. An IMU shows how `unsteady`
+    the turns in it are, by the same seconds.
     """
 
     T_odom_sensor: Floats
@@ -72,10 +74,12 @@ class Registration:
     motion: Motion
     point_times: Floats | None = None
     unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
+    unsteady: UnsteadyTurn | None = None
 
     def undistorted(self, points: Floats) -> Floats:
         """Points (N, 3) of the scan as the sensor would have measured them at its stamp."""
         if self.point_times is None:
             return points
-        in_odom = self.motion.placed(points, self.point_times)
+        steady = points if self.unsteady is None else self.unsteady.steadied(points, self.point_times)
+        in_odom = self.motion.placed(steady, self.point_times)
         return np.asarray((in_odom - self.T_odom_sensor[:3, 3]) @ self.T_odom_sensor[:3, :3])

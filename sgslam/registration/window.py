@@ -11,10 +11,17 @@ from data.common.compiled import compiled
 from sgslam.config import TrackingSettings
 from sgslam.geometry.normal_equations import solved, square_up
 from sgslam.geometry.rotations import rotated_by
-from sgslam.inertial import NO_TURNS, Turns
+from sgslam.inertial import Changes, Turns
 from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
-from sgslam.registration.motion_prior import add_height, add_pose, add_turns, add_velocities, velocity_between
+from sgslam.registration.motion_prior import (
+    add_changes,
+    add_height,
+    add_pose,
+    add_turns,
+    add_velocities,
+    velocity_between,
+)
 from sgslam.registration.moving_points import placed
 from sgslam.registration.point_to_plane import add_points
 from sgslam.surfels import Surfels
@@ -25,7 +32,7 @@ Ints = NDArray[np.int64]
 _KERNEL = 5.0  # times the median residual
 _SIGMA = 6.0  # times the median residual, a point's sigma: an a-posteriori variance factor, as neighbours share errors
 _SETTLED = 4.0  # times the convergence: after a smaller step, fewer than one point in a hundred is on another plane
-_GAP = 0.25  # of a scan's duration: a shorter pause after the scan before is none
+_GAP = 0.02  # of a scan's duration: a shorter pause after the scan before is none; a quick hand turns by 0.4 degrees
 
 
 class Prior(NamedTuple):
@@ -142,14 +149,15 @@ def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
 def solve(
     seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
     share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
-    turns: Turns = NO_TURNS,
+    turns: Turns, changes: Changes,
 ) -> Solved:  # fmt: skip
     """Estimates all knots from the `predicted` ones (K, 4, 4) at `seconds` (K,).
 
     Points (N, 6), with the normals that the scan shows, were measured a `share` (N,) of the way from their `knot` (N,)
     to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals,
     from `first_kernel` to that of the weights (m): a wide one finds the way from a poor prediction, a narrow one
-    rejects outliers. A point's place counts as known to the difference. `turns` are those of a gyroscope.
+    rejects outliers. A point's place counts as known to the difference. `turns` are those of a gyroscope, `changes`
+    those of the velocity by an accelerometer, at all but the last knot.
 
     Most of the time goes into finding the points' planes; they are kept over the last, small steps.
     """
@@ -163,7 +171,7 @@ def solve(
             moved = placed(points, knot, share, knots)
         residual, found, close, moved_by = _step(
             seconds, knots, prior, motion, moved, plane_of, knot, share, newest, surfels.planes, error, kernel, sigma,
-            weights, turns, H, measured,
+            weights, turns, changes, H, measured,
         )  # fmt: skip
         if moved_by < weights.convergence:
             break
@@ -175,7 +183,7 @@ def solve(
 def _step(
     seconds: Floats, knots: Floats, prior: Prior, motion: MotionPrior, moved: Floats, plane_of: Ints, knot: Ints,
     share: Floats, newest: int, planes: Floats, error: float, kernel: float, sigma: float, weights: Weights,
-    turns: Turns, H: Floats, measured: Floats,
+    turns: Turns, changes: Changes, H: Floats, measured: Floats,
 ) -> tuple[float, int, int, float]:  # fmt: skip
     """Moves the knots by one step of Gauss-Newton; fills in H and what of it is `measured`.
 
@@ -193,6 +201,7 @@ def _step(
         seconds, knots, prior.velocity, prior.velocity_information, motion.spread, motion.memory, motion.axes, H, g
     )
     add_turns(knots, turns, H, g)
+    add_changes(seconds, knots, changes, H, g)
     lasted = (seconds[-1] - seconds[0]) / weights.sway_memory
     add_height(knots, prior.up, prior.height, prior.height_variance, weights.sway, lasted, H, g)
     step = solved(H, g)

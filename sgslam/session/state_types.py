@@ -6,6 +6,7 @@ from sgslam.anchoring import AnchorRecord
 from sgslam.anchoring.anchor_log import AnchorEvent
 from sgslam.anchoring.match_history import MapSize, UniqueMatch
 from sgslam.backend import FactorEvent
+from sgslam.inertial import UnsteadyTurn
 from sgslam.mapping import Anchors, Closure, KeyframeNode, Lines, PlannedWall, RoomNode, Scene, SeenLevel, SeenWall
 from sgslam.perception import RawScan
 from sgslam.registration import Motion, Registration
@@ -19,6 +20,7 @@ TYPES: dict[str, type] = {
     for kind in (
         AnchorEvent, AnchorRecord, Anchors, Belief, Closure, Door, FactorEvent, Floor, Hypothesis,
         Keyframe, KeyframeNode, Lines, MapSize, MatchResult, Motion, PlannedWall, RawScan, Registration, Room, RoomNode,
-        ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch, WallSurface,
+        ScanPose, Scene, SceneGraph, SeenLevel, SeenWall, TimedPoints, TrackedScan, UniqueMatch, UnsteadyTurn,
+        WallSurface,
     )
 }  # fmt: skip

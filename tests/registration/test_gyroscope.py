@@ -10,7 +10,7 @@ from data.imu import ImuSamples
 from data.simulation.imu import ImuModel, measured
 from sgslam.config import ImuSettings, TrackingSettings
 from sgslam.geometry.frames import inverse
-from sgslam.inertial import NO_TURNS, Gyroscope, ImuBuffer, measured_up
+from sgslam.inertial import NO_TURNS, Gyroscope, ImuBuffer, MeasuredMotion, measured_up
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 
 Array = NDArray[np.float64]
@@ -104,7 +104,7 @@ def test_a_gap_of_samples_tells_nothing() -> None:
 
 
 def test_an_imu_without_samples_changes_no_bit() -> None:
-    silent = Gyroscope(ImuBuffer(ImuSettings()))
+    silent = MeasuredMotion(ImuBuffer(ImuSettings()))
     settings = TrackingSettings()
     alone, beside = ContinuousTimeOdometry(settings), ContinuousTimeOdometry(settings, silent)
     scans, _, times = rolling()
