@@ -30,7 +30,7 @@ def required() -> tuple[str, list[Requirement], dict[str, list[Requirement]]]:
         return table["requires-python"], [Requirement(r) for r in table["dependencies"]], more
     own = metadata.distribution(NAME)
     needed = [Requirement(r) for r in own.requires or []]
-    names = own.metadata.get_all("Provides-Extra") or []
+    names = [e.replace("-", "_") for e in own.metadata.get_all("Provides-Extra") or []]  # a build may normalise them
     extras = {e: [r for r in needed if r.marker and not _holds(r, "") and _holds(r, e)] for e in names}
     return own.metadata["Requires-Python"], [r for r in needed if _holds(r, "")], extras
 
