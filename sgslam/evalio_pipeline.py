@@ -82,11 +82,13 @@ class SgslamPipeline(_Pipeline):  # type: ignore[misc]
         self._T_lidar_imu = T.inverse()
 
     def initialize(self) -> None:
-        """Loads the settings and the plan. Raises UserError if they cannot be read."""
+        """Loads the settings and the plan, and compiles: evalio measures the time from the first scan on. Raises
+        UserError if they cannot be read."""
         from threadpoolctl import threadpool_limits
 
         from data.plans import load_bim
         from matching import Matcher
+        from sgslam.cli.compile_ahead import compile_ahead
         from sgslam.slam import SceneGraphSlam
 
         threadpool_limits(1, user_api="blas")
@@ -94,6 +96,7 @@ class SgslamPipeline(_Pipeline):  # type: ignore[misc]
         plan = self._path("plan")
         bim = None if plan is None else load_bim(plan)
         matcher = None if bim is None else Matcher.load(config.matching.method)
+        compile_ahead(matcher, None if bim is None else config.matching.method)
         self._slam = SceneGraphSlam(bim, matcher, config)
 
     def _path(self, name: str) -> Path | None:
