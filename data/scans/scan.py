@@ -60,14 +60,16 @@ class ScanSource(ABC):
 
     Attributes: `path`, `note` (one line for the user where something is a guess, else None), `stamps_ns` ((N,) int64;
     None where they are known only while reading), `given` (all poses T_odom_sensor that another SLAM
-    system found, None where there are none), and, filled while iterating, `skipped` and `remarks` (one line each on
-    what the user should know of the data).
+    system found, None where there are none), `is_dense` (whether the scans follow one another as a LiDAR takes them;
+    not where they are keyframes or pieces of a map), and, filled while iterating, `skipped` and `remarks` (one line
+    each on what the user should know of the data).
     """
 
     path: Path
     note: str | None = None
     stamps_ns: NDArray[np.int64] | None = None
     given: Trajectory | None = None
+    is_dense: bool = True
 
     def __init__(self) -> None:
         self.skipped: list[SkippedScan] = []

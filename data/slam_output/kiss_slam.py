@@ -27,14 +27,17 @@ def find_kiss_slam(folder: Path) -> Path | None:
 
 
 def read_kiss_poses(folder: Path) -> PoseList:
-    """The poses T_map_sensor of all scans. Where the data had no stamps, they are 0, 1, 2, ... s. Raises UserError."""
+    """The poses T_map_sensor at the ends of all scans. Where the data had no stamps, they are 0, 1, 2, ... s.
+
+    Raises UserError.
+    """
     texts = sorted(folder.glob("*_poses_kitti.txt"))
     if len(texts) != 1:
         raise UserError(f"{folder}: {len(texts)} files *_poses_kitti.txt; give a folder with the results of one run")
     stem = texts[0].name.removesuffix("_kitti.txt")
     exact = folder / f"{stem}.npy"
     poses = _read_npy(exact) if exact.is_file() else read_kitti(texts[0])
-    return PoseList(poses, _stamps(folder / f"{stem}_tum.txt", len(poses)))
+    return PoseList(poses, _stamps(folder / f"{stem}_tum.txt", len(poses)), at_ends=True)
 
 
 def kiss_slam_scans(folder: Path) -> MapScans:

@@ -35,6 +35,7 @@ class MapScans(ScanSource):
 
     stamps_ns: NDArray[np.int64]
     given: Trajectory
+    is_dense = False
 
     def __init__(self, path: Path, given: Trajectory, pieces: Sequence[MapPiece]) -> None:
         """`path` is what holds the map. Raises UserError if no pose could see the map's points."""

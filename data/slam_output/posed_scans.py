@@ -25,7 +25,8 @@ class PosedScans(ScanSource):
 
     By stamps, poses are interpolated over up to a second; scans without a pose are left out, and a remark says how
     many. The times of points count only where poses are at most half a second apart: clouds of keyframes are taken as
-    undistorted.
+    undistorted. There, poses that hold at the ends of scans are taken to hold as long after the stamps as the first
+    scan lasts.
     """
 
     given: Trajectory
@@ -44,12 +45,12 @@ class PosedScans(ScanSource):
                 "or stamps by the scans' clock"
             )
         self.note = None if self._in_order and poses.stamps_ns is not None else scans.note
-        self.given = Trajectory(self._stamps(poses), poses.poses)
-        self._keeps_times = bool(np.median(np.diff(self.given.stamps_ns), axis=0) <= _DENSE_NS)
-        if self._in_order:
-            self.stamps_ns = np.array(self.given.stamps_ns)
-        else:
-            self.stamps_ns = self._covered_stamps()
+        stamps = self._stamps(poses)
+        self.is_dense = bool(np.median(np.diff(stamps), axis=0) <= _DENSE_NS)
+        late_ns = _duration_ns(scans) if poses.at_ends and self.is_dense else 0
+        self.given = Trajectory(stamps + late_ns, poses.poses)
+        self._poses_in_order = self.given.at(stamps) if late_ns else self.given.poses
+        self.stamps_ns = np.array(stamps) if self._in_order else self._covered_stamps()
 
     def _stamps(self, poses: PoseList) -> NDArray[np.int64]:
         """(N,) the poses' own stamps, else the scans', else those of a steady walk."""
@@ -104,9 +105,10 @@ class PosedScans(ScanSource):
             )
 
     def _placed(self, scan: Scan) -> Scan | None:
-        times = scan.point_times if self._keeps_times else None
+        times = scan.point_times if self.is_dense else None
         if self._in_order:
-            stamp, pose = int(self.given.stamps_ns[scan.index]), self.given.poses[scan.index].copy()
+            assert self.stamps_ns is not None
+            stamp, pose = int(self.stamps_ns[scan.index]), self._poses_in_order[scan.index].copy()
             step = None if self._steps is None else self._steps[scan.index]
             return replace(scan, stamp_ns=stamp, T_odom_sensor=pose, point_times=times, step_covariance=step)
         stamps = np.array([scan.stamp_ns])
@@ -116,6 +118,12 @@ class PosedScans(ScanSource):
 
     def _jobs(self) -> Iterator[Callable[[], Scan]]:
         return self._scans._jobs()
+
+
+def _duration_ns(scans: ScanSource) -> int:
+    """From the stamp of the first scan to its last point; 0 where its points have no times."""
+    first = next(iter(scans), None)
+    return 0 if first is None or first.point_times is None else round(NS * float(first.point_times.max(initial=0.0)))
 
 
 def walking_stamps(poses: Floats) -> NDArray[np.int64]:

@@ -22,12 +22,13 @@ class PoseList:
     """Poses T_odom_sensor (N, 4, 4) in order, and their stamps (N,) in ns; None where the file has none.
 
     `step_covariances` (N) are those of the motion from the pose before: (6, 6), rotation (rad) first, in the axes of
-    the pose; None where the file does not say.
+    the pose; None where the file does not say. `at_ends`: the stamps are those of scans, at whose ends the poses hold.
     """
 
     poses: NDArray[np.float64]
     stamps_ns: NDArray[np.int64] | None
     step_covariances: Sequence[NDArray[np.float64] | None] | None = None
+    at_ends: bool = False
 
     @staticmethod
     def of(trajectory: Trajectory) -> "PoseList":

@@ -113,6 +113,7 @@ STUDIES = {  # by name, the module whose `STUDY` it is
     "long_run": "evaluation.studies.long_run",
     "loops": "evaluation.studies.loops",
     "odometries": "evaluation.studies.odometries",
+    "other_slam": "evaluation.studies.carried.other_slam",
     "real": "evaluation.studies.real.study",
     "relocalisation": "evaluation.studies.relocalisation",
     "resume": "evaluation.studies.resume",

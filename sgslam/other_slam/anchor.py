@@ -49,8 +49,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="folder or bag: scans, or one cloud per pose")
     add("--cloud", type=Path, metavar="FILE", help="map in the poses' frame, instead of scans: .ply, .pcd, .las, ...")
     add("--times", type=Path, metavar="FILE", help="stamps of the KITTI poses, in seconds, one per line")
+    add("--single-pass", action="store_true", default=None, help="keep the poses' motion from scan to scan as it is")
     add_options(parser)
-    parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0, single_pass=True)
+    parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0)
     return parser
 
 

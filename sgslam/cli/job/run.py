@@ -82,7 +82,7 @@ class Run:
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
         skipped_scans = len(job.scans.skipped)  # a second reading counts them again
-        is_last = stopped is not None or job.options.single_pass
+        is_last = stopped is not None or job.options.single_pass or not job.scans.is_dense
         if not is_last:
             self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
         try:
