@@ -70,6 +70,20 @@ def test_all_poses_are_anchored_with_those_that_have_a_scan(building: Path, tmp_
     assert rmse(tmp_path / "out/trajectory.tum") < 0.02 and rmse(everything) < 0.03
 
 
+def test_scans_of_a_whole_drive_are_registered_again(building: Path, tmp_path: Path) -> None:
+    drive, output, clouds = small_drive(), slam_output(0.0005, 0.01), tmp_path / "clouds"
+    clouds.mkdir()
+    for k, (_, points) in enumerate(drive.scans):
+        np.save(clouds / f"{k:06d}.npy", points)
+    (clouds / "times.txt").write_text("".join(f"{stamp / 1e9:.9f}\n" for stamp, _ in drive.scans))
+    told = [*write_poses(output.poses, tmp_path, "tum"), "--scans", clouds]
+    anchored(building, tmp_path / "single", *told, "--single-pass")
+    anchored(building, tmp_path / "again", *told)
+    single, again = (rmse(tmp_path / name / "trajectory.tum") for name in ("single", "again"))
+    assert again < 0.02 and again < single / 2
+    assert (tmp_path / "again/trajectory_live.tum").is_file()
+
+
 def test_a_map_is_given_back_to_the_poses_that_saw_it(building: Path, tmp_path: Path) -> None:
     from data.scans.ply import write_ply
 

@@ -8,6 +8,7 @@ from boxes import Array, pose
 
 from data import UserError
 from data.scans import ScanFolder
+from data.scans.writers import SCAN_WRITERS
 from data.slam_output import open_slam_output
 from data.slam_output.graph_poses import read_graph_poses
 from data.slam_output.map_points import owners, viewpoints
@@ -88,6 +89,22 @@ def test_scans_are_joined_to_poses_by_stamps_and_those_without_are_left_out(tmp_
     assert scans.remarks == ["1 of 8 scans have no pose in poses and were left out"]
     with pytest.raises(UserError, match=r"covers 5\.000000123 to .* give poses by their clock"):
         PosedScans(clouds(tmp_path / "later", 5, times[:5] + 100 * NS), PoseList(WAY, STAMPS), "poses")
+
+
+def test_poses_at_the_ends_of_scans_are_interpolated_to_their_stamps(tmp_path: Path) -> None:
+    stamps, last = NS + NS // 10 * np.arange(8), 0.08  # a LiDAR that pauses after each scan
+    (folder := tmp_path / "scans").mkdir()
+    for k in range(8):
+        times = np.linspace(0.0, last, 9).astype(np.float32)
+        SCAN_WRITERS["ply"](folder / f"{k:03d}.ply", np.full((9, 3), 1.0 + k, np.float32), times)
+    (folder / "times.txt").write_text("".join(f"{stamp / NS:.9f}\n" for stamp in stamps))
+    for own in (stamps, None, stamps + 100 * NS):  # its own clock, none, another one
+        scans = PosedScans(ScanFolder(folder), PoseList(WAY, own, at_ends=True), "poses")
+        found = np.stack([np.asarray(scan.T_odom_sensor) for scan in scans])
+        assert scans.given.stamps_ns[0] - (stamps if own is None else own)[0] == pytest.approx(last * NS, abs=10)
+        np.testing.assert_allclose(found[1:, :3, 3], (0.8 * WAY[:-1] + 0.2 * WAY[1:])[:, :3, 3], atol=0.03)
+    sparse = PosedScans(ScanFolder(folder), PoseList(WAY, STAMPS, at_ends=True), "poses")
+    assert sparse.given.stamps_ns.tolist() == STAMPS.tolist() and not sparse.is_dense
 
 
 def test_a_point_of_a_map_goes_to_one_place_that_could_see_it() -> None:
