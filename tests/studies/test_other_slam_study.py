@@ -1,6 +1,5 @@
 """Other SLAM systems' output anchored: the design, a drive whose output the command anchors, and the tables."""
 
-from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -37,7 +36,6 @@ def case_of(building: SequenceSpec, sensor: str = "VLP-16") -> Run:
     )  # fmt: skip
 
 
-@pytest.mark.skipif(find_spec("small_gicp") is None, reason="needs the extra small_gicp")
 @pytest.mark.slow
 def test_the_output_of_a_drive_is_anchored(tmp_path: Path) -> None:
     building = SequenceSpec(name="small", bim=str(write_small_ifc(tmp_path / "small.ifc").path), storey="Ground")
