@@ -22,7 +22,7 @@ from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, building_of
 from evaluation.harness import Cost, Record, Study
-from evaluation.metrics.memory import memory_in_use
+from evaluation.harness.memory import memory_in_use
 from evaluation.metrics.trajectories import error_in_bim
 from sgslam.live import Answer, LiveSlam
 

@@ -24,7 +24,7 @@ from data.trajectory import Trajectory
 from evaluation.drives.buildings import demo_building
 from evaluation.drives.endless_drive import DriveSpec, endless_drive
 from evaluation.harness import Case, Claim, Cost, Options, Record, Study
-from evaluation.metrics.memory import memory_in_use
+from evaluation.harness.memory import memory_in_use
 from evaluation.metrics.trajectories import error_in_bim
 from sgslam.mapping import KeyframeClouds
 from sgslam.mapping.keyframe_clouds import FILE
