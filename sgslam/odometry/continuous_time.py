@@ -167,9 +167,8 @@ class ContinuousTimeOdometry:
             weights = self._weights._replace(iterations=iterations)
             return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, weights, turns, changes)
 
-        stopped = list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
-        if (changes.information[len(known) - 1 :] > 0).all():
-            stopped = ahead
+        velocity_known = bool((changes.information[len(known) - 1 :] > 0).all())
+        stopped = None if velocity_known else list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
         turn_known = len(turns.information) > 0 and bool(np.all(turns.information[len(known) - 1 :] > 0))
         return best_attempt(attempt, self._fits, ahead, stopped, self._lost, turn_known, settings), firsts
 
