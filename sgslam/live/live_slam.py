@@ -89,6 +89,10 @@ class LiveSlam:
         self._latencies.add(answer.seconds, answer.waiting)
         return answer
 
+    def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
+        """As `SceneGraphSlam.add_imu`: samples until a scan's end are added before the scan. Raises UserError as it."""
+        self._tracking.add_imu(stamp_ns, gyro, accel)
+
     def set_start(self, x: float, y: float, yaw: float) -> None:
         """Says where the sensor is now, roughly: x, y (m) and heading (rad) in the BIM frame.
 

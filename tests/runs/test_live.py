@@ -166,6 +166,20 @@ def test_where_the_process_that_maps_is_ended_that_is_told(tmp_path: Path) -> No
     assert not any(handler.__module__ == "sgslam.live.live_slam" for handler in logging.getLogger("sgslam").handlers)
 
 
+@pytest.mark.slow
+def test_an_imu_tells_which_way_is_up(building: Path, tmp_path: Path) -> None:
+    """Of a sensor that seems to hang upside down, as a bare room looks the same."""
+    first, points = small_drive().scans[0]
+    with LiveSlam(tmp_path / "out", building) as live:
+        for k in range(60):
+            stamps = first + k * 10**8 + np.arange(0, 10**8, 5_000_000)
+            live.add_imu(stamps, np.zeros((20, 3)), np.tile([0.0, 0.0, -9.81], (20, 1)))
+            answer = live.add_scan(first + k * 10**8, points, np.zeros(len(points)))
+        assert answer.health == "good" and answer.T_odom_sensor[2, 2] < -0.99
+        with pytest.raises(UserError, match="stamps must increase"):
+            live.add_imu(stamps, np.zeros((20, 3)), np.tile([0.0, 0.0, -9.81], (20, 1)))
+
+
 def test_mistakes_are_told_before_anything_is_started(tmp_path: Path) -> None:
     out = ("--out", tmp_path / "out")
     assert "does not exist" in refused("sgslam.live", tmp_path / "none", *out)
