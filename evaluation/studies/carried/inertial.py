@@ -176,10 +176,11 @@ def _errors(rows: pd.DataFrame, method: str) -> dict[str, str]:
 def _with_plan(rows: pd.DataFrame, method: str) -> pd.DataFrame:
     """A line for each drive: the run with a plan, and as `level_m` the RMSE of the robot's in the same building, with
     the same sensor, seed and method."""
-    own = rows.rename(columns=lambda name: name.removeprefix(f"with_plan.{method}.")).assign(method=LABELS[method])
-    key = ["building", "seed", "sensor", "imu"]
+    key, before = ["building", "seed", "sensor", "imu"], f"with_plan.{method}."
+    found = rows[[name for name in rows if name.startswith(before)]].rename(columns=lambda name: name[len(before) :])
+    own = rows[[*key, "carrier"]].join(found).assign(method=LABELS[method])
     level = own[own.carrier == LEVEL_CARRIER][[*key, "rmse_m"]].rename(columns={"rmse_m": "level_m"})
-    return own.drop(columns="level_m", errors="ignore").merge(level, on=key, how="left")
+    return own.merge(level, on=key, how="left")
 
 
 def _anchored(own: pd.DataFrame) -> dict[str, str]:
