@@ -55,6 +55,14 @@ class OdometrySettings(Settings):
     """m, largest change between two steps of an external odometry; beyond it, it is rejected"""
     outlier_angle: float = Field(0.5, gt=0)
     """rad, largest change between two turns of an external odometry; beyond it, it is rejected"""
+    given: Literal["exact", "measured"] = "exact"
+    """what the poses of an external odometry are: exact, in place of registration; or, by our own odometry, measured:
+    the motion from scan to scan enters registration with the errors below, and carries a lost sensor on"""
+    given_sigma_rotation: float = Field(0.02, gt=0)
+    """rad, standard deviation of each angle of a measured step from scan to scan; RKO-LIO and KISS-SLAM were off by
+    0.006 to 0.08 on a hand"""
+    given_sigma_translation: float = Field(0.05, gt=0)
+    """m, standard deviation of each coordinate of a measured step; these were off by 0.03 to 0.12"""
     unconstrained_speed_error: float = Field(1.0, gt=0)
     """m/s, standard deviation of the drift along directions that no surface constrains"""
     unconstrained_turn_error: float = Field(0.3, gt=0)

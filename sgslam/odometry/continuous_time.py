@@ -13,12 +13,13 @@ from sgslam.config import TrackingSettings
 from sgslam.geometry.frames import inverse, transform_points
 from sgslam.inertial import NO_TURNS, Changes, MeasuredMotion, no_changes
 from sgslam.odometry.base import Odometry, State
+from sgslam.odometry.given_motion import GivenMotion
 from sgslam.registration import Health, Motion, Registration
 from sgslam.registration.attempts import best_attempt
 from sgslam.registration.beliefs import Belief, MotionModel
 from sgslam.registration.free_space import shares_seen_through
 from sgslam.registration.health import judged
-from sgslam.registration.motion_prior import moved_on
+from sgslam.registration.motion_prior import NO_STEPS, moved_on
 from sgslam.registration.relocation import likely_poses
 from sgslam.registration.sampling import TimedPoints, thinned
 from sgslam.registration.window import Solved, Weights, solve, window_knots
@@ -47,7 +48,8 @@ class _Found:
 class ContinuousTimeOdometry:
     """State: the sensor's pose at knots, at most `knot_interval` apart, where each scan begins and ends.
 
-    Two scans are estimated together. The older of them is then added to the map. An `imu` tells how the sensor moves.
+    Two scans are estimated together. The older of them is then added to the map. An `imu` tells how the sensor moves,
+    and so does another system by the motion `given`, which carries a lost sensor on.
     """
 
     _STATE = (
@@ -55,8 +57,10 @@ class ContinuousTimeOdometry:
         "residual", "_up", "_early", "_lost_at", "_held_at",
     )  # fmt: skip
 
-    def __init__(self, settings: TrackingSettings, imu: MeasuredMotion | None = None) -> None:
-        self._imu = imu
+    def __init__(
+        self, settings: TrackingSettings, imu: MeasuredMotion | None = None, given: GivenMotion | None = None
+    ) -> None:
+        self._imu, self._given = imu, given
         self._settings, self._model, self._weights = settings, MotionModel(settings), Weights.of(settings)
         self._map, self._side = SurfelMap(), 0.0
         self._first_ns: int | None = None
@@ -162,15 +166,19 @@ class ContinuousTimeOdometry:
         fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), newest_point
         local = self._map.arrays, self._way - settings.local_map
         turns = NO_TURNS if self._imu is None else self._imu.turns(seconds)
+        steps, told = NO_STEPS, None
+        if self._given is not None and self._first_ns is not None:
+            steps = self._given.steps(self._first_ns, seconds)
+            told = list(self._given.moved(self._first_ns, known[-1], after[0], after[1:]))
 
         def attempt(guess: list[Floats], kernel: float, iterations: int) -> Solved:
             weights = self._weights._replace(iterations=iterations)
-            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, weights, turns, changes)
+            return solve(seconds, np.stack([*known, *guess]), *fixed, *local, kernel, weights, turns, changes, steps)
 
         velocity_known = bool((changes.information[len(known) - 1 :] > 0).all())
         stopped = None if velocity_known else list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
         turn_known = len(turns.information) > 0 and bool(np.all(turns.information[len(known) - 1 :] > 0))
-        return best_attempt(attempt, self._fits, ahead, stopped, self._lost, turn_known, settings), firsts
+        return best_attempt(attempt, self._fits, ahead, stopped, told, self._lost, turn_known, settings), firsts
 
     def _turned(self, seconds: Floats, knots: Floats) -> Floats:
         """Predicted knots (K, 4, 4) at times (K,), as far as a gyroscope tells how the sensor turned."""
@@ -252,10 +260,22 @@ class ContinuousTimeOdometry:
             T = self._imu.turned(np.array([before.seconds, belief.seconds]), np.stack([before.T, belief.T]))[1]
             belief = replace(belief, T=T)
             self._imu.lose()
+        knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
+        if self._given is not None and self._beliefs:
+            belief, knots = self._carried_on(belief, before.observed or before, scan.knot_seconds, self._given)
         self._lost, self._lost_at, self._older = True, float(scan.knot_seconds[-1]), None
         self._beliefs = [belief] if self._beliefs else []
-        knots = np.tile(belief.T, (len(scan.knot_seconds), 1, 1))
         return _Found(knots, belief.covariance, "lost", share)
+
+    def _carried_on(
+        self, belief: Belief, last: Belief, seconds: Floats, given: GivenMotion
+    ) -> tuple[Belief, Floats]:
+        """A belief, and the knots (K, 4, 4) of a lost scan at times (K,), where the sensor moved from the `last`
+        observed one as another system has it."""
+        assert self._first_ns is not None
+        knots = given.moved(self._first_ns, last.T, last.seconds, seconds)
+        covariance = last.covariance + given.covariance(self._first_ns, last.seconds, belief.seconds)
+        return replace(belief, T=knots[-1], covariance=covariance), knots
 
     def look_back(self, results: list[Registration]) -> list[Registration]:
         """See `Odometry.look_back`: the later scans are the map, and the first ones are registered to it from the last
@@ -267,7 +287,9 @@ class ContinuousTimeOdometry:
         count = int(np.searchsorted(ages, _UNSURE))
         if len(early) - count < 2 or ages[-1] < _UNSURE + _KNOWN:
             return results
-        back = ContinuousTimeOdometry(self._settings, None if self._imu is None else self._imu.backwards())
+        imu = None if self._imu is None else self._imu.backwards()
+        back = ContinuousTimeOdometry(self._settings, imu, None if self._given is None else self._given.backwards())
+        back._first_ns = self._first_ns
         if self._up is not None:
             back.level(self._up)
         for scan, result in zip(early[count:-1], results[count:-1], strict=True):

@@ -7,6 +7,7 @@ from sgslam.config import OdometrySettings, TrackingSettings
 from sgslam.inertial import ImuBuffer, MeasuredMotion
 from sgslam.odometry.base import Odometry
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
+from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
 
 METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].annotation)
@@ -14,14 +15,19 @@ METHODS: tuple[str, ...] = get_args(OdometrySettings.model_fields["method"].anno
 INERTIAL = ("rko_lio", "genz_lio")  # those that need an IMU
 
 
-def make_odometry(odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None = None) -> Odometry:
+def make_odometry(
+    odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None = None,
+    given: GivenMotion | None = None,
+) -> Odometry:  # fmt: skip
     """Creates the odometry of `odometry.method`, which finds out the times of points that are not given as
-    `tracking.point_times` says. Our own takes the motion from an `imu`, where there is one; LiDAR-inertial ones
-    need it. Raises UserError if it or the library is missing."""
-    return TimedOdometry(partial(_make, odometry, tracking, imu), tracking.point_times)
+    `tracking.point_times` says. Our own takes the motion from an `imu`, where there is one, and that `given` by
+    another system; LiDAR-inertial ones need the former. Raises UserError if it or the library is missing."""
+    return TimedOdometry(partial(_make, odometry, tracking, imu, given), tracking.point_times)
 
 
-def _make(odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None) -> Odometry:
+def _make(
+    odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer | None, given: GivenMotion | None
+) -> Odometry:
     if odometry.method == "small_gicp":
         from sgslam.odometry.small_gicp import SmallGicpOdometry
 
@@ -32,7 +38,7 @@ def _make(odometry: OdometrySettings, tracking: TrackingSettings, imu: ImuBuffer
         return KissOdometry(odometry)
     if odometry.method in INERTIAL:
         return _lidar_inertial(odometry, imu)
-    return ContinuousTimeOdometry(tracking, None if imu is None else MeasuredMotion(imu))
+    return ContinuousTimeOdometry(tracking, None if imu is None else MeasuredMotion(imu), given)
 
 
 def _lidar_inertial(odometry: OdometrySettings, imu: ImuBuffer | None) -> Odometry:

@@ -15,6 +15,7 @@ _GRAPH = ".g2o"
 _POSES_AS_GIVEN = (
     "odometry.outlier_distance=1e6", "odometry.outlier_angle=7", "odometry.max_step=1e6", "odometry.max_turn=7",
 )  # fmt: skip
+_REGISTERED = "odometry.given=measured"  # the scans themselves tell the motion from one to the next better
 _EACH_A_KEYFRAME = "keyframes.scans=1"  # each scan made of a map shows a part of it that no other shows
 
 
@@ -33,8 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     from sgslam.run import execute
 
     settings = list(_POSES_AS_GIVEN)
-    if options.scan_dir is None:
-        settings.append(_EACH_A_KEYFRAME)
+    settings.append(_EACH_A_KEYFRAME if options.scan_dir is None else _REGISTERED)
     options.set = [*settings, *options.set]
     return execute(options)
 
@@ -49,7 +49,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="folder or bag: scans, or one cloud per pose")
     add("--cloud", type=Path, metavar="FILE", help="map in the poses' frame, instead of scans: .ply, .pcd, .las, ...")
     add("--times", type=Path, metavar="FILE", help="stamps of the KITTI poses, in seconds, one per line")
-    add("--single-pass", action="store_true", default=None, help="keep the poses' motion from scan to scan as it is")
+    add("--single-pass", action="store_true", default=None, help="do not register the scans again")
     add_options(parser)
     parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0)
     return parser

@@ -28,14 +28,16 @@ _FINISHED = 2  # of these predictions, so many
 
 def best_attempt(
     attempt: Callable[[list[Floats], float, int], Solved], fits: Callable[[Solved], bool], ahead: list[Floats],
-    stopped: list[Floats] | None, was_lost: bool, turn_known: bool, settings: TrackingSettings,
+    stopped: list[Floats] | None, told: list[Floats] | None, was_lost: bool, turn_known: bool,
+    settings: TrackingSettings,
 ) -> Solved:  # fmt: skip
     """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m)
     and a largest number of iterations.
 
     Those `ahead` are expected. If the result does not fit, they are tried with a wide kernel, as is a sensor that
-    `stopped`, unless it is known by an accelerometer that it did not, or turned there while it was lost; then one that
-    swung to another attitude than ahead. Where the turn is known, by a gyroscope, no other one is tried.
+    `stopped`, unless it is known by an accelerometer that it did not, or moved as another system has `told`, or turned
+    there while it was lost; then one that swung to another attitude than ahead. Where the turn is known, by a
+    gyroscope, no other one is tried.
     """
 
     def closest(best: Solved, guesses: list[list[Floats]]) -> Solved:
@@ -49,9 +51,8 @@ def best_attempt(
     best = attempt(ahead, settings.first_kernel, settings.iterations)
     if fits(best):
         return best
-    stops = [] if stopped is None else [stopped]
-    turned = [own for stop in stops for own in _turned(stop, _LOST_TURNS)] if was_lost and not turn_known else []
-    best = closest(best, [ahead, *stops, *turned])
+    turned = [] if stopped is None or turn_known or not was_lost else _turned(stopped, _LOST_TURNS)
+    best = closest(best, [ahead, *(own for own in (stopped, told) if own is not None), *turned])
     if fits(best) or was_lost or turn_known:
         return best
     swung = closest(best, _turned(ahead, _SWINGS))

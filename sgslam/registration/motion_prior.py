@@ -5,6 +5,7 @@ velocity is (6,): the rotation vector and the translation, in axes of `odom`, a 
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,19 @@ from sgslam.geometry.rotations import rotated_by, turn_between
 from sgslam.inertial import Changes, Turns
 
 Floats = NDArray[np.float64]
+_OUTLIER = 3.0  # standard deviations, from which on a step counts little
+
+
+class Steps(NamedTuple):
+    """How the sensor moved from each knot to the next by another system: `poses` (K-1, 4, 4), from its later axes to
+    its earlier ones, and the `information` (K-1, 2) about each angle, 1/rad2, and each coordinate, 1/m2; zero where
+    nothing was measured."""
+
+    poses: Floats
+    information: Floats
+
+
+NO_STEPS = Steps(np.empty((0, 4, 4)), np.empty((0, 2)))  # without another system
 
 
 @compiled
@@ -82,6 +96,38 @@ def add_turns(knots: Floats, turns: Turns, H: Floats, g: Floats) -> None:
                     expected[i, j] += knots[k, i, c] * turns.rotations[k, c, j]
         off = turn_between(expected, knots[k + 1])
         for i in range(3):
+            a, b = 6 * k + i, 6 * k + 6 + i
+            g[a] -= weight * off[i]
+            g[b] += weight * off[i]
+            H[a, a] += weight
+            H[b, b] += weight
+            H[a, b] -= weight
+            H[b, a] -= weight
+
+
+@compiled
+def add_steps(knots: Floats, steps: Steps, H: Floats, g: Floats) -> None:
+    """Adds another system's steps between knots to normal equations H (6K, 6K), g (6K,).
+
+    Farther off, a step's weight falls as that of an outlier (Geman-McClure): a system may slip or lose its way. How a
+    step, a few centimetres long, turns with its first knot is left out.
+    """
+    expected, off = np.empty((4, 4)), np.empty(6)
+    for k in range(len(steps.information)):
+        turn_weight, way_weight = steps.information[k]
+        if turn_weight <= 0.0:
+            continue
+        for i in range(4):
+            for j in range(4):
+                expected[i, j] = 0.0
+                for c in range(4):
+                    expected[i, j] += knots[k, i, c] * steps.poses[k, c, j]
+        off[:] = velocity_between(expected, knots[k + 1], 1.0)
+        size = turn_weight * (off[0] ** 2 + off[1] ** 2 + off[2] ** 2)
+        size += way_weight * (off[3] ** 2 + off[4] ** 2 + off[5] ** 2)
+        robust = (1 / (1 + size / _OUTLIER**2)) ** 2
+        for i in range(6):
+            weight = robust * (turn_weight if i < 3 else way_weight)
             a, b = 6 * k + i, 6 * k + 6 + i
             g[a] -= weight * off[i]
             g[b] += weight * off[i]

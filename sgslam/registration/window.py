@@ -15,9 +15,11 @@ from sgslam.inertial import Changes, Turns
 from sgslam.registration.correspondences import planes_of
 from sgslam.registration.degeneracy import project_out_feigned
 from sgslam.registration.motion_prior import (
+    Steps,
     add_changes,
     add_height,
     add_pose,
+    add_steps,
     add_turns,
     add_velocities,
     velocity_between,
@@ -79,8 +81,8 @@ class Weights(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """A window: its knots (K, 4, 4) at `seconds` (K,), their information (6K, 6K), that of the points alone, and the
-    knots as the prior predicted them.
+    """A window: its knots (K, 4, 4) at `seconds` (K,), their information (6K, 6K), that of the points and of another
+    system's steps alone, and the knots as the prior predicted them.
 
     Of so many points of the newest scan, `found` ones have a plane in reach, and `close` ones lie near it; `residual`
     (m) is the median distance of the points of all scans.
@@ -149,7 +151,7 @@ def window_knots(begin: float, scans: list[Floats]) -> tuple[Floats, list[int]]:
 def solve(
     seconds: Floats, predicted: Floats, prior: Prior, motion: MotionPrior, points: Floats, knot: Ints,
     share: Floats, newest: int, surfels: Surfels, oldest: float, first_kernel: float, weights: Weights,
-    turns: Turns, changes: Changes,
+    turns: Turns, changes: Changes, steps: Steps,
 ) -> Solved:  # fmt: skip
     """Estimates all knots from the `predicted` ones (K, 4, 4) at `seconds` (K,).
 
@@ -157,7 +159,7 @@ def solve(
     to the next one; those from the `newest` one on are of the newest scan. The robust kernel follows the residuals,
     from `first_kernel` to that of the weights (m): a wide one finds the way from a poor prediction, a narrow one
     rejects outliers. A point's place counts as known to the difference. `turns` are those of a gyroscope, `changes`
-    those of the velocity by an accelerometer, at all but the last knot.
+    those of the velocity by an accelerometer, at all but the last knot. `steps` are those of another system.
 
     Most of the time goes into finding the points' planes; they are kept over the last, small steps.
     """
@@ -171,7 +173,7 @@ def solve(
             moved = placed(points, knot, share, knots)
         residual, found, close, moved_by = _step(
             seconds, knots, prior, motion, moved, plane_of, knot, share, newest, surfels.planes, error, kernel, sigma,
-            weights, turns, changes, H, measured,
+            weights, turns, changes, steps, H, measured,
         )  # fmt: skip
         if moved_by < weights.convergence:
             break
@@ -183,7 +185,7 @@ def solve(
 def _step(
     seconds: Floats, knots: Floats, prior: Prior, motion: MotionPrior, moved: Floats, plane_of: Ints, knot: Ints,
     share: Floats, newest: int, planes: Floats, error: float, kernel: float, sigma: float, weights: Weights,
-    turns: Turns, changes: Changes, H: Floats, measured: Floats,
+    turns: Turns, changes: Changes, steps: Steps, H: Floats, measured: Floats,
 ) -> tuple[float, int, int, float]:  # fmt: skip
     """Moves the knots by one step of Gauss-Newton; fills in H and what of it is `measured`.
 
@@ -195,6 +197,7 @@ def _step(
         moved, plane_of, knot, share, knots, planes, error, kernel, sigma**2, weights.near, newest, H, g, F
     )
     project_out_feigned(H, g, F, weights.feigned)
+    add_steps(knots, steps, H, g)
     measured[:, :] = H
     add_pose(knots[0], prior.T, prior.information, H, g)
     add_velocities(

@@ -11,6 +11,7 @@ from data.imu import ImuSamples
 from sgslam.config import Config
 from sgslam.inertial import ImuBuffer
 from sgslam.odometry import Odometry, make_odometry
+from sgslam.odometry.given_motion import GivenMotion
 from sgslam.perception import RawScan, checked_scan
 from sgslam.perception.scan_checks import checked_covariance
 from sgslam.tracking.scan_tracker import ScanTracker, TrackedScan
@@ -39,6 +40,8 @@ class RunTracker:
     def __init__(self, config: Config, odometry: Odometry | None = None) -> None:
         self._config, self._given_odometry = config, odometry
         self.imu = ImuBuffer(config.imu)
+        own = odometry is None and config.odometry.method == "continuous_time"
+        self._given_motion = GivenMotion(config.odometry) if own and config.odometry.given == "measured" else None
         self.newest_ns: int | None = None
         self._tracker = self._begin()
         self._kept: list[TrackedScan] = []  # the newest scans, while they are lost or unconfirmed
@@ -55,6 +58,9 @@ class RunTracker:
         checked = checked_scan(stamp_ns, points, T_odom_sensor, self.newest_ns)
         step = None if step_covariance is None else checked_covariance(step_covariance, int(stamp_ns))
         self.newest_ns = int(stamp_ns)
+        if self._given_motion is not None and T_odom_sensor is not None:
+            self._given_motion.add(self.newest_ns, T_odom_sensor, step)
+            T_odom_sensor = step = None  # the scan is registered
         return self._tracked(RawScan(int(stamp_ns), checked, point_times, T_odom_sensor, step))
 
     def release(self) -> list[TrackingStep]:
@@ -102,8 +108,9 @@ class RunTracker:
 
     def _begin(self) -> ScanTracker:
         """A new tracker. The built-in odometry restarts; an odometry that the caller passed is kept."""
-        odometry = self._given_odometry or make_odometry(self._config.odometry, self._config.tracking, self.imu)
-        return ScanTracker(self._config, odometry, self.imu)
+        config, given = self._config, self._given_motion
+        odometry = self._given_odometry or make_odometry(config.odometry, config.tracking, self.imu, given)
+        return ScanTracker(config, odometry, self.imu, given)
 
     def _tracked(self, raw: RawScan) -> list[TrackingStep]:
         return self._judged(self._tracker.track(raw))
@@ -135,11 +142,14 @@ class RunTracker:
         return {
             "newest_ns": self.newest_ns, "kept": self._kept, "advice": self._advice, "imu": self.imu.state(),
             "tracker": self._tracker.state(),
+            "given": None if self._given_motion is None else self._given_motion.state(),
         }  # fmt: skip
 
     def restore(self, state: dict[str, Any]) -> None:
         """Restores a tree that `state` returned. Raises KeyError, TypeError or ValueError if it does not fit."""
         self.imu.restore(state["imu"])
+        if self._given_motion is not None:
+            self._given_motion.restore(state["given"])
         self._tracker = self._begin()
         self._tracker.restore(state["tracker"])
         self.newest_ns, self._kept, self._advice = state["newest_ns"], state["kept"], state["advice"]

@@ -12,6 +12,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.inertial import ImuBuffer, measured_up
 from sgslam.odometry import Odometry, make_odometry
 from sgslam.odometry.given import GivenPoses
+from sgslam.odometry.given_motion import GivenMotion
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.perception import RawScan
 from sgslam.perception.scan_checks import checked_times
@@ -53,8 +54,11 @@ class ScanTracker(Stateful):
 
     _STATE = ("_waiting", "_found", "_lost_since_ns", "_T_level_source", "_lost_from_ns", "_found_ns", "_again_ns")
 
-    def __init__(self, config: Config, odometry: Odometry, imu: ImuBuffer | None = None) -> None:
-        self._config, self._odometry, self._imu = config, odometry, imu
+    def __init__(
+        self, config: Config, odometry: Odometry, imu: ImuBuffer | None = None, motion: GivenMotion | None = None
+    ) -> None:
+        """`motion` is that of another system, which is measured."""
+        self._config, self._odometry, self._imu, self._motion = config, odometry, imu, motion
         self._given = GivenPoses(config.odometry)
         self._level = LevelFrame(config.tracking, config.imu.up_error)
         self._check = LevelCheck(config.tracking)
@@ -196,7 +200,7 @@ class ScanTracker(Stateful):
             self._other = None
             return self._lost_since_ns is not None
         if self._other is None or self._lost_since_ns is None:
-            self._other = make_odometry(self._config.odometry, self._config.tracking, self._imu)
+            self._other = self._another()
             self._lost_since_ns = scan.raw.stamp_ns
         found = self._other.register(scan.raw.stamp_ns, scan.raw.points, scan.raw.point_times)
         if found.health == "lost":
@@ -209,6 +213,10 @@ class ScanTracker(Stateful):
             self._found_ns = self._lost_since_ns if self._found_ns is None else self._found_ns
             self._other, self._lost_since_ns = None, None
         return not is_here
+
+    def _another(self) -> Odometry:
+        """An odometry that knows of no scan yet."""
+        return make_odometry(self._config.odometry, self._config.tracking, self._imu, self._motion)
 
     def state(self) -> dict[str, Any]:
         """See `Stateful`; with the state of its parts."""
@@ -226,5 +234,5 @@ class ScanTracker(Stateful):
         self._level.restore(state["level"])
         self._check.restore(state["check"])
         if state["other"] is not None:
-            self._other = make_odometry(self._config.odometry, self._config.tracking, self._imu)
+            self._other = self._another()
             self._other.restore(state["other"])

@@ -83,6 +83,8 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
         raise UserError("--storey and --start refer to a building; give --bim too")
     scans = _open_scans(options) if scans is None else scans
     next(in_metres_and_sensor_frame(scans), None)  # wrong ones are refused before the output folder is touched
+    if not scans.is_dense:  # too far apart to be registered
+        config = config.model_copy(update={"odometry": config.odometry.model_copy(update={"given": "exact"})})
     imu = None if options.imu is None else read_imu(options.imu, options.imu_topic)
     if external is None and scans.given is None:
         check_inertial(config.odometry.method, imu is not None)

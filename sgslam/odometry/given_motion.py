@@ -1,0 +1,112 @@
+"""Poses that another system gives, as measurements of the motion from scan to scan."""
+
+from bisect import bisect_left, bisect_right
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sgslam.config import OdometrySettings
+from sgslam.geometry.frames import inverse
+from sgslam.registration.motion_prior import Steps, moved_on, velocity_between
+from sgslam.serialization import Stateful
+
+Floats = NDArray[np.float64]
+_NS = 10**9
+_GAP_NS = _NS  # a longer step does not tell how the sensor moved within it
+_BEYOND = 0.1  # of a step: so far before the first pose and after the last, the motion still counts as measured
+_KEPT_NS = 300 * _NS  # longer than one waits for a lost sensor
+_LEAST = 1e-6  # of the usual variance, the least that is believed
+
+
+class GivenMotion(Stateful):
+    """The newest given poses; between two of them the motion is taken as steady.
+
+    Only the motion counts, not where the poses are: a drift of metres does not matter. Times are in seconds after a
+    stamp `first_ns`.
+    """
+
+    _STATE = ("_stamps_ns", "_poses", "_variances")
+
+    def __init__(self, settings: OdometrySettings) -> None:
+        self._usual = np.array([settings.given_sigma_rotation, settings.given_sigma_translation]) ** 2
+        self._direction = 1
+        self._stamps_ns: list[int] = []
+        self._poses: list[Floats] = []  # T_given_sensor (4, 4)
+        self._variances: list[Floats] = []  # of the step to each pose (2,): of an angle, rad2, and of a coordinate, m2
+
+    def add(self, stamp_ns: int, T_given_sensor: Floats, step_covariance: Floats | None = None) -> None:
+        """Adds a pose (4, 4), later than all before; `step_covariance` (6, 6) is that of the motion since the one
+        before, rotation first, where it is known."""
+        variance = self._usual
+        if step_covariance is not None:
+            told = np.array([np.trace(step_covariance[:3, :3]), np.trace(step_covariance[3:, 3:])]) / 3
+            variance = np.maximum(told, _LEAST * self._usual)
+        self._stamps_ns.append(stamp_ns)
+        self._poses.append(np.array(T_given_sensor, np.float64))
+        self._variances.append(variance)
+        old = bisect_left(self._stamps_ns, stamp_ns - _KEPT_NS)
+        for values in (self._stamps_ns, self._poses, self._variances):
+            del values[:old]  # type: ignore[attr-defined]
+
+    def backwards(self) -> "GivenMotion":
+        """The same poses, as time runs backwards."""
+        other = GivenMotion.__new__(GivenMotion)
+        other.__dict__.update(self.__dict__)
+        other._direction = -self._direction
+        return other
+
+    def steps(self, first_ns: int, seconds: Floats) -> Steps:
+        """The steps between knots at times (K,), as far as they are measured."""
+        count = len(seconds) - 1
+        poses, information = np.tile(np.eye(4), (count, 1, 1)), np.zeros((count, 2))
+        for k in range(count):
+            begin, end = sorted(self._stamp_ns(first_ns, second) for second in seconds[k : k + 2])
+            if self._is_measured(begin, end):
+                poses[k] = self.between(first_ns, seconds[k], seconds[k + 1])
+                information[k] = 1 / self._variance_of(begin, end)
+        return Steps(poses, information)
+
+    def moved(self, first_ns: int, T: Floats, begin: float, seconds: Floats) -> Floats:
+        """(K, 4, 4) the poses at times (K,) of a sensor that was at T (4, 4) at the time `begin`."""
+        return np.stack([T @ self.between(first_ns, begin, second) for second in seconds])
+
+    def between(self, first_ns: int, begin: float, end: float) -> Floats:
+        """(4, 4) the motion from one time to another: T_begin_end of the sensor. Before the first pose and after the
+        last the motion goes on steadily."""
+        if len(self._poses) < 2:
+            return np.eye(4)
+        return inverse(self._at(self._stamp_ns(first_ns, begin))) @ self._at(self._stamp_ns(first_ns, end))
+
+    def covariance(self, first_ns: int, begin: float, end: float) -> Floats:
+        """(6, 6) of the motion from one time to another, rotation first: that of all its steps together."""
+        low, high = sorted(self._stamp_ns(first_ns, second) for second in (begin, end))
+        steps = self._variances[bisect_right(self._stamps_ns, low) : bisect_left(self._stamps_ns, high) + 1]
+        return np.diag(np.repeat(np.sum([self._usual, *steps], axis=0), 3))
+
+    def _stamp_ns(self, first_ns: int, second: float) -> int:
+        return first_ns + self._direction * round(second * _NS)
+
+    def _after(self, stamp_ns: int) -> int:
+        """The index of the pose after a stamp, which has one before it."""
+        return min(max(bisect_left(self._stamps_ns, stamp_ns), 1), len(self._stamps_ns) - 1)
+
+    def _at(self, stamp_ns: int) -> Floats:
+        """T_given_sensor (4, 4) at a stamp."""
+        after = self._after(stamp_ns)
+        begin, lasted = self._stamps_ns[after - 1], (self._stamps_ns[after] - self._stamps_ns[after - 1]) / _NS
+        velocity = velocity_between(self._poses[after - 1], self._poses[after], lasted)
+        return np.asarray(moved_on(self._poses[after - 1], velocity, (stamp_ns - begin) / _NS))
+
+    def _is_measured(self, begin_ns: int, end_ns: int) -> bool:
+        """Whether there are poses at both ends of a step, or near them, and none is far from the next."""
+        if len(self._poses) < 2:
+            return False
+        stamps = self._stamps_ns[self._after(begin_ns) - 1 : self._after(end_ns) + 1]
+        lasted = np.diff(stamps)
+        beyond = max(stamps[0] - begin_ns, end_ns - stamps[-1])
+        return bool(lasted.max() <= _GAP_NS and beyond <= _BEYOND * lasted[-1])
+
+    def _variance_of(self, begin_ns: int, end_ns: int) -> Floats:
+        """(2,) rad2 and m2, of a step: its share of those given."""
+        after = self._after((begin_ns + end_ns) // 2)
+        return self._variances[after] * ((end_ns - begin_ns) / (self._stamps_ns[after] - self._stamps_ns[after - 1]))
