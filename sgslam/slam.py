@@ -71,11 +71,11 @@ class SceneGraphSlam:
         be a point cloud of Open3D.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
-        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan;
-        `step_covariance` (6, 6) is that of its motion since the scan before, rotation (rad) first, in the sensor's
-        axes (default: that of the settings). Raises UserError for stamps that do not increase, points or times that are
-        not finite, a `T_odom_sensor` that is not a rigid motion, and a `step_covariance` that is none; the run goes on
-        without that scan.
+        `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan, or
+        is one more measurement for it, as the setting `odometry.given` says; `step_covariance` (6, 6) is that of its
+        motion since the scan before, rotation (rad) first, in the sensor's axes (default: that of the settings). Raises
+        UserError for stamps that do not increase, points or times that are not finite, a `T_odom_sensor` that is not a
+        rigid motion, and a `step_covariance` that is none; the run goes on without that scan.
 
         In the first seconds scans wait until the direction of gravity is known; the pose that is returned until then
         is provisional. Lost scans wait until a scan fits the map again. If they fit one another for some time, but not

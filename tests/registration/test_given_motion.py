@@ -1,5 +1,7 @@
 """Poses of another system as measurements: steps between knots, and what registration makes of them."""
 
+from copy import deepcopy
+
 import numpy as np
 import pytest
 from boxes import Array, pose, room, scan, scene_of
@@ -122,7 +124,7 @@ def test_a_tracker_that_is_restored_goes_on_alike() -> None:
     one, other = RunTracker(config), RunTracker(config)
     for k in range(40):
         one.track(PERIOD_NS * k, scans[k], None, told[k])
-    other.restore(one.state())
+    other.restore(deepcopy(one.state()))
     for k in range(40, 50):
         found = [tracker.track(PERIOD_NS * k, scans[k], None, told[k]) for tracker in (one, other)]
         for a, b in zip(*found, strict=True):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from boxes import pose
 from commands import called, refused
 from drives import small_drive
 from g2o_files import drawn_graph
@@ -17,6 +18,7 @@ from sgslam.cli.job.scan_loop import Interruption
 
 pytestmark = pytest.mark.slow
 COMMAND = "sgslam.other_slam.anchor"
+EXACT = "odometry.given=exact"  # poses as they are
 
 
 @pytest.fixture(scope="module")
@@ -70,18 +72,35 @@ def test_all_poses_are_anchored_with_those_that_have_a_scan(building: Path, tmp_
     assert rmse(tmp_path / "out/trajectory.tum") < 0.02 and rmse(everything) < 0.03
 
 
-def test_scans_of_a_whole_drive_are_registered_again(building: Path, tmp_path: Path) -> None:
-    drive, output, clouds = small_drive(), slam_output(0.0005, 0.01), tmp_path / "clouds"
+def write_all_scans(clouds: Path) -> Path:
+    """Those of the whole drive, a fifth of a second apart."""
     clouds.mkdir()
-    for k, (_, points) in enumerate(drive.scans):
+    for k, (_, points) in enumerate(small_drive().scans):
         np.save(clouds / f"{k:06d}.npy", points)
-    (clouds / "times.txt").write_text("".join(f"{stamp / 1e9:.9f}\n" for stamp, _ in drive.scans))
-    told = [*write_poses(output.poses, tmp_path, "tum"), "--scans", clouds]
+    (clouds / "times.txt").write_text("".join(f"{stamp / 1e9:.9f}\n" for stamp, _ in small_drive().scans))
+    return clouds
+
+
+def test_scans_of_a_whole_drive_are_registered_again(building: Path, tmp_path: Path) -> None:
+    output, clouds = slam_output(0.0005, 0.01), write_all_scans(tmp_path / "clouds")
+    told = [*write_poses(output.poses, tmp_path, "tum"), "--scans", clouds, "--set", EXACT]
     anchored(building, tmp_path / "single", *told, "--single-pass")
     anchored(building, tmp_path / "again", *told)
     single, again = (rmse(tmp_path / name / "trajectory.tum") for name in ("single", "again"))
     assert again < 0.02 and again < single / 2
     assert (tmp_path / "again/trajectory_live.tum").is_file()
+
+
+def test_scans_of_a_whole_drive_put_poses_right_that_jitter(building: Path, tmp_path: Path) -> None:
+    poses, rng, clouds = slam_output(0.0005).poses, np.random.default_rng(1), write_all_scans(tmp_path / "clouds")
+    off = [pose(*rng.normal(0.0, 0.04, 3), *rng.normal(0.0, 0.015, 3)) for _ in poses.poses]
+    told = [*write_poses(Trajectory(poses.stamps_ns, poses.poses @ off), tmp_path, "tum"), "--scans", clouds]
+    anchored(building, tmp_path / "measured", *told, "--single-pass")
+    assert rmse(tmp_path / "measured/trajectory.tum") < 0.02 and rmse(tmp_path / "measured/trajectory_all.tum") < 0.02
+    done = called(COMMAND, *told, "--set", EXACT, "--single-pass", "--bim", building, "--out", tmp_path / "exact")
+    assert done.returncode == 0, done.stderr
+    metrics = json.loads((tmp_path / "exact/metrics.json").read_text())
+    assert not metrics["anchored"] or rmse(tmp_path / "exact/trajectory.tum") > 0.04
 
 
 def test_a_map_is_given_back_to_the_poses_that_saw_it(building: Path, tmp_path: Path) -> None:
