@@ -157,11 +157,12 @@ def tables(rows: "pd.DataFrame") -> Mapping[str, "pd.DataFrame"]:
     """A line for each drive, and the memory along it."""
     import pandas as pd
 
-    drive = ["sequence.name", "carrier", "sensor", "seconds"]
+    drive = ["building", "carrier", "sensor", "seconds"]
+    rows = rows.rename(columns={"sequence.name": "building"}).assign(seconds=rows.seconds.map("{:g}".format))
     answers = rows[[*drive, "points", "p50_ms", "p99_ms", "longest_ms", "late", "dropped", "most_waiting"]].copy()
-    for name in ("seconds", "points", "p50_ms", "p99_ms", "longest_ms", "late", "most_waiting"):
+    for name in ("points", "p50_ms", "p99_ms", "longest_ms", "late", "most_waiting"):
         answers[name] = rows[name].map("{:.0f}".format)
-    poses = rows[[*drive, "answers_m", "final_m", "offline_m", "finish_s"]].copy()
+    poses = rows[[*drive, "answers_m", "final_m", "offline_m"]].assign(finish_s=rows.finish_s.map("{:.0f}".format))
     memory = pd.DataFrame([
         {**{name: row[name] for name in drive}, **_memory_along(row.memory)} for _, row in rows.iterrows()
     ])  # fmt: skip
