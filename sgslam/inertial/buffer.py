@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data.imu import ImuSamples
+from data.imu.samples import unit_of_forces
 from sgslam.config import ImuSettings
 from sgslam.serialization import Stateful
 
@@ -18,7 +19,7 @@ _GAP_NS = 50_000_000  # longest time between samples, or beyond them, over which
 class ImuBuffer(Stateful):
     """Samples are added in the order of their stamps; old ones are forgotten."""
 
-    _STATE = ("_stamps", "_values")
+    _STATE = ("_stamps", "_values", "unit")
 
     def __init__(self, settings: ImuSettings) -> None:
         self.settings = settings
@@ -26,6 +27,7 @@ class ImuBuffer(Stateful):
         self._R_sensor_imu: Floats = Rotation.from_euler("ZYX", (yaw, pitch, roll), degrees=True).as_matrix()
         self._stamps, self._values = np.empty(0, np.int64), np.empty((0, 6))  # gyro and accel
         self._newer: list[ImuSamples] = []
+        self.unit: float | None = None  # m/s2, of the specific forces; None before the first, and far from gravity
 
     def add(self, samples: ImuSamples) -> None:
         """Adds samples later than all before, in the IMU's axes."""
@@ -71,6 +73,7 @@ class ImuBuffer(Stateful):
         stamps = np.concatenate([self._stamps, newer])
         kept = stamps >= stamps[-1] - _KEPT_NS
         self._stamps, self._values = stamps[kept], np.concatenate([self._values, np.hstack([gyro, accel])])[kept]
+        self.unit = unit_of_forces(self._values[:, 3:])
         self._newer = []
 
     def _beside(self, stamps_ns: NDArray[np.int64], gyro: Floats) -> Floats:

@@ -1,12 +1,14 @@
 """How the sensor turned by its gyroscope, and the gyroscope's bias."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data.imu import ImuSamples
+from sgslam.inertial.bias import Bias
 from sgslam.inertial.buffer import ImuBuffer
 from sgslam.inertial.preintegration import NO_TURNS, Turns, preintegrated
 from sgslam.inertial.unsteady import UnsteadyTurn, unsteady
@@ -19,17 +21,22 @@ _BETWEEN = 1.0  # s from one measurement of the bias to the next: registration's
 class Gyroscope(Stateful):
     """Turns between times, in seconds after `begin`.
 
-    The bias is a random walk, measured about every second by the turn that registration finds: a Kalman filter.
+    The bias is measured about every second by the turn that registration finds.
     """
 
-    _STATE = ("_first_ns", "bias", "_covariance", "_seen")
+    _STATE = ("_first_ns", "_seen")
 
     def __init__(self, imu: ImuBuffer) -> None:
         self._imu, self._direction = imu, 1
         self._first_ns = 0
-        self.bias = np.zeros(3)  # rad/s
-        self._covariance = np.eye(3) * imu.settings.gyro_bias**2
+        settings = imu.settings
+        self._bias = Bias(settings.gyro_bias, settings.gyro_walk, settings.attitude_error)
         self._seen: tuple[float, Floats] | None = None  # seconds and attitude of the last measurement
+
+    @property
+    def bias(self) -> Floats:
+        """(3,) rad/s, as far as it is known."""
+        return self._bias.value
 
     def begin(self, first_ns: int) -> None:
         """Sets the stamp at which seconds are 0."""
@@ -74,7 +81,7 @@ class Gyroscope(Stateful):
         if not known.any():
             return NO_TURNS
         rotations = np.stack([np.eye(3) if own is None else own[0] for own in found])
-        bias_variance = float(np.linalg.eigvalsh(self._covariance)[-1])
+        bias_variance = float(np.linalg.eigvalsh(self._bias.covariance)[-1])
         return Turns(rotations, known / (settings.gyro_noise**2 * lasted + bias_variance * lasted**2))
 
     def turned(self, seconds: Floats, knots: Floats) -> Floats:
@@ -100,16 +107,7 @@ class Gyroscope(Stateful):
         if found is not None:
             R, J = found
             off = Rotation.from_matrix(R.T @ R_before.T @ R_odom_sensor).as_rotvec()
-            self._correct(off, J, second - before)
-
-    def _correct(self, off: Floats, J: Floats, lasted: float) -> None:
-        """A Kalman filter's step: the true turn is the one of the gyroscope and a rotation vector `off` (3,)."""
-        settings = self._imu.settings
-        P = self._covariance + np.eye(3) * settings.gyro_walk**2 * lasted
-        gain = P @ J.T @ np.linalg.inv(J @ P @ J.T + np.eye(3) * 2 * settings.attitude_error**2)
-        self.bias = self.bias + gain @ off
-        P = P - gain @ J @ P
-        self._covariance = (P + P.T) / 2
+            self._bias.correct(off, J, second - before)
 
     def lose(self) -> None:
         """To be called where attitudes are not known any more."""
@@ -123,3 +121,12 @@ class Gyroscope(Stateful):
             return None
         R, J = preintegrated(samples[0], samples[1].gyro, self.bias, low, high)
         return (R, J) if self._direction > 0 else (R.T.copy(), -R @ J)
+
+    def state(self) -> dict[str, Any]:
+        """See `Stateful`."""
+        return {**super().state(), "bias": self._bias.state()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """See `Stateful`."""
+        super().restore(state)
+        self._bias.restore(state["bias"])

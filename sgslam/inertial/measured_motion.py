@@ -69,9 +69,10 @@ class MeasuredMotion:
         """The changes at the inner ones of the knots (K,); an acceleration is the same if time runs backwards."""
         forward, step = self._gyro.forward(seconds), -1 if self._gyro.runs_backwards else 1
         samples = self._gyro.samples(float(forward[0]), float(forward[-1]))
-        if samples is None:
+        if samples is None or self._imu.unit is None:
             return no_changes(len(seconds) - 2)
-        found = self._accel.changes(*samples, self._gyro.bias, forward, R[::step].copy(), up)
+        accel = samples[1].accel * self._imu.unit
+        found = self._accel.changes(samples[0], samples[1].gyro - self._gyro.bias, accel, forward, R[::step].copy(), up)
         return Changes(found.values[::step].copy(), found.information[::step].copy())
 
     def follow(self, seconds: Floats, knots: Floats, changes: Changes) -> None:

@@ -80,6 +80,19 @@ def test_changes_of_the_velocity_are_the_true_ones_in_both_directions_of_time() 
     assert back.values[1:] == pytest.approx(expected[::-1], abs=0.005)
 
 
+def test_forces_in_g_tell_the_same_also_while_the_sensor_nearly_falls() -> None:
+    """For a tenth of a second the force is a third of gravity: 3.3 m/s2 are no 3.3 g."""
+    samples = measured(shaken, 2.0, ImuModel(), 0)
+    falls = (samples.stamps_ns >= 6 * 10**8) & (samples.stamps_ns < 7 * 10**8)
+    accel = np.where(falls[:, None], samples.accel / 3, samples.accel)
+    found = [
+        motion_by(ImuSamples(samples.stamps_ns, samples.gyro, accel / unit)).changes(KNOTS, shaken(KNOTS), 0.0, UP)
+        for unit in (1.0, 9.80665)
+    ]
+    assert found[0].values == pytest.approx(found[1].values, abs=1e-6)
+    assert found[0].values[3, 2] < true_changes(KNOTS)[2, 2] - 0.2
+
+
 def test_where_up_is_unknown_or_samples_are_missing_no_change_is_told() -> None:
     motion = motion_by(measured(shaken, 2.0, ImuModel(), 0))
     assert not motion.changes(KNOTS, shaken(KNOTS), 0.0, np.zeros(3)).information.any()
