@@ -25,6 +25,7 @@ from data.simulation.carriers import CARRIERS, carrier_named
 from data.simulation.effects import EFFECTS
 from data.simulation.effects.names import ALL
 from data.simulation.imu import IMUS
+from data.simulation.run import IMU
 from data.simulation.sensors import SENSORS, sensor_named
 from data.simulation.simulate import simulate
 
@@ -121,7 +122,8 @@ def main() -> int:
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
     if args.seconds is not None and (missed := [name for name in storeys if name not in reached]):
         print(f"not reached in {args.seconds:g} s: {', '.join(missed)}; give more --seconds, or a lower --min-length")
-    print(f"give {run.out_dir / 'scans'} to --scan-dir, and {run.out_dir / 'truth.tum'} to --ground-truth")
+    samples = f", {run.out_dir / 'scans' / IMU} to --imu" if args.imu else ""
+    print(f"give {run.out_dir / 'scans'} to --scan-dir{samples}, and {run.out_dir / 'truth.tum'} to --ground-truth")
     return 0
 
 

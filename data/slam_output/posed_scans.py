@@ -99,6 +99,11 @@ class PosedScans(ScanSource):
             if placed is not None:
                 yield placed
         self.skipped, self.remarks = self._scans.skipped, list(self._scans.remarks)
+        if not (self.is_dense or self._in_order):
+            self.remarks.append(
+                f"the poses of {self._name_of_poses} are more than {_DENSE_NS / 1e9:g} s apart and were taken as they "
+                "are; give all poses, or use sgslam run: scans are registered then, which is many times more exact"
+            )
         if without:
             self.remarks.append(
                 f"{without} of {len(self)} scans have no pose in {self._name_of_poses} and were left out"
