@@ -90,7 +90,7 @@ class MappingProcess:
         is_full = self.waiting >= self._most
         if is_full and not self._was_full:
             _log.warning("%d scans wait for the map: from now on tracking waits for it", self.waiting)
-        self._was_full = is_full or (self._was_full and self.waiting > self._most // 2)  # else it is told at each scan
+        self._was_full = is_full or (self._was_full and self.waiting > self._most // 2)  # else each scan would warn
         with self._changed:
             self._changed.wait_for(lambda: self.waiting < self._most or self._outcome is not None)
 

@@ -166,10 +166,10 @@ class ContinuousTimeOdometry:
         fixed = prior, self._model.prior, points, np.concatenate(knot), np.concatenate(share), newest_point
         local = self._map.arrays, self._way - settings.local_map
         turns = NO_TURNS if self._imu is None else self._imu.turns(seconds)
-        steps, told = NO_STEPS, None
+        steps, given = NO_STEPS, None
         if self._given is not None and self._first_ns is not None:
             steps = self._given.steps(self._first_ns, seconds)
-            told = list(self._given.moved(self._first_ns, known[-1], after[0], after[1:]))
+            given = list(self._given.moved(self._first_ns, known[-1], after[0], after[1:]))
 
         def attempt(guess: list[Floats], kernel: float, iterations: int) -> Solved:
             weights = self._weights._replace(iterations=iterations)
@@ -178,7 +178,7 @@ class ContinuousTimeOdometry:
         velocity_known = bool((changes.information[len(known) - 1 :] > 0).all())
         stopped = None if velocity_known else list(self._turned(after, np.stack([known[-1]] * len(after))))[1:]
         turn_known = len(turns.information) > 0 and bool(np.all(turns.information[len(known) - 1 :] > 0))
-        return best_attempt(attempt, self._fits, ahead, stopped, told, self._lost, turn_known, settings), firsts
+        return best_attempt(attempt, self._fits, ahead, stopped, given, self._lost, turn_known, settings), firsts
 
     def _turned(self, seconds: Floats, knots: Floats) -> Floats:
         """Predicted knots (K, 4, 4) at times (K,), as far as a gyroscope tells how the sensor turned."""

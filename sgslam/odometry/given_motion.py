@@ -39,8 +39,8 @@ class GivenMotion(Stateful):
         before, rotation first, where it is known."""
         variance = self._usual
         if step_covariance is not None:
-            told = np.array([np.trace(step_covariance[:3, :3]), np.trace(step_covariance[3:, 3:])]) / 3
-            variance = np.maximum(told, _LEAST * self._usual)
+            known = np.array([np.trace(step_covariance[:3, :3]), np.trace(step_covariance[3:, 3:])]) / 3
+            variance = np.maximum(known, _LEAST * self._usual)
         self._stamps_ns.append(stamp_ns)
         self._poses.append(np.array(T_given_sensor, np.float64))
         self._variances.append(variance)

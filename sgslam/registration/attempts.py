@@ -28,14 +28,14 @@ _FINISHED = 2  # of these predictions, so many
 
 def best_attempt(
     attempt: Callable[[list[Floats], float, int], Solved], fits: Callable[[Solved], bool], ahead: list[Floats],
-    stopped: list[Floats] | None, told: list[Floats] | None, was_lost: bool, turn_known: bool,
+    stopped: list[Floats] | None, given: list[Floats] | None, was_lost: bool, turn_known: bool,
     settings: TrackingSettings,
 ) -> Solved:  # fmt: skip
     """The best result of `attempt`, which registers a scan from predicted poses (4, 4) of its knots, with a kernel (m)
     and a largest number of iterations.
 
     Those `ahead` are expected. If the result does not fit, they are tried with a wide kernel, as is a sensor that
-    `stopped`, unless it is known by an accelerometer that it did not, or moved as another system has `told`, or turned
+    `stopped`, unless it is known by an accelerometer that it did not, or moved as another system has `given`, or turned
     there while it was lost; then one that swung to another attitude than ahead. Where the turn is known, by a
     gyroscope, no other one is tried.
     """
@@ -52,7 +52,7 @@ def best_attempt(
     if fits(best):
         return best
     turned = [] if stopped is None or turn_known or not was_lost else _turned(stopped, _LOST_TURNS)
-    best = closest(best, [ahead, *(own for own in (stopped, told) if own is not None), *turned])
+    best = closest(best, [ahead, *(own for own in (stopped, given) if own is not None), *turned])
     if fits(best) or was_lost or turn_known:
         return best
     swung = closest(best, _turned(ahead, _SWINGS))

@@ -84,6 +84,18 @@ def add_height(
 
 
 @compiled
+def _add_between(a: int, off: float, weight: float, H: Floats, g: Floats) -> None:
+    """Adds a measured difference of unknown `a` from the same one of the next knot, which is `off` by so much."""
+    b = a + 6
+    g[a] -= weight * off
+    g[b] += weight * off
+    H[a, a] += weight
+    H[b, b] += weight
+    H[a, b] -= weight
+    H[b, a] -= weight
+
+
+@compiled
 def add_turns(knots: Floats, turns: Turns, H: Floats, g: Floats) -> None:
     """Adds a gyroscope's turns between knots to normal equations H (6K, 6K), g (6K,)."""
     expected = np.empty((3, 3))
@@ -96,13 +108,7 @@ def add_turns(knots: Floats, turns: Turns, H: Floats, g: Floats) -> None:
                     expected[i, j] += knots[k, i, c] * turns.rotations[k, c, j]
         off = turn_between(expected, knots[k + 1])
         for i in range(3):
-            a, b = 6 * k + i, 6 * k + 6 + i
-            g[a] -= weight * off[i]
-            g[b] += weight * off[i]
-            H[a, a] += weight
-            H[b, b] += weight
-            H[a, b] -= weight
-            H[b, a] -= weight
+            _add_between(6 * k + i, off[i], weight, H, g)
 
 
 @compiled
@@ -128,13 +134,7 @@ def add_steps(knots: Floats, steps: Steps, H: Floats, g: Floats) -> None:
         robust = (1 / (1 + size / _OUTLIER**2)) ** 2
         for i in range(6):
             weight = robust * (turn_weight if i < 3 else way_weight)
-            a, b = 6 * k + i, 6 * k + 6 + i
-            g[a] -= weight * off[i]
-            g[b] += weight * off[i]
-            H[a, a] += weight
-            H[b, b] += weight
-            H[a, b] -= weight
-            H[b, a] -= weight
+            _add_between(6 * k + i, off[i], weight, H, g)
 
 
 @compiled

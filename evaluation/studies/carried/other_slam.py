@@ -175,12 +175,12 @@ def _gain(alone: Trajectory, anchored: Trajectory, truth: Trajectory, metrics: d
     """`anchored` holds all poses of the output; those without stamps of the scans' clock get those of `alone`."""
     if len(anchored) == len(alone):
         anchored = Trajectory(alone.stamps_ns, anchored.poses)
-    told = {"poses": len(anchored), "anchored": metrics["anchored"], "reason": metrics["reason"]}
+    common = {"poses": len(anchored), "anchored": metrics["anchored"], "reason": metrics["reason"]}
     if not metrics["anchored"]:
-        return Gain(**told, alone_m=ate(alone, truth), rmse_m=None, worst_m=None, wrong=0)
+        return Gain(**common, alone_m=ate(alone, truth), rmse_m=None, worst_m=None, wrong=0)
     error = error_in_bim(anchored, Trajectory(anchored.stamps_ns, truth.at(anchored.stamps_ns))).position
     return Gain(
-        **told, alone_m=ate(alone, truth), rmse_m=error.rmse, worst_m=error.max, wrong=wrong_poses(anchored, truth)
+        **common, alone_m=ate(alone, truth), rmse_m=error.rmse, worst_m=error.max, wrong=wrong_poses(anchored, truth)
     )  # fmt: skip
 
 
