@@ -1,16 +1,11 @@
 # docker build -t sgslam . && docker run --rm -v "$PWD":/work sgslam run --demo
-# --build-arg TORCH_INDEX=URL names the index of torch's CPU build (see PyTorch's page): the default index brings
-# gigabytes of CUDA
 FROM python:3.11-slim AS wheel
 WORKDIR /source
 COPY . .
 RUN pip wheel --no-cache-dir --no-deps -w /wheel .
 
 FROM python:3.11-slim
-ARG TORCH_INDEX=""
-RUN --mount=type=bind,from=wheel,source=/wheel,target=/wheel \
-    pip install --no-cache-dir ${TORCH_INDEX:+--index-url "$TORCH_INDEX"} "torch>=2.5,<2.14" \
-    && pip install --no-cache-dir /wheel/*.whl
+RUN --mount=type=bind,from=wheel,source=/wheel,target=/wheel pip install --no-cache-dir /wheel/*.whl
 ENV SGSLAM_CACHE_DIR=/tmp/sgslam MPLCONFIGDIR=/tmp/matplotlib NUMBA_CACHE_DIR=/var/cache/sgslam
 # the demo: the image works, and what is compiled at a first run is in it, for any user
 RUN sgslam run --demo --out /tmp/demo && rm -r /tmp/* && chmod -R a+rwX /var/cache/sgslam

@@ -15,10 +15,12 @@ from matching.search import Start, near_start
 from matching.search.assignment import assign
 from matching.search.hypotheses import Placement, search
 from matching.search.verification import verify
+from matching.torch_extra import need_torch
 
 LISTED = 10  # hypotheses in the result, at most
 BASELINES = ("pca-gm", "superglue")
 WITH_WEIGHTS = ("learned", "paper", *BASELINES)
+WITH_TORCH = ("paper", *BASELINES)
 
 
 class Method(Protocol):
@@ -76,7 +78,8 @@ class Matcher:
             A matcher. It may be used for any number of graphs; what it computes of the last few plans is cached.
 
         Raises:
-            UserError: The name is unknown, the method takes no weights, or the file holds none that fit.
+            UserError: The name is unknown, the method takes no weights, the file holds none that fit, or PyTorch, which
+                `paper`, `pca-gm` and `superglue` need, is not installed.
         """
         name, _, named = method.partition("@")
         weights = named or weights
@@ -92,6 +95,8 @@ class Matcher:
             raise UserError(f"no matching method '{name}'; there are: {', '.join(methods)}")
         if weights is not None and name not in WITH_WEIGHTS:
             raise UserError(f"the matching method '{name}' takes no weights; {', '.join(WITH_WEIGHTS)} do")
+        if name in WITH_TORCH:
+            need_torch(f"the matching method '{name}'")
         return Matcher(methods[name]())
 
     def match(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from data.common.cli import Parser, run_command
 from data.common.cluster import add_options
 from data.common.errors import UserError
+from matching.torch_extra import need_torch
 
 if TYPE_CHECKING:
     from data.plans.sources import Plan
@@ -25,6 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
         raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
     if options.device not in DEVICES:
         raise UserError(f"--device {options.device}: give one of {', '.join(DEVICES)}")
+    need_torch("training")
     own, others = _split(options.plans)
 
     import torch  # slow to import, as is what follows

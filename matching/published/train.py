@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from data.common.cli import Parser, run_command
 from data.common.errors import UserError
 from matching.published.graph import EDGES, WITHOUT
+from matching.torch_extra import need_torch
 
 if TYPE_CHECKING:
     from data.plans.sources import Plan
@@ -26,6 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
         _check(part, "--without", WITHOUT)
     if min(options.pairs, options.epochs, options.patience) < 1 or not options.minutes > 0:
         raise UserError("--pairs, --epochs, --patience and --minutes must be positive")
+    need_torch("training")
     plans = read_raw(options.plans)
 
     from dataclasses import replace

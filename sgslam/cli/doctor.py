@@ -35,6 +35,7 @@ EXTRAS = {
     "rerun": "runs as recordings for the Rerun viewer",
     "rko_lio": "the LiDAR-inertial odometry RKO-LIO",
     "genz_lio": "the LiDAR-inertial odometry GenZ-LIO (GPL-2)",
+    "torch": "training the matcher, and the published networks",
     "tune": "the study of the published matcher's hyper-parameters",
     "cluster": "measurements and training data on several machines",
     "evaluation": "the studies behind the numbers of the documentation",

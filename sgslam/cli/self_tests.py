@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from matching.torch_extra import has_torch
+
 
 def _gtsam() -> None:
     import gtsam
@@ -70,13 +72,15 @@ def _opencv() -> None:
 
 def _weights() -> None:
     from matching import Matcher
-    from matching.matcher import WITH_WEIGHTS
+    from matching.matcher import WITH_TORCH, WITH_WEIGHTS
 
     for name in WITH_WEIGHTS:
-        Matcher.load(name)
+        if has_torch() or name not in WITH_TORCH:
+            Matcher.load(name)
 
 
 SELF_TESTS: dict[str, Callable[[], None]] = {
-    "gtsam": _gtsam, "torch": _torch, "ifcopenshell": _ifcopenshell, "embreex": _embreex, "kiss-icp": _kiss_icp,
-    "small_gicp": _small_gicp, "shapely": _shapely, "opencv": _opencv, "the matchers' weights": _weights,
+    "gtsam": _gtsam, **({"torch": _torch} if has_torch() else {}), "ifcopenshell": _ifcopenshell, "embreex": _embreex,
+    "kiss-icp": _kiss_icp, "small_gicp": _small_gicp, "shapely": _shapely, "opencv": _opencv,
+    "the matchers' weights": _weights,
 }  # fmt: skip

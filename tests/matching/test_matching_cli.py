@@ -4,14 +4,17 @@ import dataclasses
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import refused
 from plans import a_graph, flat, merged
 
-from data import Floor, SceneGraph
+from data import Floor, SceneGraph, UserError
 from data.synthetic_maps.noise_models import draw
+from matching import Matcher
+from matching.train import main as train_command
 
 pytestmark = pytest.mark.slow
 
@@ -93,3 +96,14 @@ def test_help_is_quick():
     assert done.returncode == 0 and "--s-graph" in done.stdout
     loaded = {line.rsplit("|", 1)[-1].strip() for line in done.stderr.splitlines()}
     assert "argparse" in loaded and not loaded & {"torch", "gtsam", "open3d", "ifcopenshell"}
+
+
+@pytest.mark.parametrize("needing", ["paper@repository", "pca-gm", "train"])
+def test_what_needs_pytorch_names_the_extra_and_the_rest_works_without(
+    needing: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(UserError, match=r"needs PyTorch; pip install 'sgslam\[torch\]'"):
+        train_command(["--out", str(tmp_path)]) if needing == "train" else Matcher.load(needing)
+    for method in ("learned", "voting", "combinatorial"):
+        Matcher.load(method)
