@@ -2,13 +2,13 @@
 
 A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
 its source, or a short text within a sentence. An empty block stays so until its study has rows. `STUDY/commands` are
-the commands of all rows: a page that has it does not repeat them below each table. `STUDY/older-NAME` are tables of
-older builds whose rows were not kept, `STUDY/older-NAME@ROW,COLUMN` is a cell of one, counted from 0.
+the commands of all rows: a page that has it does not repeat them below each table. `STUDY/NAME@ROW,COLUMN` is a cell of
+a table, counted from 0.
 """
 
 import re
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ import pandas as pd
 
 from data.common.errors import UserError
 from data.common.files import write_atomically
-from evaluation.harness.older import OlderTable, older_tables
 from evaluation.harness.row_file import read_rows, rows_path
 from evaluation.harness.running import QUICK, ROWS
 from evaluation.harness.study import STUDIES, load_study
@@ -25,8 +24,8 @@ from evaluation.harness.tables import frame, markdown
 ROOT = Path(__file__).resolve().parents[2]
 PLOTS = ROOT / "docs/benchmarks"
 BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w@,-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
-CLAIMS, COMMANDS, OLDER = "claims", "commands", "older-"
-_HEAD = ("claim", "value", "cases", "command", "build")
+CLAIMS, COMMANDS = "claims", "commands"
+_HEAD = ("claim", "value", "cases", "command", "commit")
 
 
 class Renderer:
@@ -36,7 +35,6 @@ class Renderer:
         self._rows, self._mixed = rows, mixed
         self._tables = cache(self._tables_of)
         self._frame = cache(self._read)
-        self._older = cache(partial(older_tables, rows))
 
     def page(self, text: str) -> str:
         """The page with today's blocks. Raises UserError for a block that there is not, and for mixed builds."""
@@ -45,7 +43,7 @@ class Renderer:
 
         def block(found: re.Match[str]) -> str:
             begin, study, name, content, end = found.groups()
-            if not content and study in STUDIES and not (name.startswith(OLDER) or self.has_rows(study)):
+            if not content and study in STUDIES and not self.has_rows(study):
                 return found[0]  # its study is still to be run
             return begin + self._block(study, name, study in apart) + end
 
@@ -60,18 +58,13 @@ class Renderer:
         return self._tables(study)
 
     def claims(self) -> pd.DataFrame:
-        """A line for each claim: of the rows of a whole study, or of its tables of an older build."""
+        """A line for each claim of a study that has rows."""
         lines: list[tuple[str, ...]] = []
-        for name in STUDIES:
-            if read_rows(rows_path(self._rows, name)):
-                rows = self.rows_of(name)
-                made = rows.iloc[-1]
-                source = (f"`{made['made.command']}`", f"`{made['made.build']}`")
-                lines += [(claim.text, claim.value, claim.cases, *source) for claim in load_study(name).claims(rows)]
-                continue
-            for table in self._older(name).values():
-                source = (f"`python -m evaluation run {name}`", f"older, commit `{table.made.commit}`")
-                lines += [(c.text, table.rows[c.row][c.column], c.cases, *source) for c in table.claims]
+        for name in filter(self.has_rows, STUDIES):
+            rows = self.rows_of(name)
+            made = rows.iloc[-1]
+            source = (f"`{made['made.command']}`", f"`{made['made.commit']}`")
+            lines += [(claim.text, claim.value, claim.cases, *source) for claim in load_study(name).claims(rows)]
         return pd.DataFrame(lines, columns=list(_HEAD))
 
     def _block(self, study: str, name: str, commands_apart: bool) -> str:
@@ -82,21 +75,18 @@ class Renderer:
         content = self._content(study, name)
         if isinstance(content, str):
             return content
-        if isinstance(content, OlderTable):
-            return f"\n{content.markdown()}\n"
         return f"\n{markdown(content)}\n\n{self._source(study, commands_apart)}\n"
 
     def _content(self, study: str, name: str) -> Any:
         """A table or a text. Raises UserError if the study has none of this name."""
         name, _, cell = name.partition("@")
-        tables: Mapping[str, Any] = self._older(study) if name.startswith(OLDER) else self.tables(study)
+        tables = self.tables(study)
         if name not in tables:
             raise UserError(f"<!-- rows: {study}/{name} -->: {study} has no such table; it has {', '.join(tables)}")
         if not cell:
             return tables[name]
         row, column = map(int, cell.split(","))
-        text: str = tables[name].rows[row][column]
-        return text
+        return str(tables[name].iloc[row, column])
 
     def _tables_of(self, study: str) -> Mapping[str, Any]:
         return load_study(study).tables(self.rows_of(study))
@@ -124,11 +114,11 @@ class Renderer:
 
     def _source(self, study: str, commands_apart: bool) -> str:
         """The source of a table in one line, with the commands unless the page has them apart."""
-        made = self._made(study, "build")
-        mixed = f"**Rows of {len(made)} builds:** " if len(made) > 1 else "Build "
-        builds = mixed + ", ".join(f"`{build}`" for build in made)
+        made = self._made(study, "commit")
+        mixed = f"**Rows of {len(made)} commits:** " if len(made) > 1 else "Commit "
+        commits = mixed + ", ".join(f"`{commit}`" for commit in made)
         last_day = max(self._made(study, "date")).partition(" ")[0]
-        source = f"{builds}, {len(self.rows_of(study))} rows, {last_day}, {'; '.join(self._made(study, 'machine'))}"
+        source = f"{commits}, {len(self.rows_of(study))} rows, {last_day}, {'; '.join(self._made(study, 'machine'))}"
         commands = ", ".join(f"`{command}`" for command in self._made(study, "command"))
         return f"{source}; its commands are listed below." if commands_apart else f"{source}: {commands}"
 
@@ -145,9 +135,8 @@ def render(mixed: bool = False) -> list[Path]:
     changed = {path: new for path, text in texts.items() if (new := renderer.page(text)) != text}
     for path, text in changed.items():
         write_atomically(path, text)
-    for study in STUDIES:
-        if read_rows(rows_path(ROWS, study)):  # plots are of the whole study
-            load_study(study).plots(renderer.rows_of(study), PLOTS)
+    for study in filter(renderer.has_rows, STUDIES):
+        load_study(study).plots(renderer.rows_of(study), PLOTS)
     return list(changed)
 
 
@@ -158,7 +147,7 @@ def render_folder(rows: Path, mixed: bool = False) -> list[Path]:
     Raises UserError if there are no rows.
     """
     renderer = Renderer(rows, mixed)
-    names = sorted({path.name.partition(".")[0] for path in rows.glob("*.jsonl*")} - {"older"})
+    names = sorted({path.name.partition(".")[0] for path in rows.glob("*.jsonl*")})
     found = [name for name in names if renderer.has_rows(name)]
     if not found:
         raise UserError(f"{rows}: no rows of a study")

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Hashable, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from evaluation.harness.row_file import Row
@@ -33,11 +34,13 @@ def mean(values: "pd.Series[Any]", form: str = ".3g", factor: float = 1.0) -> st
 
 
 def spread(values: "pd.Series[Any]", form: str = ".0f") -> str:
-    """The median, and the least and largest of the known values; empty without any."""
+    """The median, and the least and largest of the known values; empty without any. An infinite one is that of a lost
+    tracker."""
     known = values.dropna().astype(float)
     if not len(known):
         return ""
-    return f"{known.median():{form}} ({known.min():{form}} to {known.max():{form}})"
+    median, least, most = ("lost" if np.isinf(x) else f"{x:{form}}" for x in (known.median(), known.min(), known.max()))
+    return f"{median} ({least} to {most})"
 
 
 def each(values: "pd.Series[Any]", form: str = ".3f") -> str:

@@ -52,7 +52,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     found = []
     for regime, what in (("real", "maps with the noise of real scans"), ("drift", "maps that drift")):
         part = own[own.regime == regime]
-        text = f"Wall F1 of the learned matcher on {what}, of plans that nothing was chosen by"
+        text = f"Wall F1 of the learned matcher on {what}, on plans by which no setting was chosen"
         found.append(Claim(text, interval(estimate(part, "wall_f1")), f"{len(part)} maps"))
     text = "Maps that the learned matcher places uniquely at a wrong place, of all maps of such plans"
     found.append(Claim(text, rare(int(own.wrong.sum()), len(own)), f"{len(own)} maps"))

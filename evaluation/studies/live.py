@@ -21,7 +21,7 @@ from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, building_of
-from evaluation.harness import Cost, Record, Study
+from evaluation.harness import Claim, Cost, Record, Study
 from evaluation.harness.memory import memory_in_use
 from evaluation.metrics.trajectories import error_in_bim
 from sgslam.live import Answer, LiveSlam
@@ -172,6 +172,13 @@ def tables(rows: "pd.DataFrame") -> Mapping[str, "pd.DataFrame"]:
     }  # fmt: skip
 
 
+def claims(rows: "pd.DataFrame") -> list[Claim]:
+    """How late answers are, and whether scans are dropped."""
+    late, cases = ", ".join(f"{late:.0f}" for late in rows.p99_ms), f"{len(rows)} drives, {rows.scans.sum()} scans"
+    text = "Live: time from the instant at which a scan is due to its answer, 99 % of a drive's answers (ms)"
+    return [Claim(text, late, cases), Claim("Live: scans that are dropped", str(rows.dropped.sum()), cases)]
+
+
 ANSWERS = {
     "points": "points a scan", "p50_ms": "median (ms)", "p99_ms": "99 % (ms)", "longest_ms": "longest (ms)",
     "late": "later than 100 ms", "most_waiting": "scans that waited at most",
@@ -195,5 +202,5 @@ def _memory_along(samples: list[dict[str, float]]) -> dict[str, str]:
 STUDY = Study(
     "live", "how late live answers are, what is dropped, and how much memory a long drive takes",
     Choice, Choice(sequences=("office",), carriers=("handheld",), sensors=("Mid-360",), seconds=60.0),
-    LiveCase, Played, cases, measure, tables, timed=True,
+    LiveCase, Played, cases, measure, tables, claims, timed=True,
 )  # fmt: skip

@@ -197,8 +197,8 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     rate = _range(_rates(rows, "warm"))
     points = f"{rows.points.median():.0f}"
     return [
-        Claim(f"scans of {points} points a second of a whole run, start and report included", rate, n),
-        Claim("time of a run, times KISS-ICP's own pipeline (median, least, most)", times, n),
+        Claim(f"Scans a second of a whole run, start and report included (scans of {points} points)", rate, n),
+        Claim("Time of a run, times KISS-ICP's own pipeline (median, least, most)", times, n),
     ]
 
 

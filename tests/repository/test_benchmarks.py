@@ -11,7 +11,6 @@ from evaluation.harness.running import QUICK, ROWS
 from evaluation.harness.study import STUDIES, load_study
 
 NOT_MEASURED = "\nNothing was measured: "  # on the page of a study without rows, in place of its tables
-BEING_MEASURED = "\nThe rows below are being measured.\n"  # on that of one whose tables are still empty
 RENDER = "written by hand, or rows changed: python -m evaluation render"
 
 
@@ -38,7 +37,7 @@ def test_the_page_of_results_is_read_in_five_minutes() -> None:
     text = (ROOT / "BENCHMARKS.md").read_text()
     assert len(text.splitlines()) <= 250
     claims, *tables = [found[4] for found in BLOCK.finditer(text)]
-    assert claims.count("\n| ") > 8 and len(tables) == 8
+    assert claims.count("\n| ") > 8 and len(tables) == 10
     assert all(table.count("\n| ") - 2 <= 12 for table in tables)
 
 
@@ -48,16 +47,19 @@ def test_every_study_has_a_page_with_its_tables(name: str) -> None:
     assert study.name == name and len(study.asks.split()) > 3
     assert f"python -m evaluation run {name}" in text and f"({name}.md)" in (PLOTS / "index.md").read_text()
     has_tables, has_rows = f"<!-- rows: {name}/" in text, Renderer().has_rows(name)
-    assert has_tables or (NOT_MEASURED in text and not has_rows)
-    older = f"<!-- rows: {name}/older-" in text
-    assert (BEING_MEASURED in text) == (has_tables and not (has_rows or older))
+    assert has_tables == has_rows == (NOT_MEASURED not in text)
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_rows_are_of_the_studys_cases_and_older_tables_go_when_it_is_measured(name: str) -> None:
+def test_rows_are_of_the_studys_cases(name: str) -> None:
     study = load_study(name)
     for folder in (ROWS, ROWS / QUICK):
         for row in read_rows(rows_path(folder, name)):
             assert study.case.model_validate(row.case).key == row.key
             study.record.model_validate(row.record)
-    assert not (read_rows(rows_path(ROWS, name)) and rows_path(ROWS / "older", name).exists())
+
+
+def test_all_tables_are_of_one_commit(renderer: Renderer) -> None:
+    measured = filter(renderer.has_rows, STUDIES)
+    commits = {commit for name in measured for commit in renderer.rows_of(name)["made.commit"]}
+    assert len(commits) == 1 and not next(iter(commits)).endswith("+")

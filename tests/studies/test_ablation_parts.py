@@ -1,4 +1,4 @@
-"""What the ablation makes harder, and what it compares with: weak odometry, wrong matches, ICP to the BIM; growth."""
+"""What the ablation makes harder, and what it compares with: weak odometry, wrong matches, ICP to the BIM."""
 
 from dataclasses import replace
 from importlib.util import find_spec
@@ -26,7 +26,7 @@ from evaluation.slam_ablation.icp_to_bim import ALIGNERS, register_to_bim, surfa
 from evaluation.slam_ablation.scores import Scores
 from evaluation.slam_ablation.study import Run
 from evaluation.slam_ablation.variants import shortened_scan
-from evaluation.studies import growth, wrong_matches
+from evaluation.studies import wrong_matches
 from matching import MatchResult
 
 needs_open3d = pytest.mark.skipif(find_spec("open3d") is None, reason="needs the extra open3d")
@@ -36,25 +36,6 @@ def scores(**values: Any) -> Scores:
     """A record with these values."""
     plain = {"anchored": True, "driven_m": 9.0, "seconds": 1.0, "seconds_reading": 1.5, "peak_memory_mb": 200.4}
     return Scores(**{**plain, "poses": 600, **values})
-
-
-def test_growth_is_told_by_stage(tmp_path: Path) -> None:
-    first, second = growth.cases(growth.Choice(lengths=(30.0, 60.0)))
-    assert first.sequence.min_length == 30.0 and first.sequence.name != second.sequence.name
-    stages = {f"seconds_{stage}": 1.5 for stage in growth.STAGES}
-    record = scores(seconds=3.0, keyframes=60, rooms=3, wall_surfaces=9, **stages)
-    rows = rows_of([(first, record), (second, record)])
-    line = growth.tables(rows)["drives"].iloc[0].tolist()
-    assert line == ["demo-30m", "600", "60", "3", "9", "3.0", "5.0", *["1.50"] * 6, "200"]
-    growth.plots(rows, tmp_path)
-    assert b"<svg" in (tmp_path / "growth.svg").read_bytes()
-
-
-def test_the_length_of_a_recorded_drive_cannot_be_chosen(tmp_path: Path) -> None:
-    listed = tmp_path / "list.yaml"
-    listed.write_text("- {name: own, bim: a.json, scans: s, truth: t.tum}")
-    with pytest.raises(UserError, match="recorded"):
-        growth.cases(growth.Choice(listed=listed, sequences=()))
 
 
 def test_corrupted_runs_stand_beside_clean_ones() -> None:

@@ -191,7 +191,7 @@ def test_mistakes_are_one_line(own: Path, tmp_path: Path) -> None:
     assert "add sequences.yaml" in refused(*run, "--dataset", tmp_path)
     assert "there are: small" in refused(*run, "--dataset", own, "--set", "sequences=[large]")
     assert "real" not in [study.name for study in _studies(["all"])] and load_study("real").brought
-    assert "growth has no option 'dataset'" in refused("evaluation", "run", "growth", "--dataset", own)
+    assert "loops has no option 'dataset'" in refused("evaluation", "run", "loops", "--dataset", own)
     (tmp_path / "data/floor_1/2025-05-05/run_1").mkdir(parents=True)
     told = refused(*run, "--dataset", tmp_path)
     assert "Hilti-Trimble 2026 cannot be run" in told and "no LiDAR scans" in told

@@ -15,8 +15,8 @@ from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
 from evaluation.drives.runs import run_through
 from evaluation.drives.sequences import DriveOptions, plan_of
-from evaluation.harness import Record, Study
-from evaluation.harness.tables import grouped, of, spread
+from evaluation.harness import Claim, Record, Study
+from evaluation.harness.tables import grouped, of, rare, spread
 from evaluation.metrics.regions import Inside, inside, pooled
 from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.studies.carried.carriers import RECORDING, ate
@@ -165,9 +165,25 @@ def _against_odometry(own: pd.DataFrame) -> dict[str, str]:
     }  # fmt: skip
 
 
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How many runs are anchored, how exactly, and how many of their scans are wrong."""
+    own = rows[rows.anchored]
+    cases = f"{len(rows)} drives, {rows['sequence.name'].nunique()} buildings"
+    rmse = f"{1000 * own.rmse_m.median():.1f}, {1000 * own.rmse_m.quantile(0.9):.0f}"
+    what = "Runs from an unknown start with any carrier, sensor and effect"
+    return [
+        Claim(f"{what}: anchored", of(len(own), len(rows)), cases),
+        Claim(f"{what}: RMSE in building coordinates (mm), of half and of 90 % of them at most", rmse, cases),
+        Claim(
+            f"{what}: scans called anchored that are wrong by over 0.5 m or 5 degrees",
+            rare(int(own.wrong.sum()), int(own.scans.sum())), cases,
+        ),
+    ]  # fmt: skip
+
+
 STUDY = Study(
     "anchored_carriers", "how well runs with a plan are anchored, for any carrier, sensor and effect",
     Choice, Choice(sequences=("fzk-haus",), seeds=(0,), carriers=(LEVEL_CARRIER, "handheld"), effects=(),
                    sensors=("VLP-16",), few_sensors=("VLP-16",), seconds=40.0),
-    CarriedCase, Anchored, cases, measure, tables, small=True,
+    CarriedCase, Anchored, cases, measure, tables, claims, small=True,
 )  # fmt: skip

@@ -54,7 +54,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     return [
         Claim("ATE without a plan, relative to the better of KISS-ICP and small_gicp, any carrier and sensor",
               interval(relative, ".2f"), drives),
-        Claim("drives with a kidnapping seen where there was none", rare(int((ours.kidnaps > 0).sum()), len(ours)),
+        Claim("Drives without a kidnapping in which one is reported", rare(int((ours.kidnaps > 0).sum()), len(ours)),
               f"{len(ours)} drives, {ours.building.nunique()} buildings"),
     ]  # fmt: skip
 

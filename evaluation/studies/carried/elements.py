@@ -15,7 +15,7 @@ from evaluation.drives.sequences import DriveOptions, building_of
 from evaluation.harness import Record, Study
 from evaluation.metrics.trajectories import error_in_bim
 from evaluation.metrics.true_walls import TrueWall, true_walls
-from evaluation.studies.carried.elements_tables import tables
+from evaluation.studies.carried.elements_tables import claims, tables
 from evaluation.studies.carried.elements_truth import (
     Building,
     Judged,
@@ -133,5 +133,5 @@ def _true_walls(case: Built, drive: CarriedDrive, result: Result, work: Path) ->
 STUDY = Study(
     "elements", "whether the verdicts on walls, openings and columns are true, and whether unplanned walls are found",
     Choice, Choice(sequences=("fzk-haus",), seeds=(0,), carriers=("wheeled",), sensors=("VLP-16",)),
-    Built, Verdicts, cases, measure, tables, small=True,
+    Built, Verdicts, cases, measure, tables, claims, small=True,
 )  # fmt: skip

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from evaluation.harness.tables import grouped, of, spread
+from evaluation.harness import Claim
+from evaluation.harness.tables import grouped, of, rare, spread
 from evaluation.metrics.as_built_scores import LEAST_VIEWS
 from evaluation.studies.carried.carriers_tables import named
 from evaluation.studies.carried.elements_truth import Judged
@@ -34,6 +35,26 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         "unplanned": grouped(rows[(rows.cell == "absent") & rows.rmse_m.notna()], by, _unplanned),
         "offsets": grouped(measured, [*by, "measured"], _offsets),
     }
+
+
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How many moved and unplanned walls are found, and how many reports are false."""
+    every = _elements(rows)
+    walls = every[(every.element == "wall") & (every.verdict != "not seen") & (every.built != "absent")]
+    expected, standing = walls.off & (walls.seen >= ENOUGH), every[~every.built.isin(GONE)]
+    called = walls.verdict == "moved"
+    cases = f"{len(rows)} drives, {rows['sequence.name'].nunique()} buildings"
+    return [
+        Claim("Walls moved by 15 or 30 mm that are called moved", of((called & expected).sum(), expected.sum()), cases),
+        Claim(
+            "Walls within the tolerance that are called moved",
+            rare(int((called & ~walls.off).sum()), int((~walls.off).sum())), cases,
+        ),
+        Claim(
+            "Elements seen that stand and are called absent",
+            rare(int((standing.verdict == "absent").sum()), len(standing)), cases,
+        ),
+    ]  # fmt: skip
 
 
 def _elements(rows: pd.DataFrame) -> pd.DataFrame:

@@ -22,7 +22,7 @@ from data.trajectory import Trajectory
 from evaluation.drives.carried import CarriedCase, CarriedDrive, carried
 from evaluation.drives.runs import tracked_by_run
 from evaluation.drives.sequences import DriveOptions, plan_of
-from evaluation.harness import Record, Study
+from evaluation.harness import Claim, Record, Study
 from evaluation.harness.tables import grouped, of, spread
 from evaluation.slam_ablation.peers import genz_lio_alone, rko_lio_alone
 from evaluation.studies.carried.anchored_carriers import LEVEL_CARRIER, Anchored, run_with_plan
@@ -192,11 +192,19 @@ def _anchored(own: pd.DataFrame) -> dict[str, str]:
     }  # fmt: skip
 
 
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How exact our tracking with an IMU is, beside the better of the others."""
+    peers = rows[[name for name in (f"found.{peer}.ate_m" for peer in PEERS) if name in rows]].min(axis=1)
+    ratios = (rows["found.sgslam_imu.ate_m"] / peers).dropna()
+    text = "ATE with an IMU, without a plan, relative to the better of RKO-LIO and GenZ-LIO (median, least, most)"
+    return [Claim(text, spread(ratios, ".2f"), f"{len(ratios)} drives")]
+
+
 QUICK = Choice(
     sequences=("institute", "office", "fzk-haus", "niedriha"), seeds=(1,), carriers=(LEVEL_CARRIER, RECORDING),
     imus=("mid360",), methods=("sgslam_imu", "rko_lio", "genz_lio"), anchored=("sgslam_imu",),
 )  # fmt: skip
 STUDY = Study(
     "inertial", "how well scans are tracked and runs anchored with an IMU, beside LiDAR-inertial odometries",
-    Choice, QUICK, Run, Tracking, cases, measure, tables, small=True, apart="methods",
+    Choice, QUICK, Run, Tracking, cases, measure, tables, claims, small=True, apart="methods",
 )  # fmt: skip

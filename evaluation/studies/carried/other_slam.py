@@ -29,7 +29,7 @@ from evaluation.metrics.trajectories import error_in_bim, wrong_poses
 from evaluation.slam_ablation.kiss_slam import COMMAND, kiss_slam_results
 from evaluation.slam_ablation.peers import rko_lio_alone, small_gicp_alone
 from evaluation.studies.carried.carriers import ate
-from evaluation.studies.carried.other_slam_tables import tables
+from evaluation.studies.carried.other_slam_tables import claims, tables
 
 System = Literal["kiss_slam", "rko_lio", "small_gicp"]
 Output = Literal["kiss_slam", "kiss_slam_maps", "rko_lio", "small_gicp"]
@@ -187,5 +187,5 @@ def _gain(alone: Trajectory, anchored: Trajectory, truth: Trajectory, metrics: d
 QUICK = Choice(seeds=(1,))
 STUDY = Study(
     "other_slam", "what `sgslam anchor` gains for the output of SLAM systems by others",
-    Choice, QUICK, Run, Gains, cases, measure, tables,
+    Choice, QUICK, Run, Gains, cases, measure, tables, claims,
 )  # fmt: skip

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from evaluation.harness import Claim
 from evaluation.harness.tables import grouped, of, spread
 from evaluation.studies.carried.carriers_tables import named
 
@@ -26,6 +27,14 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
         "drives": pd.DataFrame([_drive(row) for _, row in longer.iterrows()]),
         "not_anchored": lost[["output", "building", "seed", "sensor", "reason"]],
     }  # fmt: skip
+
+
+def claims(rows: pd.DataFrame) -> list[Claim]:
+    """How often anchoring with the scans removes most of another system's error."""
+    known = [output for output in LABELS if f"found.{output}.anchored" in rows and output != "kiss_slam_maps"]
+    removed = pd.concat([_of_output(rows, output) for output in known]).removed
+    text = f"Outputs of other SLAM systems of whose error anchoring with the scans removes {CLAIMED:.0%} or more"
+    return [Claim(text.replace("%", " %"), of((removed >= CLAIMED).sum(), len(removed)), f"{len(known)} systems")]
 
 
 def _of_output(rows: pd.DataFrame, output: str) -> pd.DataFrame:
