@@ -84,7 +84,7 @@ def _stamps(path: Path) -> list[int]:
     try:
         lines = path.read_text().splitlines()
     except (OSError, UnicodeDecodeError):
-        raise UserError(f"{path}: cannot be read; a stamp for each scan is needed") from None
+        raise UserError(f"{path}: cannot be read; it must hold one stamp per scan") from None
     for number, line in enumerate(lines, 1):
         fields = line.partition("#")[0].replace(",", " ").split()
         if not fields:
