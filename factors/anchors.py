@@ -91,7 +91,7 @@ def anchors_of(
     """
     (yaw, x, y), shift = unique_place(match), np.asarray(origin, dtype=float)
     if shift.shape != (3,) or not np.all(np.isfinite([*shift, height])):
-        raise ValueError(f"origin is three finite numbers and height one, not {shift} and {height}")
+        raise ValueError(f"origin must be three finite numbers and height one, not {shift} and {height}")
     T_matched = gtsam.Pose3(gtsam.Rot3.Yaw(yaw), np.array([x, y, height]) - shift).inverse()
     is_new = not values.exists(bim)
     T_map_bim = T_matched if is_new else values.atPose3(bim)

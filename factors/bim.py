@@ -100,5 +100,5 @@ def anchor_room(
 def _checked_place(place: ArrayLike) -> NDArray[np.float64]:
     value = np.asarray(place, dtype=float)
     if value.shape != (3,) or not np.all(np.isfinite(value)):
-        raise ValueError(f"a place is three finite numbers, not {value}")
+        raise ValueError(f"a place must be three finite numbers, not {value}")
     return value

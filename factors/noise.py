@@ -50,7 +50,7 @@ def noise_of_covariance(covariance: NDArray[np.float64], huber: float | None = N
     """
     value = np.asarray(covariance, dtype=float)
     if value.shape != (6, 6) or not np.isfinite(value).all() or not np.allclose(value, value.T):
-        raise ValueError(f"a covariance is a finite symmetric array (6, 6), not one of shape {value.shape}")
+        raise ValueError(f"a covariance must be a finite symmetric array (6, 6), not one of shape {value.shape}")
     if np.linalg.eigvalsh(value)[0] <= 0:
         raise ValueError("a covariance must be positive definite")
     return _robust(gtsam.noiseModel.Gaussian.Covariance(value), huber)

@@ -61,5 +61,5 @@ def plane_from_wall(normal: ArrayLike, point: ArrayLike) -> NDArray[np.float64]:
 def _checked(plane: ArrayLike) -> NDArray[np.float64]:
     value = np.asarray(plane, dtype=float)
     if value.shape != (4,) or not np.all(np.isfinite(value)) or abs(np.linalg.norm(value[:3]) - 1) > 1e-6:
-        raise ValueError(f"a plane is four finite numbers with a unit normal, not {value}")
+        raise ValueError(f"a plane must be four finite numbers with a unit normal, not {value}")
     return value

@@ -30,7 +30,7 @@ from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingS
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_WAY_UP = "the scans do not tell for sure whether the sensor hung upside down; if it did, state --mount 180,0,0"
+_WAY_UP = "the scans do not show for sure whether the sensor was upside down; if it was, give --mount 180,0,0"
 
 
 class SceneGraphSlam:
@@ -75,7 +75,7 @@ class SceneGraphSlam:
         is one more measurement for it, as the setting `odometry.given` says; `step_covariance` (6, 6) is that of its
         motion since the scan before, rotation (rad) first, in the sensor's axes (default: that of the settings). Raises
         UserError for stamps that do not increase, points or times that are not finite, a `T_odom_sensor` that is not a
-        rigid motion, and a `step_covariance` that is none; the run goes on without that scan.
+        rigid motion, and a `step_covariance` that is none; the run continues without that scan.
 
         In the first seconds scans wait until the direction of gravity is known; the pose that is returned until then
         is provisional. Lost scans wait until a scan fits the map again. If they fit one another for some time, but not
@@ -101,7 +101,7 @@ class SceneGraphSlam:
         Add those until a scan's end before the scan: they predict how the sensor turns in it. What comes later, by less
         than a scan, still counts when the next scan is registered together with this one. Samples begin with the scans
         or they do not show where up is. Raises UserError for stamps that do not increase and values that are not
-        finite; the run goes on without these samples.
+        finite; the run continues without these samples.
         """
         self._tracking.add_imu(stamp_ns, gyro, accel)
 

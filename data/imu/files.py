@@ -31,7 +31,7 @@ def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
     if is_bag(Path(path)):
         return read_imu_bag(path, topic)
     if topic is not None:
-        raise UserError(f"--imu-topic {topic}: {path} is no bag and has no topics")
+        raise UserError(f"--imu-topic {topic}: {path} is not a bag and has no topics")
     try:
         lines = Path(path).read_text().splitlines()
     except (OSError, UnicodeDecodeError):

@@ -43,7 +43,7 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequ
 
         return Bim(*read_dxf(path, layers))
     if layers:
-        raise UserError(f"--layer {layers[0]}: {path} is no DXF drawing and has no layers")
+        raise UserError(f"--layer {layers[0]}: {path} is not a DXF drawing and has no layers")
     if suffix in (".json", ".geojson"):
         return _of_json(path)
     if suffix not in IFC_SUFFIXES:

@@ -22,7 +22,7 @@ def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
     if is_bag(path) and not (path.is_dir() and _has_scans(path)):
         return BagScans(path, topic)
     if topic is not None:
-        raise UserError(f"--topic {topic}: {path} is no bag and has no topics")
+        raise UserError(f"--topic {topic}: {path} is not a bag and has no topics")
     if is_evalio(path):
         return EvalioScans(path)
     if path.suffix.lower() == ".e57":

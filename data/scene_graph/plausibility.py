@@ -27,7 +27,7 @@ def implausible(graph: SceneGraph) -> str | None:
     outwards = int(np.count_nonzero(inwards < 0))
     area = float(inwards @ [w.length or 1.0 for w in walls]) / 2 if walls else 0.0
     if len(walls) >= _FEWEST and 2 * outwards > len(walls) and area < 0:
-        return f"the normals of {outwards} of {len(walls)} walls point out of the room they bound; turn them round"
+        return f"the normals of {outwards} of {len(walls)} walls point out of the room they bound; flip them"
     return None
 
 

@@ -118,7 +118,7 @@ class Trajectory:
                 raise UserError(f"{path}, line {number}: {error}") from None
             if stamps and stamp <= stamps[-1]:
                 how = "repeats" if stamp == stamps[-1] else "goes backwards"
-                raise UserError(f"{path}, line {number}: the stamp {how}; sort by time, one pose a stamp")
+                raise UserError(f"{path}, line {number}: the stamp {how}; sort by time, one pose per stamp")
             stamps.append(stamp)
             rows.append(row)
         if not rows:

@@ -60,7 +60,7 @@ class KissOdometry(RigidOdometry):
         fit = self._found(source, predicted)
         self._lost = 0 if fit else self._lost + 1
         if self._lost > _PATIENCE:
-            _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+            _log.warning("scan %d: the odometry lost track and starts a new local map", self._scans)
             kiss.local_map.clear()
             self._lost = 0
         if not self._lost:

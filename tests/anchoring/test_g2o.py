@@ -58,8 +58,8 @@ def test_the_s_graph_has_the_rooms_and_the_walls_between_their_corners(tmp_path:
         ("VERTEX_PLANE 201", "VERTEX_PLANE 200", "the id 200 is given twice"),
         ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 nan ", "never set"),
         ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 1e-310 ", "never set"),
-        ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 3 ", "no unit vector"),
-        ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 3 ", "no unit quaternion"),
+        ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 3 ", "not a unit vector"),
+        ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 3 ", "not a unit quaternion"),
         ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 word ", "a word in place of a number"),
     ],
 )  # fmt: skip

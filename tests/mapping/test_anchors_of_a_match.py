@@ -112,7 +112,7 @@ def test_on_a_far_site_an_origin_in_the_building_is_asked_for_and_used() -> None
         with nullcontext() if is_near else pytest.raises(ValueError, match="from the origin"):
             factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), origin=(site[0] + away, site[1] + 3, 0.0))
     for origin in ((0.0, 0.0), (0.0, 0.0, np.nan)):
-        with pytest.raises(ValueError, match="origin is three finite numbers"):
+        with pytest.raises(ValueError, match="origin must be three finite numbers"):
             factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), origin=origin)
     graph, values = own_graph()
     anchors = factors.anchors_of(found, plan, KEYS, values, B(0), height=4.5, origin=(*site, 4.0))

@@ -146,7 +146,7 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     assert len(result.trajectory_map) == len(result.uncertainty.stamps_ns) == len(drive.scans) + 30
     assert result.uncertainty.part.tolist() == [0] * len(drive.scans) + [1] * 30
     assert result.metrics()["anchored_share"] == pytest.approx(len(drive.scans) / (len(drive.scans) + 30))
-    assert result.reason.endswith(f"; of {len(drive.scans) + 30} scans 30 lie in parts that were not placed")
+    assert result.reason.endswith(f"; of {len(drive.scans) + 30} scans 30 are in parts that were not placed")
     assert result.first_anchor_s == alone.first_anchor_s  # not since the last scan before
     assert drive.rmse(alone) + 0.005 > float(
         np.sqrt(np.mean((result.trajectory.positions[: len(drive.scans)] - drive.truth.positions) ** 2 * 3))

@@ -223,5 +223,5 @@ def test_names_of_effects_without_commas_are_told_to_take_some(capsys: pytest.Ca
     with pytest.raises(SystemExit) as ended:
         _parser().parse_args(["--bim", "a.ifc", "--out", "out", "--effects", "glass", "fog"])
     said = capsys.readouterr().err
-    assert ended.value.code == 2 and "with commas between" in said and "'fog'" in said
+    assert ended.value.code == 2 and "comma-separated" in said and "'fog'" in said
     assert len(said.splitlines()) == 1

@@ -82,7 +82,7 @@ def contradiction(quality: Quality) -> str | None:
     """One line, of a run with a place in the plan where it cannot be; None of others."""
     tilt, crossed = quality.get("plan_tilt_deg"), quality.get("planned_walls_crossed")
     if crossed is not None and not crossed.ok:
-        what, name = f"the way leads through {crossed.value:.0f} walls that both have", "planned_walls_crossed"
+        what, name = f"the path crosses {crossed.value:.0f} walls that both have", "planned_walls_crossed"
         accepted = crossed.value
     elif tilt is not None and not tilt.ok:
         what, name = f"it is tilted by {tilt.value:.1f} degrees in the map", "plan_tilt"

@@ -98,8 +98,8 @@ def what_is_not_anchored(told: ScanUncertainty) -> str:
     lost, apart = np.array([health == "lost" for health in told.health]), told.part > 0
     counts = {
         "are lost": lost,
-        "lie in parts that were not placed": apart & ~lost,
-        "have poses that are not known well enough": ~told.anchored & ~apart & ~lost,
+        "are in parts that were not placed": apart & ~lost,
+        "have poses that are too uncertain": ~told.anchored & ~apart & ~lost,
     }
     texts = [f"{own.sum()} {cause}" for cause, own in counts.items() if own.any()]
     return f"of {len(lost)} scans {', '.join(texts)}" if texts else ""
@@ -117,13 +117,13 @@ def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings) -> str
         return "the map fits the plan, but every scan is lost"
     sigma = np.quantile(known, 0.95, axis=0)
     if np.isnan(sigma).any():
-        return "the map fits the plan, but how well its poses are known cannot be computed"
+        return "the map fits the plan, but the uncertainty of its poses cannot be computed"
     worst = int(np.argmax(sigma / _limits(settings)))
     what = ("position along x", "position along y", "height", "roll", "pitch", "heading")[worst]
     name, unit = ("anchored_position", "m") if worst < 3 else ("anchored_attitude", "degrees")
     value = sigma[worst] if worst < 3 else np.degrees(sigma[worst])
     return (
-        f"the map fits the plan, but its {what} is not known: the standard deviation is {value:.2f} {unit}; "
+        f"the map fits the plan, but its {what} is too uncertain: the standard deviation is {value:.2f} {unit}; "
         f"--set quality.{name}={np.ceil(20 * value) / 10} accepts that"
     )
 
