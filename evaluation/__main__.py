@@ -37,8 +37,9 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="python -m evaluation", description="Run studies of accuracy, matching and time.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="list | run | render")
-    commands.add_parser("list", help="list the studies")
-    run = commands.add_parser("run", help="run studies and store their results as rows")
+    commands.add_parser("list", help="list the studies", description="List the studies and their options.")
+    about = "Run studies and store their results as rows; rows of this build are not computed again."
+    run = commands.add_parser("run", help="run studies and store their results as rows", description=about)
     run.add_argument("studies", nargs="+", metavar="NAME", help="studies, or 'all' that need no data of yours")
     run.add_argument("--quick", action="store_true", help="run the short version, and compare it with its stored rows")
     run.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="options of the study; see 'list'")
@@ -48,7 +49,8 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--work", type=Path, default=WORK, metavar="DIR", help="folder for drives (default: %(default)s)")
     add_options(run, "--jobs", "number of processes (default: one per core)")
     run.set_defaults(jobs=cores())
-    render = commands.add_parser("render", help="write all pages of results from the rows")
+    about = "Write all pages of results from the rows."
+    render = commands.add_parser("render", help="write all pages of results from the rows", description=about)
     render.add_argument("--mixed", action="store_true", help="allow rows of several builds in one table, and say so")
     about = "write tables of the rows in this folder into it, as Markdown and LaTeX, instead of the project's pages"
     render.add_argument("--rows", type=Path, metavar="DIR", help=about)

@@ -34,7 +34,7 @@ def noise_of_pose(
 def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale: float) -> gtsam.noiseModel.Robust:
     """Returns a noise model for a plane's residual with the Geman-McClure loss (1987), which suppresses outliers.
 
-    A whitened residual of `scale` has a quarter of its weight. Start near the optimum: far from it all gradients
+    At a whitened residual of `scale`, the weight is a quarter. Start near the optimum: far from it, all gradients
     vanish. Raises ValueError as `noise_of_plane`.
     """
     if not (np.isfinite(scale) and scale > 0):

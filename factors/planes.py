@@ -36,7 +36,7 @@ def observe_plane(
 def observe_own_plane(
     plane_in_anchor: ArrayLike, identity: int, plane: int, noise: gtsam.noiseModel.Gaussian
 ) -> gtsam.NoiseModelFactor:
-    """Returns a factor for a plane (4,) as its own anchor observed it, that is a prior on the plane variable.
+    """Returns a factor for a plane (4,) as its own anchor observed it: a prior on the plane variable.
 
     Args:
         plane_in_anchor: (4,) the observed plane in the anchor's frame.

@@ -39,7 +39,7 @@ GOING, LANDING, FLIGHT = 0.255, 1.2, 1.25  # m: depth of a step and of the landi
 
 
 def write_demo_building(path: Path | str) -> None:
-    """Writes the building, the same bytes each time; raises UserError where `path` cannot be written."""
+    """Writes the IFC model of the demo's building; raises UserError if `path` cannot be written."""
     path = Path(path)
     if path.suffix.lower() != ".ifc":
         raise UserError(f"{path}: not the name of an IFC file; give one that ends in .ifc")

@@ -16,7 +16,7 @@ def parser() -> argparse.ArgumentParser:
 
     about = (
         "Track scans as they arrive and print a line of JSON for each; a second process builds the map and anchors it. "
-        "Lines 'initialpose X Y YAW' on standard input give the sensor's present pose (m, rad), unless SOURCE is -."
+        "Lines 'initialpose X Y YAW' on standard input give the sensor's present pose (m, rad), if SOURCE is a folder."
     )
     made = Parser(prog="python -m sgslam.live", description=about)
     add = made.add_argument

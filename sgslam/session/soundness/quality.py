@@ -26,7 +26,7 @@ _APART = 1.0  # m of way: crossings nearer to each other are of one wall, which 
 
 @dataclass(frozen=True)
 class Signal:
-    """`ok` where the value is within its limit."""
+    """A quality signal of the map; `ok` if the value is within its limit."""
 
     value: float
     limit: float

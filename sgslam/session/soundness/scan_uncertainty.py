@@ -26,13 +26,13 @@ _HEADER = (
 
 @dataclass(frozen=True, eq=False)
 class ScanUncertainty:
-    """A line for each scan, in the order of their stamps (N,), in nanoseconds.
+    """The uncertainty of each scan's pose, in the order of the scans' stamps (N,), in nanoseconds.
 
-    `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) of the frame of the trajectory; NaN
-    where they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each
-    submap that was not relocalised: its sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty
-    between two floors. `anchored` (N,): whether the pose is one in the building: neither of lost scans, nor where it
-    is not known well enough.
+    `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) in the trajectory's frame; NaN where
+    they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each submap
+    that was not relocalised, whose sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two
+    floors. `anchored` (N,): whether the pose is anchored to the building; false for lost scans and for poses that are
+    too uncertain.
     """
 
     stamps_ns: NDArray[np.int64]
