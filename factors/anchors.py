@@ -46,7 +46,8 @@ class Anchors:
     T_map_bim: Floats
 
     def graph(self) -> gtsam.NonlinearFactorGraph:
-        """Returns all factors: the prior if there is one, then frame and anchor of each wall in the order of `walls`."""
+        """Returns all factors: the prior if there is one, then frame and anchor of each wall in the order of
+        `walls`."""
         graph = gtsam.NonlinearFactorGraph()
         if self.prior is not None:
             graph.add(self.prior)

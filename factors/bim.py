@@ -38,8 +38,8 @@ def frame_at(place_in_bim: ArrayLike, bim: int, frame: int, sigma: float = 1e-5)
     """Returns a factor that ties a pose variable `frame` rigidly to `bim`, at `place_in_bim` (3,) and without rotation.
 
     Both variables are poses in the map. Residual (6): logarithm of the pose difference, rotation (rad) first, then
-    translation (m); all have the standard deviation `sigma`. With 1e-5, Levenberg-Marquardt may need tens of steps if the
-    start is decimetres off; with 1e-4, a few. Source: BetweenFactor of GTSAM. Raises ValueError for a place that is
+    translation (m); all have the standard deviation `sigma`. With 1e-5, Levenberg-Marquardt may need tens of steps if
+    the start is decimetres off; with 1e-4, a few. Source: BetweenFactor of GTSAM. Raises ValueError for a place that is
     not finite.
     """
     T_bim_frame = gtsam.Pose3(gtsam.Rot3(), _checked_place(place_in_bim))

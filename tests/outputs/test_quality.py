@@ -184,7 +184,7 @@ def test_scans_that_are_not_anchored_are_counted_by_cause() -> None:
     assert what_is_not_anchored(told(9, 0, 0, 0)) == ""
     assert what_is_not_anchored(told(9, 0, 3, 0)) == "of 12 scans 3 are in parts that were not placed"
     everything = what_is_not_anchored(told(3, 2, 4, 1))
-    assert everything.startswith("of 10 scans 2 are lost, 4 lie in parts") and "1 have poses" in everything
+    assert everything.startswith("of 10 scans 2 are lost, 4 are in parts") and "1 have poses" in everything
 
 
 def test_a_wall_stands_where_the_map_has_it_too() -> None:

@@ -233,5 +233,5 @@ def test_of_a_run_that_is_nowhere_it_is_told_how_many_scans_lie_apart() -> None:
     points += [scan(there, pose(25 + 0.01 * i, 2, 1, yaw=1 - 0.03 * i), seed=i) for i in range(30)]
     scans = [(100_000_000 * k, own) for k, own in enumerate(points)]
     result = fed(SceneGraphSlam(small_drive().bim), scans).finish()
-    assert not result.anchored and result.reason.endswith("30 of 70 scans lie in others than the first")
+    assert not result.anchored and result.reason.endswith("30 of 70 scans are not in the first")
     assert fed(SceneGraphSlam(), scans).finish().reason == NO_PLAN

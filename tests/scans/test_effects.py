@@ -213,7 +213,7 @@ def test_times_are_told_or_not(building: SmallBuilding, tmp_path: Path) -> None:
 def test_names_of_effects() -> None:
     assert timing_of(checked([]), True) == "rolling" and timing_of(checked([]), False) == "snapshots"
     assert timing_of(checked(["all", "untimed"]), True) == "untimed"
-    with pytest.raises(UserError, match="'rain' is not known; take some of"):
+    with pytest.raises(UserError, match="'rain' is not known; give some of"):
         checked(["rain"])
     with pytest.raises(UserError, match="rolling and untimed exclude each other"):
         checked(["untimed", "rolling"])

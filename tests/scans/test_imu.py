@@ -94,7 +94,7 @@ def test_without_a_stamp_the_time_of_recording_counts(tmp_path: Path) -> None:
 
 def test_of_several_imus_one_is_named(tmp_path: Path) -> None:
     bag = imu_bag(tmp_path / "a.bag", "ros1", STAMPS.tolist(), "/camera/imu")
-    with pytest.raises(UserError, match=r"several IMUs: /camera/imu \(5\), /imu \(5\); say which with --imu-topic"):
+    with pytest.raises(UserError, match=r"several IMUs: /camera/imu \(5\), /imu \(5\); choose one with --imu-topic"):
         read_imu(bag)
     assert len(read_imu(bag, "imu")) == len(read_imu(bag, "/camera/imu")) == 5
     with pytest.raises(UserError, match=r"--imu-topic /imo: no such IMU .* /imu \(5\)"):
