@@ -110,7 +110,7 @@ def test_a_place_is_contradicted_by_crossed_walls_and_by_a_tilt() -> None:
     assert contradiction(judged(sigma=9.0)) is None  # it has no place in a plan
     assert contradiction(judged(tilt=0.99, plan=SceneGraph("bim", (), walls[:1]))) is None
     crossed, tilted = (judged(tilt=t, plan=SceneGraph("bim", (), own)) for t, own in ((0.0, walls), (1.21, ())))
-    assert "through 2 walls" in str(contradiction(crossed))
+    assert "crosses 2 walls" in str(contradiction(crossed))
     assert "planned_walls_crossed=2 accepts" in str(contradiction(crossed))
     assert "1.2 degrees" in str(contradiction(tilted)) and "plan_tilt=1.3 accepts" in str(contradiction(tilted))
 
