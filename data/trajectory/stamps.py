@@ -12,7 +12,7 @@ from data.common.errors import UserError
 
 NS = 1_000_000_000
 SCAN_PERIOD_NS = NS // 10
-NOTE_INDICES = "the scans have no stamps; an interval of 0.1 s is assumed"
+NOTE_INDICES = "the scans have no stamps; they are assumed to be 0.1 s apart"
 _INT64 = np.iinfo(np.int64)
 _DIGITS = {13: "milliseconds", 16: "microseconds", 19: "nanoseconds"}  # of times since 1970
 _SECONDS_IN_NAME = re.compile(r"\D*?(-?\d+\.\d+)")

@@ -106,7 +106,7 @@ def test_on_a_far_site_an_origin_in_the_building_is_asked_for_and_used() -> None
     walls = tuple(replace(w, centroid=tuple((np.array(w.centroid) + far).tolist())) for w in ROOM.wall_surfaces)
     plan, site = SceneGraph("bim", (), tuple(replace(w, room=None) for w in walls)), (far + SITE).tolist()
     found = match(T_a_s=(T_A_S[0] + 0.05, T_A_S[1] + far[0] + 0.3, T_A_S[2] + far[1] - 0.2))
-    with pytest.raises(ValueError, match=r"lies 360595 m from .*, origin=\(300034.0, -200020.0, 4.0\)"):
+    with pytest.raises(ValueError, match=r"is 360595 m from .*, origin=\(300034.0, -200020.0, 4.0\)"):
         factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), height=4.5)
     for away, is_near in ((294.0, True), (302.0, False)):  # of the origin from walls at x 0 to 8
         with nullcontext() if is_near else pytest.raises(ValueError, match="from the origin"):
