@@ -198,7 +198,7 @@ def save_result(
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
             if not room:
-                _log.warning("%s: the disk is full; the keyframe clouds are deleted to make room for the results", out)
+                _log.warning("%s: the disk is full; the keyframe clouds are deleted to make space for the results", out)
                 result.clouds.give_way()
     raise UserError(f"{out}: the disk is full and some results are missing; free some space and run it again")
 

@@ -16,7 +16,7 @@ WORDS = (
     ("moved", "it is farther off, by more than two standard deviations of the measurement"),
     ("absent", "the scans see through its place"),
     ("unplanned", "a wall stands where the plan has none"),
-    ("uncertain", "something stands there, but the measurement does not tell"),
+    ("uncertain", "something stands there, but it is not certain that it is the element"),
     ("not seen", "too little of it was in view to decide whether it stands"),
     ("not conclusive", "the offset differs from the tolerance by less than two standard deviations"),
     ("LOA", "level of accuracy of the measurement (USIBD, at 95 %): LOA40 5 mm, LOA30 15 mm, LOA20 50 mm"),
