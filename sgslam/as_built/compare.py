@@ -30,9 +30,7 @@ def compare(before: Path, after: Path) -> list[Entry]:
     """
     first, second = _elements(before), _elements(after)
     if first.keys() != second.keys():
-        raise UserError(
-            f"{before} and {after}: their elements differ; give two runs with the same --bim"
-        )
+        raise UserError(f"{before} and {after}: their elements differ; give two runs with the same --bim")
     changes = ((_change(first[key], entry), first[key], entry) for key, entry in second.items())
     return [
         {
