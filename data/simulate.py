@@ -31,7 +31,7 @@ from data.simulation.simulate import simulate
 
 
 def _parser() -> argparse.ArgumentParser:
-    about = "Simulate a LiDAR carried through a building; writes scans and ground truth."
+    about = "Simulate a LiDAR carried through a building, and write its scans and ground truth."
     effects = "effects:\n" + "".join(f"  {name:<10} {what}\n" for name, what in EFFECTS.items())
     effects += f"  {ALL:<10} all of these, with rolling unless another is named\n"
     formatter = argparse.RawDescriptionHelpFormatter
@@ -39,37 +39,42 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     add("--bim", required=True, metavar="FILE", help=f"IFC file, or mesh ({', '.join(MESH_SUFFIXES)})")
     add("--storey", action="append", default=[], metavar="NAME",
-        help="name or GlobalId of the storey (not for a mesh); repeat it to go on by the stairs to the next storey")
-    add("--out", required=True, metavar="DIR", help="new folder for scans and truth")
-    add("--seed", type=int, default=0, help="same seed, same bytes (default 0)")
+        help="name or GlobalId of the storey; required for an IFC file (mesh: name of a level, default the lowest); "
+        "repeat the option to continue by the stairs to further storeys")
+    add("--out", required=True, metavar="DIR", help="new or empty folder for scans and ground truth")
+    add("--seed", type=int, default=0, help="random seed; the same seed gives the same bytes (default 0)")
     add("--min-rooms", type=int, default=8, metavar="N", help="number of rooms to enter (default 8, or all if fewer)")
-    add("--min-length", type=float, default=120.0, metavar="M", help="metres to drive at least (default 120)")
-    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="moved by 10 to 30 cm (default 0)")
-    add("--moved-by", type=float, metavar="M", help="metres by which each of them is moved")
-    add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="that are absent (default 0)")
-    add("--unplanned-walls", type=float, default=0.0, metavar="SHARE", help="that no plan shows (default 0)")
+    add("--min-length", type=float, default=120.0, metavar="M", help="minimum length of drive in metres (default 120)")
+    add("--moved-walls", type=float, default=0.0, metavar="SHARE", help="share of walls that are moved (default 0)")
+    add("--moved-by", type=float, metavar="M", help="metres by which each is moved (default: 0.1 to 0.3 at random)")
+    add("--absent-walls", type=float, default=0.0, metavar="SHARE", help="share of walls that are absent (default 0)")
+    add("--unplanned-walls", type=float, default=0.0, metavar="SHARE",
+        help="share of walls that are missing in the plan (default 0)")
     add("--displaced-openings", type=float, default=0.0, metavar="SHARE",
-        help="of doors and windows that are displaced along their wall (default 0)")
+        help="share of doors and windows that are displaced along their wall (default 0)")
     add("--filled-openings", type=float, default=0.0, metavar="SHARE",
-        help="of doors and windows that are absent, with wall in their place (default 0)")
-    add("--displaced-columns", type=float, default=0.0, metavar="SHARE", help="that are displaced (default 0)")
-    add("--absent-columns", type=float, default=0.0, metavar="SHARE", help="that are absent (default 0)")
+        help="share of doors and windows that are walled up (default 0)")
+    add("--displaced-columns", type=float, default=0.0, metavar="SHARE",
+        help="share of columns that are displaced (default 0)")
+    add("--absent-columns", type=float, default=0.0, metavar="SHARE",
+        help="share of columns that are absent (default 0)")
     add("--displaced-by", type=float, default=0.1, metavar="M",
         help="metres by which these openings and columns are displaced (default 0.1)")
-    add("--and-back", action="store_true", help="drive the whole way back again")
-    add("--seconds", type=float, metavar="S", help="duration of the drive in seconds")
+    add("--and-back", action="store_true", help="drive the whole route back as well")
+    add("--seconds", type=float, metavar="S", help="end the drive after this time in seconds")
     add("--carrier", default="wheeled", metavar="NAME",
-        help=f"{', '.join(CARRIERS)}, or FILE.tum: a recorded motion, put along the way (default wheeled)")
-    add("--pace", type=float, default=1.0, help="factor of the recorded motion's pace (default 1)")
-    add("--reversed", action="store_true", help="play the recorded motion from its end")
+        help=f"{', '.join(CARRIERS)}, or FILE.tum, a recorded motion to replay along the route (default wheeled)")
+    add("--pace", type=float, default=1.0, metavar="FACTOR", help="speed factor of the recorded motion (default 1)")
+    add("--reversed", action="store_true", help="replay the recorded motion backwards")
     add("--mount", type=_angles, default=(0.0, 0.0, 0.0), metavar="R,P,Y",
-        help="roll, pitch and yaw of the sensor in the carrier's frame, degrees (default 0,0,0; 180,0,0: upside down)")
+        help="roll, pitch and yaw in degrees of the sensor on its carrier (default 0,0,0; upside down: 180,0,0)")
     add("--sensor", default="VLP-16", metavar="NAME", help=f"{', '.join(SENSORS)} (default VLP-16)")
-    add("--imu", metavar="NAME", help=f"writes scans/imu.csv of an IMU in the sensor: {', '.join(IMUS)} (default none)")
+    add("--imu", metavar="NAME", help=f"simulate an IMU as well, in scans/imu.csv: {', '.join(IMUS)} (default none)")
     add("--azimuths", type=int, metavar="N", help="azimuth steps per turn of a spinning sensor (default: the sensor's)")
-    add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names, see below")
-    add("--speed", type=float, help="metres a second (default: the carrier's; wheeled 0.8, on foot 1.1)")
-    add("--sensor-height", type=float, help="metres above the floor (default: the carrier's; wheeled 0.8)")
+    add("--effects", type=_names, nargs="+", default=[], metavar="LIST", help="comma-separated names; see below")
+    add("--speed", type=float, metavar="M/S",
+        help="metres per second (default: the carrier's; wheeled 0.8, on foot 1.1)")
+    add("--sensor-height", type=float, metavar="M", help="metres above the floor (default: the carrier's; wheeled 0.8)")
     add("--format", choices=SCAN_WRITERS, help="format of the scans (default bin; ply for points with times)")
     return parser
 
@@ -78,7 +83,7 @@ def _angles(text: str) -> tuple[float, float, float]:
     try:
         roll, pitch, yaw = (float(part) for part in text.split(","))
     except ValueError:
-        form = "give roll,pitch,yaw in degrees, e.g. 180,0,0"
+        form = "write roll,pitch,yaw in degrees, e.g. 180,0,0"
         raise argparse.ArgumentTypeError(f"'{text}' is not three angles; {form}") from None
     if not np.isfinite([roll, pitch, yaw]).all():
         raise argparse.ArgumentTypeError(f"'{text}': give finite numbers for roll, pitch and yaw")
@@ -93,7 +98,7 @@ def _names(text: str) -> list[str]:
         if name not in (*EFFECTS, ALL):
             known = ", ".join((*EFFECTS, ALL))
             raise argparse.ArgumentTypeError(
-                f"'{name}' is no effect; give names with commas between, e.g. glass,people; there are {known}"
+                f"'{name}' is not an effect; give comma-separated names, e.g. glass,people; there are {known}"
             )
     return names
 
@@ -121,7 +126,7 @@ def main() -> int:
     changed = f"; differences from the plan: {len(run.changes)}" if run.changes else ""
     print(f"{run.out_dir}: {len(run.truth)} scans, {driven}{changed}")
     if args.seconds is not None and (missed := [name for name in storeys if name not in reached]):
-        print(f"not reached in {args.seconds:g} s: {', '.join(missed)}; give more --seconds, or a lower --min-length")
+        print(f"not reached in {args.seconds:g} s: {', '.join(missed)}; increase --seconds or reduce --min-length")
     samples = f", {run.out_dir / 'scans' / IMU} to --imu" if args.imu else ""
     print(f"give {run.out_dir / 'scans'} to --scan-dir{samples}, and {run.out_dir / 'truth.tum'} to --ground-truth")
     return 0

@@ -29,28 +29,30 @@ def main(arguments: list[str] | None = None) -> int:
         from evaluation.harness.rendering import render, render_folder
 
         changed = render(options.mixed) if options.rows is None else render_folder(options.rows, options.mixed)
-        print("\n".join(f"{path}: written" for path in changed) or "all pages are as the rows say")
+        print("\n".join(f"{path}: written" for path in changed) or "all pages are up to date")
         return 0
     return _run(options)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = Parser(prog="python -m evaluation", description="Measure accuracy, matching and time.")
+    parser = Parser(prog="python -m evaluation", description="Run studies of accuracy, matching and time.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="list | run | render")
-    commands.add_parser("list", help="list the studies")
-    run = commands.add_parser("run", help="compute the rows of studies")
+    commands.add_parser("list", help="list the studies", description="List the studies and their options.")
+    about = "Run studies and store their results as rows; rows of this build are not computed again."
+    run = commands.add_parser("run", help="run studies and store their results as rows", description=about)
     run.add_argument("studies", nargs="+", metavar="NAME", help="studies, or 'all' that need no data of yours")
-    run.add_argument("--quick", action="store_true", help="the short version, compared with its rows before")
+    run.add_argument("--quick", action="store_true", help="run the short version, and compare it with its stored rows")
     run.add_argument("--set", nargs="+", default=[], metavar="NAME=VALUE", help="options of the study; see 'list'")
-    about = "folder of a data set, for the study 'real': short for --set dataset=DIR"
+    about = "folder of a data set for the study 'real', short for --set dataset=DIR"
     run.add_argument("--dataset", metavar="DIR", help=about)
     run.add_argument("--rows", type=Path, metavar="DIR", help="folder of the rows (default: the project's own)")
-    run.add_argument("--work", type=Path, default=WORK, metavar="DIR", help="folder for drives (default %(default)s)")
-    add_options(run, "--jobs", "processes (default: the number of cores)")
+    run.add_argument("--work", type=Path, default=WORK, metavar="DIR", help="folder for drives (default: %(default)s)")
+    add_options(run, "--jobs", "number of processes (default: one per core)")
     run.set_defaults(jobs=cores())
-    render = commands.add_parser("render", help="write all pages from the rows")
-    render.add_argument("--mixed", action="store_true", help="allow rows of several builds in a table, which says so")
-    about = "write the tables of a folder of rows there, as Markdown and LaTeX, instead of the project's pages"
+    about = "Write all pages of results from the rows."
+    render = commands.add_parser("render", help="write all pages of results from the rows", description=about)
+    render.add_argument("--mixed", action="store_true", help="allow rows of several builds in one table, and say so")
+    about = "write tables of the rows in this folder into it, as Markdown and LaTeX, instead of the project's pages"
     render.add_argument("--rows", type=Path, metavar="DIR", help=about)
     return parser
 

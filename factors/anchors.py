@@ -32,12 +32,12 @@ class Anchors:
     """Factors and start values for your own graph.
 
     Attributes:
-        walls: Of each matched wall, by its id in the map, the two factors (frame, anchor) of `frame_at` and
-            `anchor_plane`. Where a wall is let go, both go.
+        walls: For each matched wall, by its id in the map, the two factors (frame, anchor) of `frame_at` and
+            `anchor_plane`. To release a wall, remove both.
         prior: The loose prior of the BIM frame (1 rad, 10 m), which walls leave free in height; None if it was in the
             values already.
-        start: Start values of the frames, and of the BIM frame if it was not in the values: all that is new.
-        T_map_bim: (4, 4) the BIM frame of these start values; its origin is where `origin` says.
+        start: Start values of the new variables: the frames, and the BIM frame if it was not in the values.
+        T_map_bim: (4, 4) the BIM frame of these start values; its origin is `origin`.
     """
 
     walls: Mapping[str, tuple[gtsam.NoiseModelFactor, gtsam.NoiseModelFactor]]
@@ -46,7 +46,8 @@ class Anchors:
     T_map_bim: Floats
 
     def graph(self) -> gtsam.NonlinearFactorGraph:
-        """All factors: the prior if there is one, then frame and anchor of each wall in the order of `walls`."""
+        """Returns all factors: the prior if there is one, then frame and anchor of each wall in the order of
+        `walls`."""
         graph = gtsam.NonlinearFactorGraph()
         if self.prior is not None:
             graph.add(self.prior)
@@ -60,38 +61,38 @@ def anchors_of(
     match: Match, plan: Plan, keys: Mapping[str, PlaneKeys], values: gtsam.Values, bim: int, *, height: float = 0.0,
     origin: ArrayLike = (0.0, 0.0, 0.0), noise: gtsam.noiseModel.Base | None = None,
 ) -> Anchors:  # fmt: skip
-    """Returns the factors that anchor your graph's planes to the planned walls that a matcher found for them.
+    """Returns the factors that anchor your graph's planes to the planned walls with which a matcher paired them.
 
     Args:
-        match: The answer for the map in the frame of `values`; wall surfaces to be left out are taken out of it first.
+        match: The answer for the map in the frame of `values`; remove wall surfaces that you want to leave out.
         plan: The plan that the map was matched with.
         keys: The keys of each matched wall surface, by its id in the map. It may hold other surfaces too.
-        values: Present values of your graph: of the planes (`OrientedPlane3`, in the frame of their anchor) and the
-            anchors (`Pose3`, T_map_anchor), and of `bim` if it is in the graph already.
+        values: The current values of your graph: the planes (`OrientedPlane3`, in the frame of their anchor), the
+            anchors (`Pose3`, T_map_anchor), and `bim` if it is in the graph already.
         bim: Key of the BIM pose, T_map_bim.
-        height: z of the map's origin in the BIM frame, in metres. Walls do not determine it: add `storey_plane` of a
-            floor you see, or it stays.
-        origin: (3,) where the frame of `bim` has its origin, in BIM coordinates. On a site whose coordinates are large
-            take a point in the building, the same in every call; then T_bim_pose is a shift by `origin`, times the
-            inverse of `bim`'s pose, times the pose.
-        noise: Three-dimensional noise of a wall as built against the plan; None for 0.01 rad, 0.02 m and Huber's loss
-            at 1.345. Where walls may be absent or moved, a second optimisation with `redescending_noise_of_plane`
-            frees the others of them.
+        height: z of the map's origin in the BIM frame, in metres. Walls do not determine it: add `storey_plane` for
+            an observed floor, otherwise it keeps this value.
+        origin: (3,) the origin of the frame of `bim`, in BIM coordinates. If the site's coordinates are large, choose
+            a point in the building, the same in every call; T_bim_pose is then a shift by `origin`, times the inverse
+            of `bim`'s pose, times the pose.
+        noise: Three-dimensional noise of a wall as built relative to the plan; None for 0.01 rad, 0.02 m and a Huber
+            loss at 1.345. If walls may be absent or moved, a second optimisation with `redescending_noise_of_plane`
+            removes their influence on the others.
 
-    With iSAM2 use `setFactorization("QR")`: its Cholesky refuses a height that is known much worse than x and y.
+    With iSAM2, use `setFactorization("QR")`: its Cholesky fails if the height is known much worse than x and y.
 
     Each wall is anchored through a frame near it (see `anchor_plane`). Several surfaces of the map may be matched with
-    one planned wall, and several may be parts of one plane variable; each needs a frame of its own.
+    one planned wall, and several may be parts of one plane variable; each needs its own frame.
 
     Raises:
         ValueError: In one line: the match is not unique or pairs no wall surface; keys or values of a matched surface
             are missing; a frame's key is in use; the plan has no such surface, its centroid or normal is not (x, y), or
-            it lies over 300 m from the origin; a wall faces away from the planned one or crosses it (over 60 degrees);
+            it is over 300 m from the origin; a wall faces away from the planned one or crosses it (over 60 degrees);
             all walls are parallel while the BIM frame is new; `origin` or `height` is not finite.
     """
     (yaw, x, y), shift = unique_place(match), np.asarray(origin, dtype=float)
     if shift.shape != (3,) or not np.all(np.isfinite([*shift, height])):
-        raise ValueError(f"origin is three finite numbers and height one, not {shift} and {height}")
+        raise ValueError(f"origin must be three finite numbers and height one, not {shift} and {height}")
     T_matched = gtsam.Pose3(gtsam.Rot3.Yaw(yaw), np.array([x, y, height]) - shift).inverse()
     is_new = not values.exists(bim)
     T_map_bim = T_matched if is_new else values.atPose3(bim)

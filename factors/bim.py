@@ -24,7 +24,7 @@ def anchor_plane(
         noise: Three-dimensional noise model, see `noise_of_plane`.
 
     Residual (3) as in `observe_plane`, in the BIM frame: how far the wall as built is from the wall as planned. `bim`
-    is determined only if walls of at least two directions are matched. If walls lie far from the BIM's origin, use a
+    is determined only if walls of at least two directions are matched. If walls are far from the BIM's origin, use a
     frame near them (`frame_at`, `plane_from`); otherwise a small rotation looks like an offset. Source: the
     BIM as one more pose that observes planes, after the anchors of iS-Graphs (Shaheer et al. 2023, arXiv 2303.02076).
 
@@ -38,8 +38,8 @@ def frame_at(place_in_bim: ArrayLike, bim: int, frame: int, sigma: float = 1e-5)
     """Returns a factor that ties a pose variable `frame` rigidly to `bim`, at `place_in_bim` (3,) and without rotation.
 
     Both variables are poses in the map. Residual (6): logarithm of the pose difference, rotation (rad) first, then
-    translation (m); all have the standard deviation `sigma`. With 1e-5 Levenberg-Marquardt may need tens of steps where
-    the start is decimetres off, with 1e-4 a few. Source: BetweenFactor of GTSAM. Raises ValueError for a place that is
+    translation (m); all have the standard deviation `sigma`. With 1e-5, Levenberg-Marquardt may need tens of steps if
+    the start is decimetres off; with 1e-4, a few. Source: BetweenFactor of GTSAM. Raises ValueError for a place that is
     not finite.
     """
     T_bim_frame = gtsam.Pose3(gtsam.Rot3(), _checked_place(place_in_bim))
@@ -100,5 +100,5 @@ def anchor_room(
 def _checked_place(place: ArrayLike) -> NDArray[np.float64]:
     value = np.asarray(place, dtype=float)
     if value.shape != (3,) or not np.all(np.isfinite(value)):
-        raise ValueError(f"a place is three finite numbers, not {value}")
+        raise ValueError(f"a place must be three finite numbers, not {value}")
     return value

@@ -49,14 +49,14 @@ def check_near(a_id: str, place: Floats, place_in_bim: Floats) -> None:
     """Raises ValueError if a wall's place (3,), from the BIM frame's origin, is too far."""
     if (away := float(np.linalg.norm(place))) > _FARTHEST:
         near = tuple(place_in_bim.round().tolist())
-        raise ValueError(f"the planned '{a_id}' lies {away:.0f} m from the origin; give one near it, origin={near}")
+        raise ValueError(f"the planned '{a_id}' is {away:.0f} m from the origin; give one near it, origin={near}")
 
 
 def check_directions(normals: list[Floats]) -> None:
     """Raises ValueError if all normals (2,) are parallel."""
     (x, y), all_normals = normals[0], np.array(normals)
     if np.abs(x * all_normals[:, 1] - y * all_normals[:, 0]).max() < _ACROSS:
-        raise ValueError("all matched walls are parallel; the BIM frame could slide along them, match a wall across")
+        raise ValueError("all matched walls are parallel; the BIM frame could slide along them; match one across them")
 
 
 def name_of(key: int) -> str:

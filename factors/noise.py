@@ -34,7 +34,7 @@ def noise_of_pose(
 def redescending_noise_of_plane(sigma_normal: float, sigma_offset: float, scale: float) -> gtsam.noiseModel.Robust:
     """Returns a noise model for a plane's residual with the Geman-McClure loss (1987), which suppresses outliers.
 
-    A whitened residual of `scale` has a quarter of its weight. Start near the optimum: far from it all gradients
+    At a whitened residual of `scale`, the weight is a quarter. Start near the optimum: far from it, all gradients
     vanish. Raises ValueError as `noise_of_plane`.
     """
     if not (np.isfinite(scale) and scale > 0):
@@ -50,7 +50,7 @@ def noise_of_covariance(covariance: NDArray[np.float64], huber: float | None = N
     """
     value = np.asarray(covariance, dtype=float)
     if value.shape != (6, 6) or not np.isfinite(value).all() or not np.allclose(value, value.T):
-        raise ValueError(f"a covariance is a finite symmetric array (6, 6), not one of shape {value.shape}")
+        raise ValueError(f"a covariance must be a finite symmetric array (6, 6), not one of shape {value.shape}")
     if np.linalg.eigvalsh(value)[0] <= 0:
         raise ValueError("a covariance must be positive definite")
     return _robust(gtsam.noiseModel.Gaussian.Covariance(value), huber)

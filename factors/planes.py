@@ -36,7 +36,7 @@ def observe_plane(
 def observe_own_plane(
     plane_in_anchor: ArrayLike, identity: int, plane: int, noise: gtsam.noiseModel.Gaussian
 ) -> gtsam.NoiseModelFactor:
-    """Returns a factor for a plane (4,) as its own anchor observed it, that is a prior on the plane variable.
+    """Returns a factor for a plane (4,) as its own anchor observed it: a prior on the plane variable.
 
     Args:
         plane_in_anchor: (4,) the observed plane in the anchor's frame.
@@ -61,5 +61,5 @@ def plane_from_wall(normal: ArrayLike, point: ArrayLike) -> NDArray[np.float64]:
 def _checked(plane: ArrayLike) -> NDArray[np.float64]:
     value = np.asarray(plane, dtype=float)
     if value.shape != (4,) or not np.all(np.isfinite(value)) or abs(np.linalg.norm(value[:3]) - 1) > 1e-6:
-        raise ValueError(f"a plane is four finite numbers with a unit normal, not {value}")
+        raise ValueError(f"a plane must be four finite numbers with a unit normal, not {value}")
     return value

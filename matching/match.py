@@ -12,13 +12,13 @@ if TYPE_CHECKING:
 
 def main(arguments: list[str] | None = None) -> int:
     """Runs the command and returns 0 whatever the status of the match is. Raises UserError."""
-    parser = Parser(prog="python -m matching.match", description="Find the place of a map in a building's plan.")
-    parser.add_argument("--s-graph", type=Path, required=True, metavar="FILE", help="the map's scene graph, JSON")
-    parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="the plan's scene graph, JSON")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write the match to, JSON")
+    parser = Parser(prog="python -m matching.match", description="Find where a map is in a building's plan.")
+    parser.add_argument("--s-graph", type=Path, required=True, metavar="FILE", help="scene graph of the map (JSON)")
+    parser.add_argument("--a-graph", type=Path, required=True, metavar="FILE", help="scene graph of the plan (JSON)")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file for the match (JSON)")
     parser.add_argument("--method", default="learned", metavar="NAME", help="learned (default), voting, paper, ...")
-    parser.add_argument("--floor", metavar="NAME", help="the plan's storey to search (default: all)")
-    parser.add_argument("--map-floor", metavar="NAME", help="the map's storey to match, if it has several")
+    parser.add_argument("--floor", metavar="NAME", help="storey of the plan to search (default: all)")
+    parser.add_argument("--map-floor", metavar="NAME", help="storey of the map to match; required if it has several")
     options = parser.parse_args(arguments)
     # imported here so that --help is fast
     from data.common.files import write_json

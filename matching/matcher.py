@@ -54,7 +54,7 @@ class VotingMatcher:
 
 
 class Matcher:
-    """Finds where an S-graph lies in an A-graph. Create one with `Matcher.load(method)`."""
+    """Finds where an S-graph is in an A-graph. Create one with `Matcher.load(method)`."""
 
     def __init__(self, method: Method) -> None:
         self._method = method
@@ -75,11 +75,11 @@ class Matcher:
                 weights that come with the package.
 
         Returns:
-            A matcher. It may be used for any number of graphs; what it computes of the last few plans is cached.
+            A matcher. It may be used for any number of graphs; what it computes for the last few plans is cached.
 
         Raises:
-            UserError: The name is unknown, the method takes no weights, the file holds none that fit, or PyTorch, which
-                `paper`, `pca-gm` and `superglue` need, is not installed.
+            UserError: The name is unknown, the method takes no weights, the file has no weights that fit, or PyTorch,
+                which `paper`, `pca-gm` and `superglue` need, is not installed.
         """
         name, _, named = method.partition("@")
         weights = named or weights
@@ -114,7 +114,8 @@ class Matcher:
         Returns:
             The match. `T_a_s` is (yaw, x, y) in radians and metres: p_a = R(yaw) p_s + (x, y). Rely on it only if the
             status is `unique`. Graphs without wall surfaces, and graphs that cannot be in metres or whose normals point
-            out of their rooms (see `data.scene_graph.implausible`), give the status `none` and the reason, no error.
+            out of their rooms (see `data.scene_graph.implausible`), do not raise: they give the status `none` and the
+            reason.
         """
         for what, graph in (("S-graph", s), ("A-graph", a)):
             if (wrong := implausible(graph)) is not None:

@@ -31,22 +31,22 @@ class Match(Protocol):
 
     @property
     def T_a_s(self) -> tuple[float, float, float] | None:  # noqa: N802
-        """(yaw, x, y) of the first hypothesis."""
+        """(yaw, x, y) of the first hypothesis in radians and metres; None without one."""
         ...
 
     @property
     def floor(self) -> str | None:
-        """The storey of the first hypothesis."""
+        """Id of the A floor of the first hypothesis."""
         ...
 
     def to_dict(self) -> Mapping[str, Any]:
-        """The form of matches.json."""
+        """Returns the answer as in `matches.json`."""
         ...
 
 
 class AnyMatcher(Protocol):
-    """Any object that finds an S-graph in an A-graph."""
+    """Any object that finds where an S-graph is in an A-graph."""
 
     def match(self, s: SceneGraph, a: SceneGraph) -> Match:
-        """Matches `s` with `a`; the status is none or ambiguous where no single answer fits."""
+        """Matches `s` with `a`; the status is `none` or `ambiguous` if no single answer fits."""
         ...

@@ -84,20 +84,20 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> Parser:
     parser = Parser(
         prog="python -m matching.train",
-        description="Trains the matching network on generated plans and on the plans given. Resumes if --out "
-        "holds a run. Writes learned.npz (or NETWORK.pt), curve.csv, curve.png, model_card.json.",
+        description="Train the matching network on generated plans and on the given ones; resume if --out holds a "
+        "run. Write learned.npz (or NETWORK.pt), curve.csv, curve.png and model_card.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
     parser.add_argument(
         "--network", default="learned", metavar="NAME", help="learned (default), or a baseline: pca-gm, superglue"
     )
-    parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
-    parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="steps at most (default: 20000)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
+    parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plans: files or folders")
+    parser.add_argument("--steps", type=int, default=20_000, metavar="N", help="maximum steps (default: 20000)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="maximum time in minutes")
     parser.add_argument("--every", type=int, default=250, metavar="N", help="steps between evaluations (default: 250)")
-    parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
-    add_options(parser, "--workers", "processes that draw data (default: 1)")
-    parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU where there is one")
+    parser.add_argument("--seed", type=int, default=0, help="random seed of weights and data (default: 0)")
+    add_options(parser, "--workers", "number of processes that draw data (default: 1)")
+    parser.add_argument("--device", default="auto", help="cpu, cuda, or auto (default): a GPU if there is one")
     return parser
 
 

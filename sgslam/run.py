@@ -72,16 +72,17 @@ def _parser() -> argparse.ArgumentParser:
     about = "Estimate the trajectory of a LiDAR in building coordinates from its scans and the building's plan."
     parser = Parser(prog="python -m sgslam.run", description=about)
     add = parser.add_argument
-    add("--scan-dir", type=Path, metavar="DIR", help="folder of scans, or a bag; formats: docs/formats.md")
+    add("--scan-dir", type=Path, metavar="DIR",
+        help="scans: a folder or a bag (docs/formats.md); required without --demo or --resume")  # fmt: skip
     add_options(parser)
     names = "continuous_time (default), kiss, small_gicp, rko_lio or genz_lio (both with --imu)"
-    add("--odometry", metavar="NAME|FILE", help=f"{names}, or a TUM file of poses")
-    add("--imu", type=Path, metavar="FILE", help="samples of an IMU beside the LiDAR: a bag, or CSV in EuRoC's form")
-    add("--imu-topic", metavar="NAME", help="which topic of --imu's bag, if it has several IMUs")
-    add("--resume", type=Path, metavar="DIR", help="resume the interrupted run in this --out folder")
-    add("--demo", action="store_true", help="generate a building, simulate a drive through it and run on that")
-    add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive")
-    add("--single-pass", action="store_true", default=None, help="do not register all scans again at the end")
+    add("--odometry", metavar="NAME|FILE", help=f"{names}, or a TUM file with poses")
+    add("--imu", type=Path, metavar="FILE", help="IMU samples: a bag, or CSV in the format of EuRoC")
+    add("--imu-topic", metavar="NAME", help="topic of the IMU, if the bag of --imu has several")
+    add("--resume", type=Path, metavar="DIR", help="--out folder of an interrupted run to resume")
+    add("--demo", action="store_true", help="generate a building, simulate a drive through it, and run on this drive")
+    add("--seed", type=int, default=0, metavar="N", help="random seed of the demo drive (default: 0)")
+    add("--single-pass", action="store_true", default=None, help="do not register all scans a second time")
     parser.set_defaults(slam_output=None, cloud=None, times=None)  # see sgslam.other_slam.anchor
     return parser
 
@@ -94,24 +95,28 @@ def default_options() -> argparse.Namespace:
 def add_options(parser: argparse.ArgumentParser, live: bool = False) -> None:
     """Adds the options of all commands that run on a building; of a `live` run those that it takes."""
     add = parser.add_argument
-    add("--topic", metavar="NAME", help="topic of the scans, if the bag has several")
+    add("--topic", metavar="NAME", help="topic of the scans, if there are several")
     add("--bim", type=Path, metavar="FILE", help="the building: .ifc, .ifczip, .dxf, .geojson, or an A-graph as .json")
     add("--layer", action="append", default=[], metavar="NAME", help="wall layer of a .dxf file (repeatable)")
-    add("--map", type=Path, metavar="DIR", help="--out folder of an earlier run; its map is extended by this run")
-    add("--out", type=Path, metavar="DIR", help="folder for the results (default: out/<date>)")
-    add("--ground-truth", type=Path, metavar="FILE", help="true sensor poses in the BIM frame, TUM, clock of the scans")
+    add("--map", type=Path, metavar="DIR", help="--out folder of an earlier run, whose map this run extends")
+    add("--out", type=Path, metavar="DIR", help="folder for the results (default: out/<date>_<time>)")
+    add("--ground-truth", type=Path, metavar="FILE",
+        help="true sensor poses in the BIM frame: TUM, with the clock of the scans")  # fmt: skip
     add("--start", metavar="X,Y,YAW", help="rough initial pose in the BIM frame (m, rad); resolves ambiguous matches")
-    add("--storey", metavar="NAME", help="storey on which the run begins, if known")
-    add("--mount", metavar="R,P,Y", help="roll, pitch, yaw of the sensor, degrees; needed above 40 (180,0,0: inverted)")
-    add("--tolerance", metavar="LENGTH", help="offset up to which an element is as planned, e.g. 15mm (default: 30mm)")
+    add("--storey", metavar="NAME", help="name or id of the storey on which the run begins, if known")
+    add("--mount", metavar="R,P,Y",
+        help="roll, pitch and yaw of the sensor in degrees; needed beyond 40 (upside down: 180,0,0)")  # fmt: skip
+    add("--tolerance", metavar="LENGTH",
+        help="offset up to which an element counts as planned, e.g. 15mm (default: 30mm)")  # fmt: skip
     add("--config", type=Path, metavar="FILE", help="settings as YAML, such as a run's config.yaml")
     add("--set", action="append", default=[], metavar="A.B=C", help="a single setting (repeatable)")
     add("--verbose", action="store_true", help="print log messages")
     if live:
         return
-    add("--view", nargs="?", const="8080", metavar="[HOST:]PORT", help="show the run in the browser until Ctrl-C")
+    add("--view", nargs="?", const="8080", metavar="[HOST:]PORT",
+        help="show the run in the browser until Ctrl-C (default port: 8080)")  # fmt: skip
     add("--rerun", type=Path, metavar="FILE", help="write a recording (.rrd) for the Rerun viewer")
-    add("--strict", action="store_true", help="exit code 3 unless every scan is anchored and the map is sound")
+    add("--strict", action="store_true", help="exit with code 3 unless every scan is anchored and the map is sound")
 
 
 def _print_summary(metrics: dict[str, Any], out: Path) -> None:
@@ -146,7 +151,7 @@ def _quality(signals: dict[str, Any]) -> str:
 
     told = [signal_texts(name, own) for name, own in signals.items() if not own["ok"]]
     out = [f"{phrase}: {value} ({limit})" for phrase, value, limit in told]
-    return ("out of limits: " + "; ".join(out)) if out else "all signals within their limits"
+    return ("outside their limits: " + "; ".join(out)) if out else "all signals within their limits"
 
 
 if __name__ == "__main__":

@@ -30,18 +30,18 @@ from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan, TrackingS
 
 Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
-_WAY_UP = "the scans do not tell for sure whether the sensor hung upside down; if it did, state --mount 180,0,0"
+_WAY_UP = "the scans do not show for sure whether the sensor was upside down; if it was, give --mount 180,0,0"
 
 
 class SceneGraphSlam:
     """SLAM with an S-graph, anchored to a building's A-graph if one is given.
 
     `bim` is an A-graph in the BIM frame or the result of `load_bim`; `matcher` is any object with `.match(s, a)`;
-    `odometry` is any `Odometry` (default: that of the settings, which is our own in continuous time); `clouds` stores
-    the keyframes' points (default: an anonymous temporary file). `prior` is the map of earlier runs: the run is
-    relocalised in it, wherever it starts, and merged into it at the end; everything is then in that map's frame.
+    `odometry` is any `Odometry` (default: the one in the settings, by default our own in continuous time); `clouds`
+    stores the keyframes' points (default: an anonymous temporary file). `prior` is the map of earlier runs: the run is
+    relocalised in it, wherever it starts, and merged into it at the end; all results are then in that map's frame.
     `storey` is the name or id of the A-graph's floor on which the run begins; raises UserError if it does not exist.
-    `stopwatch` measures the stages. Scans are added in the order of their stamps.
+    `stopwatch` measures the time of each stage. Scans must be added in the order of their stamps.
     """
 
     def __init__(
@@ -72,14 +72,14 @@ class SceneGraphSlam:
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
         `tracking.point_times` counts. `T_odom_sensor` (4, 4), if given, replaces the odometry for this scan, or
-        is one more measurement for it, as the setting `odometry.given` says; `step_covariance` (6, 6) is that of its
-        motion since the scan before, rotation (rad) first, in the sensor's axes (default: that of the settings). Raises
-        UserError for stamps that do not increase, points or times that are not finite, a `T_odom_sensor` that is not a
-        rigid motion, and a `step_covariance` that is none; the run goes on without that scan.
+        is an additional measurement for it, depending on the setting `odometry.given`; `step_covariance` (6, 6) is that
+        of its motion since the previous scan, rotation (rad) first, in the sensor's axes (default: from the settings).
+        Raises UserError for stamps that do not increase, points or times that are not finite, a `T_odom_sensor` that is
+        not a rigid motion, and a `step_covariance` that is not a covariance; the run continues without that scan.
 
-        In the first seconds scans wait until the direction of gravity is known; the pose that is returned until then
-        is provisional. Lost scans wait until a scan fits the map again. If they fit one another for some time, but not
-        the map, the sensor was carried elsewhere: a new map begins, until it is relocalised in the old map or in the
+        In the first seconds, scans wait until the direction of gravity is known; until then, the returned pose is
+        provisional. Lost scans wait until a scan fits the map again. If they fit one another for some time but not the
+        map, the sensor was carried elsewhere: a new map begins, until it is relocalised in the old map or in the
         building.
         """
         with self._stopwatch("odometry"):  # no step until gravity is known
@@ -95,19 +95,19 @@ class SceneGraphSlam:
         self._take(step)
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
-        """Adds a sample of an IMU, by the scans' clock: rate of turn (3,) in rad/s and specific force (3,) in m/s2 or
-        g, in the IMU's axes (`imu.rotation` turns them into the sensor's). Of several: stamps (N,) and values (N, 3).
+        """Adds an IMU sample, by the scans' clock: angular velocity (3,) in rad/s and specific force (3,) in m/s2 or g,
+        in the IMU's axes (`imu.rotation` turns them into the sensor's); or several: stamps (N,) and values (N, 3).
 
-        Add those until a scan's end before the scan: they predict how the sensor turns in it. What comes later, by less
-        than a scan, still counts when the next scan is registered together with this one. Samples begin with the scans
-        or they do not show where up is. Raises UserError for stamps that do not increase and values that are not
-        finite; the run goes on without these samples.
+        Add the samples up to a scan's end before the scan: they predict how the sensor turns during it. Samples that
+        are late by less than a scan still count when the next scan is registered together with this one. They must
+        begin with the scans to show the vertical. Raises UserError for stamps that do not increase and values that are
+        not finite; the run continues without these samples.
         """
         self._tracking.add_imu(stamp_ns, gyro, accel)
 
     @property
     def newest_imu_ns(self) -> int | None:
-        """The stamp of the newest sample of an IMU; None before the first."""
+        """The stamp of the newest IMU sample; None before the first."""
         return self._tracking.imu.newest_ns
 
     def _take(self, step: TrackingStep) -> None:
@@ -167,11 +167,11 @@ class SceneGraphSlam:
         self._add_kept()
 
     def finish(self, scans: Iterable[Scan] | None = None) -> Result:
-        """Matches and optimises for the last time. Raises UserError if no scan was added.
+        """Matches and optimises a last time, and returns the result. Raises UserError if no scan was added.
 
-        If `scans` reads the run's scans again, a second pass registers all of them to the final map: poses then use
-        what was seen later. It needs a run in one part, without a prior map and without an IMU, which it does not use.
-        Where the map would lose its place in the building, the result of the first pass stays.
+        If `scans` yields the run's scans again, a second pass registers all of them to the final map, so that each pose
+        also uses what was seen later. It needs a run in one part, without a prior map and without an IMU. If the map is
+        no longer anchored after the second pass, the result of the first one is returned.
         """
         self._release()
         if not self._map.scans:
@@ -210,16 +210,16 @@ class SceneGraphSlam:
         return self._map.T_bim_map
 
     def live_poses(self, since_ns: int) -> Trajectory:
-        """T_map_sensor of the active map's scans from a stamp on, as estimated when each was added. It has no scans
-        that wait or are lost."""
+        """T_map_sensor of the active map's scans from a stamp on, as estimated when each was added; without scans that
+        wait or are lost."""
         scans = [scan for scan in self._map.scans if scan.stamp_ns >= since_ns]
         return at_stamps(scans, np.array([scan.T_map_sensor for scan in scans]).reshape(-1, 4, 4))
 
     def sigma(self) -> Floats:
         """(6,) the standard deviations of the newest pose: along x, y, z (m) and about them (rad), in the BIM frame if
-        the map is anchored, else in the map frame. NaN before the first optimisation and while scans wait.
+        the map is anchored, otherwise in the map frame. NaN before the first optimisation and while scans wait.
 
-        It takes as long as an optimisation, some milliseconds to tens of them, and does not affect the run.
+        It takes as long as an optimisation, a few to some tens of milliseconds, and does not affect the run.
         """
         current, settings = self._map, self._config.odometry
         if not current.scans or self._tracking.waiting is not None:
@@ -234,7 +234,7 @@ class SceneGraphSlam:
 
     @property
     def T_map_odom(self) -> Floats:  # noqa: N802
-        """(4, 4) what the map, the plan and loops correct of the tracker's poses, by the newest keyframe."""
+        """(4, 4) the correction of the tracker's poses by the map, the plan and loops, at the newest keyframe."""
         return self._map.T_map_odom
 
     @property
@@ -270,7 +270,7 @@ class SceneGraphSlam:
 
     @property
     def kidnaps(self) -> int:
-        """How often so far the sensor was found to have been carried elsewhere."""
+        """How many times so far the sensor was carried elsewhere."""
         return self._session.kidnaps
 
     @property
@@ -280,14 +280,14 @@ class SceneGraphSlam:
 
     @property
     def seconds(self) -> dict[str, float]:
-        """The time of each stage so far."""
+        """The time of each stage so far, in seconds."""
         return self._stopwatch.seconds
 
     def s_graph(self) -> SceneGraph:
         """The current S-graph in the map frame.
 
-        Rooms, wall surfaces and doors are segmented for it, which takes some tens of milliseconds; it does not affect
-        the run. Empty while the first scans wait. Raises UserError before the first scan.
+        This segments rooms, wall surfaces and doors, which takes some tens of milliseconds and does not affect the
+        run. Empty while the first scans wait. Raises UserError before the first scan.
         """
         if self._tracking.newest_ns is None and not self._map.scans:
             raise UserError("no scan was added, so there is no graph yet; call add_scan first")

@@ -52,7 +52,7 @@ class Recovery:
                     file.seek(len(_MAGIC_MCAP))
                     yield from self._mcap(file, self.path.stat().st_size)
                 else:
-                    self.damage = "it does not begin as a bag does"
+                    self.damage = "it does not start like a bag"
         except (struct.error, UnicodeDecodeError, LookupError, ValueError) as error:
             self.damage = f"it is damaged ({type(error).__name__}: {error})"
         except sqlite3.Error as error:
@@ -64,7 +64,7 @@ class Recovery:
         self._kinds, self._schemas = {}, {}
         try:
             if not file.read(len(_MAGIC_MCAP)).startswith(_MAGIC_MCAP):
-                self.damage = "it does not begin as MCAP does"
+                self.damage = "it does not start like MCAP"
                 return
             yield from self._mcap(_Forward(file), sys.maxsize)
         except (struct.error, UnicodeDecodeError, LookupError, ValueError) as error:
@@ -80,7 +80,7 @@ class Recovery:
                 self.damage = "it was cut off" if len(there) < size else self.damage
                 (unpacked,) = struct.unpack("<I", head["size"])
                 inner, whole = _unpacked(head["compression"].decode(), there, unpacked)
-                self.damage = self.damage if whole else "a part of it cannot be unpacked"
+                self.damage = self.damage if whole else "a part of it cannot be decompressed"
                 yield from self._inner_ros1(inner)
             elif op in (2, 7):
                 if size > end - file.tell():
@@ -150,7 +150,7 @@ class Recovery:
             (packed,) = struct.unpack_from("<Q", data, at)
             inner, whole = _unpacked(compression, data[at + 8 : at + 8 + packed], size)
             if not whole or (crc and zlib.crc32(inner) != crc):
-                self.damage = "a part of it cannot be unpacked"
+                self.damage = "a part of it cannot be decompressed"
                 if whole:
                     return
             yield from self._inner_mcap(inner)

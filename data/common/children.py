@@ -31,7 +31,7 @@ def run_isolated(function: Callable[..., R], *arguments: Any, what: str) -> R:
         answer: R | BaseException = receiver.recv()
     except EOFError:
         process.join()
-        ended = f"{what}: the run's process ended with {process.exitcode}; too little memory?"
+        ended = f"{what}: the run's process ended with exit code {process.exitcode}; is there too little memory?"
         raise ProcessEndedError(ended) from None
     process.join()
     if isinstance(answer, BaseException):

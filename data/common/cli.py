@@ -30,7 +30,9 @@ class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line. `prog` is the command's own name; see `called_as`."""
 
     def __init__(self, prog: str | None = None, **options: Any) -> None:
-        super().__init__(_called.get() or prog, **options)
+        called = _called.get()
+        is_part = called is not None and prog is not None and prog.startswith(f"{called} ")  # of a parser so called
+        super().__init__(prog if is_part else called or prog, **options)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """See `argparse`; a value like -25,0,0 belongs to the option before it."""

@@ -36,8 +36,8 @@ def add_options(parser: argparse.ArgumentParser, local: str, help_local: str) ->
     either.add_argument(local, type=int, default=1, metavar="N", help=help_local)
     either.add_argument(
         "--scheduler", type=reached, metavar="tcp://HOST:PORT",
-        help="address of a Dask cluster to run it on; its workers need the same sgslam, and named files at the same "
-        "paths: see docs/cluster.md",
+        help="address of a Dask scheduler whose workers do the work; they need the same sgslam, and the named files at "
+        "the same paths: see docs/cluster.md",
     )  # fmt: skip
 
 
@@ -83,7 +83,7 @@ def connected(scheduler: str) -> Iterator["Cluster"]:
         except Exception as error:
             if client.status == "running" and not isinstance(error, CancelledError):
                 raise
-            lost = "the connection is lost; what is done is kept, give the same command again"
+            lost = "the connection was lost; give the same command again, finished work is kept"
             raise UserError(f"--scheduler {scheduler}: {lost}") from error
 
 
@@ -99,7 +99,7 @@ class Cluster:
             if not self._client.nthreads():
                 self._client.wait_for_workers(1, WORKERLESS_S)
         except TimeoutError:
-            raise UserError(f"no Dask worker for {WORKERLESS_S:g} s; what is done is kept, start workers") from None
+            raise UserError(f"no Dask worker for {WORKERLESS_S:g} s; start workers, finished work is kept") from None
         return max(1, sum(self._client.nthreads().values()))
 
     def over(

@@ -2,4 +2,4 @@
 
 
 class UserError(Exception):
-    """What is wrong, where, and what to do, in one line. Commands print it and exit with 2."""
+    """A mistake of the user: what is wrong, where, and what to do, in one line. Commands print it and exit with 2."""

@@ -24,7 +24,7 @@ def log_to(logger: logging.Logger, path: Path, *, verbose: bool, append: bool) -
 
     Returns the list that takes the messages of its warnings. Handlers that the logger had are replaced.
     """
-    logging.raiseExceptions = False  # on a full disk the run goes on without its log
+    logging.raiseExceptions = False  # on a full disk the run continues without its log
     logger.setLevel(logging.DEBUG if verbose else logging.INFO)
     screen = logging.StreamHandler(sys.stderr)
     screen.setLevel(logging.DEBUG if verbose else logging.WARNING)

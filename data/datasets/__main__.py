@@ -13,10 +13,11 @@ from data.datasets import SlabimSession
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line. Raises UserError."""
-    parser = Parser(prog="python -m data.datasets", description="Convert a session of SLABIM.")
-    parser.add_argument("dataset", type=Path, metavar="DATASET", help="folder with BIM and sensor_data")
-    parser.add_argument("session", metavar="SESSION", help="session, such as 3F_Region1")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the sequence")
+    about = "Convert a session of the SLABIM data set to the input of sgslam run."
+    parser = Parser(prog="python -m data.datasets", description=about)
+    parser.add_argument("dataset", type=Path, metavar="DATASET", help="folder that contains BIM and sensor_data")
+    parser.add_argument("session", metavar="SESSION", help="name of the session, such as 3F_Region1")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the converted session")
     options = parser.parse_args(arguments)
     SlabimSession.open(options.dataset, options.session).lay_out(options.out)
     print(f"{options.out}: scans, a_graph.json, truth.tum, sequence.yaml")

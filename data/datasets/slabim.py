@@ -84,7 +84,7 @@ def _stamps(path: Path) -> list[int]:
     try:
         lines = path.read_text().splitlines()
     except (OSError, UnicodeDecodeError):
-        raise UserError(f"{path}: cannot be read; a stamp for each scan is needed") from None
+        raise UserError(f"{path}: cannot be read; it must hold one stamp per scan") from None
     for number, line in enumerate(lines, 1):
         fields = line.partition("#")[0].replace(",", " ").split()
         if not fields:
@@ -101,5 +101,5 @@ def _truth(path: Path) -> Trajectory:
     """The poses; an early release has identical ones, since its scans are in the building's frame."""
     truth = Trajectory.read_tum(path)
     if len(truth) > 1 and np.ptp(truth.positions, axis=0).max() < LEAST_MOTION_M:
-        raise UserError(f"{path}: all poses are the same; take the data set's later release, with scans as seen")
+        raise UserError(f"{path}: all poses are the same; use the later release of the data set, with moving poses")
     return truth

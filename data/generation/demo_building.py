@@ -39,12 +39,12 @@ GOING, LANDING, FLIGHT = 0.255, 1.2, 1.25  # m: depth of a step and of the landi
 
 
 def write_demo_building(path: Path | str) -> None:
-    """Writes the building, the same bytes each time; raises UserError where `path` cannot be written."""
+    """Writes the IFC model of the demo's building; raises UserError if `path` cannot be written."""
     path = Path(path)
     if path.suffix.lower() != ".ifc":
-        raise UserError(f"{path}: the name of an IFC file ends in .ifc; give such a name")
+        raise UserError(f"{path}: not the name of an IFC file; give one that ends in .ifc")
     if not path.parent.is_dir():
-        raise UserError(f"{path}: no such folder; make it first")
+        raise UserError(f"{path}: no such folder; create it first")
     writer = IfcWriter("Demo building", {s.name: s.elevation for s in (GROUND, UPPER)})
     _slabs(writer)
     _stair(writer)
@@ -131,9 +131,9 @@ def _legs(width: float, depth: float, height: float, size: float) -> list[Prism]
 
 def main(arguments: list[str] | None = None) -> int:
     """The command line; raises UserError."""
-    about = "Writes the demo's building as an IFC4 file."
+    about = "Write the demo's building as an IFC4 file."
     parser = Parser(prog="python -m data.generation.demo_building", description=about)
-    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="where it goes (.ifc)")
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="file to write (.ifc)")
     path = parser.parse_args(arguments).out
     write_demo_building(path)
     print(f"{path}: two storeys; '{DEMO_STOREY}' is the one to drive")

@@ -37,7 +37,7 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
     solids = [solid_of(p) for p in products(model, WALLS)]
     if not solids:
         lack = "no walls" if not count else f"no walls with a geometry ({count} without)"
-        raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the building's walls with it")
+        raise UserError(f"{path}: has {lack} (IfcWall, IfcCurtainWall); export the walls with their geometry")
     rooms, notices = rooms_of(model)
     shadows = {s.product.global_id: s.shadow() for s in solids}
     floors = floors_of(model, rooms, solids)
@@ -58,7 +58,7 @@ def read_ifc(path: Path | str) -> tuple[SceneGraph, tuple[str, ...]]:
 def _no_spaces(rooms: list[RoomVolume], solids: list[Solid]) -> str:
     why = "no IfcSpace with a geometry"
     if not rooms:
-        return f"{why}: rooms not known, since the {len(solids)} walls enclose none; their sides are used"
+        return f"{why}: no rooms, since the {len(solids)} walls enclose none; wall surfaces alone are used"
     made = "1 room was" if len(rooms) == 1 else f"{len(rooms)} rooms were"
     return f"{why}: {made} made of the closed faces between {len(solids)} walls"
 

@@ -39,8 +39,8 @@ def read_guarded(path: Path, seconds: float | None = None) -> dict[str, Any]:
                 raise UserError(result["error"])
             return result
     if -code in (signal.SIGXCPU, signal.SIGKILL):
-        raise UserError(f"{path}: reading it takes over {limits['seconds']:.0f} s; export the walls and spaces alone")
-    raise UserError(f"{path}: a broken IFC file, the reader went down with it; export it again")
+        raise UserError(f"{path}: reading it takes over {limits['seconds']:.0f} s; export only the walls and spaces")
+    raise UserError(f"{path}: a broken IFC file that crashes the reader; export it again")
 
 
 def _asked(request: dict[str, Any]) -> int:
@@ -57,7 +57,7 @@ def _asked(request: dict[str, Any]) -> int:
         helper.kill()
         raise
     if not answer:
-        raise UserError(f"{request['told']}: the helper that reads IFC files ended; try again")
+        raise UserError(f"{request['told']}: the process that reads IFC files ended; try again")
     return int(answer)
 
 
@@ -110,7 +110,7 @@ def _read(request: dict[str, Any]) -> None:
     except UserError as error:
         result = {"error": str(error).replace(request["path"], request["told"])}
     except Exception as error:  # geometry that cannot be: each library raises kinds of its own
-        kind = "needs more memory than there is" if isinstance(error, MemoryError) else "cannot be made a plan of"
+        kind = "needs too much memory" if isinstance(error, MemoryError) else "cannot be turned into a plan"
         result = {"error": f"{request['told']}: {kind} ({type(error).__name__}); export the walls and spaces again"}
     Path(request["out"]).write_text(json.dumps(result))
 

@@ -40,7 +40,7 @@ def open_ifc(path: Path | str) -> ifcopenshell.file:
     if path.suffix.lower() == ".ifczip":
         return _open_zip(path)
     if path.suffix.lower() == ".ifc" and not _is_whole(path):
-        raise UserError(f"{path}: not IFC, or cut off (it does not end in END-ISO-10303-21); give a whole IFC file")
+        raise UserError(f"{path}: not IFC, or cut off (it does not end in END-ISO-10303-21); give a complete IFC file")
     try:
         return ifcopenshell.open(str(path))
     except Exception as error:  # ifcopenshell raises its own kinds, OSError and RuntimeError
@@ -53,19 +53,19 @@ def _open_zip(path: Path) -> ifcopenshell.file:
         with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory(prefix="sgslam-") as folder:
             inside = [m for m in archive.infolist() if m.filename.lower().endswith(".ifc") and not m.is_dir()]
             if len(inside) != 1:
-                raise UserError(f"{path}: has {len(inside)} .ifc files in it; one is needed")
+                raise UserError(f"{path}: contains {len(inside)} .ifc files; give an archive with one")
             if inside[0].file_size > MAX_RATIO * path.stat().st_size + (1 << 20):
-                raise UserError(f"{path}: its .ifc claims {inside[0].file_size:,} bytes; give a whole archive")
+                raise UserError(f"{path}: its .ifc claims {inside[0].file_size:,} bytes; give a complete archive")
             unpacked = Path(folder) / "model.ifc"
             with archive.open(inside[0]) as packed, unpacked.open("wb") as out:
                 shutil.copyfileobj(packed, out)
             if not _is_whole(unpacked):
-                raise UserError(f"{path}: the .ifc in it is cut off; give a whole one")
+                raise UserError(f"{path}: the .ifc in it is cut off; give a complete one")
             return ifcopenshell.open(str(unpacked))
     except UserError:
         raise
     except Exception as error:  # zipfile and ifcopenshell raise many kinds
-        raise UserError(f"{path}: cannot be unpacked ({type(error).__name__}); give a whole .ifczip") from None
+        raise UserError(f"{path}: cannot be unpacked ({type(error).__name__}); give a complete .ifczip") from None
 
 
 def _is_whole(path: Path) -> bool:

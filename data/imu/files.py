@@ -19,11 +19,11 @@ _FORM = "'timestamp [ns], w_x, w_y, w_z, a_x, a_y, a_z'"
 
 
 def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
-    """Reads a bag, of several IMUs that of a `topic`, or a file in EuRoC's form, whose comments (#) and blank lines are
-    skipped.
+    """Reads IMU samples from a bag (of several IMUs, the one of `topic`) or from a CSV file in EuRoC's format, in which
+    comments (#) and blank lines are skipped.
 
-    Raises UserError, with the line's number where it is one, for a file that cannot be read or holds something else,
-    for a `topic` of what is no bag, and as `read_imu_bag` and `checked_imu` do.
+    Raises UserError, with the line number if there is one, for a file that cannot be read or contains something else,
+    for a `topic` of a file that is not a bag, and as `read_imu_bag` and `checked_imu` do.
     """
     from data.bags import is_bag
     from data.imu.bags import read_imu_bag
@@ -31,7 +31,7 @@ def read_imu(path: Path | str, topic: str | None = None) -> ImuSamples:
     if is_bag(Path(path)):
         return read_imu_bag(path, topic)
     if topic is not None:
-        raise UserError(f"--imu-topic {topic}: {path} is no bag and has no topics")
+        raise UserError(f"--imu-topic {topic}: {path} is not a bag and has no topics")
     try:
         lines = Path(path).read_text().splitlines()
     except (OSError, UnicodeDecodeError):

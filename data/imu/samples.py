@@ -67,7 +67,7 @@ def checked_imu(stamps_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike, where: 
         raise UserError(f"{where}: a value at {ns_to_seconds(int(stamps[bad[0]]))} s is not finite; leave it out")
     fastest = float(np.abs(rates).max(initial=0.0))
     if fastest > _FASTEST:
-        raise UserError(f"{where}: the gyroscope shows up to {fastest:.3g}; give rad/s, not degrees a second")
+        raise UserError(f"{where}: the gyroscope shows up to {fastest:.3g}; give rad/s, not degrees per second")
     unit, usual = unit_of_forces(forces), float(np.median(np.linalg.norm(forces, axis=1)))
     if unit is None:
         raise UserError(

@@ -27,12 +27,12 @@ class Bim:
 
 
 def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequence[str] = ()) -> Bim:
-    """Reads a plan: `.ifc` or `.ifczip`; `.dxf` (`layers` names those with the walls); `.geojson`; or `.json` with an
-    A-graph, GeoJSON or a floor plan (`data.plans.polygons_json`).
+    """Reads a plan: `.ifc` or `.ifczip`; `.dxf` (`layers` are the names of the wall layers); `.geojson`; or `.json`
+    with an A-graph, GeoJSON or a floor plan (`data.plans.polygons_json`).
 
     The result for an IFC file is cached in `cache_dir` (default: $SGSLAM_CACHE_DIR, else sgslam in the user's cache
-    directory) under the file's SHA-256. Raises UserError for a file that is missing, of another kind, unreadable, or
-    without walls.
+    directory) under the file's SHA-256. Raises UserError for a file that is missing, unreadable, of another kind, or
+    has no walls.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -43,7 +43,7 @@ def load_bim(path: Path | str, cache_dir: Path | str | None = None, layers: Sequ
 
         return Bim(*read_dxf(path, layers))
     if layers:
-        raise UserError(f"--layer {layers[0]}: {path} is no DXF drawing and has no layers")
+        raise UserError(f"--layer {layers[0]}: {path} is not a DXF drawing and has no layers")
     if suffix in (".json", ".geojson"):
         return _of_json(path)
     if suffix not in IFC_SUFFIXES:

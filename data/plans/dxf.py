@@ -65,9 +65,9 @@ def read_dxf(path: Path | str, layers: Sequence[str] = ()) -> tuple[SceneGraph, 
     except UserError:
         raise
     except Exception as error:  # shapely and what is built on it raise many kinds
-        raise UserError(f"{path}: its lines make no plan ({type(error).__name__}); name the walls' layers") from None
+        raise UserError(f"{path}: its lines give no plan ({type(error).__name__}); give --layer") from None
     if not walls.is_double and not filled:
-        message.append("walls are drawn as single lines; they are taken to be 0.1 m thick")
+        message.append("walls are drawn as single lines; a thickness of 0.1 m is assumed")
     return graph, (*notices, *message, *made)
 
 
@@ -174,7 +174,7 @@ def _chosen(by_layer: dict[str, _Drawn], layers: Sequence[str], path: Path) -> t
         return known, []
     chosen = [name for name in by_layer if is_wall_layer(name)] or (list(by_layer) if len(by_layer) == 1 else [])
     if not chosen:
-        raise UserError(f"{path}: no layer is named after walls; choose by --layer; there are: {listed}")
+        raise UserError(f"{path}: no layer's name says walls; choose layers with --layer; there are: {listed}")
     return chosen, [f"walls are taken from the layers {', '.join(sorted(chosen))}"]
 
 
@@ -201,10 +201,10 @@ def _scale(drawing: Any, segments: Array, filled: list[list[Array]], path: Path)
     metric = _header(drawing, "$MEASUREMENT", 1) != 0
     possible = [u for u in ((1.0, 1e-2, 1e-3) if metric else (0.0254, 0.3048)) if SMALLEST <= extent * u <= LARGEST]
     if not possible:
-        raise UserError(f"{path}: its walls extend over {extent:g} units: no building's size in any unit; scale it")
+        raise UserError(f"{path}: its walls extend over {extent:g} units, no building's size in any unit; scale it")
     double = {u: len(possible) == 1 or _walls(segments, filled, u).is_double for u in possible}
     best = max(possible, key=lambda u: (double[u], -abs(float(np.log(extent * u / USUAL)))))
-    why = "its units are not set" if stated is None else f"in its stated units it were {extent * stated:g} m wide"
+    why = "its units are not set" if stated is None else f"in its stated units it would be {extent * stated:g} m wide"
     return best, [f"{why}: the drawing is taken to be in {NAMES[best]}, {extent * best:.1f} m wide"]
 
 

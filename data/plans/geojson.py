@@ -87,7 +87,7 @@ def plan_of(value: Any, where: str) -> tuple[SceneGraph, tuple[str, ...]]:
     except Exception as error:  # shapely and what is built on it raise many kinds
         raise UserError(f"{where}: its geometry cannot be used ({str(error)[:100]})") from None
     if len(flat) > 1 and any(s.elevation is None for s in flat):
-        notices.append("several storeys, of which some have no elevation; these are taken to lie at z = 0")
+        notices.append("some of the storeys have no elevation; z = 0 is assumed for these")
     return graph, (*notices, *made)
 
 
@@ -120,15 +120,15 @@ def _in_metres(features: list[_Feature], where: str) -> tuple[list[_Feature], li
     extent = max(high_x - low_x, high_y - low_y)
     if extent >= SMALLEST_METRES:
         if extent > LARGEST:
-            raise UserError(f"{where}: extends over {extent:g} m; a building's plan in metres or degrees is needed")
+            raise UserError(f"{where}: extends over {extent:g} m; give a building's plan in metres or degrees")
         return features, []
     lon, lat = (low_x + high_x) / 2, (low_y + high_y) / 2
     if not (abs(lon) <= 180 and abs(lat) < 89) or extent * math.radians(1) * EARTH < 2.0:
-        raise UserError(f"{where}: extends over {extent:g} units: no building's size, in metres or degrees")
+        raise UserError(f"{where}: extends over {extent:g} units, not a building's size; give metres or degrees")
     turn = math.radians(1) * EARTH
     factors = np.array([turn * math.cos(math.radians(lat)), turn])
     moved = shapely.transform([f.shape for f in features], lambda xy: (xy - [lon, lat]) * factors)
-    message = f"degrees became metres east (x) and north (y) of longitude {lon:.7f}, latitude {lat:.7f}"
+    message = f"degrees were converted to metres east (x) and north (y) of longitude {lon:.7f}, latitude {lat:.7f}"
     return [_Feature(m, f.properties, f.id) for f, m in zip(features, moved, strict=True)], [message]
 
 

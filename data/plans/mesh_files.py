@@ -29,7 +29,7 @@ def read_triangles(path: Path | str, *more: Path | str) -> NDArray[np.float64]:
         *width, height = np.ptp(triangles.reshape(-1, 3), axis=0).tolist()
     if not 1.0 < height < HIGHEST or not max(width) < WIDEST:
         size = f"{height:g} m high and up to {max(width):g} m wide"
-        raise UserError(f"{path}: is {size}; a building in metres with z up is needed")
+        raise UserError(f"{path}: is {size}; give a building in metres with z up")
     return triangles
 
 
@@ -37,7 +37,7 @@ def _triangles(path: Path) -> NDArray[np.float64]:
     import trimesh
 
     if not path.is_file() or not is_mesh(path):
-        raise UserError(f"{path}: no mesh; give a file that ends in {', '.join(MESH_SUFFIXES)}")
+        raise UserError(f"{path}: not a mesh; give a file that ends in {', '.join(MESH_SUFFIXES)}")
     try:
         scene = trimesh.load_scene(path)
         triangles = np.asarray(scene.to_mesh().triangles, dtype=float)
@@ -46,11 +46,11 @@ def _triangles(path: Path) -> NDArray[np.float64]:
         hint = "; COLLADA needs pycollada: pip install 'sgslam[mesh]'" if missing else ""
         raise UserError(f"{path}: cannot be read as a mesh ({type(error).__name__}){hint}") from None
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 3):
-        raise UserError(f"{path}: holds faces that are no triangles in space")
+        raise UserError(f"{path}: contains faces that are not triangles in 3D")
     if path.suffix.lower() == ".dae":
         triangles = _upright(triangles, path)
     if not len(triangles) or not np.isfinite(triangles).all():
-        raise UserError(f"{path}: holds no triangles, or some that are not finite")
+        raise UserError(f"{path}: contains no triangles, or some that are not finite")
     return triangles
 
 

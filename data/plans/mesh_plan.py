@@ -156,10 +156,10 @@ def _doors(level: Level, doorways: list[Area]) -> list[Door]:
 
 def main() -> int:
     """The command line; raises UserError."""
-    parser = Parser(prog="python -m data.plans.mesh_plan", description="Writes the A-graph of a building's mesh.")
-    about = ".stl, .dae, .obj or .ply; metres, z up; several are parts of one building"
+    parser = Parser(prog="python -m data.plans.mesh_plan", description="Derive an A-graph from the mesh of a building.")
+    about = "mesh: .stl, .dae, .obj or .ply, in metres, z up; several files are parts of one building"
     parser.add_argument("--mesh", required=True, nargs="+", type=Path, metavar="FILE", help=about)
-    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="where the A-graph goes (.json)")
+    parser.add_argument("--out", required=True, type=Path, metavar="FILE", help="file for the A-graph (.json)")
     options = parser.parse_args()
     graph = read_mesh(*options.mesh).graph
     graph.save(options.out)

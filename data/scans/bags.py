@@ -25,7 +25,7 @@ class BagScans(ScanSource):
         self.path, counts = self._bag.path, self._bag.counts
         if not counts:
             why = "".join(f"; {damage}" for damage in [*self._bag.damages().values()][:1])
-            raise UserError(f"{self.path}: no scans in it (PointCloud2 or Livox CustomMsg){why}; give a bag with some")
+            raise UserError(f"{self.path}: no scans (PointCloud2 or Livox CustomMsg){why}; give a bag with scans")
         self.topic = self._choose(topic)
         self._count = counts[self.topic]
         self._unset_logged, self._told = False, set[Path]()
@@ -43,9 +43,9 @@ class BagScans(ScanSource):
             return named
         lidars = list(bag.counts) if len(bag.counts) == 1 else [name for name in bag.counts if self._is_lidar(name)]
         if len(lidars) != 1:
-            raise UserError(f"{self.path}: several topics hold points: {bag.listed}; say which with --topic NAME")
+            raise UserError(f"{self.path}: several topics hold points: {bag.listed}; choose one with --topic NAME")
         if len(bag.counts) > 1:
-            self.note = f"the scans are those of {lidars[0]}, a LiDAR's by its fields; others with points: {bag.listed}"
+            self.note = f"scans are read from {lidars[0]}, which has a LiDAR's fields; others with points: {bag.listed}"
         return lidars[0]
 
     def _is_lidar(self, topic: str) -> bool:
@@ -69,7 +69,7 @@ class BagScans(ScanSource):
         cloud = read_cloud(record.data, record.msgtype, record.is_cdr)
         if not cloud.stamp_ns and record.log_ns and not self._unset_logged:
             self._unset_logged = True
-            self.remarks.append(f"{self.topic}: headers without a stamp; the time of recording is taken for it")
+            self.remarks.append(f"{self.topic}: its headers have no stamp; the time of recording is used instead")
         return finished(index, cloud.stamp_ns or record.log_ns, cloud.points, cloud.times, self.path)
 
     def _log_at_end(self, read: int) -> None:

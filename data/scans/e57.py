@@ -36,7 +36,7 @@ class E57Scans(ScanSource):
         except Exception as error:  # libE57 raises kinds of its own
             raise UserError(f"{self.path}: a broken E57 file ({_line(error)}); export it again") from None
         if not heads:
-            raise UserError(f"{self.path}: holds no scans; give an E57 file with some")
+            raise UserError(f"{self.path}: contains no scans; give an E57 file with scans")
         known = [begin for begin in begins if begin is not None]
         timed = len(known) == len(heads) and all(a < b for a, b in pairwise(known))
         self.note = None if timed else NOTE_INDICES
@@ -77,7 +77,7 @@ def _opened(path: Path) -> Any:
     with path.open("rb") as file:
         head = file.read(48)
     if len(head) < 48 or head[:8] != b"ASTM-E57" or struct.unpack_from("<Q", head, 16)[0] != path.stat().st_size:
-        raise UserError(f"{path}: no E57 file, or cut off; give a whole one")
+        raise UserError(f"{path}: not an E57 file, or cut off; give a complete one")
     try:
         return pye57.E57(str(path))
     except Exception as error:

@@ -29,8 +29,8 @@ class ScanFolder(ScanSource):
     def __init__(self, path: Path | str) -> None:
         """Lists the files and determines their stamps; reads no scan.
 
-        Raises UserError for a folder that is missing, empty or of mixed formats, and for stamps whose number does not
-        fit, of which more than a fifth repeat or go backwards, or which are in another unit.
+        Raises UserError for a folder that is missing, empty or of mixed formats, and for stamps that do not fit the
+        number of scans, are in a wrong unit, or of which more than a fifth repeat or go backwards.
         """
         super().__init__()
         self.path = Path(path)

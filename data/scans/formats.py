@@ -53,7 +53,7 @@ def read_timed(path: Path) -> tuple[Points, Times]:
 
 def _read_bin(path: Path) -> tuple[Points, Times]:
     if (size := path.stat().st_size) % 16:
-        raise UnreadableScanError(f"{size} bytes are no whole number of float32 x y z intensity")
+        raise UnreadableScanError(f"{size} bytes are not a whole number of float32 x y z intensity")
     return np.fromfile(path, dtype="<f4").reshape(-1, 4)[:, :3], None
 
 

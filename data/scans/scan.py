@@ -29,10 +29,10 @@ _AHEAD = LOOK_AHEAD  # scans read ahead, so that a slow reader does not delay th
 class Scan:
     """One scan: `points` (N, 3) float64, C-contiguous, metres, sensor frame, N >= 1, all finite.
 
-    `index` counts the source's scans, skipped ones too; `dropped` is how many NaN, infinite and zero returns
-    were taken out. `point_times` (N,) are seconds after the stamp, None where they are not known. `T_odom_sensor`
-    (4, 4) is the pose that the file gives, None where it gives none; `step_covariance` (6, 6) is that of the motion
-    since the scan before, rotation (rad) first, in the sensor's axes, None where it is not known.
+    `index` counts the source's scans, skipped ones too; `dropped` is the number of NaN, infinite and
+    zero returns that were removed. `point_times` (N,) are seconds after the stamp, None if unknown. `T_odom_sensor`
+    (4, 4) is the pose that the file gives, None if it gives none; `step_covariance` (6, 6) is that of the motion since
+    the previous scan, rotation (rad) first, in the sensor's axes, None if unknown.
     """
 
     index: int
@@ -58,11 +58,11 @@ class SkippedScan:
 class ScanSource(ABC):
     """Scans in order; iterating reads them one by one, a few ahead.
 
-    Attributes: `path`, `note` (one line for the user where something is a guess, else None), `stamps_ns` ((N,) int64;
-    None where they are known only while reading), `given` (all poses T_odom_sensor that another SLAM
-    system found, None where there are none), `is_dense` (whether the scans follow one another as a LiDAR takes them;
-    not where they are keyframes or pieces of a map), and, filled while iterating, `skipped` and `remarks` (one line
-    each on what the user should know of the data).
+    Attributes: `path`, `note` (one line for the user if something is a guess, otherwise None), `stamps_ns` ((N,) int64;
+    None if they become known only while reading), `given` (all poses T_odom_sensor of another SLAM system, None if
+    there are none), `is_dense` (whether the scans follow one another as a LiDAR takes them; false for keyframes and for
+    pieces of a map), and, filled while iterating, `skipped` and `remarks` (one line for each thing that the user should
+    know about the data).
     """
 
     path: Path

@@ -10,8 +10,8 @@ from data.scans.scan import ScanSource
 
 
 def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
-    """Opens the scans of a folder, a bag, an E57 file, or of `evalio:DATASET/SEQUENCE`; of a bag those of one `topic`,
-    chosen automatically if None.
+    """Opens the scans of a folder, a bag, an E57 file, or `evalio:DATASET/SEQUENCE`; in a bag, those of one `topic`,
+    which is chosen automatically if None.
 
     Raises UserError if there are none, and if a `topic` is given for anything but a bag.
     """
@@ -22,7 +22,7 @@ def open_scans(path: Path | str, topic: str | None = None) -> ScanSource:
     if is_bag(path) and not (path.is_dir() and _has_scans(path)):
         return BagScans(path, topic)
     if topic is not None:
-        raise UserError(f"--topic {topic}: {path} is no bag and has no topics")
+        raise UserError(f"--topic {topic}: {path} is not a bag and has no topics")
     if is_evalio(path):
         return EvalioScans(path)
     if path.suffix.lower() == ".e57":

@@ -25,7 +25,7 @@ class StampRule:
         last = self.last_ns
         if last is not None and stamp_ns <= last:
             how = "repeats" if stamp_ns == last else f"goes back by {ns_to_seconds(last - stamp_ns)} s from"
-            return f"its stamp {how} that of the scan before ({ns_to_seconds(last)} s)"
+            return f"its stamp {how} that of the previous scan ({ns_to_seconds(last)} s)"
         if last is None or stamp_ns - last > GAP_NS:
             ahead = list(following())
             between = sum((last is None or last < s) and s <= stamp_ns for s in ahead)
@@ -43,8 +43,8 @@ class StampRule:
         index, before, after = max(self.gaps, key=lambda gap: gap[2] - gap[1])
         more = f"; there are {len(self.gaps) - 1} more such pauses" if len(self.gaps) > 1 else ""
         return (
-            f"no scans for {ns_to_seconds(after - before).rstrip('0').rstrip('.')} s before scan {index}: where the "
-            f"sensor was moved meanwhile, the map has a break there{more}"
+            f"no scans for {ns_to_seconds(after - before).rstrip('0').rstrip('.')} s before scan {index}: if the "
+            f"sensor moved meanwhile, the map has a break there{more}"
         )
 
 

@@ -172,14 +172,14 @@ class _Reader:
         try:
             read = np.array([float(word) for word in words[ids : ids + numbers]])
         except ValueError:
-            raise self._bad(line, f"{tag} holds a word in place of a number") from None
+            raise self._bad(line, f"{tag} has a word instead of a number") from None
         return _Row(line, tag, tuple(self._id(line, word) for word in words[:ids]), read)
 
     def _id(self, line: int, word: str) -> int:
         try:
             return int(word)
         except ValueError:
-            raise self._bad(line, f"'{word}' is no id") from None
+            raise self._bad(line, f"'{word}' is not an id") from None
 
     def _is_set(self, row: _Row) -> bool:
         """Whether all numbers of a row are set; otherwise an edge is refused. Raises UserError for a vertex."""
@@ -196,17 +196,17 @@ class _Reader:
         wanted = _JOINS.get(row.tag, ())
         for i, kind in zip(row.ids, wanted, strict=False):
             if kinds.get(i) != kind:
-                raise self._bad(row.line, f"{row.tag} names {i}, which is no {kind}")
+                raise self._bad(row.line, f"{row.tag} names {i}, which is not a {kind}")
 
     def _pose(self, line: int, xyzquat: Floats) -> Floats:
         if abs(np.linalg.norm(xyzquat[3:]) - 1) > _UNIT:
-            raise self._bad(line, "a rotation is no unit quaternion")
+            raise self._bad(line, "a rotation is not a unit quaternion")
         return xyzquat_to_poses(xyzquat)
 
     def _plane(self, line: int, plane: Floats) -> Floats:
         size = float(np.linalg.norm(plane[:3]))
         if abs(size - 1) > _UNIT:
-            raise self._bad(line, "a plane's normal is no unit vector")
+            raise self._bad(line, "a plane's normal is not a unit vector")
         return plane / size
 
     def _bad(self, line: int, what: str) -> UserError:

@@ -158,7 +158,7 @@ class SceneGraph:
                 raise UserError(f"scene graph: the {what} of '{name}' has {len(value)} numbers; give x and y only")
         for surface in self.wall_surfaces:
             if surface.room is not None and surface.room not in self.room_by_id:
-                raise UserError(f"scene graph: wall surface '{surface.id}' names no room '{surface.room}'")
+                raise UserError(f"scene graph: wall surface '{surface.id}' refers to a missing room '{surface.room}'")
             if abs(math.hypot(*surface.normal) - 1) > 1e-2:  # planes of a real map are not quite upright
                 raise UserError(f"scene graph: the normal of wall surface '{surface.id}' is not a unit vector")
             if surface.length is not None and not surface.length > 0:

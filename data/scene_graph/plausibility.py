@@ -9,13 +9,13 @@ _FEWEST = 4  # walls; fewer say nothing about all
 
 
 def implausible(graph: SceneGraph) -> str | None:
-    """Returns in one line what seems to be wrong with a graph, None if nothing does.
+    """Returns what seems to be wrong with a graph, in one line; None if nothing does.
 
-    Lengths are taken for millimetres or centimetres if half of the walls are longer than 50 m; where no length is
-    known, if half of them are farther than that from their room's centroid. Normals are taken for flipped if, of four
-    or more walls whose room is known, more than half turn away from its centroid, and the sum over all walls of length
-    times distance before the centroid is negative: around a room it is twice the floor area (divergence theorem),
-    whatever the room's shape.
+    Lengths seem to be in millimetres or centimetres if half of the walls are longer than 50 m or, if no length is
+    known, farther than that from their room's centroid. Normals seem to be flipped if there are at least four walls
+    with a room, more than half of them face away from its centroid, and the sum over all walls of length times distance
+    to the centroid along the normal is negative: around a room of any shape it is twice the floor area (divergence
+    theorem).
     """
     walls = [w for w in graph.wall_surfaces if w.room is not None]
     inwards = np.array([_towards_centroid(graph, wall) for wall in walls])
@@ -27,7 +27,7 @@ def implausible(graph: SceneGraph) -> str | None:
     outwards = int(np.count_nonzero(inwards < 0))
     area = float(inwards @ [w.length or 1.0 for w in walls]) / 2 if walls else 0.0
     if len(walls) >= _FEWEST and 2 * outwards > len(walls) and area < 0:
-        return f"the normals of {outwards} of {len(walls)} walls point out of the room they bound; turn them round"
+        return f"the normals of {outwards} of {len(walls)} walls point out of the room they bound; flip them"
     return None
 
 

@@ -36,7 +36,7 @@ def storeys_as_built(
         load = mesh_storey if is_mesh(ifc) else load_storey
         return [load(ifc, storeys[0], changes, seed, tolerance)]
     if changes is not None and changes.any:
-        raise UserError("a building that differs from its plan: give one storey, not several")
+        raise UserError("changes to the building need a drive on one storey; give one storey")
     if is_mesh(ifc):
         raise UserError(f"{ifc}: a mesh has no marked stairs; give one storey, or an IFC file")
     return load_storeys(ifc, storeys, seed, tolerance)

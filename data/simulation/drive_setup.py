@@ -52,20 +52,20 @@ def check(out: Path, setup: Setup, seed: int, seconds: float | None) -> None:
     """Raises UserError for what cannot be."""
     scan_format = setup.scan_format
     if scan_format not in SCAN_WRITERS:
-        raise UserError(f"scan format '{scan_format}' is not known; take one of {', '.join(SCAN_WRITERS)}")
+        raise UserError(f"scan format '{scan_format}' is not known; give one of {', '.join(SCAN_WRITERS)}")
     if setup.timing == "rolling" and scan_format not in WITH_TIMES:
         raise UserError(
             f"the sensor moves during a scan, and {scan_format} files hold no times of points; write "
             f"{' or '.join(WITH_TIMES)}, or leave them out by the effect 'untimed'"
         )
     if not 0 < setup.height < 10:
-        raise UserError(f"a sensor height of {setup.height} m cannot be; give metres above the floor")
+        raise UserError(f"a sensor height of {setup.height} m is impossible; give metres above the floor")
     if seconds is not None and not seconds > 0:
-        raise UserError(f"a drive of {seconds:g} s cannot be; give seconds above 0")
+        raise UserError(f"a drive of {seconds:g} s is impossible; give more than 0 seconds")
     if seed < 0:
         raise UserError(f"the seed {seed} is negative; give 0 or more")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise UserError(f"{out}: exists already and is not an empty folder; give another one")
+        raise UserError(f"{out}: exists and is not an empty folder; give another one")
 
 
 def settings_of(

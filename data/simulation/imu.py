@@ -49,7 +49,7 @@ IMUS = {
 def imu_named(name: str) -> ImuModel:
     """The IMU of this class; raises UserError for an unknown one."""
     if name not in IMUS:
-        raise UserError(f"IMU '{name}' is not known; take one of {', '.join(IMUS)}")
+        raise UserError(f"IMU '{name}' is not known; give one of {', '.join(IMUS)}")
     return IMUS[name]
 
 

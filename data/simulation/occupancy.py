@@ -63,7 +63,7 @@ def build_grid(storey: StoreyModel, scene: TriangleScene, height: float) -> Grid
     columns, rows = np.ceil((storey.extent[1] + 1.0 - origin) / CELL).astype(int)
     if rows * columns > MOST_CELLS:
         size = f"{columns * CELL:.0f} x {rows * CELL:.0f} m"
-        raise UserError(f"storey '{storey.name}' measures {size}, too much for a drive; take another storey")
+        raise UserError(f"storey '{storey.name}' measures {size}, too large for a drive; choose another storey")
     blank = np.zeros((rows, columns), np.uint8)
     walls = _draw(blank, origin, _slice(storey.solid, storey.level + LOWEST, storey.level + height))
     if storey.spaces:

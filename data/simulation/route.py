@@ -54,7 +54,7 @@ def tour(
         goals = _not_passed(grid, goals, leg)
         fruitless = fruitless + 1 if curve_length(leg) < SHORTEST else 0
         if fruitless > TRIES:
-            raise UserError("the reachable free space is too small to drive in; take another storey")
+            raise UserError("the reachable free space is too small to drive in; choose another storey")
         if not fruitless:
             legs.append(leg)
             entered |= set(grid.room_at(leg).tolist()) - {-1}
@@ -84,7 +84,7 @@ class Planner:
         in_room = (parts > 0) & (grid.room >= 0)
         reached = np.unique(np.column_stack([parts[in_room], grid.room[in_room]]), axis=0)
         if not len(reached):
-            raise UserError(f"no room can be reached by a robot of {radius} m radius; take another storey")
+            raise UserError(f"no room can be reached by a robot of {radius} m radius; choose another storey")
         most = np.argmax(np.bincount(reached[:, 0]))
         self.rooms: list[int] = reached[reached[:, 0] == most, 1].tolist()
         self.free = parts == most

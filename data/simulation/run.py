@@ -32,8 +32,8 @@ PLAN = "plan.ifc"  # what the plan shows, where it lacks walls that stand
 
 @dataclass(frozen=True)
 class VisitedRoom:
-    """A room (GlobalId, Name and LongName of its IfcSpace), when the robot entered it, in seconds, and the name of its
-    storey."""
+    """A room (GlobalId, Name and LongName of its IfcSpace), the time (s) at which the robot first entered it, and the
+    name of its storey."""
 
     id: str
     name: str
@@ -46,8 +46,9 @@ class VisitedRoom:
 class SimulatedRun:
     """A simulated drive. `rooms` are in order of entry, starting room first; `truth` is T_bim_sensor of each scan.
 
-    `storey` is where it began, `storeys` are all in order. Metres, seconds, radians; `start_yaw` is in the BIM frame.
-    `changes` are the differences from the plan, `stands_off` how far each wall is off its place besides.
+    `storey` is where it began, `storeys` are all of them in order. Lengths are in metres, angles in radians;
+    `start_yaw` is in the BIM frame. `changes` are the differences from the plan; `stands_off` are the offsets of all
+    walls by the effect `tolerance`.
     """
 
     out_dir: Path
@@ -63,7 +64,7 @@ class SimulatedRun:
 
     @property
     def plan(self) -> Path | None:
-        """The plan that lacks the unplanned walls; None where there are none."""
+        """The file of the plan without the unplanned walls; None if there are none."""
         path = self.out_dir / PLAN
         return path if path.exists() else None
 

@@ -74,7 +74,7 @@ def sensor_named(name: str, azimuths: int | None = None) -> Sensor:
     """
     found = {known.casefold(): sensor for known, sensor in SENSORS.items()}.get(name.casefold())
     if found is None:
-        raise UserError(f"sensor '{name}' is not known; take one of {', '.join(SENSORS)}")
+        raise UserError(f"sensor '{name}' is not known; give one of {', '.join(SENSORS)}")
     if azimuths is None:
         return found
     if not isinstance(found, SpinningSensor):

@@ -52,24 +52,24 @@ def simulate(
     seconds: float | None = None,
     imu: str | None = None,
 ) -> SimulatedRun:
-    """Drives through a storey's open doors, from a random place and heading, and writes scans and truth.
+    """Drives through a storey's open doors, from a random place and heading, and writes scans and ground truth.
 
     `ifc` may also be a building's mesh (see `data.plans.mesh_plan`); `storey` is then the name of one of its levels, or
     empty for the lowest. Several storeys are driven in the given order; a storey named again is visited again.
 
     The robot enters `min_rooms` rooms (all, if fewer can be reached), drives at least `min_length` metres, and returns
-    (on each of several storeys, before it takes the stairs); `seconds` ends the drive before. The sensor is taken by
-    the `carrier`, `sensor_height` metres above the storey's floor; it is turned in it by roll, pitch and yaw
-    `mount_deg`: R_carrier_sensor = Rz(yaw) Ry(pitch) Rx(roll). `changes` are made to the building, not to its plan, and
-    need a drive on one storey. With `and_back` the whole route is then driven in reverse, so that every place is seen
-    twice. `effects` are names of `data.simulation.effects`. In a rolling scan the sensor moves while it measures: the
-    scan's stamp and true pose are those of its first ray. `robot`, `sensor_height` and `scan_format` are the carrier's
-    own and `bin` (`ply` for points with times) where not given. `imu` names a class of inertial measurement unit
-    (`data.simulation.imu`) in the sensor, whose samples are written to `imu.csv` beside the scans. The same seed gives
-    the same bytes.
+    (on each of several storeys, before it takes the stairs); `seconds` ends the drive earlier. The `carrier` holds the
+    sensor `sensor_height` metres above the storey's floor, turned by roll, pitch and yaw `mount_deg`:
+    R_carrier_sensor = Rz(yaw) Ry(pitch) Rx(roll). `changes` are made to the building, not to its plan, and need a drive
+    on one storey. With `and_back`, the whole route is then driven in reverse, so that every place is seen twice.
+    `effects` are names of `data.simulation.effects`. In a rolling scan, the sensor moves while it measures: the scan's
+    stamp and true pose are those of its first ray. By default, `robot` and `sensor_height` are the carrier's, and
+    `scan_format` is `bin` (`ply` for points with times). `imu` names a class of inertial measurement units
+    (`data.simulation.imu`); the samples of one in the sensor are written to `imu.csv` beside the scans. The same seed
+    gives the same bytes.
 
-    Raises UserError for an unreadable IFC file, an unknown storey, one on which the robot cannot move, storeys without
-    stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
+    Raises UserError for an unreadable IFC file, an unknown storey or one on which the robot cannot move, storeys
+    without stairs that it can climb, an `out_dir` that is not empty, and impossible settings.
     """
     from data.simulation.building import storeys_as_built, way_through
 

@@ -55,12 +55,12 @@ def stair_way(start: Storey, end: Storey, scene: TriangleScene, radius: float) -
     low, high = sorted((start.model.level, end.model.level))
     stairs = [s for s in start.model.stairs if s[..., 2].min() < high - 0.5 and s[..., 2].max() > low + 0.5]
     if not stairs or high - low < 0.5:
-        raise UserError(f"there is no stair {between}; take storeys that a stair joins")
+        raise UserError(f"there is no stair {between}; choose storeys that a stair joins")
     ground = _ground(_columns(stairs), scene, (low, high), radius)
     first, last = _on(ground, start), _on(ground, end)
     way = _easiest(ground, first, last, radius)
     if way is None:
-        raise UserError(f"no stair {between} can be climbed by a robot of {radius} m radius; take other storeys")
+        raise UserError(f"no stair {between} can be climbed by a robot of {radius} m radius; choose other storeys")
     ends = [_cell_at(storey, ground.places[way[k]]) for k, storey in ((0, start), (-1, end))]
     return _smooth(np.vstack([ends[0], ground.places[way], ends[1]]))
 

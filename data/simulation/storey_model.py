@@ -130,7 +130,7 @@ def _storey_model(
     rooms = [p for p in shapes.spaces if p.storey == entity.GlobalId]
     spaces = tuple(s for s in (_space(model.by_guid(p.global_id), p) for p in rooms) if len(s.bottom))
     if not solid or not (spaces or own):
-        raise UserError(f"{what} has no geometry to drive in; take another storey")
+        raise UserError(f"{what} has no geometry to drive in; choose another storey")
     leaves = as_built(model, as_built(model, shapes.doors, made), shifts)
     doors = tuple(_triangles(p) for p in leaves if p.storey == entity.GlobalId)
     corners = np.concatenate([s.bottom for s in spaces] or own).reshape(-1, 3)[:, :2]
@@ -158,7 +158,7 @@ def _find_storey(model: ifcopenshell.file, storey: str, ifc: Path | str) -> ifco
             if key(storey) in {key(n) for n in (s.GlobalId, s.Name, s.LongName) if n}:
                 return s
     names = ", ".join(f"'{s.Name or s.GlobalId}'" for s in storeys) or "none"
-    missing = f"no storey '{storey}'" if storey else "which storey is not said"
+    missing = f"no storey '{storey}'" if storey else "no storey was named (--storey)"
     raise UserError(f"{ifc}: {missing}; it has: {names}")
 
 

@@ -71,6 +71,6 @@ def _read_points(path: Path) -> Floats:
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror}); give an undamaged dump") from None
     if len(raw) % 12:
-        raise UserError(f"{path}: {len(raw)} bytes are no whole number of float32 x y z")
+        raise UserError(f"{path}: {len(raw)} bytes are not a whole number of float32 x y z")
     points = np.frombuffer(raw, "<f4").reshape(-1, 3).astype(np.float64)
     return np.asarray(points[np.isfinite(points).all(axis=1)])

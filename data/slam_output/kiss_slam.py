@@ -50,7 +50,7 @@ def kiss_slam_scans(folder: Path) -> MapScans:
     everyone = np.arange(len(stamps))
     scans = MapScans(folder, Trajectory(stamps, poses.poses), [MapPiece(np.concatenate(clouds), everyone)])
     if poses.stamps_ns is None:
-        scans.note = "the poses have no stamps; the sensor is taken to move at 1 m/s"
+        scans.note = "the poses have no stamps; a sensor speed of 1 m/s is assumed"
     return scans
 
 

@@ -50,7 +50,7 @@ class MapScans(ScanSource):
         joined = {pose: np.concatenate(points) for pose, points in sorted(parts.items())}
         kept = {pose: points for pose, points in joined.items() if len(points) >= _FEWEST}
         if not kept:
-            raise UserError(f"{path}: no pose of the trajectory could see a point of the map; are they in one frame?")
+            raise UserError(f"{path}: no point of the map is in view of any pose; give both in the same frame")
         self._points, self._poses = list(kept.values()), np.array(list(kept), np.intp)
         self.stamps_ns = np.array(given.stamps_ns[self._poses])
 

@@ -31,7 +31,7 @@ def open_slam_output(
     if scans is not None and cloud is not None:
         raise UserError("--scans and --cloud: give only one of them")
     if times is not None and path.is_dir():
-        raise UserError(f"{times}: only a file of poses needs times; leave it out")
+        raise UserError(f"{times}: only files of poses need --times; leave it out")
     if scans is not None:
         return PosedScans(open_scans(scans, topic), _poses(path, times), str(path))
     if cloud is not None:
@@ -69,5 +69,5 @@ def _map_scans(path: Path, cloud: Path, times: Path | None) -> MapScans:
     points = points[np.isfinite(points).all(axis=1)]
     scans = MapScans(cloud, Trajectory(stamps, poses.poses), [MapPiece(points, np.arange(len(stamps)))])
     if poses.stamps_ns is None:
-        scans.note = "the poses have no stamps; the sensor is taken to move at 1 m/s"
+        scans.note = "the poses have no stamps; a sensor speed of 1 m/s is assumed"
     return scans

@@ -41,7 +41,7 @@ class PosedScans(ScanSource):
         self._in_order = _is_one_each(scans, poses)
         if not self._in_order and (poses.stamps_ns is None or len(poses.poses) < 2):
             raise UserError(
-                f"{name}: {len(poses.poses)} poses for the {len(scans)} scans in {scans.path}; give one pose a scan, "
+                f"{name}: {len(poses.poses)} poses for the {len(scans)} scans in {scans.path}; give one pose per scan, "
                 "or stamps by the scans' clock"
             )
         self.note = None if self._in_order and poses.stamps_ns is not None else scans.note
@@ -60,7 +60,7 @@ class PosedScans(ScanSource):
             return self._scans.stamps_ns
         if self._scans.stamps_ns is None:
             raise UserError(f"{self._name_of_poses}: poses have no stamps; give --times, in seconds, one per line")
-        self.note = f"neither poses nor scans have stamps; the sensor is taken to move at {_SPEED:g} m/s"
+        self.note = f"neither poses nor scans have stamps; a sensor speed of {_SPEED:g} m/s is assumed"
         return walking_stamps(poses.poses)
 
     def _covered_stamps(self) -> NDArray[np.int64] | None:
@@ -102,7 +102,7 @@ class PosedScans(ScanSource):
         if not (self.is_dense or self._in_order):
             self.remarks.append(
                 f"the poses of {self._name_of_poses} are more than {_DENSE_NS / 1e9:g} s apart and were taken as they "
-                "are; give all poses, or use sgslam run: scans are registered then, which is many times more exact"
+                "are; give all poses, or use sgslam run, which registers the scans and is many times more accurate"
             )
         if without:
             self.remarks.append(

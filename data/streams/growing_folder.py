@@ -95,7 +95,7 @@ class GrowingFolder(ScanStream):
         index, last = self._index, self._last
         self._index += 1
         if last is not None and file.suffix.lower() != last.suffix.lower():
-            self._skip(index, file, f"it is no {last.suffix} file, as those before")
+            self._skip(index, file, f"it is not a {last.suffix} file, unlike those before")
             return
         if last is not None and _order(file) < _order(last):
             self._skip(index, file, f"it came after {last.name}")

@@ -32,7 +32,7 @@ class GrowingTimes:
             try:
                 self._stamps.append(seconds_to_ns(text))
             except ValueError as error:
-                raise UserError(f"{self._path}, line {self._lines}: {error}; give one float second a line") from None
+                raise UserError(f"{self._path}, line {self._lines}: {error}; give one stamp (s) per line") from None
 
 
 class GrowingStamps:

@@ -50,7 +50,7 @@ class McapPipe(ScanStream):
         if not index:
             held = f"; it holds {', '.join(sorted(others))}" if others else ""
             why = f" ({records.damage})" if records.damage else ""
-            raise UserError(f"{self.path}: no scans came{why}{held}; give MCAP records of point clouds")
+            raise UserError(f"{self.path}: no scans arrived{why}{held}; give MCAP records of point clouds")
 
 
 def _is_lidar(record: Record) -> bool:

@@ -79,10 +79,10 @@ def read_euroc(path: Path | str) -> Trajectory:
         where, words = f"{path}, line {number}", [word.strip() for word in text.split(",")]
         row = _numbers(where, words[1:_EUROC], _EUROC - 1, "'stamp_ns, x, y, z, qw, qx, qy, qz'")
         if not words[0].lstrip("-").isdecimal():
-            raise UserError(f"{where}: '{words[0]}' is no stamp in whole nanoseconds")
+            raise UserError(f"{where}: '{words[0]}' is not a stamp in whole nanoseconds")
         stamp = int(words[0])
         if abs(stamp) > np.iinfo(np.int64).max or (stamps and stamp <= stamps[-1]):
-            raise UserError(f"{where}: the stamp does not increase; sort by time, one pose a stamp")
+            raise UserError(f"{where}: the stamp does not increase; sort by time, one pose per stamp")
         if np.linalg.norm(row[3:]) < 1e-6:
             raise UserError(f"{where}: the quaternion has no direction (all zero?)")
         stamps.append(stamp)
@@ -110,9 +110,9 @@ def _stamped(path: Path, poses: NDArray[np.float64], times: Path | str | None) -
         return PoseList(poses, None)
     stamps = np.array(read_times(Path(times)), np.int64)
     if len(stamps) != len(poses):
-        raise UserError(f"{times}: {len(stamps)} stamps for the {len(poses)} poses in {path}; give one a pose")
+        raise UserError(f"{times}: {len(stamps)} stamps for the {len(poses)} poses in {path}; give one per pose")
     if np.any(stamps[1:] <= stamps[:-1]):
-        raise UserError(f"{times}: the stamps do not increase; sort by time, one pose a stamp")
+        raise UserError(f"{times}: the stamps do not increase; sort by time, one pose per stamp")
     return PoseList(poses, stamps)
 
 

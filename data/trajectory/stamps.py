@@ -12,7 +12,7 @@ from data.common.errors import UserError
 
 NS = 1_000_000_000
 SCAN_PERIOD_NS = NS // 10
-NOTE_INDICES = "the scans have no stamps; they are taken to be 0.1 s apart"
+NOTE_INDICES = "the scans have no stamps; they are assumed to be 0.1 s apart"
 _INT64 = np.iinfo(np.int64)
 _DIGITS = {13: "milliseconds", 16: "microseconds", 19: "nanoseconds"}  # of times since 1970
 _SECONDS_IN_NAME = re.compile(r"\D*?(-?\d+\.\d+)")
@@ -84,7 +84,7 @@ def read_times(path: Path) -> list[int]:
     try:
         lines = path.read_text().splitlines()
     except (OSError, UnicodeDecodeError):
-        raise UserError(f"{path}: cannot be read; give one float second a line") from None
+        raise UserError(f"{path}: cannot be read; give one stamp per line, in seconds") from None
     for number, line in enumerate(lines, 1):
         text = line.partition("#")[0].strip()
         if not text:
@@ -92,7 +92,7 @@ def read_times(path: Path) -> list[int]:
         try:
             stamps.append(seconds_to_ns(text))
         except ValueError as error:
-            raise UserError(f"{path}, line {number}: {error}; give one float second a line") from None
+            raise UserError(f"{path}, line {number}: {error}; give one stamp per line, in seconds") from None
     return stamps
 
 

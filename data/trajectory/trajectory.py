@@ -52,15 +52,15 @@ class Trajectory:
         return self.poses[:, :3, 3]
 
     def transformed(self, T_new_old: NDArray[np.float64]) -> "Trajectory":
-        """The same motion in another frame; `T_new_old` is (4, 4)."""
+        """Returns the same motion in another frame; `T_new_old` is (4, 4)."""
         return Trajectory(self.stamps_ns, T_new_old @ self.poses)
 
     def only(self, chosen: NDArray[np.bool_]) -> "Trajectory":
-        """The chosen (N,) poses."""
+        """Returns the poses where `chosen` (N,) is true."""
         return Trajectory(self.stamps_ns[chosen], self.poses[chosen])
 
     def between(self, other: "Trajectory") -> "Trajectory":
-        """The poses from the other's first stamp to its last; empty if that has none."""
+        """Returns the poses from the first to the last stamp of `other`; empty if `other` is."""
         if not len(other):
             return Trajectory(self.stamps_ns[:0], self.poses[:0])
         kept = (self.stamps_ns >= other.stamps_ns[0]) & (self.stamps_ns <= other.stamps_ns[-1])
@@ -69,7 +69,7 @@ class Trajectory:
     def at(self, stamps_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         """Returns (M, 4, 4) the poses at other stamps (M,) int64, by linear interpolation of position and rotation.
 
-        Before the first and after the last pose, it extrapolates from the two nearest. Raises ValueError for less than
+        Before the first and after the last pose, it extrapolates from the two nearest. Raises ValueError for fewer than
         two poses.
         """
         from scipy.spatial.transform import Rotation  # here, because it takes a third of a second
@@ -88,7 +88,7 @@ class Trajectory:
         return poses
 
     def write_tum(self, path: Path | str) -> None:
-        """Writes `t x y z qx qy qz qw` a line, atomically; stamps exact to the nanosecond."""
+        """Writes lines `t x y z qx qy qz qw`, atomically; stamps (s) are exact to the nanosecond."""
         lines = [
             " ".join([ns_to_seconds(stamp), *(f"{value:.15g}" for value in row)])
             for stamp, row in zip(self.stamps_ns.tolist(), poses_to_xyzquat(self.poses).tolist(), strict=True)
@@ -118,7 +118,7 @@ class Trajectory:
                 raise UserError(f"{path}, line {number}: {error}") from None
             if stamps and stamp <= stamps[-1]:
                 how = "repeats" if stamp == stamps[-1] else "goes backwards"
-                raise UserError(f"{path}, line {number}: the stamp {how}; sort by time, one pose a stamp")
+                raise UserError(f"{path}, line {number}: the stamp {how}; sort by time, one pose per stamp")
             stamps.append(stamp)
             rows.append(row)
         if not rows:

@@ -77,7 +77,7 @@ def _connectivity(a: SceneGraph, storey: Storey) -> Iterator[PlanIssue]:
     with_doors = {r for d in a.doors for r in d.rooms}
     if not any(r.id in with_doors for r in storey.rooms):
         if len(storey.rooms) > 1:
-            message = "no doors at all: paths between rooms are assumed to cross the walls"
+            message = "no doors: paths between rooms are assumed to cross the walls"
             yield PlanIssue("no doors", storey.floor, message)
         return
     closed = [r for r in storey.rooms if r.id not in with_doors]
@@ -105,7 +105,7 @@ def _unconnected_doors(a: SceneGraph) -> Iterator[PlanIssue]:
     """Doors next to no room; entrances, which lead to one room, are fine."""
     lost: list[Door] = [d for d in a.doors if not d.rooms]
     if lost:
-        message = f"{_count(len(lost), 'door')} next to no room"
+        message = f"{_count(len(lost), 'door')} that are next to no room"
         yield PlanIssue("doors without a room", None, message, tuple(d.id for d in lost))
 
 
@@ -119,7 +119,7 @@ def _elevations(a: SceneGraph) -> Iterator[PlanIssue]:
         yield PlanIssue("storeys without an elevation", None, message, tuple(f.id for f in lack))
     for (low, f), (high, g) in pairwise(known):
         if not STOREY_M[0] <= high - low <= STOREY_M[1]:
-            names = f"{g.name or g.id} lies {high - low:.2f} m above {f.name or f.id}"
+            names = f"{g.name or g.id} is {high - low:.2f} m above {f.name or f.id}"
             message = f"{names}, which is implausible for a storey"
             yield PlanIssue("implausible elevations", None, message, (f.id, g.id))
 
@@ -128,12 +128,12 @@ def _units(a: SceneGraph) -> Iterator[PlanIssue]:
     lengths = [w.length for w in a.wall_surfaces if w.length is not None]
     median = float(np.median(lengths)) if lengths else 1.0
     if not WALL_M[0] <= median <= WALL_M[1]:
-        message = f"the median wall length is {median:.3g} m: are the model's units right?"
+        message = f"the median wall length is {median:.3g} m; check the model's units"
         yield PlanIssue("implausible units", None, message)
     places = np.array([w.centroid for w in a.wall_surfaces])
     extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
     if extent > BUILDING_M:
-        message = f"the walls lie up to {extent:.0f} m apart: are the model's units right?"
+        message = f"the walls are up to {extent:.0f} m apart; check the model's units"
         yield PlanIssue("implausible units", None, message)
 
 

@@ -29,7 +29,7 @@ def save_network(path: Path, network: Network) -> None:
     elif isinstance(network, MatchingNetwork):
         write_learned(path, network.to_dict(), {k: v.numpy() for k, v in state.items()})
     else:
-        raise ValueError(f"{path}: this form is the learned network's alone")
+        raise ValueError(f"{path}: only the learned network has this format")
 
 
 def load_network(path: Path, kind: str = "learned") -> Network:

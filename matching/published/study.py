@@ -25,13 +25,13 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Raises UserError."""
     parser = Parser(
         prog="python -m matching.published.study",
-        description="Searches hyper-parameters of the published matcher (Optuna, TPE). Goes on where it was stopped "
-        "when --out holds a study. Writes study.log, best.json.",
+        description="Search hyper-parameters of the published matcher (Optuna, TPE); resume if --out holds a study. "
+        "Write study.log and best.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the study")
     add_data_options(parser)
-    parser.add_argument("--trials", type=int, default=30, metavar="N", help="altogether (default: 30)")
-    parser.add_argument("--epochs", type=int, default=30, metavar="N", help="of a trial (default: 30)")
+    parser.add_argument("--trials", type=int, default=30, metavar="N", help="total number of trials (default: 30)")
+    parser.add_argument("--epochs", type=int, default=30, metavar="N", help="epochs per trial (default: 30)")
     options = parser.parse_args(arguments)
     if min(options.pairs, options.trials, options.epochs) < 1:
         raise UserError("--pairs, --trials and --epochs must be positive")

@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
     checkpoint = out / "checkpoint.pt"
     if checkpoint.exists():
         training.load(checkpoint)
-        print(f"goes on after {len(training.curve)} epochs")
+        print(f"resuming after {len(training.curve)} epochs")
 
     def on_evaluation(row: Row) -> None:
         training.save(checkpoint)
@@ -73,17 +73,17 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> Parser:
     parser = Parser(
         prog=COMMAND,
-        description="Trains the published matcher on pairs of the published perturbation. Goes on where it was stopped "
-        "when --out holds a run. Writes paper.pt, curve.csv, model_card.json.",
+        description="Train the published matcher on pairs with the published perturbation; resume if --out holds "
+        "a run. Write paper.pt, curve.csv and model_card.json.",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the run")
     parser.add_argument("--preset", default="published", help="hyper-parameters: published (default) or repository")
-    parser.add_argument("--edges", default="paper", help="of the paper's text (default) or of its code: paper, code")
-    parser.add_argument("--without", nargs="+", default=[], metavar="PART", help=f"left out: {', '.join(WITHOUT)}")
+    parser.add_argument("--edges", default="paper", help="edges as in the paper (default) or in its code: paper, code")
+    parser.add_argument("--without", nargs="+", default=[], metavar="PART", help=f"leave out: {', '.join(WITHOUT)}")
     add_data_options(parser)
-    parser.add_argument("--epochs", type=int, default=60, metavar="N", help="at most (default: 60)")
-    parser.add_argument("--patience", type=int, default=20, metavar="N", help="epochs without a better (default: 20)")
-    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="minutes at most")
+    parser.add_argument("--epochs", type=int, default=60, metavar="N", help="maximum epochs (default: 60)")
+    parser.add_argument("--patience", type=int, default=20, metavar="N", help="epochs without progress (default: 20)")
+    parser.add_argument("--minutes", type=float, default=float("inf"), metavar="M", help="maximum time in minutes")
     return parser
 
 
@@ -101,9 +101,9 @@ def _card(given: list[str], options: Any, plans: int) -> dict[str, Any]:
 
 def add_data_options(parser: Parser) -> None:
     """Adds the options for the data that pairs are drawn from."""
-    parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plan files or folders")
+    parser.add_argument("--plans", type=Path, nargs="*", default=[], metavar="PATH", help="plans: files or folders")
     parser.add_argument("--pairs", type=int, default=2000, metavar="N", help="pairs of graphs (default: 2000)")
-    parser.add_argument("--seed", type=int, default=0, help="of weights and data (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="random seed of weights and data (default: 0)")
 
 
 def read_raw(paths: list[Path]) -> list["Plan"]:

@@ -96,7 +96,7 @@ class PaperTraining:
         own = {"settings": self.network.settings.to_dict(), "seed": self.seed, "recipe": self.recipe, "data": self.data}
         for of, found in {**value, "recipe": recipe}.items():
             if own.get(of, found) != found:
-                raise UserError(f"{path}: a run with another {of}; give another --out or take it away")
+                raise UserError(f"{path}: a run with another {of}; give another --out or delete it")
         self.network.load_state_dict(value["network"])
         self.optimizer.load_state_dict(value["optimizer"])
         self.curve, self.best, self.seconds = value["curve"], value["best"], value["seconds"]
@@ -122,7 +122,7 @@ def train(
         if len(losses) >= recipe.epochs:
             return "all epochs done"
         if losses and len(losses) - 1 - losses.index(min(losses)) >= recipe.patience:
-            return f"no better for {recipe.patience} epochs"
+            return f"no improvement in {recipe.patience} epochs"
         if training.seconds > 60 * minutes:
             return f"{minutes:g} minutes over"
         began = time.monotonic()

@@ -71,7 +71,7 @@ class Training:
             for name in ("network", "average", "optimizer"):
                 getattr(self, name).load_state_dict(value[name])
         except (RuntimeError, ValueError):
-            raise UserError(f"{path}: of another network; give another --out or take it away") from None
+            raise UserError(f"{path}: of another network; give another --out or delete it") from None
         self.step, self.seconds, self.curve, self.best = (value[k] for k in ("step", "seconds", "curve", "best"))
 
     def best_network(self) -> Network:
@@ -99,7 +99,7 @@ def train(
             on_evaluation(_evaluated(training, held_out, losses))
             losses = []
             if _stale(training.curve) >= limits.patience:
-                ended = f"no better for {limits.patience} looks"
+                ended = f"no improvement in {limits.patience} evaluations"
         if ended:
             return ended
         losses.append(_step(training, next(stream), progress))

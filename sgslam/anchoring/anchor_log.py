@@ -41,7 +41,7 @@ class AnchorEvent:
 
 @dataclass(frozen=True)
 class AnchorRecord:
-    """One wall anchored to one planned surface; `by` is what paired them: a match or their position."""
+    """A wall anchored to a planned surface; `by` is what paired them: a match or their position."""
 
     wall: int
     a_id: str
@@ -54,7 +54,7 @@ class AnchorRecord:
         return self.events[-1].state
 
     def to_dict(self) -> AnchorEntry:
-        """Plain values; the wall is named as in the S-graph's ids."""
+        """Returns plain values; the wall is named by its id in the S-graph."""
         return {
             "wall": f"w{self.wall}", "a_id": self.a_id, "by": self.by, "state": self.state,
             "events": [{"stamp_ns": e.stamp_ns, "state": e.state, "why": e.why} for e in self.events],

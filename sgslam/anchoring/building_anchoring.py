@@ -124,7 +124,7 @@ class BuildingAnchoring:
             if base is None or own.committed is not None or self._heights_slipped:
                 anchors = own.update(floor, scene, T_map_local, last)
                 if base is not None and self._heights_slipped and self._is_displaced(own, base, scene):
-                    own.withdraw(scene, "the floors above or below lie elsewhere")
+                    own.withdraw(scene, "the floors above or below are elsewhere")
                     anchors = None
                 found += [] if anchors is None else [anchors]
                 base = self.committed
@@ -171,7 +171,7 @@ class BuildingAnchoring:
                 continue
             expected = possible[0].get(floor.number) if len(possible) == 1 else None
             if own.committed is not None and own.committed.floor != expected:
-                own.withdraw(scene, "the floors above or below lie elsewhere")
+                own.withdraw(scene, "the floors above or below are elsewhere")
             if own.committed is None and expected is not None:
                 own.follow(expected, scene, floor.walls, T_map_local, base.commitment.confidence)
 
@@ -200,7 +200,7 @@ class BuildingAnchoring:
             if own.commitment.follows and (
                 self._leading is None or not own.aligned_share(scene, floor.walls, T_map_local)
             ):
-                own.withdraw(scene, "its walls do not stand where the floors above or below place it")
+                own.withdraw(scene, "its walls are not where the floors above or below place it")
                 confirmed = False
         return confirmed
 

@@ -138,7 +138,7 @@ class FloorAnchoring(Stateful):
         own.match, own.follows = None, False
         place = own.place = own.place_now(walls, T_map_local)
         yaw, x, y = self._plan.T_a_s(place).tolist()
-        reason = "its place is that of the floors above or below"
+        reason = "its place follows from the floors above or below"
         own.match = match = MatchResult("unique", reason, T_a_s=(yaw, x, y), floor=storey)
         if self.aligned_share(scene, walls, T_map_local) < self._config.anchors.least_share:
             own.match = None

@@ -31,12 +31,14 @@ _log = logging.getLogger(__name__)
 _APART = 1.0, np.radians(5)  # m and rad from which on two answers place the map differently
 _MIRRORED = 3.0  # nats: a map is rarely the mirror image of a building, and nearly symmetric buildings are not rare
 MIRRORED_REASON = (
-    "the mirror image of the map fits the plan better: are the scans mirrored? A sensor that hangs upside down needs "
-    "--mount 180,0,0, and one that does not must not have it"
+    "the mirror image of the map fits the plan better: are the scans mirrored? A sensor that is upside down needs "
+    "--mount 180,0,0; leave it out for one that is upright"
 )
 _NEARLY = 0.88  # of the best place's evidence, that of another place, from which on they are nearly equal
 STOREY_REASON = "storey '{}' of the plan explains the map better than the one that was given; check --storey"
-NEARLY_REASON = "another place explains the map nearly as well: what was built a little off decides between them"
+NEARLY_REASON = (
+    "another place explains the map nearly as well: only small deviations of the building from its plan tell them apart"
+)
 _SEVERAL = 8  # matched wall surfaces, about two rooms', for an answer to confirm a later one
 
 

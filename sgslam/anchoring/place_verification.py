@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 WITHDRAWAL_CONFLICT = 0.04  # from which on a committed place is withdrawn
 MAX_CONFLICT = 0.02  # of an accepted place; a symmetric wing, equal to the centimetre, had 0.032
 _DOUBTFUL = 0.01  # of a place with close alternatives; wrong places in offices of equal rooms had 0.015
-CONFLICT_REASON = "the known map contradicts that place: it saw through where walls stand, or has some where none are"
+CONFLICT_REASON = "the prior map contradicts that place: it has free space in place of walls, or walls in free space"
 # evidence in nats
 _LEAST = 40.0  # of an answer; wrong places without conflict sometimes reach it
 _MIN_STRONG = 50.0  # of an answer that a larger map confirms; no wrong one did so with more evidence
@@ -86,7 +86,7 @@ def verified_match(
     best = left[0]
     reason = f"{len(left)} of {len(places)} places are without conflict, the best has {best.score:.0f} nats"
     if best.score < _LEAST:
-        return MatchResult("none", f"{reason}: too little where the known map may lack rooms", hypotheses=hypotheses)
+        return MatchResult("none", f"{reason}: too little, as the prior map may lack rooms", hypotheses=hypotheses)
     if len(left) > 1 and left[1].score > _MIN_ALTERNATIVE:
         return MatchResult("ambiguous", reason, hypotheses=hypotheses)
     if has_close_alternative(best, places, next(share for share, p in judged if p is best)):

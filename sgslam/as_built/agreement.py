@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from sgslam.as_built.deviation_entries import Deviation, MovedDeviation
 from sgslam.as_built.elements import ElementVerdict
 
-_AS_PLANNED = "by all that was seen of it, this wall stands as planned; this is something before or behind it"
+_AS_PLANNED = "by all that was seen of it, this wall stands as planned; this is something in front of it or behind it"
 
 
 def agreed(deviations: Sequence[Deviation], verdicts: Sequence[ElementVerdict]) -> list[Deviation]:

@@ -30,9 +30,7 @@ def compare(before: Path, after: Path) -> list[Entry]:
     """
     first, second = _elements(before), _elements(after)
     if first.keys() != second.keys():
-        raise UserError(
-            f"{before} and {after}: not of the same plan, their elements differ; give two runs of one --bim"
-        )
+        raise UserError(f"{before} and {after}: their elements differ; give two runs with the same --bim")
     changes = ((_change(first[key], entry), first[key], entry) for key, entry in second.items())
     return [
         {
@@ -85,9 +83,10 @@ def main(arguments: list[str] | None = None) -> int:
     from rich.console import Console
     from rich.table import Table
 
-    parser = Parser(prog="python -m sgslam.as_built.compare", description="Compare two runs in one building.")
-    parser.add_argument("before", type=Path, metavar="OUT1", help="folder of the earlier run")
-    parser.add_argument("after", type=Path, metavar="OUT2", help="folder of the later run; the files are written there")
+    about = "List what was built, removed or moved between two runs in a building."
+    parser = Parser(prog="python -m sgslam.as_built.compare", description=about)
+    parser.add_argument("before", type=Path, metavar="OUT1", help="--out folder of the earlier run")
+    parser.add_argument("after", type=Path, metavar="OUT2", help="that of the later run; the files are written into it")
     options: argparse.Namespace = parser.parse_args(arguments)
     rows = compare(options.before, options.after)
     write_json(options.after / COMPARE_JSON, rows)
@@ -99,7 +98,7 @@ def main(arguments: list[str] | None = None) -> int:
     shown = Table("change", "name", "class", "storey", "before", "after")
     for row in rows:
         shown.add_row(*(str(row[name]) for name in ("change", "name", "ifc_class", "storey", "before", "after")))
-    Console().print(shown if rows else "nothing changed that both runs saw")
+    Console().print(shown if rows else "no changes in what both runs saw")
     return 0
 
 

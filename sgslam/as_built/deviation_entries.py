@@ -10,10 +10,10 @@ from data.scene_graph import Xy
 
 
 class MovedDeviation(TypedDict):
-    """A mapped surface at a planned one.
+    """A mapped surface that corresponds to a planned one.
 
-    `offset_m` is its distance from the planned place, along the plan's inward normal; `tilt_rad` is its turn about the
-    vertical; `sigma_m` is the standard deviation of the offset.
+    `offset_m` is its distance from the planned place, along the plan's inward normal; `tilt_rad` is its rotation
+    about the vertical; `sigma_m` is the standard deviation of the offset.
     """
 
     s_id: str
@@ -28,7 +28,7 @@ class MovedDeviation(TypedDict):
 
 
 class AbsentDeviation(TypedDict):
-    """A planned surface that the scans see through."""
+    """A planned surface that is absent: the scans see through its place."""
 
     s_id: None
     a_id: str

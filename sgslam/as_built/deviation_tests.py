@@ -83,12 +83,12 @@ def _tested(
     before = float(np.median([p.offset for p in alike])) > 0
     against = None
     if standing >= _MIN_AS_PLANNED[before] * (standing + length):
-        what = "furniture before it" if before else "a niche or pane behind it"
+        what = "furniture in front of it" if before else "a niche or pane behind it"
         against = f"{standing:.1f} m of this wall stand as planned; this is {what}"
     elif length < _LEAST_SEEN:
         against = f"too little: {length:.1f} m of this wall were seen elsewhere"
     elif _may_be_furniture(alike, solid) and longest_opening(solid, visibility) >= OPENING:
-        against = "the wall is seen through; this is furniture that stands at its place"
+        against = "the wall is seen through; this is furniture in its place"
     if against is not None:
         return [_insignificant(p, config, against) for p in own]
     sides = len({solid.facing[p.key] for p in alike})
@@ -96,7 +96,7 @@ def _tested(
     return [
         DeviationTest(True, reason)
         if not as_planned(p, config) and abs(_shift(p, solid) - middle) < _ALIKE
-        else _insignificant(p, config, "most of this wall is off otherwise")
+        else _insignificant(p, config, "most of this wall has another offset")
         for p in own
     ]
 
@@ -105,7 +105,7 @@ def _insignificant(piece: Piece, config: Config, against: str) -> DeviationTest:
     if as_planned(piece, config):
         near = abs(piece.offset) <= config.as_built.tolerance
         return DeviationTest(False, "as planned" if near else "within three sigma of its place")
-    return DeviationTest(False, "short and skew: badly seen" if piece.doubtful else against)
+    return DeviationTest(False, "short and skewed: poorly observed" if piece.doubtful else against)
 
 
 def _telling(own: list[Piece]) -> list[Piece]:

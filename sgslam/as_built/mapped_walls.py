@@ -22,7 +22,7 @@ _ALONG = 0.35  # of an extra wall's length that may have planned walls along it
 _NEAR_PLANNED = 0.8  # m; before a planned wall this near stand cupboards
 _BEFORE = 0.1  # m, by which furniture stands before a wall at least
 _AT_END = 0.25  # m between the end of a wall and the wall that it meets
-_HIGHER = 0.2  # m by which a wall reaches above the furniture before it
+_HIGHER = 0.2  # m by which a wall reaches above the furniture in front of it
 
 
 @dataclass(frozen=True, eq=False)

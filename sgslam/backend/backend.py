@@ -171,7 +171,7 @@ class Backend:
         """Updates the log and moves the estimates to the optimum of its graph, in at most `steps` iterations.
 
         If the optimizer fails, the graph and its start values are rebuilt from the log without factors of non-finite
-        error. If it fails again, the anchors are left out. If that fails too, the estimates of the last optimum stay.
+        error. If it fails again, the anchors are left out. If that fails too, the last estimates are kept.
         Each failure is logged as a warning.
         """
         inputs = self._inputs = self._hold(self._builder, seen, levels, rooms, anchors)
@@ -181,7 +181,7 @@ class Backend:
             if failure is None:
                 return
             _log.warning("the optimisation of %d keyframes failed: %s", len(self.keyframes), failure)
-        _log.warning("the estimates of the last optimum stay")
+        _log.warning("the last estimates are kept")
 
     def has_step(self, i: int) -> bool:
         """Whether the odometry leads from keyframe i - 1 to keyframe i."""
@@ -211,7 +211,7 @@ class Backend:
             optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, parameters)
             result = optimizer.optimize()
         except RuntimeError as error:
-            return str(error).strip().partition("\n")[0] or "GTSAM does not say why"
+            return str(error).strip().partition("\n")[0] or "GTSAM gives no reason"
         if not np.isfinite(optimizer.error()):
             return "its error is not finite"
         if optimizer.error() > _BELIEVABLE * graph.size():
@@ -240,7 +240,7 @@ class Backend:
 
     def _rebuild_without_anchors(self, inputs: GraphInputs, steps: int) -> str | None:
         if inputs.anchors is None:
-            return "and there are no anchors to do without"
+            return "and there are no anchors to leave out"
         keys = list(self.log.held("anchor"))
         self.log.withdraw(len(self.keyframes), "anchor", keys, "the optimisation fails with the anchors")
         self._restart()

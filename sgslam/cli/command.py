@@ -23,17 +23,17 @@ class Command:
 
 COMMANDS = {
     "run": Command("sgslam.run", "estimate a trajectory in building coordinates from scans and a plan"),
-    "live": Command("sgslam.live.__main__", "answer scans as they come with pose, health and anchors"),
+    "live": Command("sgslam.live.__main__", "track scans as they arrive, and print pose and health of each"),
     "anchor": Command("sgslam.other_slam.anchor", "anchor another SLAM system's finished output to a plan"),
     "view": Command("sgslam.cli.view", "show finished runs in the browser"),
     "show": Command("sgslam.cli.show", "show a finished run in Open3D's viewer"),
-    "match": Command("matching.match", "match an S-graph with a plan's A-graph"),
+    "match": Command("matching.match", "find where a map (S-graph) is in a plan (A-graph)"),
     "inspect-bim": Command("sgslam.cli.inspect_bim", "check a plan: gaps, symmetries, rooms needed to localise"),
     "export": Command("sgslam.cli.export", "export a finished run to the formats of other programs"),
-    "compare": Command("sgslam.as_built.compare", "show what was built or moved between two runs in one building"),
-    "simulate": Command("data.simulate", "simulate a robot with a LiDAR driving through a building"),
+    "compare": Command("sgslam.as_built.compare", "list what was built, removed or moved between two runs"),
+    "simulate": Command("data.simulate", "simulate a LiDAR that a robot or a person carries through a building"),
     "train": Command("matching.train", "train the matcher's network"),
-    "evaluate": Command("evaluation.__main__", "measure accuracy, matching and time; 'sgslam evaluate list'"),
+    "evaluate": Command("evaluation.__main__", "run studies; 'sgslam evaluate list' lists them"),
     "doctor": Command("sgslam.cli.doctor", "check the installation"),
     "dump-config": Command("sgslam.cli.dump_config", "print all settings with descriptions, as YAML for --config"),
 }
@@ -79,6 +79,6 @@ def _print_help() -> int:
     width = max(map(len, COMMANDS)) + 2
     lines = [f"  {name:<{width}}{command.about}" for name, command in COMMANDS.items()]
     about = "Indoor LiDAR SLAM that knows the building's plans."
-    last = "'sgslam COMMAND --help' shows the options of each."
+    last = "'sgslam COMMAND --help' shows the options of a command."
     print("\n".join(["usage: sgslam COMMAND ...", "", about, "", *lines, "", last]))
     return 0

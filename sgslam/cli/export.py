@@ -40,7 +40,7 @@ def export(out: Path, formats: list[str], bim: Path | None = None, voxel: float 
     if "all" in formats:
         formats = _possible(bim is not None and run.T_bim_map is not None)
     if bim is None and (lacking := _NEED_MODEL.intersection(formats)):
-        raise UserError(f"--format {' '.join(sorted(lacking))}: needs the building's model; give --bim too")
+        raise UserError(f"--format {' '.join(sorted(lacking))}: needs the run's IFC model; give --bim too")
     return [line for name in formats for line in FORMATS[name](run, bim, voxel)]
 
 
@@ -202,11 +202,11 @@ def _parser() -> argparse.ArgumentParser:
     about = "Export a finished run to the formats of other programs."
     parser = Parser(prog="python -m sgslam.cli.export", description=about)
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="a run's folder; the files are written there")
+    add("--out", type=Path, required=True, metavar="DIR", help="--out folder of a run; the files are written into it")
     add("--format", nargs="+", choices=[*FORMATS, "all"], default=["ifc", "bcf"], metavar="NAME",
         help=f"one or more of {', '.join(FORMATS)}, or all (default: ifc bcf)")  # fmt: skip
     add("--bim", type=Path, metavar="FILE", help="the run's IFC model; needed for ifc, bcf and cloud-to-model")
-    add("--voxel", type=float, metavar="M", help="voxel of the point cloud map (default: the run's clouds.map_voxel)")
+    add("--voxel", type=float, metavar="M", help="voxel size of the point cloud, metres (default: the run's)")
     return parser
 
 

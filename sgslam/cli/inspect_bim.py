@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     write_json(out / VALUES, {"file": options.bim.name, **_settings(options), **found.to_dict()})
     write_atomically(out / PAGE, inspection_html(found, options.bim.name))
     for line in [*found.notices, *(issue.message for issue in found.issues)]:
-        print(f"lacks: {line}")
+        print(f"issue: {line}")
     needed = [r.to_localise for r in found.rooms.values()]
     never, lost = (sum(n.outcome == outcome for n in needed) for outcome in ("never", "not found"))
     known = sorted(n.rooms for n in needed if n.rooms is not None)
@@ -43,7 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
         needs = f"median {known[len(known) // 2]}, maximum {known[-1]}"
         print(f"rooms needed to localise, over {len(known)} start rooms: {needs}")
     if never or lost:
-        print(f"never localised: {never} start rooms for the building's symmetry, {lost} not matched")
+        print(f"never localised: {never} start rooms because of the building's symmetry, {lost} not matched")
     print(f"page: {out / PAGE}")
     return 0
 
@@ -56,9 +56,9 @@ def _parser() -> Parser:
     add("--out", type=Path, required=True, metavar="DIR", help=f"folder for {PAGE} and {VALUES}")
     add("--layer", action="append", default=[], metavar="NAME", help="wall layer of a .dxf file (repeatable)")
     add("--method", default="learned", metavar="NAME", help="matching method (default: learned)")
-    add("--maps", type=int, default=21, metavar="N", help="most maps drawn of the same rooms (default: 21)")
+    add("--maps", type=int, default=21, metavar="N", help="maximum number of maps per set of rooms (default: 21)")
     add("--seed", type=int, default=0, metavar="N", help="random seed of the maps (default: 0)")
-    add("--jobs", type=int, default=cores(), metavar="N", help="processes (default: one per core)")
+    add("--jobs", type=int, default=cores(), metavar="N", help="number of processes (default: one per core)")
     return parser
 
 

@@ -11,7 +11,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(prog="python -m sgslam.cli.view", description="Show finished runs in the browser.")
     add = parser.add_argument
     add("runs", type=Path, nargs="+", metavar="OUT", help="--out folder of a run")
-    add("--at", metavar="[HOST:]PORT", help="address of the page (default: 8080, on this machine only)")
+    add("--at", metavar="[HOST:]PORT", help="address of the page (default: port 8080, this machine only)")
     add("--ground-truth", type=Path, metavar="FILE", help="true sensor poses in the BIM frame (default: the run's)")
     options = parser.parse_args(arguments)
     # imported only now, so that --help responds at once

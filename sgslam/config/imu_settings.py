@@ -6,29 +6,30 @@ from sgslam.config.base import Settings
 
 
 class ImuSettings(Settings):
-    """How an IMU sits on the LiDAR, and how it errs; only used where its samples are given."""
+    """Pose of an IMU on the LiDAR, and its errors; only used if IMU samples are given."""
 
     rotation: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """degrees, roll, pitch and yaw of the IMU in the LiDAR's axes, turned about x, then y, then z"""
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """m, place of the IMU in the LiDAR's axes; a few centimetres do no harm if they are left out"""
+    """m, position of the IMU in the LiDAR's axes; an error of a few centimetres does no harm"""
     gyro_noise: float = Field(5e-3, gt=0)
-    """rad/s a root of hertz, noise density of the turns between knots; far above a chip's, for the error of its scale
-    and of `rotation`: a hundredth of a quick turn"""
+    """rad/s/sqrt(Hz), noise density of the gyroscope; far above a chip's, to cover errors of its scale and of
+    `rotation`: a hundredth of a quick turn"""
     gyro_bias: float = Field(0.02, gt=0)
     """rad/s, standard deviation of the gyroscope's bias at the beginning; data sheets say 0.01 to 0.02"""
     gyro_walk: float = Field(1e-4, gt=0)
-    """rad/s a root of a second, random walk of the bias; a chip that warms up: five times that at rest"""
+    """rad/s/sqrt(s), random walk of the gyroscope's bias; five times the value at rest, for a chip that warms up"""
     attitude_error: float = Field(3e-3, gt=0)
-    """rad, standard deviation of an attitude by registration, by which the bias is measured"""
+    """rad, standard deviation of the attitudes from registration, by which the bias is estimated"""
     accel_error: float = Field(0.5, gt=0)
-    """m/s2, standard deviation of the mean acceleration between knots, biases apart: by a tilt of 1 degree it errs by
-    0.17, by a `translation` that is off by 5 cm in a quick hand by 0.5"""
+    """m/s2, standard deviation of the mean acceleration between two knots, bias excluded: a tilt of 1 degree adds 0.17,
+    a `translation` that is off by 5 cm adds 0.5 in a quick hand"""
     accel_bias: float = Field(0.2, gt=0)
     """m/s2, standard deviation of the accelerometer's bias at the beginning; data sheets say 0.1 to 0.4"""
     accel_walk: float = Field(1e-3, gt=0)
-    """m/s2 a root of a second, random walk of the bias; a chip that warms up: three times that at rest"""
+    """m/s2/sqrt(s), random walk of the accelerometer's bias; three times the value at rest, for a chip that warms up"""
     velocity_error: float = Field(0.05, gt=0)
-    """m/s, standard deviation of the velocity between two knots by registration, by which the bias is measured"""
+    """m/s, standard deviation of the velocities from registration, by which the bias is estimated"""
     up_error: float = Field(0.1, gt=0)
-    """rad, angle from up as the accelerometer shows it within which the surfaces tell it more exactly"""
+    """rad, maximum angle between the vertical of the surfaces and that of the accelerometer at which the surfaces',
+    which is more exact, is used"""

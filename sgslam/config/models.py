@@ -15,54 +15,55 @@ from sgslam.config.tracking_settings import FloorSettings, TrackingSettings
 
 
 class OdometrySettings(Settings):
-    """The odometry: our own in continuous time (see tracking), KISS-ICP or small_gicp, or, with an IMU, RKO-LIO or
-    GenZ-LIO, with settings for indoors."""
+    """The odometry: our own in continuous time (see tracking), KISS-ICP, small_gicp or, with an IMU, RKO-LIO or
+    GenZ-LIO; the defaults are for indoor scans."""
 
     method: Literal["continuous_time", "kiss", "small_gicp", "rko_lio", "genz_lio"] = "continuous_time"
-    """odometry that registers each scan to the previous ones; rko_lio and genz_lio need an IMU and an extra each"""
+    """odometry method; rko_lio and genz_lio need an IMU and the extra that installs them"""
     voxel_size: float = Field(0.3, gt=0)
     """m, voxel size of KISS-ICP's scans and local map; smaller is slower"""
     voxel_points: int = Field(1, ge=1)
-    """largest number of points in a voxel of KISS-ICP's local map"""
+    """maximum number of points per voxel of KISS-ICP's local map"""
     max_range: float = Field(60.0, gt=0)
-    """m, longest range of the points, by any odometry but our own"""
+    """m, maximum range of points, for all odometries but our own (`tracking.max_range`)"""
     min_range: float = Field(0.3, ge=0)
-    """m, shortest range of the points, by any odometry but our own"""
+    """m, minimum range of points, for all odometries but our own (`tracking.min_range`)"""
     iterations: int = Field(100, ge=1)
-    """largest number of iterations of KISS-ICP, small_gicp and RKO-LIO"""
+    """maximum number of iterations of KISS-ICP, small_gicp and RKO-LIO"""
     convergence: float = Field(1e-4, gt=0)
-    """m and rad, update below which KISS-ICP stops"""
+    """m and rad, update below which KISS-ICP stops iterating"""
     max_step: float = Field(1.5, gt=0)
-    """m, longest plausible step between scans; beyond it, a global search"""
+    """m, maximum plausible translation between two scans; beyond it, the pose is searched for globally"""
     max_turn: float = Field(0.8, gt=0)
-    """rad, largest plausible turn between scans; beyond it, a global search"""
+    """rad, maximum plausible rotation between two scans; beyond it, the pose is searched for globally"""
     min_share: float = Field(0.4, ge=0, le=1)
-    """share of a scan's points that a global search must explain"""
+    """minimum share of a scan's points that the pose found by a global search must explain"""
     gicp_voxel_size: float = Field(0.25, gt=0)
     """m, voxel size of small_gicp's scans and local map"""
     gicp_reach: float = Field(0.3, gt=0)
-    """m, largest distance between points that small_gicp matches"""
+    """m, maximum distance between corresponding points in small_gicp"""
     gicp_spacing: float = Field(0.3, gt=0)
-    """m or rad, least motion between the scans of small_gicp's local map, and between those that a LiDAR-inertial
-    odometry is checked by"""
+    """m or rad, minimum motion between two scans of small_gicp's local map, and of the recent scans against which a
+    LiDAR-inertial odometry is checked"""
     gicp_scans: int = Field(15, ge=1)
-    """largest number of these scans"""
+    """maximum number of scans in small_gicp's local map, and of the recent scans against which a LiDAR-inertial
+    odometry is checked"""
     rko_voxel_size: float = Field(0.7, gt=0)
     """m, voxel size of RKO-LIO's scans and local map"""
     rko_reach: float = Field(0.3, gt=0)
-    """m, largest distance between points that RKO-LIO matches"""
+    """m, maximum distance between corresponding points in RKO-LIO"""
     outlier_distance: float = Field(0.4, gt=0)
-    """m, largest change between two steps of an external odometry; beyond it, it is rejected"""
+    """m, maximum deviation of an external odometry's step from the previous one; a step beyond it is rejected"""
     outlier_angle: float = Field(0.5, gt=0)
-    """rad, largest change between two turns of an external odometry; beyond it, it is rejected"""
+    """rad, maximum deviation of an external odometry's rotation from the previous one; a step beyond it is rejected"""
     given: Literal["exact", "measured"] = "exact"
-    """what the poses of an external odometry are: exact, in place of registration; or, by our own odometry, measured:
-    the motion from scan to scan enters registration with the errors below, and carries a lost sensor on"""
+    """how the poses of an external odometry are used: `exact` ones replace registration; of `measured` ones, the motion
+    from scan to scan enters our own registration with the errors below, and predicts the pose of a lost sensor"""
     given_sigma_rotation: float = Field(0.02, gt=0)
-    """rad, standard deviation of each angle of a measured step from scan to scan; RKO-LIO and KISS-SLAM were off by
-    0.006 to 0.08 on a hand"""
+    """rad, standard deviation of each angle of a measured step from scan to scan; handheld, the errors of RKO-LIO and
+    KISS-SLAM were 0.006 to 0.08"""
     given_sigma_translation: float = Field(0.05, gt=0)
-    """m, standard deviation of each coordinate of a measured step; these were off by 0.03 to 0.12"""
+    """m, standard deviation of each coordinate of a measured step; handheld, the errors of both were 0.03 to 0.12"""
     unconstrained_speed_error: float = Field(1.0, gt=0)
     """m/s, standard deviation of the drift along directions that no surface constrains"""
     unconstrained_turn_error: float = Field(0.3, gt=0)
@@ -72,16 +73,15 @@ class OdometrySettings(Settings):
     external_turn_error: float = Field(0.01, gt=0)
     """rad/s, standard deviation of an external odometry about unconstrained axes"""
     sigma_rotation: float = Field(0.002, gt=0)
-    """rad, standard deviation of the rotation between two keyframes, by our own odometry, errors of its map included"""
+    """rad, standard deviation of the rotation between two keyframes, for our own odometry, map errors included"""
     sigma_translation: float = Field(0.004, gt=0)
-    """m, standard deviation of the translation between two keyframes, by our own odometry"""
+    """m, standard deviation of the translation between two keyframes, for our own odometry"""
     smoothed: float = Field(0.25, gt=0, le=1)
-    """standard deviation of the motion between two keyframes after a second pass, in which all scans share one map, as
-    a share of that before"""
+    """factor on the standard deviations between keyframes after a second pass, which registers all scans to one map"""
     other_sigma_rotation: float = Field(0.004, gt=0)
-    """rad, standard deviation of the rotation between two keyframes, by any odometry but our own"""
+    """rad, standard deviation of the rotation between two keyframes, for all odometries but our own"""
     other_sigma_translation: float = Field(0.015, gt=0)
-    """m, standard deviation of the translation between two keyframes, by these"""
+    """m, standard deviation of the translation between two keyframes, for all odometries but our own"""
 
 
 class KeyframeSettings(Settings):
@@ -94,7 +94,7 @@ class KeyframeSettings(Settings):
     scans: int = Field(15, ge=1)
     """number of scans since the last keyframe while moving, even without odometric motion"""
     standing: int = Field(50, ge=1)
-    """number of scans since the last keyframe while standing; doubled after each keyframe"""
+    """number of scans since the last keyframe while standing still; doubled after each such keyframe"""
 
 
 class SurfaceSettings(Settings):
@@ -103,7 +103,7 @@ class SurfaceSettings(Settings):
     columns: int = Field(900, ge=90)
     """number of columns of the virtual 2D scan"""
     high_band: tuple[float, float] = (0.9, 2.55)
-    """m, heights above the floor, over furniture and under ceilings"""
+    """m, heights above the floor in which walls are detected, over furniture and under ceilings"""
     low_band: tuple[float, float] = (0.12, 0.88)
     """m, heights above the floor in which parapets are seen"""
     guessed_height: float = Field(1.0, gt=0)
@@ -111,40 +111,40 @@ class SurfaceSettings(Settings):
     split: float = Field(0.06, gt=0)
     """m, distance from the chord at which a chain of points is split"""
     min_columns: int = Field(5, ge=3)
-    """least number of columns of the virtual scan in a wall segment"""
+    """minimum number of columns of the virtual scan in a wall segment"""
     min_length: float = Field(0.35, gt=0)
-    """m, least length of a wall segment"""
+    """m, minimum length of a wall segment"""
     merge_gap: float = Field(0.5, ge=0)
-    """m, largest gap between collinear segments of one scan that are merged"""
+    """m, maximum gap between collinear segments of one scan that are merged"""
     max_tilt: float = Field(0.09, gt=0)
-    """rad, largest angle between a wall and the vertical"""
+    """rad, maximum angle between a wall and the vertical"""
     associate_angle: float = Field(0.14, gt=0)
-    """rad, largest angle between a segment and its associated wall"""
+    """rad, maximum angle between a segment and its associated wall"""
     associate_offset: float = Field(0.12, gt=0)
-    """m, largest distance across between a segment and its associated wall"""
+    """m, maximum distance between a segment and its associated wall, perpendicular to the wall"""
     associate_gap: float = Field(1.0, ge=0)
-    """m, largest gap along between a segment and its associated wall"""
+    """m, maximum gap between a segment and its associated wall, along the wall"""
     join_angle: float = Field(0.1, gt=0)
-    """rad, largest angle between two walls that are merged"""
+    """rad, maximum angle between two walls that are merged"""
     join_offset: float = Field(0.1, gt=0)
-    """m, largest distance across between two walls that are merged"""
+    """m, maximum perpendicular distance between two walls that are merged"""
     split_step: float = Field(0.05, gt=0)
-    """m, offset across at which a wall is split in two, end to end"""
+    """m, perpendicular offset between two parts of a wall at which it is split in two"""
     min_observations: int = Field(3, ge=1)
-    """least number of keyframes that must observe a surface"""
+    """minimum number of keyframes that must observe a surface"""
 
 
 class LevelSettings(Settings):
     """Level surfaces (floors, ceilings) seen in the scans of a keyframe, and their association across keyframes."""
 
     step: float = Field(0.12, gt=0)
-    """m, height between two floors; less than a stair's riser"""
+    """m, minimum height between two floors; less than a stair's riser"""
     ceiling_step: float = Field(0.04, gt=0)
-    """m, height between two ceilings that are seen near by; beams and ducts hang lower by decimetres"""
+    """m, minimum height between two ceilings seen close together; beams and ducts hang some decimetres lower"""
     reach: float = Field(3.0, gt=0)
-    """m, largest distance between two places at which one ceiling is seen; rooms may have ceilings of their own"""
+    """m, maximum distance between two observations of the same ceiling; the height may differ from room to room"""
     floor_share: float = Field(0.25, gt=0, le=1)
-    """area of the floor, as a share of that of the largest surface seen from above; furniture may have more"""
+    """minimum area of the floor, as a share of the largest level surface seen from above"""
 
 
 class RoomSettings(Settings):
@@ -153,11 +153,11 @@ class RoomSettings(Settings):
     cell: float = Field(0.05, gt=0)
     """m, cell size of the free-space grid"""
     seed_clearance: float = Field(0.62, gt=0)
-    """m, least distance to the next barrier at the seed of a room"""
+    """m, minimum distance from the seed of a room to the nearest barrier"""
     neck: float = Field(1.35, gt=0)
     """m, widest opening that separates two rooms"""
     min_area: float = Field(1.5, gt=0)
-    """m2, least area of a room"""
+    """m2, minimum area of a room"""
     lintel_band: tuple[float, float] = (2.05, 2.6)
     """m, heights above the floor in which door lintels are seen"""
 
@@ -166,7 +166,7 @@ class CloudSettings(Settings):
     """The keyframes' points, stored on disk for the point cloud map and for comparing keyframes."""
 
     keyframe_voxel: float = Field(0.1, gt=0)
-    """m, spacing of the stored points of keyframes: one for each cell of directions that is so wide at the point"""
+    """m, spacing of a keyframe's stored points: one per angular cell, whose width is this spacing at the point"""
     map_voxel: float = Field(0.05, gt=0)
     """m, voxel size of the point cloud map"""
 
@@ -175,18 +175,18 @@ class BackendSettings(Settings):
     """Noise of the factors and schedule of the optimisation."""
 
     scene_keyframes: int = Field(16, ge=1)
-    """least number of keyframes between two room segmentations"""
+    """minimum number of keyframes between two room segmentations"""
     unplaced_keyframes: int = Field(3, ge=1)
-    """least number of keyframes between two room segmentations while the map is not placed"""
+    """minimum number of keyframes between two room segmentations while the map is not placed"""
     scene_growth: float = Field(0.25, ge=0)
-    """least growth between two room segmentations, as a share of all keyframes"""
+    """minimum growth of the map between two room segmentations, as a share of all keyframes"""
     every_keyframes: int = Field(12, ge=1)
-    """least number of keyframes between two optimisations"""
+    """minimum number of keyframes between two optimisations"""
     growth: float = Field(0.08, ge=0)
-    """least growth between two optimisations, as a share of all keyframes"""
+    """minimum growth of the map between two optimisations, as a share of all keyframes"""
     sigma_wall: float = Field(0.008, gt=0)
-    """m, standard deviation of what the points of an observed wall err together along it: a short piece shows the
-    normal poorly"""
+    """m, standard deviation of the error that the points of an observed wall share; it makes the normal of a short
+    piece uncertain"""
     sigma_offset: float = Field(0.008, gt=0)
     """m, lower bound of the standard deviation of an observed wall offset"""
     sigma_floor_offset: float = Field(0.01, gt=0)
@@ -205,27 +205,27 @@ class AnchorSettings(Settings):
     rooms: bool = True
     """anchor matched rooms"""
     sigma_offset: float = Field(0.012, gt=0)
-    """m, standard deviation of a wall's offset as built; DIN 18202 allows 12 to 24 mm at most over 3 to 15 m"""
+    """m, standard deviation of a wall's offset as built; DIN 18202 allows at most 12 to 24 mm over 3 to 15 m"""
     sigma_normal: float = Field(0.004, gt=0)
     """rad, standard deviation of a wall's normal as built"""
     sigma_extraction: float = Field(0.004, gt=0)
     """m, standard deviation of the error that all observations of a wall share"""
     tolerance: float = Field(0.03, gt=0)
-    """m, largest offset in height that counts as planned, and of a wall that is not missing"""
+    """m, maximum offset of a floor's or ceiling's height that counts as planned, and of a wall that is not missing"""
     sigma_room: float = Field(0.03, gt=0)
     """m, standard deviation of a room's position as built"""
     reach: float = Field(0.4, gt=0)
-    """m, largest distance between a wall and its planned wall"""
+    """m, maximum distance between a wall and its planned wall"""
     gate_angle: float = Field(0.07, gt=0)
-    """rad, largest angle between a wall and its planned wall"""
+    """rad, maximum angle between a wall and its planned wall"""
     gate_offset: float = Field(0.15, gt=0)
-    """m, largest distance between the back end's map pose and the walls' consensus"""
+    """m, maximum distance between the map's pose in the back end and the one on which most walls agree"""
     redescending: float = Field(3.0, gt=0)
     """whitened residual at which an anchor's weight is a quarter (redescending loss)"""
     least_agreeing: float = Field(0.3, gt=0, le=1)
-    """least share of a match's walls that must agree on the map's pose"""
+    """minimum share of a match's walls that must agree on the map's pose"""
     least_share: float = Field(0.5, gt=0, le=1)
-    """share of the walls that must be as planned; below it the map is matched again"""
+    """minimum share of the walls that must be as planned; below it, the map is matched again"""
     sigma_floor: float = Field(0.01, gt=0)
     """m, standard deviation of a storey's elevation as built"""
 
@@ -234,10 +234,10 @@ class AsBuiltSettings(Settings):
     """The comparison of the building as built with its plan."""
 
     tolerance: float = Field(0.03, ge=0.001, le=0.2)
-    """m, largest offset of an element that counts as planned (option --tolerance)"""
+    """m, maximum offset of an element that counts as planned (option --tolerance)"""
     cloud_reach: float = Field(0.3, gt=0, le=5)
-    """m, distance from the nearest planned face up to which a point of the map is compared with it; what is farther is
-    furniture, or not planned"""
+    """m, maximum distance between a point of the map and the planned face to which it is compared; points farther away
+    are furniture or not planned"""
 
 
 class MatchingSettings(Settings):

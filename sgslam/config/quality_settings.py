@@ -9,22 +9,23 @@ class QualitySettings(Settings):
     """Limits of the signals that tell a sound map from one that was lost."""
 
     map_against_odometry: float = Field(0.01, gt=0)
-    """difference of the map's and the odometry's trajectories, share of the way; sound maps 0.001, lost ones 0.02"""
+    """maximum difference between the trajectories of map and odometry, as a share of the path length; 0.001 in sound
+    maps, 0.02 in lost ones"""
     lost_scans: float = Field(0.05, ge=0, le=1)
-    """largest share of scans that are lost"""
+    """maximum share of scans that are lost"""
     unplaced_scans: float = Field(0.05, ge=0, le=1)
-    """largest share of scans in parts of the map that were not placed, whose poses are in frames of their own"""
+    """maximum share of scans in submaps that were not placed, whose poses are in separate frames"""
     keyframes_without_walls: float = Field(0.3, ge=0, le=1)
-    """largest share of keyframes that see no wall; sound maps 0.02, lost ones 0.6 to 0.9"""
+    """maximum share of keyframes that see no wall; 0.02 in sound maps, 0.6 to 0.9 in lost ones"""
     walls_per_keyframe: float = Field(3.0, ge=0)
-    """least mean number of walls that a keyframe sees; sound maps 5 to 13, lost ones 0.3 to 2"""
+    """minimum mean number of walls that a keyframe sees; 5 to 13 in sound maps, 0.3 to 2 in lost ones"""
     anchored_position: float = Field(0.5, gt=0)
-    """m, error of a position along each axis that anchored scans keep with 95 %: enough to be in the right room"""
+    """m, maximum position error of an anchored scan along each axis, at 95 % probability; enough to tell the room"""
     anchored_attitude: float = Field(5.0, gt=0)
-    """degrees, error of an attitude about each axis that anchored scans keep with 95 %"""
+    """degrees, maximum attitude error of an anchored scan about each axis, at 95 % probability"""
     position_sigma: float = Field(0.2, gt=0)
-    """m, largest standard deviation that 95 % of the positions have at most"""
+    """m, maximum of the 95 % quantile of the positions' standard deviations"""
     plan_tilt: float = Field(1.0, gt=0)
-    """degrees, largest angle between the plan's vertical and the map's; sound maps 0.2, lost ones 4"""
+    """degrees, maximum angle between the plan's vertical and the map's; 0.2 in sound maps, 4 in lost ones"""
     planned_walls_crossed: int = Field(1, ge=0)
-    """largest number of planned walls through which the way leads; sound maps 0, lost ones 5"""
+    """maximum number of planned walls that the path crosses; 0 in sound maps, 5 in lost ones"""

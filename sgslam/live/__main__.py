@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
         loop = LiveLoop(live, stream, sys.stdout, poses, options.idle, lambda: bool(interruption))
         print(f"ready; results will be in {inputs.out}", file=sys.stderr)
         fault = loop.run()
-    print(f"{live.waiting} scans wait for the map; then the results are written", file=sys.stderr)
+    print(f"{live.waiting} scans still wait for the map; then the results are written", file=sys.stderr)
     metrics = live.finish(stream.skipped, stream.remarks, {"since_arrival": loop.latencies.to_dict()})
     print(_summary(metrics, inputs.out), file=sys.stderr)
     if fault is not None:
@@ -54,7 +54,7 @@ def _opened(source: str, topic: str | None) -> Any:
 def _summary(metrics: dict[str, Any], out: Path) -> str:
     told = metrics["live"]["since_arrival"]
     where = "anchored" if metrics["anchored"] else "not anchored"
-    times = f"{told['p50_ms']} ms (99 %: {told['p99_ms']}, longest: {told['longest_ms']})"
+    times = f"{told['p50_ms']} ms (median; 99 %: {told['p99_ms']}, longest: {told['longest_ms']})"
     return (
         f"{where}: {metrics['reason']}\n{told['answers']} scans, answered within {times}; "
         f"at most {told['most_waiting']} waited for the map\nreport: {out / 'report.html'}"

@@ -25,17 +25,18 @@ class HeldAnchor:
 class Answer:
     """What is known right after a scan at `stamp_ns`.
 
-    `T_odom_sensor` (4, 4), metres, is the tracker's pose. It never jumps, apart from the first seconds: until it is
-    known where up is, `health` is None and the pose is provisional. `health` is good, degraded or lost; a lost pose is
-    predicted, or in the first seconds after that in doubt. Where the sensor was carried elsewhere while it was lost,
-    `odom` and `map` restart, and `part` counts.
+    `T_odom_sensor` (4, 4), metres, is the tracker's pose. It never jumps, except in the first seconds: until the
+    vertical is known, `health` is None and the pose is provisional. `health` is good, degraded or lost; a lost pose is
+    a prediction, or, in the first seconds after a loss, in doubt. If the sensor was carried elsewhere while it was
+    lost, `odom` and `map` restart, and `part` increases by one.
 
-    `T_map_odom` (4, 4) is what the map, the plan and loops correct. It may jump. `T_bim_map` (4, 4) is the map in the
-    BIM frame, and `T_bim_sensor` (4, 4) the sensor; None while the map is not anchored. `anchors` are those that hold.
-    These are of the map as it was at `map_stamp_ns`, the stamp of the newest scan in it, None before the first.
+    `T_map_odom` (4, 4) is the correction by the map, the plan and loops. It may jump. `T_bim_map` (4, 4) is the pose of
+    the map in the BIM frame, `T_bim_sensor` (4, 4) that of the sensor; None while the map is not anchored. `anchors`
+    are those that hold. All these belong to the map as it was at `map_stamp_ns`, the stamp of the newest scan in it,
+    None before the first.
 
-    `keyframes` counts them in the map. `waiting` is the number of scans that are tracked and wait for the map, this one
-    included. `seconds` is the time from the call to the answer.
+    `keyframes` is the number of keyframes in the map. `waiting` is the number of scans that are tracked and wait for
+    the map, this one included. `seconds` is the time from the call to the answer.
     """
 
     stamp_ns: int

@@ -76,7 +76,7 @@ class LiveMap:
         """Takes a pose of the sensor now for the start of matching; what is anchored stays so."""
         now = self._slam.T_map_sensor
         self._matcher.start = pose if now is None else map_start(pose, now)
-        _log.info("the sensor is said to be at x, y, yaw = %.2f, %.2f, %.2f", *pose)
+        _log.info("the user gives the sensor's pose: x, y, yaw = %.2f, %.2f, %.2f", *pose)
 
     def finish(self, told: FinishMessage) -> dict[str, Any]:
         """Completes the map and writes the results. Raises UserError."""

@@ -27,14 +27,14 @@ MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
 
 
 class LiveSlam:
-    """Tracks scans in this process, and builds the map and anchors it in another one, which takes the same scans in the
-    same order, only later: its results are those of `sgslam run` on these scans.
+    """Tracks scans in this process, and builds and anchors the map in a second one, which takes the same scans in the
+    same order, only later. The results are those of `sgslam run` on these scans.
 
-    `out` is the folder for the results, `bim` the file of the building. `start` is x, y (m), yaw (rad) of the sensor in
-    the BIM frame, roughly, where it is known. `map` is the folder of an earlier run, whose map this one extends. At
+    `out` is the folder for the results, `bim` the file of the building. `start` is a rough pose of the sensor in the
+    BIM frame, if known: x, y (m) and yaw (rad). `map` is the folder of an earlier run, whose map this one extends. At
     most `most_waiting` scans wait for the map; then `add_scan` waits too, and nothing is dropped.
 
-    A program that uses it must be a module that can be imported: begin under `if __name__ == "__main__":`.
+    The second process imports the main program again: protect its code with `if __name__ == "__main__":`.
     """
 
     def __init__(
@@ -42,8 +42,8 @@ class LiveSlam:
         storey: str | None = None, start: tuple[float, float, float] | None = None, map: Path | str | None = None,
         most_waiting: int = MOST_WAITING,
     ) -> None:  # fmt: skip
-        """Returns once both processes are ready; after an installation they compile for a minute. Raises UserError for
-        unusable input."""
+        """Returns once both processes are ready; the first time after an installation, compilation takes a minute.
+        Raises UserError for unusable input."""
         bim, map = None if bim is None else Path(bim), None if map is None else Path(map)
         inputs = LiveInputs(Path(out), config or Config(), bim, map=map, storey=storey, start=start)
         self._begin(inputs, most_waiting)
@@ -74,7 +74,7 @@ class LiveSlam:
         logging.getLogger("sgslam").addHandler(self._lines)
 
     def add_scan(self, stamp_ns: int, points: NDArray[np.floating[Any]], point_times: Floats | None = None) -> Answer:
-        """Tracks a scan and answers: its stamp in nanoseconds and its points (N, 3) in metres, in the sensor frame.
+        """Tracks a scan, given by its stamp in nanoseconds and its points (N, 3) in metres in the sensor frame.
 
         `point_times` (N,) are the seconds after the stamp at which the points were measured; without them the setting
         `tracking.point_times` counts. Raises UserError as `SceneGraphSlam.add_scan` does, and if the other process has
@@ -90,13 +90,13 @@ class LiveSlam:
         return answer
 
     def add_imu(self, stamp_ns: int | NDArray[np.int64], gyro: Floats, accel: Floats) -> None:
-        """As `SceneGraphSlam.add_imu`: samples until a scan's end are added before the scan. Raises UserError as it."""
+        """As `SceneGraphSlam.add_imu`, errors included: add the samples up to a scan's end before the scan."""
         self._tracking.add_imu(stamp_ns, gyro, accel)
 
     def set_start(self, x: float, y: float, yaw: float) -> None:
-        """Says where the sensor is now, roughly: x, y (m) and heading (rad) in the BIM frame.
+        """Gives a rough present pose of the sensor: x, y (m) and heading (rad) in the BIM frame.
 
-        It decides between places that fit the map equally well. A map that is anchored stays where it is.
+        It decides between places that fit the map equally well. A map that is anchored already is not moved.
         """
         self._map.put(StartMessage((x, y, yaw)))
 
@@ -106,8 +106,8 @@ class LiveSlam:
     ) -> dict[str, Any]:  # fmt: skip
         """Completes the map and writes the results to the folder, as a run does; returns the content of metrics.json.
 
-        `skipped` and `remarks` are what the source says of its scans, `measured` is added to metrics.json. Waits for
-        all scans. Raises UserError if no scan was added, or if the other process has ended.
+        `skipped` and `remarks` are what the source reports about its scans, `measured` is added to metrics.json. Waits
+        for all scans. Raises UserError if no scan was added, or if the other process has ended.
         """
         self._is_open = False
         logging.getLogger("sgslam").removeHandler(self._lines)
@@ -129,7 +129,7 @@ class LiveSlam:
 
     @property
     def waiting(self) -> int:
-        """How many scans are tracked and wait for the map."""
+        """The number of scans that are tracked and wait for the map."""
         return self._map.waiting
 
     def _hand_over(self, steps: list[TrackingStep]) -> None:

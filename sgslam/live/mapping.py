@@ -37,7 +37,7 @@ def _follow(mapping: LiveMap, receiver: Connection, sender: Connection) -> Finis
     try:
         return _until_finish(mapping, receiver, sender)
     except (EOFError, BrokenPipeError):
-        return FinishMessage(0.0, (), ("the process that tracked was ended",))
+        return FinishMessage(0.0, (), ("the tracking process has ended",))
 
 
 def _until_finish(mapping: LiveMap, receiver: Connection, sender: Connection) -> FinishMessage:

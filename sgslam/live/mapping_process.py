@@ -89,7 +89,7 @@ class MappingProcess:
     def _wait_for_room(self) -> None:
         is_full = self.waiting >= self._most
         if is_full and not self._was_full:
-            _log.warning("%d scans wait for the map: from now on tracking waits for it", self.waiting)
+            _log.warning("%d scans wait for the map: tracking now waits for it", self.waiting)
         self._was_full = is_full or (self._was_full and self.waiting > self._most // 2)  # else each scan would warn
         with self._changed:
             self._changed.wait_for(lambda: self.waiting < self._most or self._outcome is not None)
@@ -120,4 +120,4 @@ class MappingProcess:
 
     def _ended(self) -> UserError:
         code = self._process.exitcode
-        return UserError(f"the process that builds the map ended with {code}; too little memory? Start again")
+        return UserError(f"the process that builds the map ended with exit code {code}; too little memory? Start again")

@@ -121,7 +121,7 @@ class LoopCloser:
             left = inverse(closure.T_earlier_later) @ T
             off = float(np.linalg.norm(left[:3, 3]))
             if off > self._settings.contradicted:
-                gone.append((closure, f"the walls and the other closures keep the map {off:.2f} m off it"))
+                gone.append((closure, f"after the optimisation, its residual is {off:.2f} m"))
         lost = {id(closure) for closure, _ in gone}
         self.closures[:] = [closure for closure in self.closures if id(closure) not in lost]
         self.withdrawn += gone
@@ -207,7 +207,7 @@ class LoopCloser:
             return self._refused(i, "no registration")
         moved = inverse(guess) @ found.T_target_source
         if np.linalg.norm(moved[:3, 3]) > settings.moved or _angle(moved) > settings.turned:
-            return self._refused(i, "the registration leaves the place")
+            return self._refused(i, "the registration moves away from the place that was found")
         if found.inliers < settings.inliers or found.error > settings.inlier_error or found.held < settings.held:
             return self._refused(i, f"inliers {found.inliers:.2f}, error {found.error:.3f} m, held {found.held:.3f}")
         T_level_later = known.T_level_frame(j) @ found.T_target_source @ T_frame_sensor
@@ -217,10 +217,10 @@ class LoopCloser:
             for space, points, T in ((there, here.points, motion), (here, there.points, inverse(motion)))
         ]
         if min(agreed for _, agreed in shares) < settings.agreement:
-            return self._refused(i, "one pass saw through what the other saw stand")
+            return self._refused(i, "one pass sees free space where the other sees surfaces")
         correction, turn = float(np.linalg.norm(T_level_later[:3, 3] - known.T_level_sensor[i][:3, 3])), _angle(motion)
         why = (
-            f"keyframe {i} is back at keyframe {j}: {found.inliers:.0%} of its points within "
+            f"keyframe {i} revisits keyframe {j}: {found.inliers:.0%} of its points within "
             f"{100 * settings.inlier_distance:.0f} cm, agreement {fit.agreement:.2f}, next best {fit.runner_up:.2f}"
         )
         T_earlier_later = inverse(known.T_level_sensor[j]) @ T_level_later
@@ -243,7 +243,7 @@ class LoopCloser:
         self._pending = [c for c in self._pending if all(c is not a for a in agreeing)]
         self.closures += agreeing
         for closure in agreeing:
-            _log.info("loop closed, by %s: %s", closure.by, closure.why)
+            _log.info("loop closed by %s: %s", closure.by, closure.why)
         return agreeing
 
     def _agree(self, known: _Map, a: Closure, b: Closure) -> bool:

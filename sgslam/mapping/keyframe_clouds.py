@@ -78,7 +78,7 @@ class KeyframeClouds:
                 raise OSError("only a part could be written")
         except OSError as error:
             if not self._full:
-                _log.warning("%s: clouds of keyframes cannot be kept from here on (%s)", self.path or "disk", error)
+                _log.warning("%s: the clouds of further keyframes cannot be stored (%s)", self.path or "disk", error)
             self._full = True
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file.fileno(), self._end)

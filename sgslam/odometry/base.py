@@ -16,17 +16,17 @@ State = Mapping[str, Any]
 
 
 class Odometry(Protocol):
-    """Anything that tracks the sensor from scan to scan. The frame `odom` is that of its first pose."""
+    """Anything that tracks the sensor from scan to scan. The frame `odom` is the frame of its first pose."""
 
     @property
     def residual(self) -> float:
-        """The mean distance of the newest scans' points from the local map, in a unit of the odometry's own; infinite
-        where it is not known."""
+        """The mean distance of the newest scans' points from the local map, in a unit that the odometry chooses;
+        infinite if unknown."""
         ...
 
     def register(self, stamp_ns: int, points: Floats, point_times: Floats | None = None) -> Registration:
-        """Registers points (N, 3), N >= 0, of one scan in the sensor frame, measured `point_times` (N,) seconds after
-        its stamp; None where that is not known."""
+        """Registers the points (N, 3), N >= 0, of one scan in the sensor frame, measured `point_times` (N,) seconds
+        after its stamp (None if unknown)."""
         ...
 
     def level(self, up_in_odom: Floats) -> None:
@@ -34,17 +34,17 @@ class Odometry(Protocol):
         ...
 
     def look_back(self, results: list[Registration]) -> list[Registration]:
-        """The results of all scans so far, the first ones registered again: these had hardly any map. To be called
-        once, after some seconds."""
+        """Returns the results of all scans so far, with the first ones registered again, as these had hardly any map
+        before. To be called once, after some seconds."""
         ...
 
     def rejoin(self, other: "Odometry") -> bool:
-        """Tries to find the scan that `other` registered last near the place where the sensor was lost, and goes on
-        from there. Returns whether it fits."""
+        """Tries to register the scan that `other` registered last near the place where the sensor was lost, and
+        continues from there. Returns whether it fits."""
         ...
 
     def state(self) -> dict[str, Any]:
-        """Returns the state as a tree; another instance of the same settings continues from it bit by bit."""
+        """Returns the state as a tree; another instance with the same settings continues identically."""
         ...
 
     def restore(self, state: State) -> None:

@@ -21,7 +21,7 @@ class ExternalOdometry:
     def __init__(self, trajectory: Trajectory, name: str = "the odometry") -> None:
         """Raises UserError for fewer than two poses."""
         if len(trajectory) < 2:
-            raise UserError(f"{name}: one pose is no odometry; give a trajectory over all scans")
+            raise UserError(f"{name}: one pose is not an odometry; give a trajectory over all scans")
         self._trajectory, self._name = trajectory, name
         self._steps = np.diff(trajectory.stamps_ns)
 
@@ -57,5 +57,5 @@ class ExternalOdometry:
         own = self._trajectory.stamps_ns
         span = f"{ns_to_seconds(int(own[0]))} to {ns_to_seconds(int(own[-1]))} s"
         which = f"the scan at {ns_to_seconds(stamp)} s" + (f" and {count - 1} more of {of}" if count > 1 else "")
-        what = "lies in a gap of it" if own[0] <= stamp <= own[-1] else "lies outside"
-        return f"{self._name}: covers {span}, {which} {what}; give poses by the scans' clock, one a second at least"
+        what = "is in a gap of it" if own[0] <= stamp <= own[-1] else "lies outside"
+        return f"{self._name}: covers {span}, {which} {what}; give poses by the scans' clock, at least one per second"

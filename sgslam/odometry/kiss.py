@@ -24,9 +24,9 @@ _PATIENCE = 5  # consecutive scans without a registration before a new local map
 class KissOdometry(RigidOdometry):
     """KISS-ICP with the steps of `KissICP.register_frame`.
 
-    An implausible step, and one that leaves most of the scan unexplained, is searched again from other attitudes. A
-    scan that cannot be registered, or has too few points, is lost: it continues the last motion and is not added to the
-    local map. After several of these a new local map begins.
+    If a step is implausible or leaves most of the scan unexplained, the pose is searched for again from other
+    attitudes. A scan that cannot be registered, or has too few points, is lost: it continues the last motion and is not
+    added to the local map. After several lost scans a new local map begins.
     """
 
     def __init__(self, settings: OdometrySettings) -> None:
@@ -60,7 +60,7 @@ class KissOdometry(RigidOdometry):
         fit = self._found(source, predicted)
         self._lost = 0 if fit else self._lost + 1
         if self._lost > _PATIENCE:
-            _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+            _log.warning("scan %d: the odometry lost track and starts a new local map", self._scans)
             kiss.local_map.clear()
             self._lost = 0
         if not self._lost:

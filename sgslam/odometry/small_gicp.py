@@ -39,7 +39,7 @@ class SmallGicpOdometry(RigidOdometry):
         try:
             import small_gicp
         except ImportError:
-            raise UserError("odometry small_gicp: the library is not there; pip install small_gicp") from None
+            raise UserError("odometry small_gicp: the library is not installed; pip install small_gicp") from None
         super().__init__(settings)
         self._gicp, self._mapped = small_gicp, np.eye(4)
         self._window: list[Floats] = []  # points (N, 3) of each scan in the local map, odometry frame
@@ -52,7 +52,7 @@ class SmallGicpOdometry(RigidOdometry):
             return None
         self._lost = 0 if fit else self._lost + 1
         if self._lost > _PATIENCE:
-            _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+            _log.warning("scan %d: the odometry lost track and starts a new local map", self._scans)
             self._window, self._lost = [], 0
         if not self._lost:
             self._grow(source.points()[:, :3], fit.T if fit else predicted)

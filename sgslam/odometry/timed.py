@@ -172,7 +172,7 @@ class TimedOdometry:
         """Drops the other odometry."""
         self._odometries = {kind: self._odometries[kind]}
         what = "measured one after another, in their order" if kind == "order" else "measured at one instant"
-        _log.info("the scans' points have no times; they count as %s", what)
+        _log.info("the points of the scans have no times; they are taken as %s", what)
 
     def state(self) -> dict[str, Any]:
         """See `Odometry.state`."""

@@ -26,7 +26,7 @@ def main(arguments: list[str] | None = None) -> int:
     if not options.slam_output.exists():
         raise UserError(f"{options.slam_output}: no such file or folder; give the output of a SLAM system")
     if options.bim is None:
-        raise UserError("--bim is missing; give the building's model that the poses are to be anchored to")
+        raise UserError("--bim is missing; give the plan to which the poses are to be anchored")
     if options.slam_output.suffix.lower() == _GRAPH and options.scan_dir is None:
         from sgslam.other_slam.plane_graph import anchor_file
 
@@ -42,14 +42,15 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     from sgslam.run import add_options
 
-    about = "Anchor the finished output of another SLAM system to a building's plan."
+    about = "Anchor the finished output of another SLAM system to a building's plan (--bim, required)."
     parser = Parser(prog="python -m sgslam.other_slam.anchor", description=about)
     add = parser.add_argument
-    add("slam_output", type=Path, metavar="OUTPUT", help="poses (TUM, KITTI, EuRoC), KISS-SLAM, GLIM, or a .g2o file")
-    add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="folder or bag: scans, or one cloud per pose")
+    add("slam_output", type=Path, metavar="OUTPUT",
+        help="poses (TUM, KITTI, EuRoC), a folder of KISS-SLAM or GLIM, or a .g2o file")  # fmt: skip
+    add("--scans", dest="scan_dir", type=Path, metavar="DIR", help="scans, or one cloud per pose: a folder or a bag")
     add("--cloud", type=Path, metavar="FILE", help="map in the poses' frame, instead of scans: .ply, .pcd, .las, ...")
     add("--times", type=Path, metavar="FILE", help="stamps of the KITTI poses, in seconds, one per line")
-    add("--single-pass", action="store_true", default=None, help="do not register the scans again")
+    add("--single-pass", action="store_true", default=None, help="do not register the scans a second time")
     add_options(parser)
     parser.set_defaults(odometry=None, imu=None, imu_topic=None, resume=None, demo=False, seed=0)
     return parser

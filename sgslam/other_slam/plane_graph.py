@@ -45,7 +45,7 @@ def anchor_file(options: argparse.Namespace) -> int:
     for name in _WITHOUT_USE:
         if getattr(options, name) is not None:
             option = f"--{name.replace('_', '-')}"
-            raise UserError(f"{option}: of no use without clouds; leave it out, or give --scans")
+            raise UserError(f"{option}: has no effect without clouds; leave it out, or give --scans")
     start = None if options.start is None else three_numbers("--start", options.start, "X,Y,YAW", "3.5,-1.2,1.57")
     method = load_config(options.config, options.set).matching.method
     graph, plan = read_g2o(options.slam_output), load_bim(options.bim, layers=options.layer).graph

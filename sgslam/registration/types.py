@@ -57,14 +57,14 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """One scan registered: `T_odom_sensor` (4, 4) at its stamp, and how good that is.
+    """The result of registering a scan: `T_odom_sensor` (4, 4) at its stamp, and how good it is.
 
-    `covariance` (6, 6) is that of the pose against the local map, rotation first, in the sensor's axes. `health` is
-    "degraded" where some direction is held by the motion prior alone: unit twists `unconstrained` (M, 6), rotation
-    first, in the sensor's axes; and "lost" where the scan does not fit the map: the pose is then a prediction.
-    `share` is the share of the scan's points that lie on known surfaces. `motion` is that during the scan, by seconds
-    after its stamp; `point_times` (N,) are the times that were used, None for a snapshot. An IMU shows how `unsteady`
-    the turns in it are, by the same seconds.
+    `covariance` (6, 6) is that of the pose relative to the local map, rotation (rad) first, then translation (m), in
+    the sensor's axes. `health` is "degraded" if only the motion prior constrains some directions, which are the unit
+    twists `unconstrained` (M, 6), rotation first, in the sensor's axes; it is "lost" if the scan does not fit the map,
+    and the pose is then a prediction. `share` is the share of the scan's points that are on known surfaces. `motion` is
+    the motion during the scan, by seconds after its stamp; `point_times` (N,) are the times that were used, None for a
+    snapshot. With an IMU, `unsteady` is what it measures of the turns within the scan, by the same seconds.
     """
 
     T_odom_sensor: Floats
@@ -77,7 +77,7 @@ class Registration:
     unsteady: UnsteadyTurn | None = None
 
     def undistorted(self, points: Floats) -> Floats:
-        """Points (N, 3) of the scan as the sensor would have measured them at its stamp."""
+        """Returns the points (N, 3) of the scan as the sensor would have measured them at its stamp."""
         if self.point_times is None:
             return points
         steady = points if self.unsteady is None else self.unsteady.steadied(points, self.point_times)

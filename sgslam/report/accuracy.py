@@ -104,7 +104,7 @@ def accuracy(
         result[key] = None
         try:
             if estimate is None:
-                raise UserError("the odometry began again where the sensor was carried elsewhere, or was lost")
+                raise UserError("the odometry restarted where the sensor was carried elsewhere, or was lost")
             result[key] = rmse_aligned(estimate, truth_in_bim, tolerance_ns)
         except UserError as error:
             result["note"] = str(error)

@@ -45,7 +45,7 @@ class ReportData:
 
     @property
     def known(self) -> Trajectory:
-        """`trajectory_map` without the scans that were lost, or lie in parts that were not placed."""
+        """`trajectory_map` without the scans that were lost, or are in parts that were not placed."""
         return self.trajectory_map if self.scans is None else self.trajectory_map.only(self.scans.known)
 
     @property

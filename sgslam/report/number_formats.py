@@ -7,14 +7,14 @@ from typing import Any
 NO_PLAN = "no plan was given"  # the reason of a run that only makes a map
 NOTHING = "\N{EN DASH}"
 SIGNALS = {  # the names in metrics.json: phrase, unit, and which side of the limit is sound
-    "map_against_odometry": ("map against odometry, share of the way", " %", "at most"),
+    "map_against_odometry": ("difference of map and odometry, share of the path length", " %", "at most"),
     "lost_scans": ("lost scans, share of all", " %", "at most"),
     "unplaced_scans": ("scans in parts that were not placed, share of all", " %", "at most"),
     "keyframes_without_walls": ("keyframes that see no wall, share of all", " %", "at most"),
     "walls_per_keyframe": ("walls that a keyframe sees, mean", "", "at least"),
     "position_sigma_m": ("standard deviation of 95 % of the positions", " m", "at most"),
     "plan_tilt_deg": ("tilt of the plan in the map", "°", "at most"),
-    "planned_walls_crossed": ("planned walls that the way crosses", "", "at most"),
+    "planned_walls_crossed": ("planned walls that the path crosses", "", "at most"),
 }
 
 

@@ -81,7 +81,7 @@ class RunFolder:
     def anchored(self) -> tuple[SceneGraph, Floats]:
         """The A-graph and T_bim_map; raises UserError where the run was not anchored."""
         if self.a_graph is None or self.T_bim_map is None:
-            raise UserError(f"{self.path}: the run was not anchored, so nothing is known about the building as built")
+            raise UserError(f"{self.path}: the run was not anchored, so there are no deviations from the plan")
         return self.a_graph, self.T_bim_map
 
     @cached_property

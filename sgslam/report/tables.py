@@ -28,7 +28,7 @@ def badge(metrics: dict[str, Any]) -> str:
 def quality_rows(metrics: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     """Phrase, value and limit of each signal of the map's quality, and whether it is within the limit."""
     return [
-        (*signal_texts(name, own), "within" if own["ok"] else "out of its limit")
+        (*signal_texts(name, own), "within" if own["ok"] else "outside its limit")
         for name, own in (metrics.get("quality") or {}).items()
     ]
 
@@ -60,7 +60,7 @@ def _tracking(tracked: dict[str, int]) -> str:
 
 
 def _not_known(data: ReportData) -> list[tuple[str, str]]:
-    """How many scans were lost, and how many lie in parts that were not placed; of those that there are. And why the
+    """How many scans were lost, and how many are in parts that were not placed; of those that there are. And why the
     last part was not placed."""
     if data.scans is None:
         return []

@@ -38,9 +38,9 @@ Floats = NDArray[np.float64]
 _log = logging.getLogger(__name__)
 _COVARIANCES = 50  # poses whose covariance is computed
 _HELPS = {  # by the status of an answer of the matcher
-    "ambiguous": "to tell the places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
+    "ambiguous": "to tell these places apart, visit more rooms, name the storey (--storey NAME), or give a rough start "
     "pose (--start X,Y,YAW)",
-    "none": "check that this is the model of the scanned building, and --storey and --start where they were given, "
+    "none": "check that this is the model of the scanned building, and --storey and --start if they were given, "
     "or visit more rooms",
 }
 
@@ -73,7 +73,7 @@ def assemble_result(
         advice = [*advice, *_not_anchored_advice(floors, run, bim, matches, reason)]
         apart = int((told.part > 0).sum())
         if apart and anchoring is not None:
-            reason = f"{reason}; the map has parts: {apart} of {len(told.part)} scans lie in others than the first"
+            reason = f"{reason}; the map has several parts: {apart} of {len(told.part)} scans are not in the first"
     elif missing := what_is_not_anchored(told):
         reason = f"{reason}; {missing}"
     whole = run.with_unplaced

@@ -45,8 +45,8 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Relocalisation:
-    """Whether a run was relocalised in the prior map, `found_s` seconds after its start, and why. `found_s` is None if
-    it was not, or only after the last scan."""
+    """Whether a run was relocalised in the prior map, `found_s` seconds after its start, and the reason. `found_s` is
+    None if it was not, or only after the last scan."""
 
     found: bool
     found_s: float | None
@@ -60,9 +60,9 @@ class Update:
     `T_map_sensor` (4, 4) is the sensor's pose in the map frame (metres) at `stamp_ns` (nanoseconds). It is not smoothed
     yet, and provisional until gravity is known and while scans are lost; `Result` has the final poses. `keyframes` is
     the number of keyframes so far, `anchored` whether the map is anchored to the plan. `T_bim_sensor` (4, 4) is the
-    pose in the BIM frame, None while the map is not anchored; `health` is what the tracker says of the newest scan,
-    None while it waits, and lost until it is sure that a sensor which was lost for longer is not in a like place.
-    `SceneGraphSlam.sigma` says how well the pose is known.
+    pose in the BIM frame, None while the map is not anchored; `health` is the tracker's verdict on the newest scan,
+    None while it waits. After a longer loss it stays lost until a place that looks alike is ruled out.
+    `SceneGraphSlam.sigma` gives the standard deviations of the pose.
     """
 
     stamp_ns: int
@@ -90,20 +90,20 @@ class Result:
     """A finished run, in metres, radians and seconds.
 
     `anchored` says whether the map is anchored to the plan, `reason` why or why not, in one line. `trajectory` is in
-    the BIM frame when `anchored`, and has the scans that are anchored: neither lost ones nor those of submaps that were
-    not relocalised. Else it is `trajectory_map`, which always has all scans, in the map frame. `trajectory_odometry` is
-    the odometry alone, in its own frame. `trajectory_live` has the scans of `trajectory`, in its frame, with poses in
-    the map as they were estimated when the scans came; None without a second pass. `T_bim_map` (4, 4) is the map's pose
-    in the BIM frame, None if the run is not anchored. `s_graph` is in the map frame; `a_graph` is in the BIM frame,
-    None without a plan. `matches` has the form of matches.json, None if nothing was matched; `deviations` has the form
-    of deviations.json, empty if the run is not anchored. `anchors` is the log of all anchors: who added each, and when
-    and why it changed. `factors` is the back end's log: the active factors, and those added and withdrawn. `clouds` are
-    indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s` counts from the first scan. `seconds` is
-    the time of each stage. `earlier` are the trajectories of the prior map's runs, in the frame of `trajectory`.
-    `pose_covariances` is None if the run is not anchored, `relocalisation` is None without a prior map. `tracked` says
-    how many scans the tracker calls good, degraded and lost; `uncertainty` has a line for each scan, and `quality` says
-    whether the map is sound. `advice` has a line for each thing that seems wrong with the scans or with what the user
-    stated of them.
+    the BIM frame when `anchored`, and has the anchored scans only: no lost ones, none of submaps that were not
+    relocalised, and none whose pose is too uncertain. Otherwise it is `trajectory_map`, which always has all scans, in
+    the map frame. `trajectory_odometry` is the odometry alone, in its own frame. `trajectory_live` has the scans of
+    `trajectory`, in its frame, with the poses that were estimated when the scans arrived; None without a second pass.
+    `T_bim_map` (4, 4) is the map's pose in the BIM frame, None if the run is not anchored. `s_graph` is in the map
+    frame; `a_graph` is in the BIM frame, None without a plan. `matches` has the form of matches.json, None if nothing
+    was matched; `deviations` has the form of deviations.json, empty if the run is not anchored. `anchors` is the log of
+    all anchors: what added each, and when and why it changed. `factors` is the back end's log: the active factors, and
+    those added and withdrawn. `clouds` are indexed by keyframe number, `k<number>` in the S-graph. `first_anchor_s`
+    counts from the first scan. `seconds` is the time of each stage. `earlier` are the trajectories of the prior map's
+    runs, in the frame of `trajectory`. `pose_covariances` is None if the run is not anchored, `relocalisation` is None
+    without a prior map. `tracked` is the number of good, degraded and lost scans; `uncertainty` has a line for each
+    scan, and `quality` says whether the map is sound. `advice` has a line for each thing that seems wrong with the
+    scans or with what the user stated about them.
     """
 
     anchored: bool
@@ -133,7 +133,7 @@ class Result:
     trajectory_live: Trajectory | None = None
 
     def to_open3d(self) -> list[Any]:
-        """The map's points, the way of the sensor and the walls, in the frame of `trajectory`, as geometries for
+        """The map's points, the path of the sensor and the walls, in the frame of `trajectory`, as geometries for
         `open3d.visualization.draw_geometries`. Needs the extra `open3d`; raises UserError without it."""
         from sgslam.cloud_to_model import open3d_scene
 
@@ -198,7 +198,7 @@ def save_result(
             if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                 raise
             if not room:
-                _log.warning("%s: the disk is full; the keyframe clouds are deleted to make room for the results", out)
+                _log.warning("%s: the disk is full; the keyframe clouds are deleted to make space for the results", out)
                 result.clouds.give_way()
     raise UserError(f"{out}: the disk is full and some results are missing; free some space and run it again")
 

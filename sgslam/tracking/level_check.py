@@ -57,8 +57,8 @@ class LevelCheck(Stateful):
         off = float(np.degrees(np.arccos(np.clip(abs(found.up_in_odom[2]), -1.0, 1.0))))
         if np.radians(off) > _OFF:
             _log.warning(
-                "the map is not level: its surroundings show up %.0f degrees off what was found in the first seconds; "
-                "state roll, pitch and yaw of the sensor by --mount", off,
+                "the map is not level: later scans show the vertical %.0f degrees off that of the first seconds; "
+                "give roll, pitch and yaw of the sensor with --mount", off,
             )  # fmt: skip
 
     def state(self) -> dict[str, Any]:

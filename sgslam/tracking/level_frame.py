@@ -100,13 +100,13 @@ class LevelFrame(Stateful):
         tilt = float(np.arccos(np.clip(up @ self._expected, -1.0, 1.0)))
         if found is None:
             _log.warning(
-                "the surfaces of the first seconds do not tell where up is: the sensor is taken to be mounted as "
-                "stated; state roll, pitch and yaw in degrees by --mount"
+                "the surfaces of the first seconds do not show the vertical: the sensor is assumed to be mounted as "
+                "stated; give roll, pitch and yaw in degrees with --mount"
             )
         elif not self._contradicts_mount(up, tilt, "its surroundings show") and (
             not (found.axis_sure and found.sign_sure) or tilt > _LIES
         ):
-            _log.warning("which way is up is not sure; state roll, pitch and yaw of the sensor by --mount")
+            _log.warning("the vertical is not certain; give roll, pitch and yaw of the sensor with --mount")
         if found is not None:
             self._tell(float(np.degrees(tilt)))
         self.known, self.likely_up, self._chosen = True, up, []
@@ -131,7 +131,7 @@ class LevelFrame(Stateful):
         roll, pitch = np.degrees([np.arctan2(up[1], up[2]), np.arctan2(-up[0], np.hypot(up[1], up[2]))])
         self.advice = (
             f"the sensor is turned {np.degrees(tilt):.0f} degrees from the stated mount, as {as_shown}: its roll is "
-            f"{roll:.0f} and its pitch {pitch:.0f} degrees, or near; correct --mount, or leave it out"
+            f"{roll:.0f} and its pitch {pitch:.0f} degrees, approximately; correct --mount, or leave it out"
         )
         _log.warning("%s", self.advice)
         return True

@@ -28,7 +28,7 @@ class Panel:
         self.storey = gui.add_dropdown("storey", [ALL], initial_value=ALL)
         with gui.add_folder("match hypotheses", visible=False) as self._places:
             self._hypotheses = gui.add_markdown("")
-        with gui.add_folder("error against the truth (m)", visible=False) as self._errors:
+        with gui.add_folder("error against ground truth (m)", visible=False) as self._errors:
             self.chart: Any = None
         with gui.add_folder("shown", expand_by_default=False):
             for layer, text in LAYERS.items():

@@ -43,7 +43,7 @@ class RerunLog:
     Its timelines are `stamp` and `scan`. `/map` lies at its place in `/plan`, once that is known, and holds the walls,
     rooms and keyframes at each keyframe, and sensor and points at each scan. `/health` is 0 for lost, 1 for degraded, 2
     for good scans; `/anchors` has the numbers of anchors by their state and the reasons of all changes. Positions are
-    relative to the plan's centre, since drawing is in single precision. If logging fails, the run goes on without it.
+    relative to the plan's centre, since drawing is in single precision. If logging fails, the run continues without it.
     """
 
     def __init__(self, path: Path, plan: SceneGraph | None = None) -> None:

@@ -51,16 +51,16 @@ def test_the_s_graph_has_the_rooms_and_the_walls_between_their_corners(tmp_path:
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("EDGE_SE3_PLANE 100 200", "EDGE_SE3_PLANE 100 999", "names 999, which is no VERTEX_PLANE"),
-        ("EDGE_SE3_PLANE 100 200", "EDGE_SE3_PLANE 200 100", "names 200, which is no VERTEX_SE3:QUAT"),
+        ("EDGE_SE3_PLANE 100 200", "EDGE_SE3_PLANE 100 999", "names 999, which is not a VERTEX_PLANE"),
+        ("EDGE_SE3_PLANE 100 200", "EDGE_SE3_PLANE 200 100", "names 200, which is not a VERTEX_SE3:QUAT"),
         ("EDGE_SE3:QUAT 100 101", "EDGE_SE3:QUAT 100", "EDGE_SE3:QUAT needs 30 numbers and has 29"),
-        ("VERTEX_PLANE 200", "VERTEX_PLANE x", "'x' is no id"),
+        ("VERTEX_PLANE 200", "VERTEX_PLANE x", "'x' is not an id"),
         ("VERTEX_PLANE 201", "VERTEX_PLANE 200", "the id 200 is given twice"),
         ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 nan ", "never set"),
         ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 1e-310 ", "never set"),
-        ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 3 ", "no unit vector"),
-        ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 3 ", "no unit quaternion"),
-        ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 word ", "a word in place of a number"),
+        ("VERTEX_PLANE 200 ", "VERTEX_PLANE 200 3 ", "not a unit vector"),
+        ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 3 ", "not a unit quaternion"),
+        ("VERTEX_SE3:QUAT 100 ", "VERTEX_SE3:QUAT 100 word ", "a word instead of a number"),
     ],
 )  # fmt: skip
 def test_bad_lines_are_reported_in_one_line(tmp_path: Path, old: str, new: str, told: str) -> None:

@@ -46,9 +46,9 @@ def test_a_sensor_on_its_side_is_never_sure_of_up_without_its_mount(
     pitch: float, warned: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
     turned = Rotation.from_euler("y", pitch, degrees=True).as_matrix()
-    assert any("not sure" in line for line in lines(turned, None, caplog)) == warned
+    assert any("not certain" in line for line in lines(turned, None, caplog)) == warned
     caplog.clear()
-    assert not any("not sure" in line for line in lines(turned, (0.0, pitch, 0.0), caplog))
+    assert not any("not certain" in line for line in lines(turned, (0.0, pitch, 0.0), caplog))
 
 
 def test_a_stated_mount_is_not_asked_for_again(caplog: pytest.LogCaptureFixture) -> None:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 CONVENTIONS = """Lengths are in metres, angles in radians, stamps in integer nanoseconds. `T_a_b` (4, 4) maps
 coordinates in frame b to frame a. The BIM frame is the building's, the map frame the run's own. A mistake of the user
-raises `UserError`, whose message is one line.
+raises `UserError` with a message of one line.
 
 Names imported from `sgslam`, `matching` and `factors` are public in the sense of the [changelog](../changelog.md);
 modules below these packages may move."""
@@ -22,7 +22,7 @@ class Page:
 PAGES = {
     "slam": Page(
         "Running SLAM",
-        "Scans and a plan in, a trajectory in the building out. [Live use](../live.md) tells when to take `LiveSlam`.",
+        "Scans and a plan in, a trajectory in the building out. [Live use](../live.md) says when to use `LiveSlam`.",
         {
             "The run": "sgslam.SceneGraphSlam sgslam.Update",
             "Its result": "sgslam.Result sgslam.session.soundness.scan_uncertainty.ScanUncertainty "
@@ -54,7 +54,7 @@ PAGES = {
     ),
     "matching": Page(
         "Matching",
-        "Where a mapped scene graph (S-graph) lies in a planned one (A-graph). "
+        "Where a mapped scene graph (S-graph) is in a planned one (A-graph). "
         "[Factors](../factors.md#from-s-graph-to-anchors) shows the matcher in a pose graph of your own.",
         {
             "The matcher": "sgslam.Matcher matching.MatchResult matching.Hypothesis",
@@ -85,10 +85,10 @@ from sgslam.config.loading import load_config
 config = load_config(None, ["quality.lost_scans=0.1", "matching.method=voting"])
 assert config.quality.lost_scans == 0.1
 ```""",
-    "MovedDeviation": """Of all three kinds: `s_id` is a surface of the S-graph, `a_id` one of the A-graph, `source`
-the id of the planned wall in its file. `significant` is true where the difference exceeds the measurement error;
+    "MovedDeviation": """In all three kinds, `s_id` is a surface of the S-graph, `a_id` one of the A-graph, `source`
+the id of the planned wall in its file. `significant` is true if the difference exceeds the measurement error;
 `reason` explains the decision.""",
-    "ScanUncertainty": "[What a run's words mean](../trust.md#of-each-scan) says how far to rely on it.",
+    "ScanUncertainty": "[What a run's words mean](../trust.md#of-each-scan) says how reliable it is.",
     "Signal": "`Result.quality` holds these by name; [what a run's words mean](../trust.md#of-the-map) explains them.",
 }
 LEFT_OUT = (  # members for the other packages of this project

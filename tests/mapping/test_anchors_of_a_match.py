@@ -106,13 +106,13 @@ def test_on_a_far_site_an_origin_in_the_building_is_asked_for_and_used() -> None
     walls = tuple(replace(w, centroid=tuple((np.array(w.centroid) + far).tolist())) for w in ROOM.wall_surfaces)
     plan, site = SceneGraph("bim", (), tuple(replace(w, room=None) for w in walls)), (far + SITE).tolist()
     found = match(T_a_s=(T_A_S[0] + 0.05, T_A_S[1] + far[0] + 0.3, T_A_S[2] + far[1] - 0.2))
-    with pytest.raises(ValueError, match=r"lies 360595 m from .*, origin=\(300034.0, -200020.0, 4.0\)"):
+    with pytest.raises(ValueError, match=r"is 360595 m from .*, origin=\(300034.0, -200020.0, 4.0\)"):
         factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), height=4.5)
     for away, is_near in ((294.0, True), (302.0, False)):  # of the origin from walls at x 0 to 8
         with nullcontext() if is_near else pytest.raises(ValueError, match="from the origin"):
             factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), origin=(site[0] + away, site[1] + 3, 0.0))
     for origin in ((0.0, 0.0), (0.0, 0.0, np.nan)):
-        with pytest.raises(ValueError, match="origin is three finite numbers"):
+        with pytest.raises(ValueError, match="origin must be three finite numbers"):
             factors.anchors_of(found, plan, KEYS, own_graph()[1], B(0), origin=origin)
     graph, values = own_graph()
     anchors = factors.anchors_of(found, plan, KEYS, values, B(0), height=4.5, origin=(*site, 4.0))

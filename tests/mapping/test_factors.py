@@ -343,7 +343,7 @@ def test_a_storey_or_room_that_is_not_finite_is_refused() -> None:
 @pytest.mark.parametrize("place", [[0, 0], [0, 0, np.nan], [np.inf, 0, 0]])
 def test_a_place_is_three_finite_numbers(place: list[float]) -> None:
     for build in (lambda: factors.frame_at(place, B(0), X(7)), lambda: factors.plane_from(place, BOUNDS[0])):
-        with pytest.raises(ValueError, match="a place is three finite numbers"):
+        with pytest.raises(ValueError, match="a place must be three finite numbers"):
             build()
 
 

@@ -167,5 +167,5 @@ def test_the_form_is_exact_and_only_the_learned_networks(path: Path, tmp_path: P
     assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
     with pytest.raises(UserError, match="does not fit"):
         load_network(path, "pca-gm")
-    with pytest.raises(ValueError, match="learned network's alone"):
+    with pytest.raises(ValueError, match="only the learned network has this format"):
         save_network(tmp_path / "relative.npz", PcaGm(PcaGmSettings()))

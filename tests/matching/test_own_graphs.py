@@ -110,7 +110,7 @@ def test_the_matcher_says_which_graph_is_wrong_and_what_is() -> None:
         ({"wall_surfaces": (WallSurface("w", None, (0.0, 1.0), (1.0, 0.0), 0.0),)}, "'w' has no positive length"),
         ({"wall_surfaces": (WallSurface("w", None, (0.0, 1.0), (1.0, 0.0), -2.0),)}, "'w' has no positive length"),
         ({"wall_surfaces": (WallSurface("r", None, (0.0, 1.0), (1.0, 0.0)),)}, "the id 'r' is given twice"),
-        ({"wall_surfaces": (WallSurface("w", "q", (0.0, 1.0), (1.0, 0.0)),)}, "'w' names no room 'q'"),
+        ({"wall_surfaces": (WallSurface("w", "q", (0.0, 1.0), (1.0, 0.0)),)}, "'w' refers to a missing room 'q'"),
     ],
 )
 def test_a_graph_of_the_wrong_form_is_refused_with_the_id(parts: dict[str, Any], told: str) -> None:

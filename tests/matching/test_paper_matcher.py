@@ -211,7 +211,7 @@ def test_training_lowers_the_loss_and_goes_on_bitwise(pairs: list[PaperPair], tm
 def test_training_ends_where_nothing_gets_better(pairs: list[PaperPair]):
     parts = PaperSplit(tuple(pairs[:4]), tuple(pairs[4:8]), ())
     still = PaperTraining.begin(TINY, Recipe(rate=0.0, decay=0.0, batch=4, patience=2), parts, 0)
-    assert train(still, parts, lambda row: None) == "no better for 2 epochs"
+    assert train(still, parts, lambda row: None) == "no improvement in 2 epochs"
     assert len(still.curve) == 3
 
 
@@ -265,7 +265,7 @@ def test_command_trains_goes_on_and_writes_a_card(tmp_path: Path, capsys: pytest
     command = ["--preset", "repository", "--out", str(tmp_path), "--pairs", "20", "--epochs"]
     train_command([*command, "1"])
     train_command([*command, "2"])
-    assert "goes on after 1 epochs" in capsys.readouterr().out
+    assert "resuming after 1 epochs" in capsys.readouterr().out
     card = json.loads((tmp_path / "model_card.json").read_text())
     assert card["parameters"] == 50_754 and sum(card["pairs"]) == 20
     assert (tmp_path / "curve.csv").read_text().count("\n") == 3

@@ -50,7 +50,7 @@ def test_the_files_are_written_beside_the_later_run(tmp_path: Path) -> None:
 
 def test_other_plans_and_runs_without_elements_are_refused(tmp_path: Path) -> None:
     run = _run(tmp_path / "a", _entry("w", "absent"))
-    with pytest.raises(UserError, match="not of the same plan"):
+    with pytest.raises(UserError, match="their elements differ"):
         compare(run, _run(tmp_path / "b", _entry("v", "absent")))
     (tmp_path / "c").mkdir()
     with pytest.raises(UserError, match=r"no elements\.json"):

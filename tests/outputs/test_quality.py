@@ -110,7 +110,7 @@ def test_a_place_is_contradicted_by_crossed_walls_and_by_a_tilt() -> None:
     assert contradiction(judged(sigma=9.0)) is None  # it has no place in a plan
     assert contradiction(judged(tilt=0.99, plan=SceneGraph("bim", (), walls[:1]))) is None
     crossed, tilted = (judged(tilt=t, plan=SceneGraph("bim", (), own)) for t, own in ((0.0, walls), (1.21, ())))
-    assert "through 2 walls" in str(contradiction(crossed))
+    assert "crosses 2 walls" in str(contradiction(crossed))
     assert "planned_walls_crossed=2 accepts" in str(contradiction(crossed))
     assert "1.2 degrees" in str(contradiction(tilted)) and "plan_tilt=1.3 accepts" in str(contradiction(tilted))
 
@@ -182,9 +182,9 @@ def test_scans_that_are_not_anchored_are_counted_by_cause() -> None:
         )  # fmt: skip
 
     assert what_is_not_anchored(told(9, 0, 0, 0)) == ""
-    assert what_is_not_anchored(told(9, 0, 3, 0)) == "of 12 scans 3 lie in parts that were not placed"
+    assert what_is_not_anchored(told(9, 0, 3, 0)) == "of 12 scans 3 are in parts that were not placed"
     everything = what_is_not_anchored(told(3, 2, 4, 1))
-    assert everything.startswith("of 10 scans 2 are lost, 4 lie in parts") and "1 have poses" in everything
+    assert everything.startswith("of 10 scans 2 are lost, 4 are in parts") and "1 have poses" in everything
 
 
 def test_a_wall_stands_where_the_map_has_it_too() -> None:

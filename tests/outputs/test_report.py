@@ -100,8 +100,8 @@ def test_what_is_not_anchored_or_not_sound_is_shown() -> None:
     found = {"anchored_share": 0.925, "quality": {"planned_walls_crossed": signal, "lost_scans": within}}
     page = Page(report_html(dataclasses.replace(data, metrics=data.metrics | found)))
     assert "Anchored in part: 92.5 % of the scans" in page.text
-    assert page.text.count("out of its limit") == 1
-    assert "planned walls that the way crosses\n7\nat most 1\n" in page.text
+    assert page.text.count("outside its limit") == 1
+    assert "planned walls that the path crosses\n7\nat most 1\n" in page.text
     assert "lost scans, share of all\n1.34 %\nat most 5 %\n" in page.text
     assert "Quality of the map" not in Page(report_html(data)).text
 

@@ -290,7 +290,7 @@ def test_every_signal_of_quality_has_a_phrase_and_a_unit() -> None:
     assert len(found) == 8
     told = {name: signal_texts(name, dataclasses.asdict(signal)) for name, signal in found.items()}
     assert not any("_" in text for texts in told.values() for text in texts)
-    assert told["map_against_odometry"][0] == "map against odometry, share of the way"
+    assert told["map_against_odometry"][0] == "difference of map and odometry, share of the path length"
     assert told["map_against_odometry"][2] == "at most 1 %" and told["walls_per_keyframe"][1:] == ("4", "at least 3")
     assert told["position_sigma_m"][1:] == ("0.0173 m", "at most 0.2 m")
 

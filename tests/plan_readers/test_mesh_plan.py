@@ -142,7 +142,7 @@ def test_files_that_are_no_buildings_are_refused(tmp_path: Path) -> None:
     big.export(tmp_path / "millimetres.stl")
     (tmp_path / "far.obj").write_text("v 0 0 0\nv -1e308 0 3\nv 0 1e308 3\nf 1 2 3\n")
     for name, what in (
-        ("far.obj", "wide"), ("absent.stl", "no mesh"),
+        ("far.obj", "wide"), ("absent.stl", "not a mesh"),
         ("broken.stl", "cannot be read|no triangles"), ("plate.stl", "metres"),
         ("block.stl", "no walls"), ("millimetres.stl", "metres"),
     ):  # fmt: skip

@@ -105,7 +105,7 @@ def test_it_ends_without_workers_and_without_a_scheduler(monkeypatch: pytest.Mon
         with pytest.raises(UserError, match="no Dask worker for 1 s"), connected(local.scheduler_address):
             pass
         local.scale(1)
-        with pytest.raises(UserError, match="connection is lost"), connected(local.scheduler_address) as cluster:
+        with pytest.raises(UserError, match="connection was lost"), connected(local.scheduler_address) as cluster:
             for _ in cluster.over(range(1000), slowly_doubled, number):
                 local.close()
 

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 
+from data.common.cli import Parser, called_as
 from data.common.errors import UserError
 from sgslam.cli import doctor, installed
 from sgslam.cli.command import COMMANDS
@@ -36,6 +37,13 @@ def test_every_name_is_a_module_with_a_line_of_its_own() -> None:
     for command in COMMANDS.values():
         assert importlib.util.find_spec(command.module), command.module
         assert len(command.about.split()) > 1 and "python -m" not in command.about, command
+
+
+def test_the_help_of_a_part_names_the_whole_command() -> None:
+    with called_as("sgslam evaluate"):
+        part = Parser(prog="python -m evaluation").add_subparsers().add_parser("run")
+    assert part.prog == "sgslam evaluate run"
+    assert Parser(prog="python -m evaluation").add_subparsers().add_parser("run").prog == "python -m evaluation run"
 
 
 @pytest.mark.slow

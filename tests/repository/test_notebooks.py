@@ -60,7 +60,7 @@ def test_the_first_run_is_anchored_and_draws_what_it_says(
     live = [update.anchored for update in names["updates"]]
     assert not live[0] and live[-1] and sum(live) > 300  # so the page has both frames to show
     assert "s: anchored\n" in told and "m in the map, known to" in told and "m in the building, known to" in told
-    assert "out of its limit" not in told
+    assert "outside its limit" not in told
     assert sum(entry["significant"] for entry in result.deviations) <= 1  # one wall is seen from afar, at 2.7 sigma
     walls = len(plan.lines) - 3
     assert {"truth", "final"} < {line.get_label() for line in plan.lines} and walls > 60

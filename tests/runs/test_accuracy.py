@@ -194,5 +194,5 @@ def test_numbers_agree_with_evo() -> None:
 def test_an_odometry_that_began_again_has_no_error() -> None:
     truth = walk()
     told = accuracy(None, truth, None, truth)
-    assert told["rmse_odometry_aligned_m"] is None and "began again" in told["note"]
+    assert told["rmse_odometry_aligned_m"] is None and "restarted" in told["note"]
     assert told["rmse_map_aligned_m"] == pytest.approx(0.0, abs=1e-6) and told["matched_poses"] == len(truth)

@@ -190,4 +190,4 @@ def test_a_mistake_is_told_in_a_line_that_says_what_to_do(building: Path, tmp_pa
     said = refused(COMMAND, kitti, "--scans", clouds, *end)
     assert f"{len(output.keyframes)} poses for the {len(output.keyframes) - 1} scans" in said
     graph, plan = drawn_graph().write(tmp_path)
-    assert "of no use" in refused(COMMAND, graph, "--bim", plan, "--mount", "0,0,0")
+    assert "has no effect" in refused(COMMAND, graph, "--bim", plan, "--mount", "0,0,0")

@@ -146,7 +146,7 @@ def test_who_is_carried_where_nothing_is_known_harms_nothing() -> None:
     assert len(result.trajectory_map) == len(result.uncertainty.stamps_ns) == len(drive.scans) + 30
     assert result.uncertainty.part.tolist() == [0] * len(drive.scans) + [1] * 30
     assert result.metrics()["anchored_share"] == pytest.approx(len(drive.scans) / (len(drive.scans) + 30))
-    assert result.reason.endswith(f"; of {len(drive.scans) + 30} scans 30 lie in parts that were not placed")
+    assert result.reason.endswith(f"; of {len(drive.scans) + 30} scans 30 are in parts that were not placed")
     assert result.first_anchor_s == alone.first_anchor_s  # not since the last scan before
     assert drive.rmse(alone) + 0.005 > float(
         np.sqrt(np.mean((result.trajectory.positions[: len(drive.scans)] - drive.truth.positions) ** 2 * 3))
@@ -233,5 +233,5 @@ def test_of_a_run_that_is_nowhere_it_is_told_how_many_scans_lie_apart() -> None:
     points += [scan(there, pose(25 + 0.01 * i, 2, 1, yaw=1 - 0.03 * i), seed=i) for i in range(30)]
     scans = [(100_000_000 * k, own) for k, own in enumerate(points)]
     result = fed(SceneGraphSlam(small_drive().bim), scans).finish()
-    assert not result.anchored and result.reason.endswith("30 of 70 scans lie in others than the first")
+    assert not result.anchored and result.reason.endswith("30 of 70 scans are not in the first")
     assert fed(SceneGraphSlam(), scans).finish().reason == NO_PLAN

@@ -75,7 +75,7 @@ def test_a_lidar_inertial_odometry_without_its_library_or_an_imu_is_refused(
             assert f"--odometry {method}: needs an IMU; give its samples with --imu FILE" in refused(*told)
         monkeypatch.setitem(sys.modules, method, None)  # as if it were not installed
         said = refused(*told, "--imu", scans / "imu.csv")
-        assert f"odometry {method}: the library is not there; pip install 'sgslam[{method}]'" in said
+        assert f"odometry {method}: the library is not installed; pip install 'sgslam[{method}]'" in said
 
 
 @pytest.mark.slow

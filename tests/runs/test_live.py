@@ -150,7 +150,7 @@ def test_where_the_process_that_tracks_is_killed_the_other_one_writes_what_it_ha
             break
         sleep(0.1)
     assert 0 < len(Trajectory.read_tum(tmp_path / "out" / "trajectory.tum")) <= 60
-    assert "the process that tracked was ended" in (tmp_path / "out" / "run.log").read_text()
+    assert "the tracking process has ended" in (tmp_path / "out" / "run.log").read_text()
 
 
 @pytest.mark.slow

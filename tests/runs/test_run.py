@@ -160,7 +160,7 @@ def test_without_a_bim_it_runs_through(scans: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("most", "said"), [
     (1.0, "all signals within their limits"),
-    (0.2, "out of limits: keyframes that see no wall, share of all: 50 % (at most 20 %)"),
+    (0.2, "outside their limits: keyframes that see no wall, share of all: 50 % (at most 20 %)"),
 ])  # fmt: skip
 def test_signals_of_quality_are_told_in_words(most: float, said: str, scans: Path, tmp_path: Path) -> None:
     limits = ["--set", f"quality.keyframes_without_walls={most}", "--set", "quality.walls_per_keyframe=0"]
@@ -172,7 +172,7 @@ def test_signals_of_quality_are_told_in_words(most: float, said: str, scans: Pat
 def test_strict_is_not_content_with_less_than_all(scans: Path, tmp_path: Path) -> None:
     done = run("--scan-dir", scans, "--out", tmp_path / "out", "--strict")
     assert done.returncode == 3, done.stderr
-    assert "map only" in done.stdout and "--strict: exit code 3: map only; out of limits: " in done.stderr
+    assert "map only" in done.stdout and "--strict: exit code 3: map only; outside their limits: " in done.stderr
     assert json.loads((tmp_path / "out" / "metrics.json").read_text())["anchored_share"] == 0.0
 
 

@@ -205,4 +205,4 @@ def test_a_truth_of_another_drive_is_noted(tmp_path: Path) -> None:
         done = called("sgslam.run", "--single-pass", "--scan-dir", scans, *known)
         assert done.returncode == 0, done.stderr
         notes[name] = json.loads((out / "metrics.json").read_text())["accuracy"].get("note", "")
-    assert "is the truth of this drive?" in notes["other"] and not notes["own"]
+    assert "does the truth belong to this drive?" in notes["other"] and not notes["own"]

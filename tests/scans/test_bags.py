@@ -192,5 +192,5 @@ def test_folders_of_scans_stay_folders_of_scans(tmp_path: Path) -> None:
     np.array([[1, 2, 3, 0]], "<f4").tofile(tmp_path / "0.bin")
     shutil.copy(lidar_bag(tmp_path / "b.bag", "ros1"), tmp_path / "beside.bag")
     assert isinstance(open_scans(tmp_path), ScanFolder)
-    with pytest.raises(UserError, match="no bag"):
+    with pytest.raises(UserError, match="not a bag"):
         open_scans(tmp_path, "/points")

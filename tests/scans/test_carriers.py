@@ -246,7 +246,7 @@ def test_patterns_do_not_repeat_and_fill_their_field(name: str) -> None:
 def test_sensors_by_name() -> None:
     assert sensor_named("vlp-16") == SpinningSensor()
     assert len(sensor_named("OS1-64", 1024).rays(0)[1]) == 64 * 1024
-    with pytest.raises(UserError, match="'VLP-64' is not known; take one of VLP-16"):
+    with pytest.raises(UserError, match="'VLP-64' is not known; give one of VLP-16"):
         sensor_named("VLP-64")
     with pytest.raises(UserError, match="does not spin"):
         sensor_named("Mid-360", 900)

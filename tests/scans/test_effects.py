@@ -213,7 +213,7 @@ def test_times_are_told_or_not(building: SmallBuilding, tmp_path: Path) -> None:
 def test_names_of_effects() -> None:
     assert timing_of(checked([]), True) == "rolling" and timing_of(checked([]), False) == "snapshots"
     assert timing_of(checked(["all", "untimed"]), True) == "untimed"
-    with pytest.raises(UserError, match="'rain' is not known; take some of"):
+    with pytest.raises(UserError, match="'rain' is not known; give some of"):
         checked(["rain"])
     with pytest.raises(UserError, match="rolling and untimed exclude each other"):
         checked(["untimed", "rolling"])
@@ -223,5 +223,5 @@ def test_names_of_effects_without_commas_are_told_to_take_some(capsys: pytest.Ca
     with pytest.raises(SystemExit) as ended:
         _parser().parse_args(["--bim", "a.ifc", "--out", "out", "--effects", "glass", "fog"])
     said = capsys.readouterr().err
-    assert ended.value.code == 2 and "with commas between" in said and "'fog'" in said
+    assert ended.value.code == 2 and "comma-separated" in said and "'fog'" in said
     assert len(said.splitlines()) == 1

@@ -94,21 +94,21 @@ def test_without_a_stamp_the_time_of_recording_counts(tmp_path: Path) -> None:
 
 def test_of_several_imus_one_is_named(tmp_path: Path) -> None:
     bag = imu_bag(tmp_path / "a.bag", "ros1", STAMPS.tolist(), "/camera/imu")
-    with pytest.raises(UserError, match=r"several IMUs: /camera/imu \(5\), /imu \(5\); say which with --imu-topic"):
+    with pytest.raises(UserError, match=r"several IMUs: /camera/imu \(5\), /imu \(5\); choose one with --imu-topic"):
         read_imu(bag)
     assert len(read_imu(bag, "imu")) == len(read_imu(bag, "/camera/imu")) == 5
     with pytest.raises(UserError, match=r"--imu-topic /imo: no such IMU .* /imu \(5\)"):
         read_imu(bag, "/imo")
     write_imu(read_imu(bag, "imu"), tmp_path / "imu.csv")
-    with pytest.raises(UserError, match="is no bag and has no topics"):
+    with pytest.raises(UserError, match="is not a bag and has no topics"):
         read_imu(tmp_path / "imu.csv", "imu")
 
 
 def test_a_bag_without_an_imu_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"no samples of an IMU in it \(sensor_msgs/Imu\)"):
+    with pytest.raises(UserError, match=r"contains no IMU samples \(sensor_msgs/Imu\)"):
         read_imu(lidar_bag(tmp_path / "a.bag", "ros1"))
     (tmp_path / "b.bag").write_bytes(b"no bag")
-    with pytest.raises(UserError, match=r"no samples of an IMU in it .*; it does not begin"):
+    with pytest.raises(UserError, match=r"contains no IMU samples .*; it does not start"):
         read_imu(tmp_path / "b.bag")
 
 

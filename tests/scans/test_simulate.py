@@ -194,7 +194,7 @@ def test_nothing_drives_where_there_is_no_floor(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"storey": "Attic"}, r"no storey 'Attic'.*'Ground'"),
-        ({"storey": ""}, r"which storey is not said; it has: .*'Ground'"),
+        ({"storey": ""}, r"no storey was named .--storey.; it has: .*'Ground'"),
         ({"robot": Robot(radius=3.0)}, "no room can be reached"),
         ({"scan_format": "xyz"}, "scan format 'xyz'.*bin"),
         ({"sensor_height": 2.6}, "no room can be reached"),  # in the ceiling

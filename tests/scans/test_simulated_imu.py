@@ -89,5 +89,5 @@ def test_a_drive_writes_samples_until_its_end_and_the_truth_agrees_with_them(tmp
 
 
 def test_an_unknown_class_is_refused() -> None:
-    with pytest.raises(UserError, match="take one of mid360, tactical"):
+    with pytest.raises(UserError, match="give one of mid360, tactical"):
         imu_named("best")

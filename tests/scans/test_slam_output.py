@@ -55,7 +55,7 @@ def test_poses_are_read_as_they_were_written(form: str, tmp_path: Path) -> None:
         ("1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 0 0 2 0 0 0 0 1 0\n", "line 2: a pose is not a rigid transform"),
         ("1 0 0 0 0 1 0 0 0 0 1 nan\n", "line 1: a value is not finite"),
         ("#t,x\n5,0,0,0,1,0,0\n", "line 2: 6 values"),
-        ("5.1,0,0,0,1,0,0,0\n", "no stamp in whole nanoseconds"),
+        ("5.1,0,0,0,1,0,0,0\n", "not a stamp in whole nanoseconds"),
         ("5,0,0,0,1,0,0,0\n5,0,0,0,1,0,0,0\n", "line 2: the stamp does not increase"),
         ("5,0,0,0,0,0,0,0\n", "no direction"),
     ],
@@ -183,8 +183,8 @@ def test_a_damaged_dump_is_refused_with_its_file(tmp_path: Path) -> None:
         ("id: 0\n", b"", "no T_world_origin"),
         (f"T_world_origin:\n{rows}", b"", "names no frame"),
         (f"T_world_origin:\n{rows}stamp: 99.5\n", b"", "none of its frames"),
-        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"1234567", "no whole number"),
-        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"", "no pose of the trajectory could see"),
+        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"1234567", "not a whole number"),
+        (f"T_world_origin:\n{rows}stamp: 5.000000123\n", b"", "no point of the map is in view"),
     ):
         (dump / "data.txt").write_text(text)
         (dump / "points_compact.bin").write_bytes(points)

@@ -132,7 +132,7 @@ def test_a_pipes_scan_comes_with_its_record_and_what_is_cut_off_is_told(tmp_path
             with pytest.raises(queue.Empty):
                 arrivals.get(timeout=0.2)
     assert [own.index for own in stream.skipped] == [2] and "cut off" in stream.remarks[0]
-    with (tmp_path / "none").open("w+b") as file, pytest.raises(UserError, match="does not begin as MCAP"):
+    with (tmp_path / "none").open("w+b") as file, pytest.raises(UserError, match="does not start like MCAP"):
         list(McapPipe(file))
 
 

@@ -21,5 +21,5 @@ def carrier_named(name: str, pace: float = 1.0, reverse: bool = False) -> Carrie
             raise UserError(f"carrier {name} is not a recording: leave out pace and reversed")
         return CARRIERS[name]
     if Path(name).suffix != ".tum":
-        raise UserError(f"carrier '{name}' is not known; take {', '.join(CARRIERS)}, or a trajectory FILE.tum")
+        raise UserError(f"carrier '{name}' is not known; give {', '.join(CARRIERS)}, or a trajectory FILE.tum")
     return Recorded.read(name, pace, reverse)

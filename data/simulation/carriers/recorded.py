@@ -46,7 +46,7 @@ class Recorded:
         `pace` plays it faster. Raises UserError if it is no trajectory, too short, or goes nowhere.
         """
         if not 0.1 <= pace <= 10:
-            raise UserError(f"a pace of {pace:g} cannot be; give 0.1 to 10")
+            raise UserError(f"a pace of {pace:g} is out of range; give 0.1 to 10")
         recording = Trajectory.read_tum(path)
         rows = _resampled(recording, pace)
         if (len(rows) - 1) / KNOTS < SHORTEST:

@@ -10,14 +10,14 @@ TIMINGS: tuple[Timing, ...] = get_args(Timing)
 ALL = "all"
 EFFECTS = {
     "snapshots": "all points of a scan are measured at one instant",
-    "rolling": "each point is measured where the sensor is then, and its time is given (format pcd or ply)",
-    "untimed": "as rolling, but without the times",
+    "rolling": "the sensor moves during a scan, and each point has its time (format pcd or ply)",
+    "untimed": "as rolling, but points have no times",
     "glass": "windows and curtain walls let seven of ten rays pass",
-    "people": "some walk about in the rooms, one follows the sensor",
-    "doors": "leaves of doors: shut, ajar, or wide open where the way leads through",
-    "shelves": "shelves, cupboards and tables along the walls, beside the way",
-    "tolerance": "each wall stands off its planned place, by 1.5 cm (standard deviation)",
-    "returns": "3 cm of noise, a bias of each beam, mixed pixels, loss at grazing angles, 30 m of reach",
+    "people": "some people walk about in the rooms, one follows the sensor",
+    "doors": "doors have leaves: shut, ajar, or wide open where the route leads through",
+    "shelves": "shelves, cupboards and tables along the walls, clear of the route",
+    "tolerance": "each wall is off its planned position, by 1.5 cm (standard deviation)",
+    "returns": "3 cm of noise, a bias per beam, mixed pixels, loss at grazing angles, 30 m of range",
     "steps": "raised floors of 0.3 m in some rooms",
 }
 
@@ -29,9 +29,9 @@ def checked(effects: Collection[str]) -> frozenset[str]:
     """
     for name in effects:
         if name not in (*EFFECTS, ALL):
-            raise UserError(f"effect '{name}' is not known; take some of {', '.join(EFFECTS)}, or {ALL}")
+            raise UserError(f"effect '{name}' is not known; give some of {', '.join(EFFECTS)}, or {ALL}")
     if len(timings := [name for name in TIMINGS if name in effects]) > 1:
-        raise UserError(f"effects {' and '.join(timings)} exclude each other; take one")
+        raise UserError(f"effects {' and '.join(timings)} exclude each other; give one")
     if ALL in effects:
         return frozenset(EFFECTS) - frozenset(TIMINGS) | frozenset(timings or ["rolling"])
     return frozenset(effects)

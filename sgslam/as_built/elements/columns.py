@@ -74,7 +74,7 @@ def column_finding(
         why = f"{found.reason}; but something else hides its place"
         found = replace(found, verdict="uncertain", conclusive=False, reason=why)
     hidden = found.verdict == "uncertain" and told_by.sum() < _LEAST_HITS
-    return Finding("not seen", "something before it hides it", seen=share, views=count) if hidden else found
+    return Finding("not seen", "something in front of it hides it", seen=share, views=count) if hidden else found
 
 
 def _standing(
@@ -94,7 +94,7 @@ def _standing(
     reason = f"it stands {1000 * distance:.0f} mm off in plan view, by {int(at.sum())} rays"
     if verdict == "moved" and _may_be_before(near, outline + shift[:2], at):
         verdict, sure = "uncertain", False
-        reason = f"{reason}; wider than it and seen from one side alone: it may be furniture"
+        reason = f"{reason}; wider than planned and seen from one side only: it may be furniture"
     n = (float(direction[0]), float(direction[1]), 0.0)
     return Finding(verdict, reason, distance, n, sigma, None, sure, share, len(seen_by))
 

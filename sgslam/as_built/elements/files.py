@@ -54,7 +54,7 @@ def write_tables(
     write_atomically(out / CSV, text.getvalue())
     if find_spec("openpyxl") is None:
         (out / XLSX).unlink(missing_ok=True)  # that of an earlier run in this folder
-        _log.info("%s is not written; pip install 'sgslam[office]' to have it", XLSX)
+        _log.info("%s is not written; it needs pip install 'sgslam[office]'", XLSX)
         return
     write_atomically(out / XLSX, _workbook(rows))
 

@@ -108,9 +108,9 @@ def _solid(
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
-        verdict, reason, sure = "uncertain", f"{reason}; on one side only and before it: it may be furniture", False
+        verdict, reason, sure = "uncertain", f"{reason}; in front of it on one side only: it may be furniture", False
     if verdict == "moved" and share < _LEAST_SHARE:
-        verdict, reason, sure = "uncertain", f"{reason}; most of what was met is something before it", False
+        verdict, reason, sure = "uncertain", f"{reason}; most of what was seen is in front of it", False
     return Finding(verdict, reason, d, n, sigma, turn, sure, share, count)
 
 

@@ -91,7 +91,7 @@ def read_job(options: argparse.Namespace, scans: ScanSource | None = None, confi
     truth = None if options.ground_truth is None else Trajectory.read_tum(options.ground_truth)
     stamps = scans.stamps_ns  # None for a bag, whose stamps are known only after reading it
     if truth is not None and stamps is not None and not len(associate(stamps, truth.stamps_ns)[0]):
-        raise UserError(f"{options.ground_truth}: no stamp is near a scan's; the truth must use the scans' clock")
+        raise UserError(f"{options.ground_truth}: no stamp is close to a scan's; the truth must use the scans' clock")
     if external is not None and stamps is not None:
         external.check(stamps)
     began, cpu_began = perf_counter(), process_time()

@@ -160,7 +160,7 @@ def _accuracy(result: Result, truth: Trajectory, in_one_part: bool) -> dict[str,
     aligned, sigma = errors["rmse_map_aligned_m"], result.quality.get("position_sigma_m")
     if aligned is not None and sigma is not None and aligned > _FAR * sigma.value:
         errors.setdefault(
-            "note", f"aligned to the truth, the trajectory is off by {aligned:.2f} m, far more than its own standard "
-            f"deviations of {sigma.value:.3f} m say: is the truth of this drive?",
+            "note", f"aligned to the truth, the trajectory is off by {aligned:.2f} m, far more than its standard "
+            f"deviations of {sigma.value:.3f} m say: does the truth belong to this drive?",
         )  # fmt: skip
     return errors

@@ -99,7 +99,7 @@ class LidarInertialOdometry(RigidOdometry):
 
     def _give_up(self) -> None:
         """Has the library start again at the next scan."""
-        _log.warning("scan %d: the odometry lost its track and begins a new local map", self._scans)
+        _log.warning("scan %d: the odometry lost track and starts a new local map", self._scans)
         self._fed.give_up()
         self._misfits = 0
         self._recent.clear()

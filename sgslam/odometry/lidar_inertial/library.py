@@ -45,4 +45,4 @@ def imported(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise UserError(f"odometry {name}: the library is not there; pip install 'sgslam[{name}]'") from None
+        raise UserError(f"odometry {name}: the library is not installed; pip install 'sgslam[{name}]'") from None

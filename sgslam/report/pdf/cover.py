@@ -12,15 +12,15 @@ _LINE = 13.0  # points
 _MOST_LINES = 3  # of a value; names of folders may be longer
 _FRAME = "T_bim_map"  # in the summary, numbers for programs
 WORDS = (
-    ("as planned", "its surface lies within the tolerance of its planned place"),
-    ("moved", "it lies further off, by more than two standard deviations of the measurement"),
+    ("as planned", "its surface is within the tolerance of its planned place"),
+    ("moved", "it is farther off, by more than two standard deviations of the measurement"),
     ("absent", "the scans see through its place"),
     ("unplanned", "a wall stands where the plan has none"),
-    ("uncertain", "something stands there, but the measurement does not tell"),
-    ("not seen", "too little of it was in view; it may stand or not"),
-    ("not conclusive", "two standard deviations do not tell the offset from the tolerance"),
+    ("uncertain", "something stands there, but it is not certain that it is the element"),
+    ("not seen", "too little of it was in view to decide whether it stands"),
+    ("not conclusive", "the offset differs from the tolerance by less than two standard deviations"),
     ("LOA", "level of accuracy of the measurement (USIBD, at 95 %): LOA40 5 mm, LOA30 15 mm, LOA20 50 mm"),
-    ("DIN 18202", "whether a wall keeps its planned direction in plan view, for its length (table 2)"),
+    ("DIN 18202", "whether a wall's direction in plan view is within the limit for its length (table 2)"),
 )
 
 

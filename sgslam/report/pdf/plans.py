@@ -71,4 +71,4 @@ def _legend(sheet: Sheet) -> None:
         sheet.box(x, y + 1.5, 12.0, 6.0, VERDICT_COLORS[verdict])
         sheet.text(x + 17, y, verdict, 8.0)
         x += 35 + text_width(verdict, 8.0)
-    sheet.text(x, y, "numbers are those of the table; violet: the way of the scanner", 8.0, MUTED)
+    sheet.text(x, y, "numbers as in the table; violet: the path of the sensor", 8.0, MUTED)

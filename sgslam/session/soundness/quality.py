@@ -26,7 +26,7 @@ _APART = 1.0  # m of way: crossings nearer to each other are of one wall, which 
 
 @dataclass(frozen=True)
 class Signal:
-    """`ok` where the value is within its limit."""
+    """A quality signal of the map; `ok` if the value is within its limit."""
 
     value: float
     limit: float
@@ -82,7 +82,7 @@ def contradiction(quality: Quality) -> str | None:
     """One line, of a run with a place in the plan where it cannot be; None of others."""
     tilt, crossed = quality.get("plan_tilt_deg"), quality.get("planned_walls_crossed")
     if crossed is not None and not crossed.ok:
-        what, name = f"the way leads through {crossed.value:.0f} walls that both have", "planned_walls_crossed"
+        what, name = f"the path crosses {crossed.value:.0f} walls that both have", "planned_walls_crossed"
         accepted = crossed.value
     elif tilt is not None and not tilt.ok:
         what, name = f"it is tilted by {tilt.value:.1f} degrees in the map", "plan_tilt"

@@ -26,13 +26,13 @@ _HEADER = (
 
 @dataclass(frozen=True, eq=False)
 class ScanUncertainty:
-    """A line for each scan, in the order of their stamps (N,), in nanoseconds.
+    """The uncertainty of each scan's pose, in the order of the scans' stamps (N,), in nanoseconds.
 
-    `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) of the frame of the trajectory; NaN
-    where they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each
-    submap that was not relocalised: its sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty
-    between two floors. `anchored` (N,): whether the pose is one in the building: neither of lost scans, nor where it
-    is not known well enough.
+    `sigma` (N, 6): standard deviations along x, y, z (m) and about x, y, z (rad) in the trajectory's frame; NaN where
+    they are unknown, as in a part whose scans are all lost. `part` (N,): 0 for the map, then a number for each submap
+    that was not relocalised, whose sigmas are in its own frame. `floor`: ids of the S-graph's floors, empty between two
+    floors. `anchored` (N,): whether the pose is anchored to the building; false for lost scans and for poses that are
+    too uncertain.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -98,8 +98,8 @@ def what_is_not_anchored(told: ScanUncertainty) -> str:
     lost, apart = np.array([health == "lost" for health in told.health]), told.part > 0
     counts = {
         "are lost": lost,
-        "lie in parts that were not placed": apart & ~lost,
-        "have poses that are not known well enough": ~told.anchored & ~apart & ~lost,
+        "are in parts that were not placed": apart & ~lost,
+        "have poses that are too uncertain": ~told.anchored & ~apart & ~lost,
     }
     texts = [f"{own.sum()} {cause}" for cause, own in counts.items() if own.any()]
     return f"of {len(lost)} scans {', '.join(texts)}" if texts else ""
@@ -117,13 +117,13 @@ def why_none_is_anchored(own: ScanUncertainty, settings: QualitySettings) -> str
         return "the map fits the plan, but every scan is lost"
     sigma = np.quantile(known, 0.95, axis=0)
     if np.isnan(sigma).any():
-        return "the map fits the plan, but how well its poses are known cannot be computed"
+        return "the map fits the plan, but the uncertainty of its poses cannot be computed"
     worst = int(np.argmax(sigma / _limits(settings)))
     what = ("position along x", "position along y", "height", "roll", "pitch", "heading")[worst]
     name, unit = ("anchored_position", "m") if worst < 3 else ("anchored_attitude", "degrees")
     value = sigma[worst] if worst < 3 else np.degrees(sigma[worst])
     return (
-        f"the map fits the plan, but its {what} is not known: the standard deviation is {value:.2f} {unit}; "
+        f"the map fits the plan, but its {what} is too uncertain: the standard deviation is {value:.2f} {unit}; "
         f"--set quality.{name}={np.ceil(20 * value) / 10} accepts that"
     )
 

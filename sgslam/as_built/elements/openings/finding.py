@@ -70,7 +70,7 @@ def opening_finding(
         return Finding("absent", "its wall is absent", conclusive=True, seen=share, views=count)
     fit = _fit(sides, reveal)
     if fit.filled - fit.there > SURE:
-        return Finding("absent", "its wall goes on in its place", conclusive=True, seen=share, views=count)
+        return Finding("absent", "its wall continues in its place", conclusive=True, seen=share, views=count)
     if fit.there - fit.filled < SURE:
         why = "closed at the wall's face, by a leaf, a pane or the wall"
         return Finding("uncertain", why, seen=share, views=count)
@@ -86,7 +86,7 @@ def opening_finding(
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and fit.left < SURE:  # a leaf, a frame or a curtain narrows an opening, but does not widen it
-        verdict, reason, sure = "uncertain", f"{reason}; one edge alone, which may be a leaf", False
+        verdict, reason, sure = "uncertain", f"{reason}; only one edge, which may be that of a leaf", False
     direction = (float(reveal.along[0]), float(reveal.along[1]), 0.0)
     return Finding(verdict, reason, fit.along, direction, sigma, None, sure, share, count)
 
