@@ -138,7 +138,7 @@ def rpe(estimate: Trajectory, truth: Trajectory, delta_m: float = 1.0) -> Rpe:
 
 
 def drift(estimate: Trajectory, truth: Trajectory) -> Drift:
-    """The drift in percent of the way travelled (measured along the matched true poses).
+    """The drift in percent of the distance travelled (measured along the matched true poses).
 
     Sub-trajectories as in KITTI (Geiger et al., CVPR 2012, `evaluate_odometry.cpp`): from each pose to the first one
     that lies more than the length further on; the error of the relative pose over the length; the mean over all

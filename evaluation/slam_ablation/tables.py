@@ -37,7 +37,7 @@ MAP = {
 COST = {
     "poses": "scans", "keyframes": "keyframes", "rooms": "rooms", "wall_surfaces": "wall surfaces",
     "seconds": "seconds", "seconds_reading": "reading", "seconds_odometry": "odometry", "seconds_surfaces": "surfaces",
-    "seconds_rooms": "rooms cut", "seconds_loops": "loops", "seconds_matching": "matching",
+    "seconds_rooms": "segmentation", "seconds_loops": "loops", "seconds_matching": "matching",
     "seconds_optimisation": "optimisation", "peak_memory_mb": "peak memory (MB)",
 }  # fmt: skip
 

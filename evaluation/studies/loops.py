@@ -153,8 +153,8 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
                     for kind, runs in (("open", without), ("closed", closed))}  # fmt: skip
 
         return {
-            "runs": str(len(closed)), "way (m)": _mean(own.way_m, ".0f"), **both("APE (m)", "ape_m", ".3f"),
-            **both("RPE 1 m (mm)", "rpe_1m_m", ".1f", 1000), **both("end (% of the way)", "end_percent", ".3f"),
+            "runs": str(len(closed)), "driven (m)": _mean(own.way_m, ".0f"), **both("APE (m)", "ape_m", ".3f"),
+            **both("RPE 1 m (mm)", "rpe_1m_m", ".1f", 1000), **both("end (% of the length)", "end_percent", ".3f"),
             **both("wall surfaces", "surfaces", ".0f"), "closures": str(closed.closures.sum()),
             "withdrawn": str(closed.withdrawn.sum()), "false": str(closed.false.sum()),
             "worst closure (m)": f"{closed.closure_m.max():.3f}" if closed.closure_m.notna().any() else "",

@@ -44,7 +44,7 @@ class Choice(DriveOptions):
 
 
 class Anchored(Record):
-    """`length_m` is that of the way. Errors (m) of all scans in the BIM frame, None without an anchor: the RMSE in
+    """`length_m` is that of the path. Errors (m) of all scans in the BIM frame, None without an anchor: the RMSE in
     space and in plan view, the mean magnitude in height, and the largest. `odometry_m` and `map_m` are the ATE of the
     odometry and of the map's trajectory after SE(3) alignment, None where it is in several parts. `wrong` scans are
     called anchored and are off by more than 0.5 m or 5 degrees; `inside` says how often the anchored poses' 95 %

@@ -22,7 +22,7 @@ from sgslam.slam import SceneGraphSlam
 
 
 class Choice(Options):
-    """The folder of the data set, which of its recordings (all for none), and the lengths (m) of the pieces of the way
+    """The folder of the data set, which of its recordings (all for none), and the lengths (m) of the pieces of the path
     that are also run on their own. `topic` is that of the scans where a bag has several."""
 
     dataset: Path | None = None
@@ -123,7 +123,7 @@ def _noted(scans: Iterable[Scan], stamps: list[int]) -> Iterator[Scan]:
 
 
 def _pieces(scans: Iterable[Scan], truth: Trajectory, length_m: float) -> Iterator[Iterator[Scan]]:
-    """The scans of each piece of the way; those before, after and in the rest at its end are left out."""
+    """The scans of each piece of the path; those before, after and in the rest at its end are left out."""
     pieces = piece_of_each(truth, length_m)
 
     def piece(scan: Scan) -> int:

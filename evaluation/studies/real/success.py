@@ -72,7 +72,7 @@ def aligned_rmse(estimate: Trajectory, truth: Trajectory, point: Array) -> float
 
 
 def piece_of_each(truth: Trajectory, length_m: float) -> NDArray[np.intp]:
-    """(N,) the number of the piece of the way, each of this length, in which each true pose lies; -1 in the rest at the
+    """(N,) the number of the piece of the path, each of this length, that each true pose is in; -1 in the rest at the
     end that is shorter."""
     steps = np.linalg.norm(np.diff(truth.positions, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
