@@ -31,6 +31,7 @@ _MOST_RAYS = 0.5  # share that no person who went away leaves free, since he sto
 _TRIED = 8  # of the likely poses of a lost sensor
 _UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
 _KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
+_PAUSE = 3.0  # times the usual time between scans: what is longer is a pause
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
 
 
@@ -54,7 +55,7 @@ class ContinuousTimeOdometry:
 
     _STATE = (
         "_side", "_first_ns", "_scans", "_lost", "_way", "_usual", "_height", "_older", "_older_knots", "_beliefs",
-        "residual", "_up", "_early", "_lost_at", "_held_at",
+        "residual", "_up", "_early", "_lost_at", "_held_at", "_interval",
     )  # fmt: skip
 
     def __init__(
@@ -73,6 +74,7 @@ class ContinuousTimeOdometry:
         self._older_knots = np.empty((0, 4, 4))  # its knots
         self._beliefs: list[Belief] = []  # of the ends of the last two scans, each as its own window left it
         self._early: list[TimedPoints] | None = []  # all scans so far, while the first ones may be looked back at
+        self._interval = np.inf  # s, the usual time from scan to scan: the shortest so far
         self.residual = np.inf  # m, the median distance of the newest scans' points from their surfaces
 
     @property
@@ -142,12 +144,24 @@ class ContinuousTimeOdometry:
         return self._judged(scan, solved, firsts)
 
     def _next(self, scan: TimedPoints) -> _Found:
-        """The newest scan, together with the one before unless that is in the map already."""
+        """The newest scan, together with the one before unless that is in the map already. After a pause in which
+        nothing measured the motion the sensor is lost, as if it had been covered for as long."""
+        if self._paused(scan):
+            return self._lose(scan, 0.0)
         if self._older is None:
             solved, firsts = self._solved(self._beliefs[-1], [scan])
         else:
             solved, firsts = self._solved(self._beliefs[-2], [self._older, scan])
         return self._judged(scan, solved, firsts)
+
+    def _paused(self, scan: TimedPoints) -> bool:
+        """Whether no scan came for so long before this one that the sensor may be in another room."""
+        last, ends = self._beliefs[-1].seconds, float(scan.knot_seconds[-1])
+        usual, self._interval = self._interval, min(self._interval, ends - last)
+        if self._given is not None or ends - last < max(self._settings.unseen, _PAUSE * usual):
+            return False
+        turns = NO_TURNS if self._imu is None else self._imu.turns(np.array([last, ends]))
+        return not (len(turns.information) and bool((turns.information > 0).all()))
 
     def _solved(self, belief: Belief, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:
         """The knots of a window, and the index of each scan's first one; tried again where the result is suspicious."""

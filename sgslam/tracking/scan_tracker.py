@@ -52,7 +52,10 @@ class ScanTracker(Stateful):
     What the graph knows better, by the plan and by loops, acts as T_map_odom and never moves `odom`.
     """
 
-    _STATE = ("_waiting", "_found", "_lost_since_ns", "_T_level_source", "_lost_from_ns", "_found_ns", "_again_ns")
+    _STATE = (
+        "_waiting", "_found", "_lost_since_ns", "_T_level_source", "_lost_from_ns", "_found_ns", "_again_ns",
+        "_seen_ns",
+    )  # fmt: skip
 
     def __init__(
         self, config: Config, odometry: Odometry, imu: ImuBuffer | None = None, motion: GivenMotion | None = None
@@ -67,7 +70,8 @@ class ScanTracker(Stateful):
         self._found: list[Registration] = []
         self._other: Odometry | None = None  # registers lost scans with one another
         self._lost_since_ns: int | None = None  # the first of those that fit one another
-        self._lost_from_ns: int | None = None  # the first of the newest lost scans
+        self._seen_ns: int | None = None  # the newest scan that was not lost
+        self._lost_from_ns: int | None = None  # the first of the newest lost scans, or the last one before a pause
         self._found_ns: int | None = None  # the first scan from where the sensor was found again
         self._again_ns: int | None = None  # when it was found, for the last time
         self._T_level_source = np.eye(4)  # from the frame in which poses come
@@ -175,8 +179,11 @@ class ScanTracker(Stateful):
         """
         settings, stamp = self._config.tracking, scan.raw.stamp_ns
         if scan.health == "lost":
-            self._lost_from_ns = stamp if self._lost_from_ns is None else self._lost_from_ns
+            if self._lost_from_ns is None:
+                seen = stamp if self._seen_ns is None else self._seen_ns
+                self._lost_from_ns = seen if stamp - seen >= 1e9 * settings.unseen else stamp
             return scan
+        self._seen_ns = stamp
         self._lost_since_ns = stamp if self._was_unseen(stamp) else None
         if self._lost_from_ns is not None and stamp - self._lost_from_ns >= 1e9 * settings.kidnapped:
             self._again_ns, self._found_ns = stamp, stamp if self._found_ns is None else self._found_ns

@@ -12,11 +12,12 @@ from data.scans import Scan, ScanFolder
 from data.simulation.carriers import HANDHELD, Shaken
 from data.simulation.simulate import simulate
 from data.trajectory import Trajectory
-from sgslam.config import TrackingSettings
+from sgslam.config import Config, TrackingSettings
 from sgslam.geometry.frames import inverse
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.registration import Motion, Registration
+from sgslam.tracking import CarriedElsewhere, RunTracker
 
 SECONDS = 12.0
 
@@ -169,6 +170,23 @@ def test_covariances_stay_symmetric(drive: tuple[list[Scan], Trajectory]) -> Non
         odometry.register(scan.stamp_ns, scan.points, scan.point_times)
         for belief in odometry._beliefs:
             assert np.array_equal(belief.covariance, belief.covariance.T)
+
+
+@pytest.mark.parametrize(("pause", "is_new_part"), [(1.7, False), (2.1, True)])
+def test_after_two_seconds_without_scans_a_new_part_of_the_map_begins(
+    drive: tuple[list[Scan], Trajectory], pause: float, is_new_part: bool
+) -> None:
+    """Even if the sensor seems to stand where it stood: it may be in another room that looks the same."""
+    tracker, scan = RunTracker(Config()), replace(drive[0][40], point_times=None)
+    stamps = [*(k / 10 for k in range(110)), *(10.9 + pause + k / 10 for k in range(20))]
+    steps = [step for second in stamps for step in tracker.track(round(second * 1e9), scan.points)]
+    parts = [step.since_ns / 1e9 for step in steps if isinstance(step, CarriedElsewhere)]
+    assert parts == ([pytest.approx(10.9 + pause, abs=0.15)] if is_new_part else [])
+
+
+def test_scans_that_always_come_rarely_are_no_pauses(drive: tuple[list[Scan], Trajectory]) -> None:
+    standing = [replace(drive[0][40], stamp_ns=round(k * 2.5e9)) for k in range(8)]
+    assert all(result.health != "lost" for result in tracked(standing, with_times=False))
 
 
 def covered(scan: Scan) -> Scan:
