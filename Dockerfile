@@ -1,3 +1,4 @@
+# Not built yet, for want of a machine with a Docker daemon.
 # docker build -t sgslam . && docker run --rm -v "$PWD":/work sgslam run --demo
 FROM python:3.11-slim AS wheel
 WORKDIR /source

@@ -22,8 +22,8 @@ DRIVES = {
 README = {
     "kiss-icp": "KISS-ICP alone", "small_gicp": "small_gicp alone", "icp-to-bim": "each scan to the BIM by ICP",
     "multi-scale-icp-to-bim": "each scan to the BIM by ICP of several scales",
-    "graph": "our map without the plan", "anchored:voting": "anchored by voting",
-    "anchored": "**anchored by learned**", "oracle": "oracle",
+    "graph": "ours without the plan", "anchored:voting": "ours, matched by voting",
+    "anchored": "**ours, anchored**", "oracle": "ours, true matches",
 }  # fmt: skip
 ACCURACY = {
     "rmse_m": "RMSE (m)", "max_m": "max (m)", "yaw_rmse_deg": "yaw (deg)", "drift_reduction": "drift reduction (%)",

@@ -152,8 +152,8 @@ def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
 def test_runs_that_are_not_anchored_are_told() -> None:
     rows = rows_with({"kiss-icp": [0.2, 0.2, 0.4], "anchored": [0.01, None, 0.03], "anchored:voting": [None] * 3})
     readme = STUDY.tables(rows)["readme"].iloc[0]
-    assert readme["**anchored by learned**"] == "0.020 m (2 of 3 anchored)"
-    assert readme["anchored by voting"] == "(0 of 3 anchored)"
+    assert readme["**ours, anchored**"] == "0.020 m (2 of 3 anchored)"
+    assert readme["ours, matched by voting"] == "(0 of 3 anchored)"
     rmse, anchored, relative = STUDY.claims(rows)
     assert rmse.value.startswith("0.0200 [") and rmse.cases == "3 drives, 1 buildings"
     assert anchored.value == "2/3, at least 9%"  # Clopper and Pearson
