@@ -132,10 +132,11 @@ def test_the_files_have_a_row_for_each_element(tmp_path: Path) -> None:
     told = json.loads((tmp_path / "elements.json").read_text())
     assert told["counts"]["not seen"] == 1
     assert sorted(map(tuple, told["elements"][0]["outline"])) == [(3.0, -3.0), (3.0, 3.0), (3.2, -3.0), (3.2, 3.0)]
+    assert rows[0]["direction (x y z)"] == "1.000 0.000 0.000" and rows[2]["direction (x y z)"] == ""
     assert rows[0]["LOA"] == told["elements"][0]["loa"] == "LOA30" and rows[0]["DIN 18202 limit (m)"] == "0.012"
     openpyxl = pytest.importorskip("openpyxl", reason="the extra [office] is not installed")
     sheet = openpyxl.load_workbook(tmp_path / "elements.xlsx").active
-    assert sheet.max_row == 4 and [cell.value for cell in sheet[2]][6:11:3] == ["as planned", "LOA30"]
+    assert sheet.max_row == 4 and [cell.value for cell in sheet[2]][6:12:4] == ["as planned", "LOA30"]
 
 
 def test_a_picture_that_is_there_is_linked(tmp_path: Path) -> None:

@@ -22,9 +22,9 @@ _log = logging.getLogger(__name__)
 JSON, CSV, XLSX = "elements.json", "elements.csv", "elements.xlsx"
 PICTURES = "heat_maps"  # a folder, of the export cloud-to-model
 COLUMNS = (
-    "name", "GlobalId", "class", "storey", "room", "grid", "verdict", "offset (m)", "sigma (m)", "LOA", "conclusive",
-    "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views", "length (m)", "ends x y (m)",
-    "z (m)", "reason", "picture",
+    "name", "GlobalId", "class", "storey", "room", "grid", "verdict", "offset (m)", "direction (x y z)", "sigma (m)",
+    "LOA", "conclusive", "turn (deg)", "turn sigma (deg)", "DIN 18202 limit (m)", "DIN 18202", "seen", "views",
+    "length (m)", "ends x y (m)", "z (m)", "reason", "picture",
 )  # fmt: skip
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # begin a formula where a spreadsheet reads a text
 Cell = str | float | int | None
@@ -70,8 +70,8 @@ def _row(of: Mapping[str, Any]) -> list[Cell]:
     named = [of[name] for name in ("name", "global_id", "ifc_class", "storey")]
     texts = [_text(text) for text in (*named, ", ".join(of["rooms"]), of.get("grid", ""))]
     return [
-        *texts, of["verdict"], _rounded(of["offset_m"], 4), _rounded(of["sigma_m"], 4), of["loa"],
-        "yes" if of["conclusive"] else "no", _degrees(of["turn_rad"]), _degrees(of["turn_sigma_rad"]),
+        *texts, of["verdict"], _rounded(of["offset_m"], 4), _vector(of["direction"]), _rounded(of["sigma_m"], 4),
+        of["loa"], "yes" if of["conclusive"] else "no", _degrees(of["turn_rad"]), _degrees(of["turn_sigma_rad"]),
         of["din_18202_limit_m"], of["din_18202"], of["seen"], of["views"], None, None, None, of["reason"],
     ]  # fmt: skip
 
@@ -98,11 +98,15 @@ def _picture(out: Path, global_id: str) -> str:
 
 
 def _degrees(radians: float | None) -> float | None:
-    return None if radians is None else round(math.degrees(radians), 3)
+    return None if radians is None else _rounded(math.degrees(radians), 3)
 
 
 def _rounded(value: float | None, digits: int) -> float | None:
-    return None if value is None else round(value, digits)
+    return None if value is None else round(value, digits) + 0.0  # no -0.0
+
+
+def _vector(of: Sequence[float] | None) -> str | None:
+    return None if of is None else " ".join(f"{_rounded(value, 3):.3f}" for value in of)
 
 
 def _text(text: str) -> str:

@@ -104,7 +104,7 @@ def _solid(
     d = float(np.median((sign * offset)[at]))
     n = (float(direction[0]), float(direction[1]), float(direction[2]))
     verdict, sure = verdict_on_offset(abs(d), sigma, tolerance)
-    reason = f"its surface is at {1000 * d:+.0f} mm, by {int(at.sum())} sightings"
+    reason = f"its surface is at {1000 * d:+.0f} mm, as measured {int(at.sum()):,} times"
     if verdict == "uncertain":
         reason = f"{reason}; a sigma of {1000 * sigma:.0f} mm is too large for the tolerance"
     if verdict == "moved" and abs(d) > BEHIND / 2 and _could_be_furniture(sign[at], d):
