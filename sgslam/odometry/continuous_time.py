@@ -99,6 +99,8 @@ class ContinuousTimeOdometry:
         scan, side = thinned(points, point_times, began, self._side, self._settings)
         unsteady = None if self._imu is None else self._imu.unsteady(scan.knot_seconds)
         scan = scan if unsteady is None else scan.steadied(unsteady)
+        if is_after_pause := self._scans > 1 and self._is_after_pause(scan):
+            self._lost, self._lost_at = True, self._beliefs[-1].seconds  # as if it had been covered for as long
         found = self._lose(scan, 0.0) if len(scan.points) < _BLIND else self._found(scan, side)
         if self._early is not None:
             self._early.append(scan)
@@ -107,7 +109,7 @@ class ContinuousTimeOdometry:
         motion = Motion(scan.knot_seconds - began, found.knots)
         return Registration(
             motion.at(0.0), found.covariance, found.health, found.share, motion, point_times, found.unconstrained,
-            None if unsteady is None else unsteady.later(-began),
+            None if unsteady is None else unsteady.later(-began), is_after_pause,
         )  # fmt: skip
 
     def _found(self, scan: TimedPoints, side: float) -> _Found:
@@ -144,23 +146,20 @@ class ContinuousTimeOdometry:
         return self._judged(scan, solved, firsts)
 
     def _next(self, scan: TimedPoints) -> _Found:
-        """The newest scan, together with the one before unless that is in the map already. After a pause in which
-        nothing measured the motion the sensor is lost, as if it had been covered for as long."""
-        if self._paused(scan):
-            return self._lose(scan, 0.0)
+        """The newest scan, together with the one before unless that is in the map already."""
         if self._older is None:
             solved, firsts = self._solved(self._beliefs[-1], [scan])
         else:
             solved, firsts = self._solved(self._beliefs[-2], [self._older, scan])
         return self._judged(scan, solved, firsts)
 
-    def _paused(self, scan: TimedPoints) -> bool:
-        """Whether no scan came for so long before this one that the sensor may be in another room."""
-        last, ends = self._beliefs[-1].seconds, float(scan.knot_seconds[-1])
+    def _is_after_pause(self, scan: TimedPoints) -> bool:
+        """Whether no scan came for long before this one, and nothing else measured how the sensor moved."""
+        last, begins, ends = self._beliefs[-1].seconds, float(scan.knot_seconds[0]), float(scan.knot_seconds[-1])
         usual, self._interval = self._interval, min(self._interval, ends - last)
-        if self._given is not None or ends - last < max(self._settings.unseen, _PAUSE * usual):
+        if self._given is not None or begins - last <= max(self._settings.kidnapped, _PAUSE * usual):
             return False
-        turns = NO_TURNS if self._imu is None else self._imu.turns(np.array([last, ends]))
+        turns = NO_TURNS if self._imu is None else self._imu.turns(np.array([last, begins]))
         return not (len(turns.information) and bool((turns.information > 0).all()))
 
     def _solved(self, belief: Belief, scans: list[TimedPoints]) -> tuple[Solved, list[int]]:

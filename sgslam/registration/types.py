@@ -64,7 +64,8 @@ class Registration:
     twists `unconstrained` (M, 6), rotation first, in the sensor's axes; it is "lost" if the scan does not fit the map,
     and the pose is then a prediction. `share` is the share of the scan's points that are on known surfaces. `motion` is
     the motion during the scan, by seconds after its stamp; `point_times` (N,) are the times that were used, None for a
-    snapshot. With an IMU, `unsteady` is what it measures of the turns within the scan, by the same seconds.
+    snapshot. With an IMU, `unsteady` is what it measures of the turns within the scan, by the same seconds. A scan
+    `is_after_pause` if none came for long before it, and nothing else measured how the sensor moved.
     """
 
     T_odom_sensor: Floats
@@ -75,6 +76,7 @@ class Registration:
     point_times: Floats | None = None
     unconstrained: Floats = field(default_factory=lambda: np.empty((0, 6)))
     unsteady: UnsteadyTurn | None = None
+    is_after_pause: bool = False
 
     def undistorted(self, points: Floats) -> Floats:
         """Returns the points (N, 3) of the scan as the sensor would have measured them at its stamp."""

@@ -30,7 +30,8 @@ class TrackedScan:
     """A scan with its pose `T_odom_sensor` (4, 4) at its stamp, in a level frame; `points` (N, 3) as at that instant.
 
     `covariance` (6, 6) is that of the pose against the odometry's map, rotation first, in the sensor's axes. It is
-    `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a like place.
+    `unconfirmed` in the first seconds after the sensor was lost for longer: it may be in a place that looks alike.
+    After a pause in the scans the sensor counts as lost for as long.
     """
 
     raw: RawScan
@@ -39,6 +40,7 @@ class TrackedScan:
     covariance: Floats
     health: Health
     unconfirmed: bool = False
+    is_after_pause: bool = False
 
     @property
     def waits(self) -> bool:
@@ -163,7 +165,9 @@ class ScanTracker(Stateful):
         points = found.undistorted(raw.points)
         if found.health != "lost":
             self._check.add(raw.stamp_ns, points, T_odom_sensor)
-        return TrackedScan(raw, points, T_odom_sensor, found.covariance, found.health)
+        return TrackedScan(
+            raw, points, T_odom_sensor, found.covariance, found.health, is_after_pause=found.is_after_pause
+        )
 
     @property
     def carried_since_ns(self) -> int:
@@ -178,10 +182,10 @@ class ScanTracker(Stateful):
         To be asked for each scan, before `was_carried_elsewhere`.
         """
         settings, stamp = self._config.tracking, scan.raw.stamp_ns
+        if scan.is_after_pause and self._lost_from_ns is None:
+            self._lost_from_ns = self._seen_ns
         if scan.health == "lost":
-            if self._lost_from_ns is None:
-                seen = stamp if self._seen_ns is None else self._seen_ns
-                self._lost_from_ns = seen if stamp - seen >= 1e9 * settings.unseen else stamp
+            self._lost_from_ns = stamp if self._lost_from_ns is None else self._lost_from_ns
             return scan
         self._seen_ns = stamp
         self._lost_since_ns = stamp if self._was_unseen(stamp) else None

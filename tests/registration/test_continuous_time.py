@@ -17,7 +17,7 @@ from sgslam.geometry.frames import inverse
 from sgslam.odometry.continuous_time import ContinuousTimeOdometry
 from sgslam.odometry.timed import TimedOdometry
 from sgslam.registration import Motion, Registration
-from sgslam.tracking import CarriedElsewhere, RunTracker
+from sgslam.tracking import CarriedElsewhere, RunTracker, TrackedScan
 
 SECONDS = 12.0
 
@@ -172,9 +172,11 @@ def test_covariances_stay_symmetric(drive: tuple[list[Scan], Trajectory]) -> Non
             assert np.array_equal(belief.covariance, belief.covariance.T)
 
 
-@pytest.mark.parametrize(("pause", "is_new_part"), [(1.7, False), (2.1, True)])
-def test_after_two_seconds_without_scans_a_new_part_of_the_map_begins(
-    drive: tuple[list[Scan], Trajectory], pause: float, is_new_part: bool
+@pytest.mark.parametrize(
+    ("pause", "waits", "is_new_part"), [(0.4, False, False), (0.7, True, False), (1.7, True, False), (2.1, False, True)]
+)
+def test_a_pause_in_the_scans_counts_as_lost(
+    drive: tuple[list[Scan], Trajectory], pause: float, waits: bool, is_new_part: bool
 ) -> None:
     """Even if the sensor seems to stand where it stood: it may be in another room that looks the same."""
     tracker, scan = RunTracker(Config()), replace(drive[0][40], point_times=None)
@@ -182,6 +184,7 @@ def test_after_two_seconds_without_scans_a_new_part_of_the_map_begins(
     steps = [step for second in stamps for step in tracker.track(round(second * 1e9), scan.points)]
     parts = [step.since_ns / 1e9 for step in steps if isinstance(step, CarriedElsewhere)]
     assert parts == ([pytest.approx(10.9 + pause, abs=0.15)] if is_new_part else [])
+    assert any(isinstance(step, TrackedScan) and step.unconfirmed for step in steps) == waits
 
 
 def test_scans_that_always_come_rarely_are_no_pauses(drive: tuple[list[Scan], Trajectory]) -> None:
