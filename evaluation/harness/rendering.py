@@ -86,7 +86,10 @@ class Renderer:
         if not cell:
             return tables[name]
         row, column = map(int, cell.split(","))
-        return str(tables[name].iloc[row, column])
+        try:
+            return str(tables[name].iloc[row, column])
+        except IndexError:
+            raise UserError(f"<!-- rows: {study}/{name}@{cell} -->: the table has {tables[name].shape} cells") from None
 
     def _tables_of(self, study: str) -> Mapping[str, Any]:
         return load_study(study).tables(self.rows_of(study))
