@@ -2,8 +2,7 @@
 
 A page has blocks `<!-- rows: STUDY/NAME -->...<!-- /rows -->`. What is between the marks is written here: a table with
 its source, or a short text within a sentence. An empty block stays so until its study has rows. `STUDY/commands` are
-the commands of all rows: a page that has it does not repeat them below each table. `STUDY/NAME@ROW,COLUMN` is a cell of
-a table, counted from 0.
+the commands of all rows. `STUDY/NAME@ROW,COLUMN` is a cell of a table, counted from 0.
 """
 
 import re
@@ -25,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PLOTS = ROOT / "docs/benchmarks"
 BLOCK = re.compile(r"(<!-- rows: ([a-z_]+)/([\w@,-]+) -->)(.*?)(<!-- /rows -->)", re.DOTALL)
 CLAIMS, COMMANDS = "claims", "commands"
-_HEAD = ("claim", "value", "cases", "command", "commit")
+_HEAD = ("claim", "value", "cases", "study", "commit")
 
 
 class Renderer:
@@ -39,13 +38,11 @@ class Renderer:
     def page(self, text: str) -> str:
         """The page with today's blocks. Raises UserError for a block that there is not, and for mixed builds."""
 
-        apart = {found.group(2) for found in BLOCK.finditer(text) if found.group(3) == COMMANDS}
-
         def block(found: re.Match[str]) -> str:
             begin, study, name, content, end = found.groups()
             if not content and study in STUDIES and not self.has_rows(study):
                 return found[0]  # its study is still to be run
-            return begin + self._block(study, name, study in apart) + end
+            return begin + self._block(study, name) + end
 
         return BLOCK.sub(block, text)
 
@@ -63,11 +60,11 @@ class Renderer:
         for name in filter(self.has_rows, STUDIES):
             rows = self.rows_of(name)
             made = rows.iloc[-1]
-            source = (f"`{made['made.command']}`", f"`{made['made.commit']}`")
+            source = (f"[{name}](docs/benchmarks/{name}.md)", f"`{made['made.commit']}`")
             lines += [(claim.text, claim.value, claim.cases, *source) for claim in load_study(name).claims(rows)]
         return pd.DataFrame(lines, columns=list(_HEAD))
 
-    def _block(self, study: str, name: str, commands_apart: bool) -> str:
+    def _block(self, study: str, name: str) -> str:
         if study == CLAIMS:
             return f"\n{markdown(self.claims())}\n"
         if name == COMMANDS:
@@ -75,7 +72,7 @@ class Renderer:
         content = self._content(study, name)
         if isinstance(content, str):
             return content
-        return f"\n{markdown(content)}\n\n{self._source(study, commands_apart)}\n"
+        return f"\n{markdown(content)}\n\n{self._source(study)}\n"
 
     def _content(self, study: str, name: str) -> Any:
         """A table or a text. Raises UserError if the study has none of this name."""
@@ -115,15 +112,13 @@ class Renderer:
         """The different values of a field of the rows' provenance."""
         return list(dict.fromkeys(self.rows_of(study)[f"made.{name}"]))
 
-    def _source(self, study: str, commands_apart: bool) -> str:
-        """The source of a table in one line, with the commands unless the page has them apart."""
+    def _source(self, study: str) -> str:
+        """The source of a table in one line; the commands are on the study's page."""
         made = self._made(study, "commit")
         mixed = f"**Rows of {len(made)} commits:** " if len(made) > 1 else "Commit "
         commits = mixed + ", ".join(f"`{commit}`" for commit in made)
         last_day = max(self._made(study, "date")).partition(" ")[0]
-        source = f"{commits}, {len(self.rows_of(study))} rows, {last_day}, {'; '.join(self._made(study, 'machine'))}"
-        commands = ", ".join(f"`{command}`" for command in self._made(study, "command"))
-        return f"{source}; its commands are listed below." if commands_apart else f"{source}: {commands}"
+        return f"{commits}, {len(self.rows_of(study))} rows, {last_day}, {'; '.join(self._made(study, 'machine'))}"
 
 
 def pages() -> list[Path]:
