@@ -75,7 +75,7 @@ def test_both_sides_of_a_wall_are_one_solid() -> None:
 def test_a_moved_wall_is_significant_on_both_sides() -> None:
     told = check([piece(A, 0.2, -3, 0), piece(B, -0.2, -1, 2), piece(B, 0.35, 2, 3)])
     assert [v.significant for v in told] == [True, True, False]
-    assert "both sides" in told[0].reason and "otherwise" in told[2].reason
+    assert "both sides" in told[0].reason and "another offset" in told[2].reason
 
 
 @pytest.mark.parametrize(("tolerance", "moved"), [(0.01, True), (0.03, False)])

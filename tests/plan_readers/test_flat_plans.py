@@ -218,7 +218,7 @@ def test_geojson_of_several_storeys(tmp_path: Path) -> None:
         ('{"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [[[0, 0], [1]]]}}', "broken geometry"),
         ('{"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[0,0],[1e999,0],[1,1]]}}', "finite"),
         ('{"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[0,0],[90000,0]]}}', "extends"),
-        ('{"type": "Feature", "geometry": {"type": "Point", "coordinates": [0,0]}}', "no building's size"),
+        ('{"type": "Feature", "geometry": {"type": "Point", "coordinates": [0,0]}}', "not a building's size"),
     ],
 )
 def test_geojson_that_is_none(text: str, message: str, tmp_path: Path) -> None:

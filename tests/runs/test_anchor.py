@@ -91,6 +91,7 @@ def test_scans_of_a_whole_drive_are_registered_again(building: Path, tmp_path: P
     assert (tmp_path / "again/trajectory_live.tum").is_file()
 
 
+@pytest.mark.long
 def test_scans_of_a_whole_drive_put_poses_right_that_jitter(building: Path, tmp_path: Path) -> None:
     poses, rng, clouds = slam_output(0.0005).poses, np.random.default_rng(1), write_all_scans(tmp_path / "clouds")
     off = [pose(*rng.normal(0.0, 0.04, 3), *rng.normal(0.0, 0.015, 3)) for _ in poses.poses]

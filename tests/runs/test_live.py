@@ -157,11 +157,11 @@ def test_where_the_process_that_tracks_is_killed_the_other_one_writes_what_it_ha
 def test_where_the_process_that_maps_is_ended_that_is_told(tmp_path: Path) -> None:
     live = LiveSlam(tmp_path / "out")
     os.kill(live._map._process.pid or 0, signal.SIGKILL)
-    with pytest.raises(UserError, match="ended with -9"):
+    with pytest.raises(UserError, match="ended with exit code -9"):
         for stamp_ns, points in small_drive().scans:
             live.add_scan(stamp_ns, points, np.zeros(len(points)))
             sleep(0.01)
-    with pytest.raises(UserError, match="ended with -9"):
+    with pytest.raises(UserError, match="ended with exit code -9"):
         live.finish()
     assert "was live" in refused("sgslam.run", "--resume", tmp_path / "out")
     assert not any(handler.__module__ == "sgslam.live.live_slam" for handler in logging.getLogger("sgslam").handlers)

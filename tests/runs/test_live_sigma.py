@@ -80,7 +80,7 @@ def test_a_run_with_no_scan_that_is_known_is_not_anchored_and_says_what_is_unkno
     result = run_with(**{limit: 1e-4})
     assert not result.anchored and result.T_bim_map is None and not result.uncertainty.anchored.any()
     assert len(result.trajectory) == len(result.trajectory_map)
-    assert re.search(f"its ({what}).* is not known.*--set quality.{limit}=", result.reason)
+    assert re.search(f"its ({what}) is too uncertain.*--set quality.{limit}=", result.reason)
     _, usual = small_run(with_bim=True)
     in_map, in_bim = (np.linalg.norm(own.uncertainty.sigma[:, :2], axis=1) for own in (result, usual))
     assert np.allclose(in_map, in_bim, rtol=0.25)  # along other axes

@@ -1,6 +1,5 @@
 """The harness: whatever interrupts a run, its rows are those of an uninterrupted one; pages are made from rows."""
 
-import json
 import os
 import signal
 import subprocess
@@ -11,7 +10,6 @@ from pathlib import Path
 import pytest
 from draws import STUDY, Choice
 
-from data.common.build import content_hash
 from data.common.errors import UserError
 from evaluation.__main__ import main
 from evaluation.harness.comparison import compare
@@ -141,9 +139,10 @@ def test_blocks_are_rendered_from_rows(tmp_path: Path) -> None:
     page = "Mean <!-- rows: draws/value -->9.999<!-- /rows -->.\n<!-- rows: draws/mean --><!-- /rows -->\n"
     renderer = Renderer(tmp_path)
     rendered = renderer.page(page)
-    mean = sum(row.record["value"] for row in read_rows(rows_path(tmp_path, "draws"))) / 2
+    rows = read_rows(rows_path(tmp_path, "draws"))
+    mean = sum(row.record["value"] for row in rows) / 2
     assert f"Mean <!-- rows: draws/value -->{mean:.3f}<!-- /rows -->." in rendered
-    assert f"| 2 | {mean:.3f} |" in rendered and f"Build `{content_hash()}`, 2 rows" in rendered and COMMAND in rendered
+    assert f"| 2 | {mean:.3f} |" in rendered and f"Commit `{rows[0].made.commit}`, 2 rows" in rendered
     assert renderer.page(rendered) == rendered
     assert renderer.page(rendered.replace(f"| {mean:.3f} |", "| 0.001 |")) == rendered  # a number changed by hand
     for wrong in ("draws/other", "no_such_study/mean"):
@@ -171,24 +170,20 @@ def test_a_table_of_two_builds_is_refused_or_says_so(tmp_path: Path) -> None:
     run(tmp_path, 0, 1)
     path = rows_path(tmp_path, "draws")
     first, second = read_rows(path)
-    finish(path, [first, Row(second.case, second.record, second.made.model_copy(update={"build": "00000000"}))])
+    other = second.made.model_copy(update={"build": "00000000", "commit": "00000000"})
+    finish(path, [first, Row(second.case, second.record, other)])
     page = "<!-- rows: draws/mean --><!-- /rows -->"
     with pytest.raises(UserError, match="2 builds"):
         Renderer(tmp_path).page(page)
-    assert "**Rows of 2 builds:**" in Renderer(tmp_path, mixed=True).page(page)
+    assert "**Rows of 2 commits:**" in Renderer(tmp_path, mixed=True).page(page)
 
 
-def test_tables_of_older_builds_are_shown_with_their_source(tmp_path: Path) -> None:
-    table = {
-        "table": "errors", "title": "Errors", "note": "In metres.", "header": ["drive", "RMSE"], "rows": [["a", "0.1"]],
-        "made": {"commit": "1234567", "command": "python old.py", "machine": "a machine", "date": "2026-01-01"},
-    }  # fmt: skip
-    (tmp_path / "older").mkdir()
-    (tmp_path / "older/draws.jsonl").write_text(json.dumps(table) + "\n")
+def test_a_cell_of_a_table_stands_within_a_sentence(tmp_path: Path) -> None:
+    run(tmp_path, 0, 1)
     renderer = Renderer(tmp_path)
-    assert renderer.page("is <!-- rows: draws/older-errors@0,1 --><!-- /rows --> m").endswith("-->0.1<!-- /rows --> m")
-    rendered = renderer.page("<!-- rows: draws/older-errors --><!-- /rows -->")
-    assert "| a | 0.1 |" in rendered and "Older build: commit `1234567`" in rendered and "python old.py" in rendered
+    assert renderer.page("of <!-- rows: draws/mean@0,0 --><!-- /rows --> draws").endswith("-->2<!-- /rows --> draws")
+    with pytest.raises(UserError, match=r"draws/mean@1,0.*cells"):
+        renderer.page("<!-- rows: draws/mean@1,0 --><!-- /rows -->")
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,7 @@ def test_each_drive_of_the_design_is_there_once() -> None:
 
 
 @needs_both
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_drive_is_tracked_by_each_method(tmp_path: Path) -> None:
     building = SequenceSpec(name="small", bim=str(write_small_ifc(tmp_path / "small.ifc").path), storey="Ground")

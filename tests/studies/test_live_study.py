@@ -20,6 +20,7 @@ def test_each_drive_of_the_design_is_there_once() -> None:
     assert len({case.key for case in found}) == len(found) == 2 * 2 * 2 * 2
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_drive_is_played_at_its_pace_and_ends_as_a_run(tmp_path: Path) -> None:
     building = SequenceSpec(name="small", bim=str(write_small_ifc(tmp_path / "small.ifc").path), storey="Ground")

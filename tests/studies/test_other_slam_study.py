@@ -36,6 +36,7 @@ def case_of(building: SequenceSpec, sensor: str = "VLP-16") -> Run:
     )  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_output_of_a_drive_is_anchored(tmp_path: Path) -> None:
     building = SequenceSpec(name="small", bim=str(write_small_ifc(tmp_path / "small.ifc").path), storey="Ground")
