@@ -58,6 +58,11 @@ def rare(count: int, whole: int) -> str:
     return f"{count} of {whole}" + (f" (≤ {100 * upper_bound(count, whole):.1f} %)" if whole else "")
 
 
+def often(count: int, whole: int) -> str:
+    """How often something frequent was seen, with the exact 97.5 % lower bound of its share."""
+    return f"{count} of {whole}" + (f" (≥ {100 * (1 - upper_bound(whole - count, whole)):.0f} %)" if whole else "")
+
+
 def interval(estimate: Estimate | None, form: str = ".3f", factor: float = 1.0) -> str:
     """A value with its interval; empty for None."""
     if estimate is None:

@@ -54,8 +54,8 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
         part = own[own.regime == regime]
         text = f"Wall F1 of the learned matcher on {what}, on plans by which no setting was chosen"
         found.append(Claim(text, interval(estimate(part, "wall_f1")), f"{len(part)} maps"))
-    text = "Maps that the learned matcher places uniquely at a wrong place, of all maps of such plans"
-    found.append(Claim(text, rare(int(own.wrong.sum()), len(own)), f"{len(own)} maps"))
+    text = "Unique answers of the learned matcher that are wrong, all noise models"
+    found.append(Claim(text, _wrong(own), f"{len(own)} maps"))
     negative = own[own.regime == NEGATIVE]
     text = "Maps of another building that the learned matcher places uniquely"
     return [*found, Claim(text, rare(int(negative.unique.sum()), len(negative)), f"{len(negative)} maps")]

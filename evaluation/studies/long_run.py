@@ -23,7 +23,7 @@ from data.scans import ScanFolder
 from data.trajectory import Trajectory
 from evaluation.drives.buildings import demo_building
 from evaluation.drives.endless_drive import DriveSpec, endless_drive
-from evaluation.harness import Case, Claim, Cost, Options, Record, Study
+from evaluation.harness import Case, Cost, Options, Record, Study
 from evaluation.harness.memory import memory_in_use
 from evaluation.metrics.trajectories import error_in_bim
 from sgslam.mapping import KeyframeClouds
@@ -192,18 +192,6 @@ def _parts(samples: list[dict[str, Any]], count: int) -> "pd.DataFrame":
     )  # fmt: skip
 
 
-def claims(rows: "pd.DataFrame") -> list[Claim]:
-    """Speed, and growth of the memory, of each run."""
-    made = []
-    for run, name in zip(rows.itertuples(), _names(rows), strict=True):
-        tenths, cases = _parts(run.samples, ROWS), f"{run.scans} scans ({name})"
-        speed = f"{run.scans / run.seconds:.0f} (tenths: {tenths.speed.min():.0f} to {tenths.speed.max():.0f})"
-        memory = " to ".join(f"{mb:.0f}" for mb in tenths.memory_mb.iloc[[0, -1]])
-        made.append(Claim("Scans a second of a long run, from the first file to the report", speed, cases))
-        made.append(Claim("Memory in use after the first and after the last tenth of a long run (MB)", memory, cases))
-    return made
-
-
 def plots(rows: "pd.DataFrame", folder: Path) -> None:
     """Memory and scans a second against scans."""
     from evaluation.harness.plots import COLOURS, new_figure, save
@@ -224,5 +212,5 @@ def plots(rows: "pd.DataFrame", folder: Path) -> None:
 
 STUDY = Study(
     "long_run", "time and memory of half an hour of scans", Choice,
-    Choice(bim="demo", storey=None, scans=1500), LongDrive, Whole, cases, measure, tables, claims, plots, timed=True,
+    Choice(bim="demo", storey=None, scans=1500), LongDrive, Whole, cases, measure, tables, plots=plots, timed=True,
 )  # fmt: skip

@@ -15,8 +15,8 @@ from data.common.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.drives.loop_drives import ONCE, Drive, Route, drive_along, drive_through
 from evaluation.drives.sequences import STOREYS, SequenceSpec, read_specs, select_sequences
-from evaluation.harness import Case, Claim, Cost, Options, Record, Study
-from evaluation.harness.tables import grouped, rare
+from evaluation.harness import Case, Cost, Options, Record, Study
+from evaluation.harness.tables import grouped
 from evaluation.metrics.trajectories import ape, drift, rpe
 from sgslam.config import Config
 from sgslam.config.loop_settings import LoopSettings
@@ -168,16 +168,8 @@ def _mean(values: "pd.Series[float]", form: str, factor: float = 1.0) -> str:
     return format(factor * values.mean(), form) if len(values) else ""
 
 
-def claims(rows: pd.DataFrame) -> list[Claim]:
-    """False closures of all."""
-    closed = rows[rows.closing]
-    false, closures = closed.false.sum(), closed.closures.sum()
-    cases = f"{closures} closures in {len(closed)} runs"
-    return [Claim("Loop closures that are false, without a plan", rare(false, closures), cases)]
-
-
 STUDY = Study(
     "loops", "what loop closure gains without a plan, and how many closures are false",
     Choice, Choice(routes=("along", "ring"), sequences=(), front_ends=("trusted",), seeds=(0,)),
-    Run, Errors, cases, measure, tables, claims,
+    Run, Errors, cases, measure, tables,
 )  # fmt: skip

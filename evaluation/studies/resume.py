@@ -16,7 +16,7 @@ import pandas as pd
 from data.common.errors import UserError
 from data.trajectory import Trajectory
 from evaluation.drives.sequences import SequenceSpec, prepare
-from evaluation.harness import Case, Claim, Cost, Options, Record, Study
+from evaluation.harness import Case, Cost, Options, Record, Study
 from sgslam.session.checkpoints import FILE, about_run
 
 DEMO = SequenceSpec(name="demo", bim="demo", min_rooms=6, min_length=50.0)
@@ -147,13 +147,7 @@ def _difference(metres: float, degrees: float) -> str:
     return "nothing" if metres == degrees == 0 else f"{metres:.1e} m, {degrees:.1e} deg"
 
 
-def claims(rows: pd.DataFrame) -> list[Claim]:
-    """The largest difference of poses."""
-    worst = _difference(rows.metres.max(skipna=False), rows.degrees.max(skipna=False))
-    return [Claim("Largest difference of poses after a kill, against an unbroken run", worst, f"{len(rows)} kills")]
-
-
 STUDY = Study(
     "resume", "whether a run that is killed and resumed gives what an uninterrupted one gives",
-    Choice, Choice(kills=2), Kill, Difference, cases, measure, tables, claims,
+    Choice, Choice(kills=2), Kill, Difference, cases, measure, tables,
 )  # fmt: skip

@@ -11,9 +11,7 @@ from pydantic import PositiveInt
 
 from evaluation.drives.conditions import NORMAL, Conditions
 from evaluation.drives.sequences import DriveOptions
-from evaluation.harness import Claim, Study
-from evaluation.harness.tables import interval
-from evaluation.metrics.bootstrap import ratio
+from evaluation.harness import Study
 from evaluation.slam_ablation.scores import Scores
 from evaluation.slam_ablation.study import Run, measure
 
@@ -46,14 +44,6 @@ def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame]:
     return {"drives": pd.DataFrame(lines)}
 
 
-def claims(rows: pd.DataFrame) -> list[Claim]:
-    """The error of corrupted runs relative to clean ones."""
-    both = _paired(rows).dropna(subset=["rmse_m", "rmse_m_clean"])
-    relative = interval(ratio(both.rmse_m, both.rmse_m_clean, both["sequence.bim"].tolist()), ".2f")
-    cases = f"{len(both)} drives, {both['sequence.bim'].nunique()} buildings"
-    return [Claim("RMSE with rooms matched wrongly, relative to clean matches", relative, cases)]
-
-
 def _paired(rows: pd.DataFrame) -> pd.DataFrame:
     """The corrupted runs, with the values of the clean run of the same drive as `NAME_clean`."""
     rows = rows.astype(dict.fromkeys(MEASURED, float))
@@ -79,5 +69,5 @@ def _cell(value: float, form: str, missing: str = "") -> str:
 
 STUDY = Study(
     "wrong_matches", "what becomes of a run in which rooms are matched wrongly",
-    Choice, Choice(sequences=("institute",), seeds=(0,)), Run, Scores, cases, measure, tables, claims,
+    Choice, Choice(sequences=("institute",), seeds=(0,)), Run, Scores, cases, measure, tables,
 )  # fmt: skip

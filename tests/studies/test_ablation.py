@@ -150,13 +150,13 @@ def test_tables_give_mean_and_deviation_over_the_seeds() -> None:
 
 
 def test_runs_that_are_not_anchored_are_told() -> None:
-    rows = rows_with({"kiss-icp": [0.2, 0.2, 0.4], "anchored": [0.01, None, 0.03], "anchored:voting": [None] * 3})
+    rows = rows_with({"icp-to-bim": [0.2, 0.2, 0.4], "anchored": [0.01, None, 0.03], "anchored:voting": [None] * 3})
     readme = STUDY.tables(rows)["readme"].iloc[0]
     assert readme["**ours, anchored**"] == "0.020 m (2 of 3 anchored)"
     assert readme["ours, matched by voting"] == "(0 of 3 anchored)"
-    rmse, anchored, relative = STUDY.claims(rows)
-    assert rmse.value.startswith("0.0200 [") and rmse.cases == "3 drives, 1 buildings"
-    assert anchored.value == "2/3, at least 9%"  # Clopper and Pearson
+    anchored, rmse, relative = STUDY.claims(rows)
+    assert rmse.value.startswith("20.0 [") and rmse.cases == "3 drives, 1 buildings"
+    assert anchored.value == "2 of 3 (≥ 9 %)"  # Clopper and Pearson
     assert relative.value.startswith("0.067 [") and relative.cases == "2 drives, 1 buildings"
 
 

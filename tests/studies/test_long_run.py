@@ -11,7 +11,7 @@ from data.common.errors import UserError
 from data.scans import ScanFolder
 from evaluation.drives import endless_drive as drives
 from evaluation.drives.endless_drive import DriveSpec, endless_drive
-from evaluation.studies.long_run import Choice, cases, claims, measure, plots, tables
+from evaluation.studies.long_run import Choice, cases, measure, plots, tables
 
 pytestmark = pytest.mark.slow
 
@@ -67,7 +67,6 @@ def test_the_parts_of_a_run_add_up(bim: Path, tmp_path: Path, monkeypatch: pytes
     assert made["tenths"].scans.tolist() == ["30", "60"]
     speed = 30 / (last.seconds - first.seconds)
     assert made["tenths"]["scans a second"].tolist() == [f"{30 / first.seconds:.0f}", f"{speed:.0f}"]
-    assert claims(rows)[1].value == f"{first.memory_mb:.0f} to {last.memory_mb:.0f}"
     plots(rows, tmp_path)
     assert (tmp_path / "long_run.svg").read_text().startswith("<?xml")
 

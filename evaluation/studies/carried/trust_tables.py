@@ -69,6 +69,10 @@ def _cells(own: pd.DataFrame) -> dict[str, str]:
 def claims(rows: pd.DataFrame) -> list[Claim]:
     """How often a run was anchored wrongly."""
     runs = _by_trouble(rows)
-    text = "Runs with a scan that is called anchored and is wrong by over 0.5 m or 5 degrees"
-    value = rare(int((runs.wrong > 0).sum()), len(runs))
-    return [Claim(text, value, f"{len(runs)} runs, {runs.trouble.nunique()} kinds")]
+    anchored, wrong = runs[runs.anchored > 0], runs[runs.wrong > 0]
+    cases = f"{len(runs)} runs, {runs.trouble.nunique()} kinds of trouble"
+    text = "Whatever goes wrong: of the anchored runs, with an anchored scan that is wrong by over 0.5 m or 5 degrees"
+    return [
+        Claim(text, rare(len(wrong), len(anchored)), cases),
+        Claim("Of these, without an alarm", of((wrong.alarms.map(len) == 0).sum(), len(wrong)), cases),
+    ]
