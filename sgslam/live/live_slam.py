@@ -28,7 +28,7 @@ MOST_WAITING = 600  # scans: a minute at 10 Hz; 20,000 points take 0.5 MB
 
 class LiveSlam:
     """Tracks scans in this process, and builds and anchors the map in a second one, which takes the same scans in the
-    same order, only later. The results are those of `sgslam run` on these scans.
+    same order, only later. The results are those of a run with one pass (`--single-pass`) on these scans.
 
     `out` is the folder for the results, `bim` the file of the building. `start` is a rough pose of the sensor in the
     BIM frame, if known: x, y (m) and yaw (rad). `map` is the folder of an earlier run, whose map this one extends. At
