@@ -167,6 +167,7 @@ def test_where_the_process_that_maps_is_ended_that_is_told(tmp_path: Path) -> No
     assert not any(handler.__module__ == "sgslam.live.live_slam" for handler in logging.getLogger("sgslam").handlers)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_imu_tells_which_way_is_up(building: Path, tmp_path: Path) -> None:
     """Of a sensor that seems to hang upside down, as a bare room looks the same."""

@@ -79,6 +79,7 @@ def test_a_session_in_the_form_of_slabim_is_measured_and_its_rows_are_kept(
     assert f"| SLABIM | {SESSION} | 1/1 | 1/1 | 1/1 | 100.0% |" in (tmp_path / "quick/real.md").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_pieces_of_the_way_are_run_on_their_own(own: Path, tmp_path: Path) -> None:
     ((case, record),) = measured(own, tmp_path, 8.0)
