@@ -80,7 +80,8 @@ class TrackingSettings(Settings):
     """s, time for which lost scans must agree with one another before the sensor counts as carried elsewhere"""
     unseen: float = Field(2.0, gt=0)
     """s, time after which a lost sensor begins a new part of the map, wherever it is found again: a person walks two
-    metres in that time, and rooms that look alike are farther apart; a pause in the scans counts as lost"""
+    metres in that time, and rooms that look alike are farther apart; a pause of over a second in the scans counts as
+    lost"""
     unconfirmed: float = Field(10.0, ge=0)
     """s, time for which scans wait before they join the map, once a sensor that was lost for `kidnapped` is found
     again: it may be in another room that looks alike; leaving a room takes less"""

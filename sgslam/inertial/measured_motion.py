@@ -79,7 +79,7 @@ class MeasuredMotion:
         """Measures the biases by the knots (K, 4, 4) that registration finds, at times (K,): the first one is the last
         one of the call before. `changes` are those at all but the last of them."""
         self._gyro.follow(float(seconds[-1]), knots[-1, :3, :3])
-        if not (changes.information > 0).all():
+        if len(seconds) < 2 or not (changes.information > 0).all():
             self._accel.lose()
             return
         lasted = np.diff(seconds)

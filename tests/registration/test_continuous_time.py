@@ -173,7 +173,7 @@ def test_covariances_stay_symmetric(drive: tuple[list[Scan], Trajectory]) -> Non
 
 
 @pytest.mark.parametrize(
-    ("pause", "waits", "is_new_part"), [(0.4, False, False), (0.7, True, False), (1.7, True, False), (2.1, False, True)]
+    ("pause", "waits", "is_new_part"), [(0.9, False, False), (1.3, True, False), (1.7, True, False), (2.1, False, True)]
 )
 def test_a_pause_in_the_scans_counts_as_lost(
     drive: tuple[list[Scan], Trajectory], pause: float, waits: bool, is_new_part: bool
