@@ -2,8 +2,9 @@
 
 import shlex
 import sys
+from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from data.common.cli import Parser, run_command
 from data.common.cluster import add_options
@@ -12,6 +13,7 @@ from matching.torch_extra import need_torch
 
 if TYPE_CHECKING:
     from data.plans.sources import Plan
+    from matching.training.trainer import Training
 
 GENERATED = 180  # seeds of generated plans of each kind
 HELD_OUT_SEED = 7
@@ -22,10 +24,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Runs the command. Raises UserError."""
     given = sys.argv[1:] if arguments is None else arguments
     options = _parser().parse_args(given)
-    if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
-        raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
-    if options.device not in DEVICES:
-        raise UserError(f"--device {options.device}: give one of {', '.join(DEVICES)}")
+    _check(options)
     need_torch("training")
     own, others = _split(options.plans)
 
@@ -64,7 +63,24 @@ def main(arguments: list[str] | None = None) -> int:
         ended = train(training, stream, watched, limits, on_evaluation)
     print(ended)
     draw_curve(out, training.curve)
-    write_card(out, {
+    data = {"plans": len(own), "plans_held_out": len(others), "batches": training.step}
+    write_card(out, _card(options, given, training, ended, data))
+    return 0
+
+
+def _check(options: Namespace) -> None:
+    """Raises UserError for values that are out of range."""
+    if min(options.steps, options.every) < 1 or not options.minutes > 0 or options.workers < 0:
+        raise UserError("--steps, --every and --minutes must be positive, --workers not negative")
+    if options.device not in DEVICES:
+        raise UserError(f"--device {options.device}: give one of {', '.join(DEVICES)}")
+
+
+def _card(
+    options: Namespace, given: list[str], training: "Training", ended: str, data: dict[str, int]
+) -> dict[str, Any]:  # fmt: skip
+    """The model card: what was trained, on which data, and how it ended."""
+    return {
         "what": "proposes partners of S wall surfaces and rooms in a plan; its answers are to be verified",
         "network": options.network,
         "settings": training.network.to_dict(), "parameters": sum(p.numel() for p in training.network.parameters()),
@@ -73,12 +89,10 @@ def main(arguments: list[str] | None = None) -> int:
         "data": {
             "generated": f"of each kind the seeds below {GENERATED} that are in the split 'train'",
             "held_out": "the split 'validation' of both; 'test' was not looked at",
-            "files": [p.name for p in options.plans],
-            "plans": len(own), "plans_held_out": len(others), "batches": training.step,
+            "files": [p.name for p in options.plans], **data,
         },
         "held_out": min(training.curve, key=lambda row: row["surprise"]),
-    })  # fmt: skip
-    return 0
+    }  # fmt: skip
 
 
 def _parser() -> Parser:
