@@ -105,7 +105,6 @@ STUDIES = {  # by name, the module whose `STUDY` it is; the most asked for first
     "live": "evaluation.studies.live",
     "storeys": "evaluation.studies.storeys",
     "relocalisation": "evaluation.studies.relocalisation",
-    "second_pass": "evaluation.studies.carried.second_pass",
     "carriers": "evaluation.studies.carried.carriers",
     "matching": "evaluation.matching_benchmark.study",
     "published": "evaluation.published.study",

@@ -78,10 +78,12 @@ class TrackingSettings(Settings):
     """rad, standard deviation of the attitude about any axis above which a scan is degraded"""
     kidnapped: float = Field(0.5, gt=0)
     """s, time for which lost scans must agree with one another before the sensor counts as carried elsewhere"""
+    pause: float = Field(1.0, gt=0)
+    """s, maximum time without scans that registration bridges; longer ones count as lost, as after 1.6 s a hand was
+    followed to a wrong place"""
     unseen: float = Field(2.0, gt=0)
     """s, time after which a lost sensor begins a new part of the map, wherever it is found again: a person walks two
-    metres in that time, and rooms that look alike are farther apart; a pause of over a second in the scans counts as
-    lost"""
+    metres in that time, and rooms that look alike are farther apart"""
     unconfirmed: float = Field(10.0, ge=0)
     """s, time for which scans wait before they join the map, once a sensor that was lost for `kidnapped` is found
     again: it may be in another room that looks alike; leaving a room takes less"""

@@ -31,7 +31,6 @@ _MOST_RAYS = 0.5  # share that no person who went away leaves free, since he sto
 _TRIED = 8  # of the likely poses of a lost sensor
 _UNSURE = 3.0  # s, at the beginning, in which a map of a few scans may mislead
 _KNOWN = 0.5  # s, after it, whose scans are the map for the first ones
-_PAUSE_S = 1.0  # s without scans that registration bridges; after 1.6 s a hand was followed to a wrong place
 _PAUSE = 3.0  # times the usual time between scans: what is shorter is no pause
 _ROUNDS = 3  # in which the first scan is put right by the motion to the second
 
@@ -158,7 +157,7 @@ class ContinuousTimeOdometry:
         """Whether no scan came for long before this one, and nothing else measured how the sensor moved."""
         last, begins, ends = self._beliefs[-1].seconds, float(scan.knot_seconds[0]), float(scan.knot_seconds[-1])
         usual, self._interval = self._interval, min(self._interval, ends - last)
-        if self._given is not None or begins - last <= max(_PAUSE_S, _PAUSE * usual):
+        if self._given is not None or begins - last <= max(self._settings.pause, _PAUSE * usual):
             return False
         turns = NO_TURNS if self._imu is None else self._imu.turns(np.array([last, begins]))
         return not (len(turns.information) and bool((turns.information > 0).all()))

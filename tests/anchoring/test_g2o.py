@@ -11,7 +11,7 @@ from study_rows import rows_of
 from data.common.errors import UserError
 from data.scene_graph import SceneGraph
 from data.scene_graph.g2o import PlaneGraph, plane_of, read_g2o
-from evaluation.published.one_wall_out import Choice, Distances, Map, cases, claims, measure, one_wall_out, tables
+from evaluation.published.one_wall_out import Choice, Distances, Map, cases, measure, one_wall_out, tables
 from matching import Matcher
 from sgslam.backend import anchor_plane_graph
 
@@ -156,7 +156,6 @@ def test_each_wall_is_left_out_in_its_turn(tmp_path: Path) -> None:
     assert anchored < 0.5 * min(matched, rigid)
     rows = rows_of([(Map(graph="", plan="", method="learned"), Distances(walls=found))])
     assert tables(rows)["walls"]["anchored (mm)"].iloc[-1] == f"{1000 * anchored:.1f}"
-    assert claims(rows)[0].cases == f"{len(found)} walls"
 
 
 def test_a_map_without_a_place_is_reported(tmp_path: Path) -> None:
