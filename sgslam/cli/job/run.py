@@ -82,30 +82,8 @@ class Run:
         for remark in job.scans.remarks:
             _log.warning("%s", remark)
         skipped_scans = len(job.scans.skipped)  # a second reading counts them again
-        is_last = stopped is not None or job.options.single_pass or not job.scans.is_dense
-        if not is_last:
-            self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
-        try:
-            result = self.slam.finish(None if is_last else job.scans)
-        except KeyboardInterrupt:
-            if is_last:
-                raise
-            raise UserError(f"interrupted after the last scan; {_hint(out)}") from None
-        result = without_planned_things(result, job.options.bim)
-        if not is_last and result.trajectory_live is None:
-            _log.info("no second pass: runs in several parts, with --map or with --imu have none")
-        total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
-        for kind, count in result.factors.counts().items():
-            _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
-        seconds = {**result.seconds, "bim": job.bim_seconds, **self.progress.seconds, "total": total}
-        more: dict[str, Any] = {"scans_skipped": skipped_scans, "seconds": seconds}
-        more["cpu_seconds"] = cpu_seconds  # of all threads
-        more["told"] = {**self._hints, "mount": job.config.tracking.mount}
-        more |= measured or {}
-        more["advice"] = list(dict.fromkeys([*self._warnings, *result.advice, *([stopped] if stopped else [])]))
-        if job.truth is not None:
-            more["accuracy"] = _accuracy(result, job.truth, in_one_part=not self.slam.kidnaps)
-        more["about"] = _about(job, result)
+        result = self._result(is_last=stopped is not None or job.options.single_pass or not job.scans.is_dense)
+        more = {"scans_skipped": skipped_scans, **self._numbers(result, stopped), **(measured or {})}
         verdicts: list[ElementVerdict] = []
 
         def elements() -> list[ElementVerdict] | None:
@@ -115,17 +93,7 @@ class Run:
 
         metrics = save_result(result, out, a_graph=job.a_graph, truth=job.truth, more=more, elements=elements)
         _log.info("%s: %s", badge(metrics), result.reason)
-        if job.bim is None or result.T_bim_map is None:
-            remove_topics(out)
-        else:
-            model = Model(job.options.bim.name)
-            unplanned = unplanned_walls(
-                result.deviations, result.s_graph, result.T_bim_map, result.matches, job.a_graph or job.bim.graph
-            )
-            write_topics(
-                out, agreed(result.deviations, verdicts), unplanned, job.bim.graph, model,
-                result.config.as_built.tolerance,
-            )  # fmt: skip
+        _write_topics(job, result, verdicts, out)
         if job.scans.given is not None and len(result.trajectory):
             moved_with(job.scans.given, result.trajectory).write_tum(out / ALL_POSES)
         if stopped is not None:
@@ -133,6 +101,52 @@ class Run:
             raise UserError(f"{stopped}; the results so far are in {out}{hint}")
         self.checkpoints.write(self.slam, self.progress.to_dict(), finished=True)
         return metrics
+
+    def _result(self, is_last: bool) -> Result:
+        """The result, after a second pass unless the first one `is_last`."""
+        job = self._job
+        if not is_last:
+            self.checkpoints.write(self.slam, self.progress.to_dict())  # who is interrupted now loses no scan
+        try:
+            result = self.slam.finish(None if is_last else job.scans)
+        except KeyboardInterrupt:
+            if is_last:
+                raise
+            raise UserError(f"interrupted after the last scan; {_hint(self._out)}") from None
+        if not is_last and result.trajectory_live is None:
+            _log.info("no second pass: runs in several parts, with --map or with --imu have none")
+        return without_planned_things(result, job.options.bim)
+
+    def _numbers(self, result: Result, stopped: str | None) -> dict[str, Any]:
+        """What metrics.json has beyond the result's own: times, what the user stated, warnings, errors, the header."""
+        job = self._job
+        total, cpu_seconds = perf_counter() - job.began, process_time() - job.cpu_began
+        for kind, count in result.factors.counts().items():
+            _log.info("factors, %s: %s", kind, ", ".join(f"{number} {what}" for what, number in count.items()))
+        numbers: dict[str, Any] = {
+            "seconds": {**result.seconds, "bim": job.bim_seconds, **self.progress.seconds, "total": total},
+            "cpu_seconds": cpu_seconds,  # of all threads
+            "told": {**self._hints, "mount": job.config.tracking.mount},
+            "advice": list(dict.fromkeys([*self._warnings, *result.advice, *([stopped] if stopped else [])])),
+            "about": _about(job, result),
+        }
+        if job.truth is not None:
+            numbers["accuracy"] = _accuracy(result, job.truth, in_one_part=not self.slam.kidnaps)
+        return numbers
+
+
+def _write_topics(job: Job, result: Result, verdicts: list[ElementVerdict], out: Path) -> None:
+    """Writes what deviates from the building as BCF, or removes what an earlier run left where nothing is anchored."""
+    if job.bim is None or result.T_bim_map is None:
+        remove_topics(out)
+        return
+    graph, tolerance = job.bim.graph, result.config.as_built.tolerance
+    unplanned = unplanned_walls(
+        result.deviations, result.s_graph, result.T_bim_map, result.matches, job.a_graph or graph
+    )
+    write_topics(
+        out, agreed(result.deviations, verdicts), unplanned, graph, Model(job.options.bim.name), tolerance
+    )  # fmt: skip
 
 
 def _hint(out: Path) -> str:
