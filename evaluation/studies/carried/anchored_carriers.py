@@ -170,7 +170,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
     own = rows[rows.anchored]
     cases = f"{len(rows)} drives, {rows['sequence.name'].nunique()} buildings"
     rmse = f"{1000 * own.rmse_m.median():.1f}, {1000 * own.rmse_m.quantile(0.9):.0f}"
-    what = "Runs from an unknown start with any carrier, sensor and effect"
+    what = f"Runs from an unknown start, carriers and effects in turn ({', '.join(rows.sensor.unique())})"
     return [
         Claim(f"{what}: anchored", often(len(own), len(rows)), cases),
         Claim(f"{what}: RMSE in building coordinates (mm), of half and of 90 % of them at most", rmse, cases),
