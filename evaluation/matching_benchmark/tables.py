@@ -54,7 +54,7 @@ def claims(rows: pd.DataFrame) -> list[Claim]:
         part = own[own.regime == regime]
         text = f"Wall F1 of the learned matcher on {what}, on plans by which no setting was chosen"
         found.append(Claim(text, interval(estimate(part, "wall_f1")), f"{len(part)} maps"))
-    text = "Unique answers of the learned matcher that are wrong, all noise models"
+    text = "Unique answers of the learned matcher that are wrong, all noise models and the published perturbation"
     found.append(Claim(text, _wrong(own), f"{len(own)} maps"))
     negative = own[own.regime == NEGATIVE]
     text = "Maps of another building that the learned matcher places uniquely"

@@ -193,7 +193,7 @@ def _range(rates: "pd.Series[float]") -> str:
 def claims(rows: pd.DataFrame) -> list[Claim]:
     """How fast a whole run is."""
     ratio, n = _ratio(rows, "warm", "whole"), f"{len(rows)} turns on {rows['sequence.name'].nunique()} drives"
-    times = f"{ratio.median():.2f} [{ratio.min():.2f}, {ratio.max():.2f}]"
+    times = spread(ratio, ".2f")
     rate = _range(_rates(rows, "warm"))
     points = f"{rows.points.median():.0f}"
     return [
