@@ -57,3 +57,9 @@ def test_rows_are_of_the_studys_cases(name: str) -> None:
         for row in read_rows(rows_path(folder, name)):
             assert study.case.model_validate(row.case).key == row.key
             study.record.model_validate(row.record)
+
+
+def test_all_tables_are_of_one_commit(renderer: Renderer) -> None:
+    measured = filter(renderer.has_rows, STUDIES)
+    commits = {commit for name in measured for commit in renderer.rows_of(name)["made.commit"]}
+    assert len(commits) == 1 and not next(iter(commits)).endswith("+")
