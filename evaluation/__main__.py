@@ -2,7 +2,8 @@
 
     python -m evaluation list | run NAME ... [--quick] | render
 
-`run` computes the rows of studies, `render` writes all pages from the rows.
+`run` computes the rows of studies, `render` writes all pages from the rows. `run` exits with 1 if a case failed; all
+rows are kept.
 """
 
 import argparse
@@ -84,11 +85,12 @@ def _run(options: argparse.Namespace) -> int:
     folder = options.rows or ROWS
     work = options.work / content_hash(("data",))  # drives of another simulator are not used
     place = Place(folder / QUICK if options.quick else folder, work, options.jobs, options.scheduler)
-    lines = []
-    for study, own in zip(studies, chosen, strict=True):
-        lines += run_study(study, own, not options.set, place, _command(study.name, options)).lines()
-    print("\n".join(lines))
-    return 0
+    found = [
+        run_study(study, own, not options.set, place, _command(study.name, options))
+        for study, own in zip(studies, chosen, strict=True)
+    ]
+    print("\n".join(line for comparison in found for line in comparison.lines()))
+    return 1 if any(comparison.failed for comparison in found) else 0
 
 
 def _studies(names: list[str]) -> list[Study]:

@@ -26,18 +26,21 @@ class Moved:
 
 @dataclass(frozen=True)
 class Comparison:
-    """`moved` of `common` cases have other values than before, in these `fields`."""
+    """`moved` of `common` cases have other values than before, in these `fields`. In `failed` cases (JSON) what was
+    measured raised an error: their records have the status "failed"."""
 
     study: str
     cases: int
     common: int
     moved: int
     fields: dict[str, Moved]
+    failed: tuple[str, ...] = ()
 
     def lines(self) -> list[str]:
-        """One line for the study, and one for each field that moved."""
+        """One line for the study, and one for each field that moved and each case that failed."""
         head = f"{self.study}: {self.cases} cases; {self.moved} of the {self.common} with a row before have moved"
-        return [head, *(f"    {name}: {moved}" for name, moved in self.fields.items())]
+        moved = [f"    {name}: {moved}" for name, moved in self.fields.items()]
+        return [head, *moved, *(f"    failed: {case}" for case in self.failed)]
 
 
 def compare(study: Study, before: Sequence[Row], after: Sequence[Row]) -> Comparison:
@@ -52,7 +55,8 @@ def compare(study: Study, before: Sequence[Row], after: Sequence[Row]) -> Compar
         if changed:
             moved.update(changed)
             fields[name] = Moved(len(changed), *(_mean(own) for own in zip(*pairs, strict=True)))
-    return Comparison(study.name, len(after), len(both), len(moved), fields)
+    failed = tuple(f"{row.key}: {row.record.get('reason')}" for row in after if row.record.get("status") == "failed")
+    return Comparison(study.name, len(after), len(both), len(moved), fields, failed)
 
 
 def _values(record: dict[str, Any], left_out: set[str], prefix: str = "") -> Iterator[tuple[str, Value]]:

@@ -14,6 +14,7 @@ from evaluation.metrics.bootstrap import Estimate, ratio
 from evaluation.metrics.calibration import BINS, Bin
 
 BASE = "voting"
+UNANSWERED = ("late", "failed")  # the method took too long, or raised
 LEAST_GAP = 0.02  # of F1 between oracle and base, below which no share is given
 PAIR = ("plans", "plan", "source", "regime", "rooms", "index", "seed")
 TALLIES = ("wall", "room")
@@ -26,8 +27,9 @@ def scored(rows: pd.DataFrame) -> pd.DataFrame:
     `wall_f1`, `wall_precision`, `wall_recall` and `wall_accuracy`, and those of `room`, are missing where there is
     nothing to measure. Accuracy is the share of S nodes with a correct answer: matched with their true match, or
     unmatched if they have none. A pair is `perfect` if all rooms and walls with a true match are matched with it and
-    nothing else is matched. `decided` is `unique` of the pairs without an alternative placement. `filled_f1` is
-    `wall_f1`, and 1 where there was nothing to find and nothing was matched; `base_f1` and `oracle_f1` are those of
+    nothing else is matched. `decided` is `unique` of the pairs without an alternative placement. `unanswered` are
+    those that took too long or raised: none of their nodes is right. `filled_f1` is `wall_f1`, and 1 where there was
+    nothing to find and the answer matched nothing; `base_f1` and `oracle_f1` are those of
     `voting` and the oracle on the same pair. `building` is one name over all sets. Regimes are in order.
     """
     own = rows.rename(columns=lambda name: name.removeprefix("pair."))
@@ -43,10 +45,11 @@ def scored(rows: pd.DataFrame) -> pd.DataFrame:
     for kind in TALLIES:
         own = own.assign(**scores_of(own, kind))
     own["perfect"] = _share(own.wall_perfect & own.room_perfect, own["wall_tally.true"] + own["room_tally.true"] > 0)
+    own["unanswered"] = own.status.isin(UNANSWERED).astype(float)
     for status in ("unique", "ambiguous", "none"):
         own[status] = (own.status == status).astype(float)
     own["decided"] = own.unique.where(own.twin.eq(False))
-    nothing = own["wall_tally.true"] + own["wall_tally.answered"] == 0
+    nothing = (own["wall_tally.true"] + own["wall_tally.answered"] == 0) & (own.unanswered == 0)
     own["filled_f1"] = own.wall_f1.fillna(0.0).mask(nothing, 1.0)
     for name, method in (("base_f1", BASE), ("oracle_f1", ORACLE)):
         own[name] = own.pair.map(own[own.method == method].set_index("pair").filled_f1)
@@ -59,6 +62,7 @@ def scores_of(rows: pd.DataFrame, kind: str) -> dict[str, "pd.Series[float] | li
     right, answered, true, spare, left = (
         rows[f"{kind}_tally.{name}"].astype(float) for name in ("right", "answered", "true", "spare", "left")
     )
+    left = left.mask(rows.status.isin(UNANSWERED), 0.0)
     scores = {
         "precision": _share(right, answered), "recall": _share(right, true),
         "f1": _share(2 * right, answered + true).where(true > 0), "accuracy": _share(right + left, true + spare),

@@ -129,7 +129,7 @@ def _measures(rows: pd.DataFrame) -> dict[str, str]:
     names = {"precision": "P", "recall": "R", "f1": "F1", "accuracy": "acc"}
     nodes = {f"{kind} {name}": _mean(rows, f"{kind}_{of}") for kind in TALLIES for of, name in names.items()}
     micro = {f"{kind} micro F1": _number(micro_f1(rows, kind)) for kind in TALLIES}
-    shares = ("perfect", "unique", "ambiguous", "none", "decided")
+    shares = ("perfect", "unique", "ambiguous", "none", "unanswered", "decided")
     return {
         "pairs": str(len(rows)), **nodes, **micro,
         **{f"{name} (%)": interval(estimate(rows, name), ".0f", 100.0) for name in shares},
@@ -160,6 +160,7 @@ def _symmetric(rows: pd.DataFrame) -> dict[str, str]:
         "pairs": str(len(rows)), "unique": f"{rows.unique.sum():.0f}", "wrong": str(rows.wrong.sum()),
         "ideal observer": f"{to_be_sure(rows.rival):.1f}",
         "ambiguous": f"{rows.ambiguous.sum():.0f}", "none": f"{rows.none.sum():.0f}",
+        "unanswered": f"{rows.unanswered.sum():.0f}",
     }  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from evaluation.harness import Claim
 from evaluation.harness.plots import COLOURS, new_figure, save
 from evaluation.harness.tables import grouped, interval
 from evaluation.matching_benchmark.plan_sets import name_of_set
-from evaluation.matching_benchmark.scores import estimate, scores_of
+from evaluation.matching_benchmark.scores import UNANSWERED, estimate, scores_of
 
 LINES = ("pairs of", "method")
 STARTS = (0.0, 1.0, 5.0, 20.0)  # metres, to within which the start is known
@@ -99,7 +99,7 @@ def _scored(rows: pd.DataFrame) -> pd.DataFrame:
     own["building"] = sets + "/" + own.building
     own["pairs of"] = own.regime.map(MAPS).fillna(sets.map(SETS)).fillna(sets)
     own["rooms"] = own.rooms.astype(float).fillna(np.inf).where(own.regime == "real")
-    own["completed"] = ~own.status.isin(("late", "failed")) & (own.seconds < LIMIT_S)
+    own["completed"] = ~own.status.isin(UNANSWERED) & (own.seconds < LIMIT_S)
     for count in ("right", "answered", "true", "spare", "left", "bins"):
         own[f"node_tally.{count}"] = own[f"room_tally.{count}"] + own[f"wall_tally.{count}"]
     return own.assign(**scores_of(own, "node"))

@@ -11,12 +11,13 @@ from evaluation.harness import Case, Claim, Cost, Options, Record, Study
 
 
 class Choice(Options):
-    """Seeds, and a pause (s) in each case; `file` is a file that the cases read."""
+    """Seeds, and a pause (s) in each case; `file` is a file that the cases read; `failing` seeds fail."""
 
     seeds: tuple[int, ...] = tuple(range(30))
     pause: float = 0.1
     file: str | None = None
     shift: float = 0.0
+    failing: tuple[int, ...] = ()
 
 
 class Draw(Case):
@@ -26,6 +27,7 @@ class Draw(Case):
     pause: float
     file: str | None = None
     shift: float = 0.0
+    fails: bool = False
 
     def files(self) -> set[str]:
         """The file, if there is one."""
@@ -38,12 +40,14 @@ class Drawn(Record):
     value: float
     even: bool
     seconds: Cost
+    status: str = "drawn"
+    reason: str = ""
 
 
 def cases(options: Choice) -> list[Draw]:
     """A case for each seed."""
     fields = {"pause": options.pause, "file": options.file, "shift": options.shift}
-    return [Draw(seed=seed, **fields) for seed in options.seeds]  # type: ignore[arg-type]
+    return [Draw(seed=seed, fails=seed in options.failing, **fields) for seed in options.seeds]  # type: ignore[arg-type]
 
 
 def measure(case: Draw, work: Path) -> Drawn:
@@ -51,7 +55,8 @@ def measure(case: Draw, work: Path) -> Drawn:
     began = time.perf_counter()
     time.sleep(case.pause)
     value = float(np.random.default_rng(case.seed).normal()) + case.shift
-    return Drawn(value=value, even=case.seed % 2 == 0, seconds=time.perf_counter() - began)
+    told = {"status": "failed", "reason": "no luck"} if case.fails else {}
+    return Drawn(value=value, even=case.seed % 2 == 0, seconds=time.perf_counter() - began, **told)
 
 
 def tables(rows: pd.DataFrame) -> Mapping[str, pd.DataFrame | str]:

@@ -80,6 +80,16 @@ def test_the_measures_of_three_pairs_by_hand() -> None:
     assert shares == pytest.approx([1 / 3, 1 / 3, 0, 1 / 2, 1 / 3])
 
 
+@pytest.mark.parametrize("status", ["failed", "late"])
+def test_an_answer_that_was_not_given_is_right_nowhere(status: str) -> None:
+    """A map of another building: to leave all its walls alone is right, to give no answer is not."""
+    nothing = {"room_tally": tally(0, 0, 0), "wall_tally": tally(0, 0, 0, 4, 4)}
+    rows = scored(frame(row(**nothing, status="none"), row(**nothing, status=status)))
+    assert rows.filled_f1.tolist() == rows.wall_accuracy.tolist() == [1.0, 0.0]
+    shares = [value(rows, name) for name in ("unique", "ambiguous", "none", "unanswered", "decided")]
+    assert shares == [0, 0, 0.5, 0.5, 0]
+
+
 def test_what_there_is_nothing_of_is_not_measured() -> None:
     unlike = {"room_tally": tally(0, 1, 0), "wall_tally": tally(0, 3, 0, 4, 1), "twin": None, "wrong": True}
     rows = scored(frame(row(**{"pair.regime": "negative"}, **unlike)))
@@ -180,7 +190,7 @@ def test_twins_that_nothing_tells_apart_and_those_that_are_alike() -> None:
     found = tables(rows)["symmetric"]
     assert isinstance(found, pd.DataFrame)
     equal, alike = found.to_numpy().tolist()
-    assert equal == ["voting", "equal", "2", "0", "0", "0.0", "1", "1"]
+    assert equal == ["voting", "equal", "2", "0", "0", "0.0", "1", "1", "0"]
     assert alike[:5] == ["voting", "alike", "2", "1", "0"]
     assert "symmetric" not in tables(frame(row()))
 

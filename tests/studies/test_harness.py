@@ -201,6 +201,18 @@ def test_a_users_mistake_is_one_line(words: list[str], message: str, tmp_path: P
         main([*words, *(["--rows", str(tmp_path)] if "run" in words else [])])
 
 
+@pytest.mark.parametrize("failing", [[], [4]])
+def test_a_failed_case_is_named_and_kept_and_the_command_says_so(
+    failing: list[int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["run", "draws", "--quick", "--set", "seeds=[4, 5]", f"failing={failing}", "--rows", str(tmp_path)]
+    for _ in range(2):  # the second time from the rows
+        assert main([*words, "--work", str(tmp_path / "w")]) == bool(failing)
+        told = capsys.readouterr().out
+        assert ('failed: {"seed":4' in told and "no luck" in told) == bool(failing) and '"seed":5' not in told
+        assert len(read_rows(rows_path(tmp_path / "quick", "draws"))) == 2
+
+
 def test_the_command_runs_a_study_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["run", "draws", "--quick", "--set", "seeds=[4, 5]", "--rows", str(tmp_path), "--work", str(tmp_path / "w")]
     assert main(words) == 0
